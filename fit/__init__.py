@@ -1,0 +1,1 @@
+"""Calibration of drag-free spacecraft from telemetry: the estimators, usable on any contract file."""

@@ -1,0 +1,23 @@
+within LISAPathfinder;
+model Compensator "K(s) = k (s + z)(s + i) / (s (1 + s/p)(1 + s/r)), sampled by the bilinear rule"
+  constant Real pi = 3.14159265358979323846 "Circle constant";
+  parameter Types.Time h = 0.1 "Sampling time";
+  parameter Types.Frequency f_u = 0.08 "Frequency where abs(K(s)/s^2) = 1";
+  parameter Types.Frequency f_z = 0.03 "Lead zero";
+  parameter Types.Frequency f_i = 0.006 "Zero of the integrator";
+  parameter Types.Frequency f_p = 0.8 "First pole";
+  parameter Types.Frequency f_r = 2 "Second pole";
+  final parameter Types.AngularFrequency p[3] = 2*pi*{0, f_p, f_r} "Poles";
+  final parameter Real r[3] = compensatorResidues(f_u, f_z, f_i, f_p, f_r) "Residues";
+  input Types.Position e "Error, an apparent displacement";
+  output Types.Acceleration a "Acceleration asked for";
+  discrete Types.Position e_k(start = 0, fixed = true) "Last sampled error";
+  discrete Real s[3](each start = 0, each fixed = true, each unit = "m.s", each nominal = 1e-9)
+    "Filtered errors, one for each pole";
+equation
+  when sample(0, h) then
+    e_k = e;
+    s = ((fill(1, 3) - h/2*p) .* pre(s) + fill(h/2*(e_k + pre(e_k)), 3)) ./ (fill(1, 3) + h/2*p);
+  end when;
+  a = r*s;
+end Compensator;

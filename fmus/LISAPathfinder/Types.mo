@@ -1,0 +1,17 @@
+within LISAPathfinder;
+package Types "SI quantities, with nominal values of drag-free flight"
+  type Time = Real(final quantity = "Time", final unit = "s");
+  type Frequency = Real(final quantity = "Frequency", final unit = "Hz");
+  type AngularFrequency = Real(final quantity = "AngularFrequency", final unit = "rad/s");
+  type Position = Real(final quantity = "Length", final unit = "m", nominal = 1e-9);
+  type Velocity = Real(final quantity = "Velocity", final unit = "m/s", nominal = 1e-11);
+  type Acceleration = Real(final quantity = "Acceleration", final unit = "m/s2", nominal = 1e-12);
+  type Mass = Real(final quantity = "Mass", final unit = "kg", min = 0);
+  type Force = Real(final quantity = "Force", final unit = "N", nominal = 1e-12);
+  type Thrust = Real(final quantity = "Force", final unit = "N", nominal = 1e-7);
+  type Torque = Real(final quantity = "Torque", final unit = "N.m", nominal = 1e-12);
+  type Stiffness = Real(final quantity = "SquaredFrequency", final unit = "s-2", nominal = 1e-6)
+    "Force gradient per unit mass; negative is destabilising";
+  type StiffnessPerForce = Real(final unit = "kg-1.m-1", nominal = 1e2);
+  type StiffnessPerTorque = Real(final unit = "kg-1.m-2", nominal = 1e4);
+end Types;

@@ -1,0 +1,1 @@
+"""Co-simulation of LISA Pathfinder through FMUs compiled from Modelica."""

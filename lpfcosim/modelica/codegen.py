@@ -1,0 +1,162 @@
+"""Print a system as C: ``model.h`` with the sizes, ``model.c`` with the equations.
+
+The printed functions work on one array ``v`` of values by value reference; :func:`layout` fixes the order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import sympy as sp
+from sympy.printing.c import C99CodePrinter
+
+from lpfcosim.modelica.evaluate import TIME
+from lpfcosim.modelica.system import Scalar, System
+
+# States and sampled variables lie together, so that the core can copy them.
+_ORDER = ("state", "discrete", "input", "parameter", "calculated", "algebraic")
+
+# One helper per opaque function; comparisons are written so that a NaN operand gives NaN.
+_HELPERS = """\
+static double modelica_abs(double x) { return fabs(x); }
+static double modelica_sign(double x) { return x != x ? x : (double)((x > 0) - (x < 0)); }
+static double modelica_min(double x, double y) { return x < y || x != x ? x : y; }
+static double modelica_max(double x, double y) { return x > y || x != x ? x : y; }
+static double modelica_floor(double x) { return floor(x); }
+static double modelica_ceil(double x) { return ceil(x); }
+"""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Value references: 0 is time, then the scalars in ``order``."""
+
+    order: tuple[Scalar, ...]
+    reference: dict[sp.Symbol, int]
+
+    def first(self, kind: str) -> int:
+        """Value reference at which the scalars of a kind begin."""
+        before = _ORDER[: _ORDER.index(kind)]
+        return 1 + sum(s.kind in before for s in self.order)
+
+    def count(self, kind: str) -> int:
+        """Number of scalars of a kind."""
+        return sum(s.kind == kind for s in self.order)
+
+
+def layout(system: System) -> Layout:
+    """Assign value references."""
+    order = tuple(sorted(system.scalars, key=lambda s: _ORDER.index(s.kind)))
+    return Layout(order, {TIME: 0, **{s.symbol: i for i, s in enumerate(order, start=1)}})
+
+
+class _Printer(C99CodePrinter):  # type: ignore[misc]
+    def __init__(self, names: dict[sp.Symbol, str]) -> None:
+        opaque = ("abs", "sign", "min", "max", "floor", "ceil")
+        super().__init__({"user_functions": {f"modelica_{n}": f"modelica_{n}" for n in opaque}})
+        self._names = names
+
+    def _print_Symbol(self, expr: sp.Symbol) -> str:
+        return self._names.get(expr, expr.name)
+
+
+def header(system: System, where: Layout, step: float) -> str:
+    """Text of ``model.h``; ``step`` is the internal step in s."""
+    affine = system.affine
+    held = len(affine.held) if affine else 0
+    sizes = {
+        "NV": 1 + len(where.order),
+        "NX": len(system.derivatives),
+        "FIRST_STATE": where.first("state"),
+        "ND_STATE": where.count("discrete"),
+        "FIRST_DISCRETE": where.first("discrete"),
+        "NC": len(system.clocks),
+        "ND": len(system.delays),
+        "NH": held,
+        "AFFINE": int(affine is not None),
+        "NZ": len(system.derivatives) + held + 2 * len(system.delays) + 1,
+    }
+    lines = [f"#define {name} {value}" for name, value in sizes.items()]
+    return "\n".join([f"/* {system.name}: sizes. Generated. */", *lines, f"#define INTERNAL_STEP {step!r}", ""])
+
+
+def source(system: System, where: Layout, token: str) -> str:
+    """Text of ``model.c``; ``token`` is the FMU's instantiation token."""
+    names = {s: f"v[{i}]" for s, i in where.reference.items()}
+    names |= {d.symbol: f"d[{j}]" for j, d in enumerate(system.delays)}
+    first = where.first("discrete")
+    names |= {
+        sp.Symbol(f"pre({s.symbol.name})", real=True): f"pre[{where.reference[s.symbol] - first}]"
+        for s in where.order
+        if s.kind == "discrete"
+    }
+    c = _Printer(names)
+
+    def assign(pairs: Iterable[tuple[sp.Symbol, sp.Expr]]) -> list[str]:
+        return [f"{c.doprint(symbol)} = {c.doprint(value)};" for symbol, value in pairs]
+
+    def numbered(array: str, values: Iterable[sp.Expr]) -> list[str]:
+        return [f"{array}[{i}] = {c.doprint(value)};" for i, value in enumerate(values)]
+
+    scalars = where.order
+    fixed = [(s.symbol, s.value) for s in scalars if s.kind not in ("calculated", "algebraic") and not s.value.free_symbols]
+    dependent = [(s.symbol, s.value) for s in scalars if s.kind in ("state", "discrete") and s.value.free_symbols]
+    guarded = []
+    for event in system.events:
+        guarded.append(f"if (tick[{event.clock}]) {assign([(event.target, event.value)])[0]}")
+    settable = ",".join(["0", *(str(settable_until(s)) for s in scalars)])
+    v, d = "const double *v", "const double *d"
+    functions = [
+        _function("model_start", "double *v", assign(fixed)),
+        _function("model_parameters", "double *v", assign([*system.calculated, *dependent])),
+        _function("model_algebraic", f"double *v, {d}", assign(system.algebraic)),
+        _function("model_events", f"double *v, const double *pre, {d}, const unsigned char *tick", guarded),
+        _function(
+            "model_clocks",
+            f"{v}, double *start, double *period",
+            numbered("start", [s for s, _ in system.clocks]) + numbered("period", [p for _, p in system.clocks]),
+        ),
+        _function("model_delay_values", f"{v}, double *value", numbered("value", [x.value for x in system.delays])),
+        _function("model_delay_times", f"{v}, double *duration", numbered("duration", [x.duration for x in system.delays])),
+    ]
+    if system.affine:
+        functions += [
+            _function("model_held", f"{v}, double *held", numbered("held", system.affine.held)),
+            _function(
+                "model_affine",
+                f"{v}, double *a, double *b",
+                numbered("a", system.affine.a) + numbered("b", system.affine.b),
+            ),
+        ]
+    elif system.derivatives:
+        replaced, rates = sp.cse([e for _, e in system.derivatives], sp.numbered_symbols("common_", real=True))
+        body = [f"const double {symbol.name} = {c.doprint(value)};" for symbol, value in replaced]
+        functions.append(_function("model_rates", f"{v}, {d}, double *rate", body + numbered("rate", rates)))
+    return "\n".join([
+        f"/* {system.name}: {system.description}. Generated from Modelica; edit that. */",
+        '#include "core.h"',
+        "#include <math.h>",
+        "",
+        _HELPERS,
+        f"const unsigned char model_settable[NV] = {{{settable}}};",
+        f'const char *const model_token = "{token}";',
+        "",
+        *functions,
+    ])  # fmt: skip
+
+
+def settable_until(scalar: Scalar) -> int:
+    """When a variable can be set: 0 never, 1 until the end of initialization, 2 always."""
+    if scalar.kind == "input":
+        return 2
+    if scalar.kind == "parameter" or (scalar.kind in ("state", "discrete") and not scalar.value.free_symbols):
+        return 1
+    return 0
+
+
+def _function(name: str, arguments: str, body: list[str]) -> str:
+    # Casting to void keeps -Wunused-parameter quiet where a model has nothing of a kind.
+    unused = "".join(f"(void){a.split()[-1].lstrip('*')};" for a in arguments.split(","))
+    lines = "".join(f"    {line}\n" for line in body)
+    return f"void {name}({arguments}) {{\n    {unused}\n{lines}}}\n"

@@ -1,0 +1,232 @@
+#include "core.h"
+
+#include <math.h>
+#include <string.h>
+
+#define NW (NH + 2 * ND + 1) /* held columns of the step matrix: held, delayed before and after, 1 */
+
+static double *states(State *s) { return s->v + FIRST_STATE; }
+
+/* Held signal j as it was set at internal step m. */
+static double held_at(const State *s, int j, long long m) {
+    return m < 0 ? s->before[j] : s->ring[j][m % DELAY_CAPACITY];
+}
+
+void core_reset(State *s) {
+    memset(s, 0, sizeof *s);
+    model_start(s->v);
+    s->dirty = 1;
+}
+
+void core_refresh(State *s) {
+    if (!s->dirty) return;
+    s->v[0] = s->time;
+    if (!s->initialized) {
+        model_parameters(s->v);
+        model_delay_values(s->v, s->d); /* delay(u, T) is u until T has passed */
+    }
+    model_algebraic(s->v, s->d);
+    s->dirty = 0;
+}
+
+void core_initialize(State *s, double start_time) {
+    s->start_time = s->time = start_time;
+    s->dirty = 1;
+    core_refresh(s);
+    memcpy(s->before, s->d, sizeof s->before);
+    s->initialized = 1;
+}
+
+#if AFFINE
+/* g = exp(m) - 1 in its first NX rows, m = [a b; 0 0] dt: scaled Taylor series, then repeated squaring. */
+static void exponential(const double *a, const double *b, double dt, double *g) {
+    double norm = 0, term[NX * NZ], next[NX * NZ];
+    for (int i = 0; i < NX; i++) {
+        double row = 0;
+        for (int j = 0; j < NX; j++) row += fabs(a[i * NX + j]) * dt;
+        if (row > norm) norm = row;
+    }
+    int squarings = 0;
+    while (norm > 0.25) norm *= 0.5, dt *= 0.5, squarings++;
+    for (int i = 0; i < NX; i++) {
+        for (int j = 0; j < NX; j++) term[i * NZ + j] = a[i * NX + j] * dt;
+        for (int j = 0; j < NW; j++) term[i * NZ + NX + j] = b[i * NW + j] * dt;
+    }
+    memcpy(g, term, sizeof term);
+    for (int k = 2; k <= 16; k++) {
+        for (int i = 0; i < NX; i++)
+            for (int j = 0; j < NZ; j++) {
+                double sum = 0;
+                for (int l = 0; l < NX; l++) sum += a[i * NX + l] * term[l * NZ + j];
+                next[i * NZ + j] = sum * dt / k;
+            }
+        memcpy(term, next, sizeof term);
+        for (int i = 0; i < NX * NZ; i++) g[i] += term[i];
+    }
+    while (squarings-- > 0) {
+        for (int i = 0; i < NX; i++)
+            for (int j = 0; j < NZ; j++) {
+                double sum = 2 * g[i * NZ + j];
+                for (int l = 0; l < NX; l++) sum += g[i * NZ + l] * g[l * NZ + j];
+                next[i * NZ + j] = sum;
+            }
+        memcpy(g, next, sizeof next);
+    }
+}
+#endif
+
+/* The end of the subinterval that begins at t: the next switch of a delayed signal, or the end of the step. */
+static double next_switch(const State *s, double t) {
+    double end = s->h;
+    for (int j = 0; j < ND; j++)
+        if (s->part[j] > t && s->part[j] < end) end = s->part[j];
+    return end;
+}
+
+/* The matrix of one internal step. Delayed signals switch inside it, at part[j]: the product of the
+   exponentials of the subintervals is still one matrix, exact for any switch. */
+static void discretise(State *s) {
+#if AFFINE
+    double a[NX * NX], b[NX * (NH + ND + 1)], wide[NX * NW], g[NX * NZ], product[NX * NZ];
+    model_affine(s->v, a, b);
+    memset(s->e, 0, sizeof s->e);
+    for (double t = 0, end; t < s->h; t = end) {
+        end = next_switch(s, t);
+        memset(wide, 0, sizeof wide);
+        for (int i = 0; i < NX; i++) {
+            const double *from = b + i * (NH + ND + 1);
+            double *to = wide + i * NW;
+            for (int j = 0; j < NH; j++) to[j] = from[j];
+            for (int j = 0; j < ND; j++) to[NH + (t >= s->part[j] ? ND : 0) + j] = from[NH + j];
+            to[NW - 1] = from[NH + ND];
+        }
+        exponential(a, wide, end - t, g);
+        for (int i = 0; i < NX; i++)
+            for (int j = 0; j < NZ; j++) {
+                double sum = s->e[i * NZ + j] + g[i * NZ + j];
+                for (int l = 0; l < NX; l++) sum += g[i * NZ + l] * s->e[l * NZ + j];
+                product[i * NZ + j] = sum;
+            }
+        memcpy(s->e, product, sizeof s->e);
+    }
+#else
+    (void)s;
+#endif
+}
+
+/* Fix the internal step: the model's own, or a shorter one that divides it; place clocks and delays on it. */
+static const char *prepare(State *s, double step) {
+    double ratio = step / INTERNAL_STEP;
+    s->h = ratio > 0.5 && fabs(ratio - floor(ratio + 0.5)) < 1e-6 * ratio ? INTERNAL_STEP : step;
+    double start[AT_LEAST_ONE(NC)], period[AT_LEAST_ONE(NC)], duration[AT_LEAST_ONE(ND)];
+    model_clocks(s->v, start, period);
+    for (int c = 0; c < NC; c++) {
+        double n = period[c] / s->h, n0 = (start[c] - s->start_time) / s->h;
+        if (!(n > 0.5) || fabs(n - floor(n + 0.5)) > 1e-6 * n || fabs(n0 - floor(n0 + 0.5)) > 1e-6 * (1 + fabs(n0)))
+            return "the sampling period is not a multiple of the communication step";
+        s->ticks[c] = (long long)floor(n + 0.5);
+        s->first_tick[c] = (long long)floor(n0 + 0.5);
+        while (s->first_tick[c] < 0) s->first_tick[c] += s->ticks[c];
+    }
+    model_delay_times(s->v, duration);
+    for (int j = 0; j < ND; j++) {
+        double n = duration[j] / s->h, whole = floor(n + 1e-9);
+        if (!(n >= 0)) return "a delay is negative";
+        if (whole + 2 > DELAY_CAPACITY) return "a delay spans too many communication steps";
+        s->whole[j] = (long long)whole;
+        s->part[j] = n - whole > 1e-9 ? (n - whole) * s->h : 0;
+    }
+    discretise(s);
+    return NULL;
+}
+
+#if NX > 0 && !AFFINE
+/* One Runge-Kutta step of fourth order; delayed signals are constant in it. */
+static void runge_kutta(State *s, double t, double dt) {
+    double x[NX], k1[NX], k2[NX], k3[NX], k4[NX];
+    memcpy(x, states(s), sizeof x);
+    s->v[0] = t;
+    model_rates(s->v, s->d, k1);
+    s->v[0] = t + 0.5 * dt;
+    for (int i = 0; i < NX; i++) states(s)[i] = x[i] + 0.5 * dt * k1[i];
+    model_rates(s->v, s->d, k2);
+    for (int i = 0; i < NX; i++) states(s)[i] = x[i] + 0.5 * dt * k2[i];
+    model_rates(s->v, s->d, k3);
+    s->v[0] = t + dt;
+    for (int i = 0; i < NX; i++) states(s)[i] = x[i] + dt * k3[i];
+    model_rates(s->v, s->d, k4);
+    for (int i = 0; i < NX; i++) states(s)[i] = x[i] + dt / 6 * (k1[i] + 2 * (k2[i] + k3[i]) + k4[i]);
+}
+#endif
+
+static void move_states(State *s) {
+#if AFFINE
+    double z[NZ], dx[NX];
+    memcpy(z, states(s), NX * sizeof(double));
+    model_held(s->v, z + NX);
+    for (int j = 0; j < ND; j++) {
+        z[NX + NH + j] = held_at(s, j, s->n - s->whole[j] - 1);
+        z[NX + NH + ND + j] = held_at(s, j, s->n - s->whole[j]);
+    }
+    z[NZ - 1] = 1;
+    for (int i = 0; i < NX; i++) {
+        double sum = 0;
+        for (int j = 0; j < NZ; j++) sum += s->e[i * NZ + j] * z[j];
+        dx[i] = sum;
+    }
+    for (int i = 0; i < NX; i++) states(s)[i] = z[i] + dx[i];
+#elif NX > 0
+    for (double t = 0, end; t < s->h; t = end) {
+        end = next_switch(s, t);
+        for (int j = 0; j < ND; j++) s->d[j] = held_at(s, j, s->n - s->whole[j] - (t >= s->part[j] ? 0 : 1));
+        runge_kutta(s, s->time + t, end - t);
+    }
+#else
+    (void)states;
+    (void)s;
+#endif
+}
+
+/* One internal step: sample, hold, move. */
+static void advance(State *s) {
+    double pre[AT_LEAST_ONE(ND_STATE)], value[AT_LEAST_ONE(ND)];
+    unsigned char tick[AT_LEAST_ONE(NC)];
+    int any = 0;
+    for (int c = 0; c < NC; c++) {
+        tick[c] = s->n >= s->first_tick[c] && (s->n - s->first_tick[c]) % s->ticks[c] == 0;
+        any |= tick[c];
+    }
+    s->v[0] = s->time;
+    model_delay_values(s->v, value);
+    for (int j = 0; j < ND; j++)
+        if (s->whole[j] == 0 && s->part[j] == 0) s->d[j] = value[j];
+    if (any) {
+        memcpy(pre, s->v + FIRST_DISCRETE, ND_STATE * sizeof(double));
+        model_events(s->v, pre, s->d, tick);
+        model_delay_values(s->v, value);
+    }
+    for (int j = 0; j < ND; j++) s->ring[j][s->n % DELAY_CAPACITY] = value[j];
+    move_states(s);
+    s->n++;
+    s->time = s->start_time + (double)s->n * s->h;
+    for (int j = 0; j < ND; j++) {
+        long long m = s->n - s->whole[j] - (s->part[j] > 0 ? 1 : 0);
+        s->d[j] = m < s->n ? held_at(s, j, m) : value[j];
+    }
+}
+
+const char *core_step(State *s, double time, double step) {
+    if (!(step > 0)) return "the communication step is not positive";
+    if (s->h == 0) {
+        const char *problem = prepare(s, step);
+        if (problem) return s->h = 0, problem;
+    }
+    double count = step / s->h, steps = floor(count + 0.5);
+    if (steps < 1 || fabs(count - steps) > 1e-6 * count)
+        return "the communication step is not a multiple of the internal step";
+    if (fabs(time - s->time) > 1e-6 * s->h + 1e-12 * fabs(time))
+        return "the communication point is not where the last step ended";
+    for (long long i = 0; i < (long long)steps; i++) advance(s);
+    s->dirty = 1;
+    return NULL;
+}

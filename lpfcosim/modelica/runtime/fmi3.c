@@ -1,0 +1,280 @@
+/* FMI 3.0 for Co-Simulation around the core. Every variable is a scalar Float64. */
+#include "core.h"
+#include "fmi3Functions.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef enum { INSTANTIATED, INITIALIZATION, STEP, TERMINATED } Mode;
+
+typedef struct {
+    State state;
+    Mode mode;
+} Snapshot;
+
+typedef struct {
+    Snapshot now;
+    fmi3InstanceEnvironment environment;
+    fmi3LogMessageCallback log;
+} Instance;
+
+static fmi3Status fail(const Instance *m, const char *message) {
+    if (m && m->log) m->log(m->environment, fmi3Error, "logStatusError", message);
+    return fmi3Error;
+}
+
+const char *fmi3GetVersion(void) { return fmi3Version; }
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[]) {
+    (void)instance, (void)on, (void)n, (void)categories;
+    return fmi3OK;
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                         fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
+                                         const fmi3ValueReference intermediate[], size_t n_intermediate,
+                                         fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                         fmi3IntermediateUpdateCallback update) {
+    (void)name, (void)resources, (void)visible, (void)logging, (void)event_mode, (void)early_return;
+    (void)intermediate, (void)n_intermediate, (void)update;
+    if (!token || strcmp(token, model_token)) {
+        if (log) log(environment, fmi3Error, "logStatusError", "the instantiation token is not that of this FMU");
+        return NULL;
+    }
+    Instance *m = calloc(1, sizeof *m);
+    if (!m) return NULL;
+    m->environment = environment;
+    m->log = log;
+    core_reset(&m->now.state);
+    return m;
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                          fmi3Boolean logging, fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback log) {
+    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)environment, (void)log;
+    return NULL;
+}
+
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
+                                               fmi3Boolean visible, fmi3Boolean logging,
+                                               fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                               fmi3ClockUpdateCallback clock_update, fmi3LockPreemptionCallback lock,
+                                               fmi3UnlockPreemptionCallback unlock) {
+    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)environment, (void)log;
+    (void)clock_update, (void)lock, (void)unlock;
+    return NULL;
+}
+
+void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
+                                       fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
+    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    Instance *m = instance;
+    if (m->now.mode != INSTANTIATED) return fail(m, "initialization needs a fresh or reset instance");
+    m->now.state.start_time = m->now.state.time = start;
+    m->now.mode = INITIALIZATION;
+    return fmi3OK;
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+    Instance *m = instance;
+    if (m->now.mode != INITIALIZATION) return fail(m, "fmi3ExitInitializationMode outside initialization");
+    core_initialize(&m->now.state, m->now.state.start_time);
+    m->now.mode = STEP;
+    return fmi3OK;
+}
+
+fmi3Status fmi3Terminate(fmi3Instance instance) {
+    Instance *m = instance;
+    m->now.mode = TERMINATED;
+    return fmi3OK;
+}
+
+fmi3Status fmi3Reset(fmi3Instance instance) {
+    Instance *m = instance;
+    core_reset(&m->now.state);
+    m->now.mode = INSTANTIATED;
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
+                          size_t n_values) {
+    Instance *m = instance;
+    if (n != n_values) return fail(m, "fmi3GetFloat64: as many values as value references are expected");
+    core_refresh(&m->now.state);
+    for (size_t i = 0; i < n; i++) {
+        if (vr[i] >= NV) return fail(m, "fmi3GetFloat64: no such value reference");
+        values[i] = m->now.state.v[vr[i]];
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
+                          size_t n_values) {
+    Instance *m = instance;
+    if (n != n_values) return fail(m, "fmi3SetFloat64: as many values as value references are expected");
+    for (size_t i = 0; i < n; i++) {
+        if (vr[i] >= NV) return fail(m, "fmi3SetFloat64: no such value reference");
+        if (model_settable[vr[i]] < (m->now.mode == STEP ? 2 : 1))
+            return fail(m, "fmi3SetFloat64: this variable cannot be set, or not any more");
+        m->now.state.v[vr[i]] = values[i];
+    }
+    m->now.state.dirty = 1;
+    return fmi3OK;
+}
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,
+                      fmi3Boolean *event_needed, fmi3Boolean *terminate, fmi3Boolean *early_return,
+                      fmi3Float64 *last_time) {
+    (void)no_rollback;
+    Instance *m = instance;
+    if (event_needed) *event_needed = fmi3False;
+    if (terminate) *terminate = fmi3False;
+    if (early_return) *early_return = fmi3False;
+    if (m->now.mode != STEP) return fail(m, "fmi3DoStep before the end of initialization or after the end");
+    const char *problem = core_step(&m->now.state, time, step);
+    if (last_time) *last_time = m->now.state.time;
+    return problem ? fail(m, problem) : fmi3OK;
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state) {
+    Instance *m = instance;
+    if (!*state) *state = malloc(sizeof(Snapshot));
+    if (!*state) return fail(m, "out of memory");
+    memcpy(*state, &m->now, sizeof(Snapshot));
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
+    Instance *m = instance;
+    if (!state) return fail(m, "fmi3SetFMUState without a state");
+    memcpy(&m->now, state, sizeof(Snapshot));
+    return fmi3OK;
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state) {
+    (void)instance;
+    if (state) free(*state), *state = NULL;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size) {
+    (void)instance, (void)state;
+    *size = sizeof(Snapshot);
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
+    if (!state || size < sizeof(Snapshot)) return fail(instance, "fmi3SerializeFMUState: too few bytes, or no state");
+    memcpy(bytes, state, sizeof(Snapshot));
+    return fmi3OK;
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
+    if (size != sizeof(Snapshot)) return fail(instance, "fmi3DeserializeFMUState: not a state of this FMU");
+    if (!*state) *state = malloc(sizeof(Snapshot));
+    if (!*state) return fail(instance, "out of memory");
+    memcpy(*state, bytes, sizeof(Snapshot));
+    return fmi3OK;
+}
+
+/* There are no variables of other types: reading or writing none of them is all that can succeed. */
+#define NO_VARIABLES(Type)                                                                                     \
+    fmi3Status fmi3Get##Type(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3##Type values[],     \
+                             size_t n_values) {                                                                \
+        (void)vr, (void)values, (void)n_values;                                                                \
+        return n ? fail(m, "this FMU has no variables of type " #Type) : fmi3OK;                               \
+    }                                                                                                          \
+    fmi3Status fmi3Set##Type(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3##Type values[], \
+                             size_t n_values) {                                                                \
+        (void)vr, (void)values, (void)n_values;                                                                \
+        return n ? fail(m, "this FMU has no variables of type " #Type) : fmi3OK;                               \
+    }
+
+NO_VARIABLES(Float32)
+NO_VARIABLES(Int8)
+NO_VARIABLES(UInt8)
+NO_VARIABLES(Int16)
+NO_VARIABLES(UInt16)
+NO_VARIABLES(Int32)
+NO_VARIABLES(UInt32)
+NO_VARIABLES(Int64)
+NO_VARIABLES(UInt64)
+NO_VARIABLES(Boolean)
+NO_VARIABLES(String)
+
+fmi3Status fmi3GetBinary(fmi3Instance m, const fmi3ValueReference vr[], size_t n, size_t sizes[], fmi3Binary values[],
+                         size_t n_values) {
+    (void)vr, (void)sizes, (void)values, (void)n_values;
+    return n ? fail(m, "this FMU has no variables of type Binary") : fmi3OK;
+}
+
+fmi3Status fmi3SetBinary(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const size_t sizes[],
+                         const fmi3Binary values[], size_t n_values) {
+    (void)vr, (void)sizes, (void)values, (void)n_values;
+    return n ? fail(m, "this FMU has no variables of type Binary") : fmi3OK;
+}
+
+fmi3Status fmi3GetClock(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Clock values[]) {
+    (void)vr, (void)values;
+    return n ? fail(m, "this FMU has no clocks") : fmi3OK;
+}
+
+fmi3Status fmi3SetClock(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Clock values[]) {
+    (void)vr, (void)values;
+    return n ? fail(m, "this FMU has no clocks") : fmi3OK;
+}
+
+/* The rest of the interface belongs to capabilities that modelDescription.xml does not claim. */
+#define NOT_OFFERED(name, ...)                                              \
+    fmi3Status name(fmi3Instance m, __VA_ARGS__) { return fail(m, #name " is not offered by this FMU"); }
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+
+fmi3Status fmi3EnterEventMode(fmi3Instance m) { return fail(m, "this FMU has no event mode"); }
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance m) { return fail(m, "this FMU has no configuration mode"); }
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance m) { return fail(m, "this FMU has no configuration mode"); }
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance m) { return fail(m, "this FMU has no continuous-time mode"); }
+fmi3Status fmi3EnterStepMode(fmi3Instance m) { return fail(m, "this FMU has no event mode to leave"); }
+fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance m) { return fail(m, "this FMU has no event mode"); }
+
+NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference vr, size_t *n)
+NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t element[], fmi3ValueReference independent[],
+            size_t element_of[], fmi3DependencyKind kind[], size_t n)
+NOT_OFFERED(fmi3GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
+            const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
+            fmi3Float64 sensitivity[], size_t n_sensitivity)
+NOT_OFFERED(fmi3GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
+            const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
+            fmi3Float64 sensitivity[], size_t n_sensitivity)
+NOT_OFFERED(fmi3GetIntervalDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 intervals[],
+            fmi3IntervalQualifier qualifiers[])
+NOT_OFFERED(fmi3GetIntervalFraction, const fmi3ValueReference vr[], size_t n, fmi3UInt64 counters[],
+            fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[])
+NOT_OFFERED(fmi3GetShiftDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
+NOT_OFFERED(fmi3GetShiftFraction, const fmi3ValueReference vr[], size_t n, fmi3UInt64 counters[],
+            fmi3UInt64 resolutions[])
+NOT_OFFERED(fmi3SetIntervalDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 intervals[])
+NOT_OFFERED(fmi3SetIntervalFraction, const fmi3ValueReference vr[], size_t n, const fmi3UInt64 counters[],
+            const fmi3UInt64 resolutions[])
+NOT_OFFERED(fmi3SetShiftDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 shifts[])
+NOT_OFFERED(fmi3SetShiftFraction, const fmi3ValueReference vr[], size_t n, const fmi3UInt64 counters[],
+            const fmi3UInt64 resolutions[])
+NOT_OFFERED(fmi3UpdateDiscreteStates, fmi3Boolean *update, fmi3Boolean *terminate, fmi3Boolean *nominals,
+            fmi3Boolean *values, fmi3Boolean *next_defined, fmi3Float64 *next_time)
+NOT_OFFERED(fmi3CompletedIntegratorStep, fmi3Boolean no_rollback, fmi3Boolean *event, fmi3Boolean *terminate)
+NOT_OFFERED(fmi3SetTime, fmi3Float64 time)
+NOT_OFFERED(fmi3SetContinuousStates, const fmi3Float64 states[], size_t n)
+NOT_OFFERED(fmi3GetContinuousStateDerivatives, fmi3Float64 derivatives[], size_t n)
+NOT_OFFERED(fmi3GetEventIndicators, fmi3Float64 indicators[], size_t n)
+NOT_OFFERED(fmi3GetContinuousStates, fmi3Float64 states[], size_t n)
+NOT_OFFERED(fmi3GetNominalsOfContinuousStates, fmi3Float64 nominals[], size_t n)
+NOT_OFFERED(fmi3GetNumberOfEventIndicators, size_t *n)
+NOT_OFFERED(fmi3GetNumberOfContinuousStates, size_t *n)
+NOT_OFFERED(fmi3GetOutputDerivatives, const fmi3ValueReference vr[], size_t n, const fmi3Int32 orders[],
+            fmi3Float64 values[], size_t n_values)
+NOT_OFFERED(fmi3ActivateModelPartition, fmi3ValueReference clock, fmi3Float64 time)
