@@ -16,11 +16,11 @@ from fmpy.fmi3 import FMU3Slave
 
 from lpfcosim import network, signals
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.parameters import READ_OUT_RANGE
 from lpfcosim.run import Run
 
 Array = npt.NDArray[np.float64]
 
-READ_OUT_RANGE = 1e-4  # m; beyond it the loop has lost the test masses
 BLOCK = 10_000  # samples between two reports of progress
 
 
@@ -61,7 +61,9 @@ class Slave:
         references = {v.name: v.valueReference for v in description.modelVariables}
         for name in (*component.inputs, *component.outputs, *parameters):
             if name not in references:
-                raise InputError(f"{archive}: variable '{name}' is missing; expected of the {component.model}")
+                raise InputError(
+                    f"{archive}: variable '{name}' is missing; expected of the {component.model}"
+                )
         self._fmu = FMU3Slave(
             instanceName=component.model,
             guid=description.guid,
@@ -72,7 +74,9 @@ class Slave:
         self._fmu.instantiate()
         stack.callback(self._fmu.fmi3FreeInstance, self._fmu.component)
         self._inputs = (ctypes.c_uint32 * len(component.inputs))(*(references[n] for n in component.inputs))
-        self._outputs = (ctypes.c_uint32 * len(component.outputs))(*(references[n] for n in component.outputs))
+        self._outputs = (ctypes.c_uint32 * len(component.outputs))(
+            *(references[n] for n in component.outputs)
+        )
         self.inputs = (ctypes.c_double * len(component.inputs))()
         self.outputs = (ctypes.c_double * len(component.outputs))()
         self._fmu.enterInitializationMode(startTime=0.0)

@@ -109,4 +109,10 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
 
 
 def _controller(c: Controller) -> dict[str, float]:
-    return {"f_u": c.unity_gain, "f_z": c.zero, "f_i": c.integrator_zero, "f_p": c.poles[0], "f_r": c.poles[1]}
+    return {
+        "f_u": c.unity_gain,
+        "f_z": c.zero,
+        "f_i": c.integrator_zero,
+        "f_p": c.poles[0],
+        "f_r": c.poles[1],
+    }

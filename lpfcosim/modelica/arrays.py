@@ -29,7 +29,9 @@ def element_names(name: str, dims: tuple[int, ...]) -> list[str]:
 def symbols(name: str, dims: tuple[int, ...]) -> Algebra:
     """Object array of real symbols, one for each element of a variable."""
     array = np.empty(dims, dtype=object)
-    array[...] = np.array([sp.Symbol(n, real=True) for n in element_names(name, dims)], dtype=object).reshape(dims)
+    array[...] = np.array([sp.Symbol(n, real=True) for n in element_names(name, dims)], dtype=object).reshape(
+        dims
+    )
     return array
 
 

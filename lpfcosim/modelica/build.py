@@ -12,7 +12,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -69,7 +69,9 @@ def _first_line(command: Sequence[str]) -> str:
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     except (OSError, subprocess.SubprocessError) as error:
-        raise InputError(f"FMUs cannot be built: '{' '.join(command)}' fails ({error}); set CC to a C compiler") from None
+        raise InputError(
+            f"FMUs cannot be built: '{' '.join(command)}' fails ({error}); set CC to a C compiler"
+        ) from None
     return done.stdout.splitlines()[0].strip()
 
 
@@ -111,14 +113,23 @@ def build(models: Sequence[str] = MODELS, package: Path = PACKAGE, *, force: boo
     RunError
         If the generated C does not compile.
     """
-    folder = cache_directory() / digest(package)[:16]
-    built = {}
-    for model in models:
-        archive = folder / f"{model}.fmu"
+    archives = locations(models, package)
+    for model, archive in archives.items():
         if force or not archive.is_file():
             build_one(package, f"{package.stem}.{model}", archive)
-        built[model] = archive
-    return built
+    return archives
+
+
+def locations(models: Sequence[str] = MODELS, package: Path = PACKAGE) -> dict[str, Path]:
+    """Where the cache holds, or would hold, the FMU of each model."""
+    folder = cache_directory() / digest(package)[:16]
+    return {model: folder / f"{model}.fmu" for model in models}
+
+
+def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:
+    """Copy FMUs to ``directory``, made if need be."""
+    directory.mkdir(parents=True, exist_ok=True)
+    return {model: Path(shutil.copy(archive, directory)) for model, archive in archives.items()}
 
 
 def build_one(package: Path, model: str, archive: Path) -> None:
@@ -130,7 +141,9 @@ def build_one(package: Path, model: str, archive: Path) -> None:
     where = codegen.layout(translated)
     header = codegen.header(translated, where, STEP)
     body = codegen.source(translated, where, token="@token@")
-    token = str(uuid.uuid5(uuid.NAMESPACE_URL, hashlib.sha256((header + body + _runtime_text()).encode()).hexdigest()))
+    token = str(
+        uuid.uuid5(uuid.NAMESPACE_URL, hashlib.sha256((header + body + _runtime_text()).encode()).hexdigest())
+    )
     tool = f"lpfcosim {metadata.version('lpfcosim')} with rumoca {_version('rumoca')}"
 
     archive.parent.mkdir(parents=True, exist_ok=True)
@@ -181,7 +194,9 @@ def _compile(sources: Path, units: list[str], binary: Path) -> None:
     command = [*compiler().command, *_FLAGS, "-o", str(binary), *units, *([] if os.name == "nt" else ["-lm"])]
     done = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
     if done.returncode or not binary.is_file():
-        raise RunError(f"the generated C of {binary.stem} does not compile with {compiler().version}:\n{done.stderr}")
+        raise RunError(
+            f"the generated C of {binary.stem} does not compile with {compiler().version}:\n{done.stderr}"
+        )
 
 
 def _archive(root: Path, archive: Path) -> None:

@@ -41,7 +41,7 @@ class Layout:
         return 1 + sum(s.kind in before for s in self.order)
 
     def count(self, kind: str) -> int:
-        """Number of scalars of a kind."""
+        """Return how many scalars of a kind there are."""
         return sum(s.kind == kind for s in self.order)
 
 
@@ -58,7 +58,7 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
         self._names = names
 
     def _print_Symbol(self, expr: sp.Symbol) -> str:
-        return self._names.get(expr, expr.name)
+        return self._names.get(expr) or str(expr.name)
 
 
 def header(system: System, where: Layout, step: float) -> str:
@@ -78,7 +78,9 @@ def header(system: System, where: Layout, step: float) -> str:
         "NZ": len(system.derivatives) + held + 2 * len(system.delays) + 1,
     }
     lines = [f"#define {name} {value}" for name, value in sizes.items()]
-    return "\n".join([f"/* {system.name}: sizes. Generated. */", *lines, f"#define INTERNAL_STEP {step!r}", ""])
+    return "\n".join(
+        [f"/* {system.name}: sizes. Generated. */", *lines, f"#define INTERNAL_STEP {step!r}", ""]
+    )
 
 
 def source(system: System, where: Layout, token: str) -> str:
@@ -100,8 +102,14 @@ def source(system: System, where: Layout, token: str) -> str:
         return [f"{array}[{i}] = {c.doprint(value)};" for i, value in enumerate(values)]
 
     scalars = where.order
-    fixed = [(s.symbol, s.value) for s in scalars if s.kind not in ("calculated", "algebraic") and not s.value.free_symbols]
-    dependent = [(s.symbol, s.value) for s in scalars if s.kind in ("state", "discrete") and s.value.free_symbols]
+    fixed = [
+        (s.symbol, s.value)
+        for s in scalars
+        if s.kind not in ("calculated", "algebraic") and not s.value.free_symbols
+    ]
+    dependent = [
+        (s.symbol, s.value) for s in scalars if s.kind in ("state", "discrete") and s.value.free_symbols
+    ]
     guarded = []
     for event in system.events:
         guarded.append(f"if (tick[{event.clock}]) {assign([(event.target, event.value)])[0]}")
@@ -115,10 +123,17 @@ def source(system: System, where: Layout, token: str) -> str:
         _function(
             "model_clocks",
             f"{v}, double *start, double *period",
-            numbered("start", [s for s, _ in system.clocks]) + numbered("period", [p for _, p in system.clocks]),
+            numbered("start", [s for s, _ in system.clocks])
+            + numbered("period", [p for _, p in system.clocks]),
         ),
-        _function("model_delay_values", f"{v}, double *value", numbered("value", [x.value for x in system.delays])),
-        _function("model_delay_times", f"{v}, double *duration", numbered("duration", [x.duration for x in system.delays])),
+        _function(
+            "model_delay_values", f"{v}, double *value", numbered("value", [x.value for x in system.delays])
+        ),
+        _function(
+            "model_delay_times",
+            f"{v}, double *duration",
+            numbered("duration", [x.duration for x in system.delays]),
+        ),
     ]
     if system.affine:
         functions += [
@@ -130,7 +145,9 @@ def source(system: System, where: Layout, token: str) -> str:
             ),
         ]
     elif system.derivatives:
-        replaced, rates = sp.cse([e for _, e in system.derivatives], sp.numbered_symbols("common_", real=True))
+        replaced, rates = sp.cse(
+            [e for _, e in system.derivatives], sp.numbered_symbols("common_", real=True)
+        )
         body = [f"const double {symbol.name} = {c.doprint(value)};" for symbol, value in replaced]
         functions.append(_function("model_rates", f"{v}, {d}, double *rate", body + numbered("rate", rates)))
     return "\n".join([

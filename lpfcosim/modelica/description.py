@@ -16,7 +16,9 @@ _BASE_UNITS = {"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "ke
 _VARIABILITY = {"parameter": "fixed", "calculated": "fixed", "discrete": "discrete"}
 
 
-def model_description(model: FlatModel, system: System, where: Layout, token: str, step: float, tool: str) -> str:
+def model_description(
+    model: FlatModel, system: System, where: Layout, token: str, step: float, tool: str
+) -> str:
     """XML text of the model description for FMI 3.0 co-simulation."""
     root = ET.Element(
         "fmiModelDescription",
@@ -86,13 +88,13 @@ def _units(root: ET.Element, model: FlatModel) -> None:
     units = sorted({v.unit for v in model.variables if v.unit and v.variability != "constant"})
     if not units:
         return
-    registry = pint.UnitRegistry()
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in units:
         user = next(v for v in model.variables if v.unit == unit)
         try:
             base = registry.Quantity(1.0, _pint_spelling(unit)).to_base_units()
-            exponents = {_BASE_UNITS[name]: int(power) for name, power in base.unit_items()}
+            exponents = {_BASE_UNITS[name]: round(float(str(power))) for name, power in base.unit_items()}
         except (pint.PintError, KeyError, ValueError):
             raise UnsupportedError(
                 f"{model.sources.where(user.span)}: {model.name}: unit '{unit}' of '{user.name}' is not known"
@@ -109,7 +111,10 @@ def _pint_spelling(unit: str) -> str:
     if unit == "1":
         return "dimensionless"
     numerator, slash, denominator = unit.partition("/")
-    parts = [re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", p).replace(".", "*") for p in (numerator, denominator.strip("()"))]
+    parts = [
+        re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", p).replace(".", "*")
+        for p in (numerator, denominator.strip("()"))
+    ]
     return f"{parts[0]}/({parts[1]})" if slash else parts[0]
 
 

@@ -13,12 +13,13 @@ from typing import Any, NoReturn
 import numpy as np
 import sympy as sp
 
-from lpfcosim.modelica.arrays import BUILDERS, FUNCTIONS, Algebra, filled, mapped, scalar
+from lpfcosim.modelica.arrays import BUILDERS, FUNCTIONS, Algebra, mapped, scalar
 from lpfcosim.modelica.flat import FlatModel, Node, UnsupportedError
 
 # Opaque: C functions of the same name in the runtime; a NaN comes out of them as NaN.
 EVENT_FUNCTIONS = {
-    name: sp.Function(f"modelica_{name}", real=True) for name in ("abs", "sign", "min", "max", "floor", "ceil")
+    name: sp.Function(f"modelica_{name}", real=True)
+    for name in ("abs", "sign", "min", "max", "floor", "ceil")
 }
 
 _ELEMENTARY: dict[str, Callable[..., sp.Expr]] = {
@@ -86,7 +87,7 @@ class Evaluator:
 
     # One method for each kind of node ------------------------------------------------------------------
 
-    def _literal(self, body: Node, scope: Mapping[str, Algebra]) -> Algebra:
+    def _literal(self, body: Node, _scope: Mapping[str, Algebra]) -> Algebra:
         kind, value = next(iter(body["value"].items()))
         if kind == "Integer":
             return scalar(sp.Integer(value))
@@ -125,7 +126,9 @@ class Evaluator:
         if kind == "VarRef" and not body["subscripts"]:
             return str(body["name"]["name"])
         if kind == "Index":
-            indices = ",".join(str(self._integer(self._subscript(s, scope), body.get("span"))) for s in body["subscripts"])
+            indices = ",".join(
+                str(self._integer(self._subscript(s, scope), body.get("span"))) for s in body["subscripts"]
+            )
             return f"{self._component(body['base'], scope)}[{indices}]"
         if kind == "FieldAccess":
             return f"{self._component(body['base'], scope)}.{body['field']}"
@@ -149,7 +152,9 @@ class Evaluator:
             self.refuse(span, "more than one vector subscript")
         for axis, s in enumerate(selection):
             bounds = s if isinstance(s, list) else [s]
-            if axis >= value.ndim or any(not isinstance(i, slice) and not 0 <= i < value.shape[axis] for i in bounds):
+            if axis >= value.ndim or any(
+                not isinstance(i, slice) and not 0 <= i < value.shape[axis] for i in bounds
+            ):
                 self.refuse(span, "subscript out of range")
         return np.asarray(value[tuple(selection)], dtype=object)
 
@@ -330,9 +335,13 @@ class Evaluator:
 
     def _size(self, subscript: Node, scope: dict[str, Algebra]) -> int:
         kind, body = next(iter(subscript.items()))
-        value: Any = body["value"] if kind == "Index" else self.scalar(body["expr"], scope) if kind == "Expr" else None
+        value: Any = (
+            body["value"] if kind == "Index" else self.scalar(body["expr"], scope) if kind == "Expr" else None
+        )
         if not isinstance(value, (int, sp.Integer)):
-            self.refuse(body.get("span") if isinstance(body, dict) else None, "array of unknown size in a function")
+            self.refuse(
+                body.get("span") if isinstance(body, dict) else None, "array of unknown size in a function"
+            )
         return int(value)
 
     def _run(self, statements: list[Node], scope: dict[str, Algebra]) -> None:
@@ -363,12 +372,18 @@ class Evaluator:
         value = self(body["value"], scope)
         if not subscripts:
             if scope[name].shape != value.shape:
-                self.refuse(body["span"], f"assignment of shape {value.shape} to '{name}' of {scope[name].shape}")
+                self.refuse(
+                    body["span"], f"assignment of shape {value.shape} to '{name}' of {scope[name].shape}"
+                )
             scope[name] = value
             return
         index = tuple(self._size(s, scope) - 1 for s in subscripts)
         target = scope[name].copy()
-        if len(index) != target.ndim or value.ndim or any(not 0 <= i < n for i, n in zip(index, target.shape, strict=True)):
+        if (
+            len(index) != target.ndim
+            or value.ndim
+            or any(not 0 <= i < n for i, n in zip(index, target.shape, strict=True))
+        ):
             self.refuse(body["span"], f"assignment to part of '{name}'")
         target[index] = value.item()
         scope[name] = target

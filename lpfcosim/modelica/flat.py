@@ -7,7 +7,6 @@ turns it into algebra.
 from __future__ import annotations
 
 import itertools
-from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -105,43 +104,25 @@ class FlatModel:
 
 
 class SourceMap:
-    """Map the front end's byte spans, whose file is only a hash, to ``file:line``.
+    """Map the front end's byte spans to ``file:line``; it names a file by the FNV-1a hash of its path."""
 
-    The hash is resolved by looking which file holds, at every span that carries an identifier, that
-    identifier.
-    """
-
-    def __init__(self, tree: Node, files: list[Path]) -> None:
-        probes: dict[int, set[tuple[int, bytes]]] = defaultdict(set)
-        _collect_probes(tree, probes)
-        texts = {file: file.read_bytes() for file in files}
-        self._texts = texts
-        self._files: dict[int, Path] = {}
-        for source, places in probes.items():
-            hits = [f for f, text in texts.items() if all(text.startswith(word, at) for at, word in places)]
-            if len(hits) == 1:
-                self._files[source] = hits[0]
+    def __init__(self, files: list[Path]) -> None:
+        self._files = {_fnv1a(str(file).encode()): file for file in files}
 
     def where(self, span: Node | None) -> str:
         """Return ``file:line`` of a span, or what is known of it."""
         file = self._files.get(span["source"]) if span else None
         if span is None or file is None:
             return "<unknown place>"
-        line = self._texts[file].count(b"\n", 0, span["start"]) + 1
+        line = file.read_bytes().count(b"\n", 0, span["start"]) + 1
         return f"{file}:{line}"
 
 
-def _collect_probes(tree: Any, probes: dict[int, set[tuple[int, bytes]]]) -> None:
-    stack = [tree]
-    while stack:
-        node = stack.pop()
-        if isinstance(node, dict):
-            location = node.get("location")
-            if isinstance(location, dict) and isinstance(node.get("text"), str):
-                probes[location["source"]].add((location["start"], node["text"].encode()))
-            stack.extend(node.values())
-        elif isinstance(node, list):
-            stack.extend(node)
+def _fnv1a(data: bytes) -> int:
+    value = 0xCBF29CE484222325
+    for byte in data:
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return value
 
 
 def package_files(package: Path) -> list[Path]:
@@ -166,6 +147,7 @@ def flatten(package: Path, model: str) -> FlatModel:
             "Modelica models cannot be translated: the front end 'rumoca' is not installed; "
             "install the build extra (pip install 'lpfcosim[build]')"
         ) from error
+    package = package.resolve()
     root = package / "package.mo" if package.is_dir() else package
     if not root.is_file():
         raise InputError(f"{root}: no such Modelica file; expected a package folder with package.mo")
@@ -176,7 +158,7 @@ def flatten(package: Path, model: str) -> FlatModel:
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             raise
         raise InputError(_front_end_message(rumoca, files, model, error)) from None
-    return _flat_model(tree, model, SourceMap(tree, files))
+    return _flat_model(tree, model, SourceMap(files))
 
 
 def _front_end_message(rumoca: Any, files: list[Path], model: str, error: BaseException) -> str:
@@ -223,8 +205,9 @@ def _first_span(items: Any) -> Node | None:
     while stack:
         node = stack.pop(0)
         if isinstance(node, dict):
-            if isinstance(node.get("span"), dict):
-                return node["span"]
+            span = node.get("span")
+            if isinstance(span, dict):
+                return span
             stack.extend(node.values())
         elif isinstance(node, list):
             stack.extend(node)
@@ -242,7 +225,7 @@ def _variables(tree: Node, model: str, sources: SourceMap, sampled: set[str]) ->
         kind = tree["variable_type_names"][name]
         if kind not in ("Real", "Integer", "Boolean"):
             raise UnsupportedError(
-                f"{sources.where(raw['source_span'])}: {model}: '{name}' is of type {kind}, which is not supported"
+                f"{sources.where(raw['source_span'])}: {model}: type {kind} of '{name}' is not supported"
             )
         variability = _tag(raw["variability"])
         if variability == "empty":

@@ -128,7 +128,9 @@ class _Builder:
         value = filled(default, v.dims) if node is None else self.evaluate(node)
         if value.shape != v.dims:
             if value.ndim:
-                self.evaluate.refuse(v.span, f"attribute of shape {value.shape} for '{v.name}' of shape {v.dims}")
+                self.evaluate.refuse(
+                    v.span, f"attribute of shape {value.shape} for '{v.name}' of shape {v.dims}"
+                )
             value = filled(value.item(), v.dims)
         return value
 
@@ -145,13 +147,19 @@ class _Builder:
 
         rates = {sp.Symbol(f"der({x.name})", real=True): x for x in states}
         for extra in unknown_rates - set(rates):
-            raise UnsupportedError(f"{self.model.name}: '{extra.name}' is not supported: not a continuous variable")
+            raise UnsupportedError(
+                f"{self.model.name}: '{extra.name}' is not supported: not a continuous variable"
+            )
         solved = self._solve(residuals, spans, [*rates, *algebraics])
         resolved: dict[sp.Symbol, sp.Expr] = {}
         for symbol, expression in solved:
             resolved[symbol] = expression.xreplace(resolved)
         derivatives = tuple((x, resolved[rate]) for rate, x in rates.items())
-        algebraic = tuple((symbol, e.xreplace({r: resolved[r] for r in rates})) for symbol, e in solved if symbol not in rates)
+        algebraic = tuple(
+            (symbol, e.xreplace({r: resolved[r] for r in rates}))
+            for symbol, e in solved
+            if symbol not in rates
+        )
 
         delays = tuple(self._held_delay(d, resolved, states) for d in self.evaluate.delays)
         clocks, events = self._events(resolved, set(by_kind.get("discrete", [])))
@@ -188,11 +196,16 @@ class _Builder:
 
     def _scalars(self, v: Variable, kinds: Mapping[str, str]) -> Iterable[Scalar]:
         kind = kinds[v.name]
-        start = v.binding if v.binding is not None and kind in ("parameter", "calculated", "input") else v.start
+        start = (
+            v.binding if v.binding is not None and kind in ("parameter", "calculated", "input") else v.start
+        )
         values = self._attribute(v, start)
         allowed = ("parameter", "calculated")
         for x in np.ravel(values):
-            if any(kinds.get(s.name.partition("[")[0]) not in allowed and s.name not in self.values for s in x.free_symbols):
+            if any(
+                kinds.get(s.name.partition("[")[0]) not in allowed and s.name not in self.values
+                for s in x.free_symbols
+            ):
                 self.evaluate.refuse(v.span, f"start value of '{v.name}' that is not a parameter expression")
 
         def numbers(node: Node | None) -> list[float | None]:
@@ -219,7 +232,9 @@ class _Builder:
             order = list(graphlib.TopologicalSorter(graph).static_order())
         except graphlib.CycleError as error:
             names = ", ".join(sorted({s.name for s in error.args[1]}))
-            raise UnsupportedError(f"{self.model.name}: parameters depend on each other in a circle: {names}") from None
+            raise UnsupportedError(
+                f"{self.model.name}: parameters depend on each other in a circle: {names}"
+            ) from None
         return tuple((symbol, expressions[symbol]) for symbol in order)
 
     # Equations -----------------------------------------------------------------------------------------
@@ -238,7 +253,9 @@ class _Builder:
                 continue
             if v.variability == "discrete":
                 self.evaluate.refuse(v.span, f"declaration equation of the sampled variable '{v.name}'")
-            for symbol, value in zip(np.ravel(self.values[v.name]), np.ravel(self._attribute(v, v.binding)), strict=True):
+            for symbol, value in zip(
+                np.ravel(self.values[v.name]), np.ravel(self._attribute(v, v.binding)), strict=True
+            ):
                 residuals.append(symbol - value)
                 spans.append(v.span)
         return residuals, spans
@@ -247,7 +264,9 @@ class _Builder:
         self, residuals: list[sp.Expr], spans: list[Node], unknowns: list[sp.Symbol]
     ) -> list[tuple[sp.Symbol, sp.Expr]]:
         if len(residuals) != len(unknowns):
-            raise UnsupportedError(f"{self.model.name}: {len(residuals)} equations for {len(unknowns)} unknowns")
+            raise UnsupportedError(
+                f"{self.model.name}: {len(residuals)} equations for {len(unknowns)} unknowns"
+            )
         if not unknowns:
             return []
         column = {u: j for j, u in enumerate(unknowns)}
@@ -281,7 +300,9 @@ class _Builder:
             )
         return solved
 
-    def _solve_block(self, residuals: list[sp.Expr], unknowns: list[sp.Symbol], span: Node) -> list[tuple[sp.Symbol, sp.Expr]]:
+    def _solve_block(
+        self, residuals: list[sp.Expr], unknowns: list[sp.Symbol], span: Node
+    ) -> list[tuple[sp.Symbol, sp.Expr]]:
         matrix = sp.Matrix(residuals).jacobian(unknowns)
         names = ", ".join(u.name for u in unknowns)
         if matrix.free_symbols & set(unknowns) or matrix.atoms(sp.Derivative, sp.Subs):
@@ -295,11 +316,17 @@ class _Builder:
 
     # Delays and samples --------------------------------------------------------------------------------
 
-    def _held_delay(self, delay: Delay, resolved: Mapping[sp.Symbol, sp.Expr], states: list[sp.Symbol]) -> Delay:
+    def _held_delay(
+        self, delay: Delay, resolved: Mapping[sp.Symbol, sp.Expr], states: list[sp.Symbol]
+    ) -> Delay:
         value = delay.value.xreplace(resolved)
-        moving = [s for s in value.free_symbols if s in states or s == TIME or s.name.startswith(("delay(", "der("))]
+        moving = [
+            s for s in value.free_symbols if s in states or s == TIME or s.name.startswith(("delay(", "der("))
+        ]
         if moving:
-            self.evaluate.refuse(delay.span, f"delay() of a signal that is not held between samples ({moving[0].name})")
+            self.evaluate.refuse(
+                delay.span, f"delay() of a signal that is not held between samples ({moving[0].name})"
+            )
         return Delay(delay.symbol, value, delay.duration, delay.span)
 
     def _events(
@@ -327,7 +354,9 @@ class _Builder:
         for event in found.values():
             for s in event.value.free_symbols:
                 if s.name.startswith("pre(") and s.name not in previous:
-                    raise UnsupportedError(f"{self.model.name}: {s.name} of a variable that is not sampled is not supported")
+                    raise UnsupportedError(
+                        f"{self.model.name}: {s.name} of a variable that is not sampled is not supported"
+                    )
         graph = {symbol: event.value.free_symbols & found.keys() for symbol, event in found.items()}
         try:
             order = list(graphlib.TopologicalSorter(graph).static_order())
@@ -338,7 +367,9 @@ class _Builder:
             ) from None
         return tuple(clocks), tuple(found[symbol] for symbol in order)
 
-    def _refuse_state_events(self, derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...], moving: set[sp.Symbol]) -> None:
+    def _refuse_state_events(
+        self, derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...], moving: set[sp.Symbol]
+    ) -> None:
         opaque = tuple(EVENT_FUNCTIONS.values())
         for state, expression in derivatives:
             for atom in expression.atoms(sp.core.relational.Relational, *opaque):
@@ -369,6 +400,8 @@ def _affine(
     constant = rates.xreplace(dict.fromkeys([*states, *varying], sp.S.Zero))
     b = forcing.row_join(constant)
     moving = {*states, *varying, TIME}
-    if (a.free_symbols | b.free_symbols) & moving or a.atoms(sp.Derivative, sp.Subs) | b.atoms(sp.Derivative, sp.Subs):
+    if (a.free_symbols | b.free_symbols) & moving or a.atoms(sp.Derivative, sp.Subs) | b.atoms(
+        sp.Derivative, sp.Subs
+    ):
         return None
     return Affine(a, b, tuple(used))

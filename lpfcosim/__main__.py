@@ -1,0 +1,5 @@
+"""``python -m lpfcosim``."""
+
+from lpfcosim.cli import main
+
+main()

@@ -1,0 +1,263 @@
+"""A campaign: a TOML file, checked, as the runs that are to be simulated.
+
+What is wrong with a file is said in one sentence that gives the path inside it, such as
+``quickstart.toml: experiments[2].injections[0].frequency: "6 Hz" is not below …``.
+"""
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from lpfcosim.errors import InputError
+from lpfcosim.messages import closest, describe, quote
+from lpfcosim.parameters import FS, M_TM, H
+from lpfcosim.run import (
+    DRAG_FREE,
+    SUSPENSION,
+    Authority,
+    Controller,
+    Injection,
+    Kind,
+    Noise,
+    Run,
+    Sine,
+    Truth,
+)
+from lpfcosim.schema import CampaignTable, ExperimentTable
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A sysid run of ``n_samples`` samples, preceded by a noise run of ``n_noise_samples`` (0: none); SI."""
+
+    name: str
+    authority: Authority
+    alignment_epoch: int
+    n_samples: int
+    n_noise_samples: int
+    dc: float
+    noise: Noise
+    injections: tuple[Injection, ...]
+
+    @property
+    def run_names(self) -> tuple[str, ...]:
+        """Names of its runs in the order they take place."""
+        return (f"{self.name}-noise", self.name) if self.n_noise_samples else (self.name,)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC."""
+
+    name: str
+    seed: int
+    t0: str
+    truth: Truth
+    drag_free: Controller
+    suspension: Controller
+    experiments: tuple[Experiment, ...]
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Every run in the order they take place, one after the other without a gap."""
+        runs: list[Run] = []
+        start = datetime.fromisoformat(self.t0)
+        for experiment in self.experiments:
+            for name in experiment.run_names:
+                runs.append(self._run(experiment, name, start))
+                start += timedelta(seconds=runs[-1].n_samples / FS)
+        return tuple(runs)
+
+    def _run(self, experiment: Experiment, name: str, start: datetime) -> Run:
+        kind: Kind = "sysid" if name == experiment.name else "noise"
+        return Run(
+            name=name,
+            experiment=experiment.name,
+            kind=kind,
+            n_samples=experiment.n_samples if kind == "sysid" else experiment.n_noise_samples,
+            authority=experiment.authority,
+            alignment_epoch=experiment.alignment_epoch,
+            t0=_iso(start),
+            truth=self.truth,
+            noise=experiment.noise,
+            dc=experiment.dc,
+            injections=experiment.injections if kind == "sysid" else (),
+            drag_free=self.drag_free,
+            suspension=self.suspension,
+            seed=self.seed,
+        )
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what the file says: comments, order of keys and choice of units do not count."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+
+
+def load(path: Path) -> Campaign:
+    """Read a campaign file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not TOML, or is not a campaign; one sentence with the path inside it.
+    """
+    try:
+        raw = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder, expected a campaign file") from None
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start}), expected a TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: {_place_first(str(error))}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deeply") from None
+    try:
+        return _build(CampaignTable.model_validate(raw))
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe(error.errors()[0])}") from None
+    except _ConflictError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a campaign file, for editors that complete and check as one types."""
+    return CampaignTable.model_json_schema(by_alias=True)
+
+
+class _ConflictError(Exception):
+    """Two places of a campaign file that do not go together."""
+
+
+def _build(table: CampaignTable) -> Campaign:
+    truth = _truth(table)
+    experiments: list[Experiment] = []
+    taken: dict[str, int] = {}
+    for i, entry in enumerate(table.experiments):
+        experiment = _experiment(table, entry, f"experiments[{i}]", truth)
+        for name in experiment.run_names:
+            first = taken.setdefault(name.casefold(), i)
+            if first != i:
+                raise _ConflictError(
+                    f'experiments[{i}].name: there would be two runs named "{name}", the other from '
+                    f'experiments[{first}] ("{experiments[first].name}")'
+                )
+        experiments.append(experiment)
+    return Campaign(
+        name=table.name,
+        seed=table.seed,
+        t0=_iso(table.t0),
+        truth=truth,
+        drag_free=table.control.drag_free.onto(DRAG_FREE),
+        suspension=table.control.suspension.onto(SUSPENSION),
+        experiments=tuple(experiments),
+    )
+
+
+def _truth(table: CampaignTable) -> Truth:
+    given = table.truth.model_dump(exclude_unset=True)
+    epochs = {int(key.removeprefix("delta_ifo_")): given.pop(key) for key in list(given) if "ifo" in key}
+    truth = Truth(**given, delta_ifo={**Truth().delta_ifo, **epochs})
+    for j, delay in ((1, truth.C_1 / truth.lambda_1), (2, truth.C_2 / truth.lambda_2)):
+        if delay < H / 2:
+            raise _ConflictError(
+                f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is below {H / 2:g} s, the half sample "
+                "that the hold of a command already takes of its effective delay"
+            )
+    return truth
+
+
+def _experiment(table: CampaignTable, entry: ExperimentTable, where: str, truth: Truth) -> Experiment:
+    if entry.authority not in table.authority:
+        known = closest(entry.authority, table.authority)
+        raise _ConflictError(f"{where}.authority: no authority set {quote(entry.authority)}{known}")
+    if entry.alignment_epoch not in truth.delta_ifo:
+        k = entry.alignment_epoch
+        known = ", ".join(str(k) for k in sorted(truth.delta_ifo))
+        raise _ConflictError(
+            f"{where}.alignment_epoch: there is no truth.delta_ifo_{k} (known epochs: {known})"
+        )
+    authority = Authority(entry.authority, **table.authority[entry.authority].model_dump())
+    levels = {**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)}
+
+    placed: list[tuple[str, Injection]] = []
+    for k, name in enumerate(entry.sequences):
+        if name not in table.sequences:
+            known = closest(name, table.sequences)
+            raise _ConflictError(f"{where}.sequences[{k}]: no sequence {quote(name)}{known}")
+        placed += [(f"sequences.{name}[{n}]", s.record()) for n, s in enumerate(table.sequences[name])]
+    placed += [(f"{where}.injections[{n}]", s.record()) for n, s in enumerate(entry.injections)]
+    for place, injection in placed:
+        if injection.end > entry.duration + 1e-6:
+            raise _ConflictError(
+                f'{place}: ends at {injection.end:.7g} s, past the end of experiment "{entry.name}" '
+                f"at {entry.duration:.7g} s"
+            )
+    _check_forces(placed, entry, where, authority, truth)
+    return Experiment(
+        name=entry.name,
+        authority=authority,
+        alignment_epoch=entry.alignment_epoch,
+        n_samples=round(entry.duration * FS),
+        n_noise_samples=round(entry.noise_duration * FS),
+        dc=entry.dc,
+        noise=Noise(**levels),
+        injections=tuple(injection for _, injection in placed),
+    )
+
+
+def _check_forces(
+    placed: Sequence[tuple[str, Injection]],
+    entry: ExperimentTable,
+    where: str,
+    authority: Authority,
+    truth: Truth,
+) -> None:
+    """Refuse a force, with whatever acts at the same time, that the authority would clip."""
+    holding = abs(entry.dc) * M_TM / truth.lambda_2
+    if holding >= authority.F_max_2:
+        raise _ConflictError(
+            f"{where}.dc: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that authority set "
+            f'"{authority.name}" gives to test mass 2, which leaves nothing to control with'
+        )
+    for j, held, F_max in ((1, 0.0, authority.F_max_1), (2, holding, authority.F_max_2)):
+        forces = [(place, s) for place, s in placed if s.into == f"F_x_{j}"]
+        for place, latest in forces:
+            total = held + sum(
+                s.amplitude for _, s in forces if s.start <= latest.start and not _over(s, latest.start)
+            )
+            if total > F_max:
+                also = "" if total == latest.amplitude else " with what acts at the same time"
+                raise _ConflictError(
+                    f"{place}.amplitude: the force on test mass {j} reaches {_pN(total)}{also}, "
+                    f'authority set "{authority.name}" allows {_pN(F_max)}'
+                )
+
+
+def _over(injection: Injection, time: float) -> bool:
+    return isinstance(injection, Sine) and injection.end <= time
+
+
+def _pN(force: float) -> str:
+    return f"{force * 1e12:.4g} pN"
+
+
+def _iso(time: datetime) -> str:
+    return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def _place_first(message: str) -> str:
+    """Turn tomllib's "What (at line 3, column 5)" into "line 3, column 5: what"."""
+    match = re.fullmatch(r"(.*) \(at (.*)\)", message, flags=re.DOTALL)
+    return f"{match[2]}: {match[1][0].lower()}{match[1][1:]}" if match else message

@@ -1,0 +1,225 @@
+"""The command line; the only place where simulation and estimation meet."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import fit.errors
+from fit import report as fit_report
+from fit import results as fit_results
+from fit import telemetry as fit_telemetry
+from fit.pipeline import calibrate
+from lpfcosim import campaign as campaigns
+from lpfcosim import runner, stability
+from lpfcosim.console import Console
+from lpfcosim.errors import InputError, LpfcosimError
+from lpfcosim.modelica import build as fmu_build
+from lpfcosim.modelica import checks
+
+app = typer.Typer(
+    help="Calibrate drag-free spacecraft: simulate LISA Pathfinder through FMUs, fit its dynamics, report.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+fmu_app = typer.Typer(
+    help="Build the FMUs from the Modelica sources, list them, check them.", no_args_is_help=True
+)
+app.add_typer(fmu_app, name="fmu")
+
+Out = Annotated[
+    Path | None, typer.Option("--out", help="Folder for the results [default: named after the input].")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+def main() -> None:
+    """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong."""
+    try:
+        app()
+    except (InputError, fit.errors.InputError) as error:
+        _exit(error, 2)
+    except (LpfcosimError, fit.errors.CalibrationError) as error:
+        _exit(error, 1)
+    except OSError as error:
+        _exit(f"{error.filename or 'file system'}: {error.strerror or error}", 1)
+    except KeyboardInterrupt:
+        _exit("interrupted; what is finished is kept, the same command continues", 1)
+
+
+def _exit(error: object, status: int) -> None:
+    print(f"lpfcosim: error: {error}", file=sys.stderr)
+    # Workers of an interrupted pool must not keep the process alive.
+    sys.stderr.flush()
+    sys.exit(status)
+
+
+@app.command()
+def run(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign to simulate.")],
+    out: Out = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", min=1, help="Processes [default: one per processor].")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a campaign with the FMUs, fit it, report; continues what was interrupted.
+
+    The folder holds telemetry/*.h5, results.json, report.html and figures/ afterwards.
+    """
+    console = Console(quiet=quiet)
+    plan = campaigns.load(campaign)
+    try:
+        for entry in plan.runs:
+            stability.check(entry)
+    except InputError as error:
+        raise InputError(f"{campaign}: {error}") from None
+    directory = out or Path(campaign.stem)
+    started = time.perf_counter()
+    with console.stage("FMUs"):
+        fmus = fmu_build.build()
+    with console.samples({r.name: r.n_samples for r in plan.runs}) as progress:
+        files = runner.simulate(plan, directory / "telemetry", fmus, jobs=jobs, progress=progress)
+    simulated = time.perf_counter() - started
+    origin = {**runner.provenance(plan, fmus), "seconds_simulating": round(simulated, 2)}
+    _calibrate(console, directory, files, include_short=False, origin=origin)
+
+
+@app.command(name="fit")
+def fit_command(
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH...", help="Telemetry files, or folders of them.")
+    ],
+    out: Out = None,
+    include_short: Annotated[
+        bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit telemetry files from anywhere; needs no FMU."""
+    directory = out or _default_folder(paths[0])
+    _calibrate(
+        Console(quiet=quiet), directory, [_telemetry_folder(p) for p in paths], include_short=include_short
+    )
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of an earlier run or fit.")],
+    quiet: Quiet = False,
+) -> None:
+    """Rebuild the report from what DIR holds."""
+    console = Console(quiet=quiet)
+    results = fit_results.load(directory / "results.json")
+    recorded = results.provenance.get("telemetry")
+    if not isinstance(recorded, list) or not all(isinstance(p, str) for p in recorded):
+        raise InputError(f"{directory / 'results.json'}: provenance.telemetry: expected a list of file names")
+    telemetries = fit_telemetry.read_all([directory / p for p in recorded])
+    with console.stage("report"):
+        page = fit_report.write_report(directory, results, telemetries)
+    console.say(f"report: {page}")
+
+
+@fmu_app.command(name="build")
+def fmu_build_command(
+    models: Annotated[
+        list[str] | None, typer.Argument(metavar="[MODEL]...", help="Models [default: all].")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to copy the FMUs to.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Build again what the cache holds.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Build the FMUs from the Modelica sources; what has not changed comes from the cache."""
+    console = Console(quiet=quiet)
+    with console.stage("FMUs"):
+        built = fmu_build.build(_models(models), force=force)
+    if out is not None:
+        built = fmu_build.copy(built, out)
+    for path in built.values():
+        console.say(str(path))
+
+
+@fmu_app.command(name="list")
+def fmu_list() -> None:
+    """List the models and where their FMUs are, or would be."""
+    for model, path in fmu_build.locations().items():
+        print(f"{model:18s} {'built    ' if path.is_file() else 'not built'} {path}")
+
+
+@fmu_app.command(name="validate")
+def fmu_validate(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="[FMU]...", help="Archives [default: ours].")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Check FMUs with FMPy and with the FMU manipulation toolbox; exit status 1 if a fault is found."""
+    console = Console(quiet=quiet)
+    faulty = False
+    for path in paths or fmu_build.build().values():
+        found = checks.problems(path)
+        faulty |= bool(found)
+        console.say(f"{path}: {'no fault found' if not found else f'{len(found)} faults'}")
+        for problem in found:
+            print(f"  {problem}", file=sys.stderr)
+    if faulty:
+        raise typer.Exit(1)
+
+
+def _models(named: Sequence[str] | None) -> Sequence[str]:
+    for name in named or ():
+        if name not in fmu_build.MODELS:
+            raise InputError(f"no model '{name}'; there are {', '.join(fmu_build.MODELS)}")
+    return named or fmu_build.MODELS
+
+
+def _telemetry_folder(path: Path) -> Path:
+    """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
+    inner = path / "telemetry"
+    return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+
+
+def _default_folder(path: Path) -> Path:
+    name = path.resolve().stem if path.is_file() else path.resolve().name
+    folder = Path(name)
+    # Never beside or over the input.
+    return Path(f"{name}-fit") if folder.exists() and folder.resolve() == path.resolve() else folder
+
+
+def _calibrate(
+    console: Console,
+    directory: Path,
+    paths: Sequence[Path],
+    *,
+    include_short: bool,
+    origin: dict[str, str | int | float] | None = None,
+) -> None:
+    started = time.perf_counter()
+    with console.stage("reading"):
+        telemetries = fit_telemetry.read_all(paths)
+    with console.stage("fit"):
+        results = calibrate(telemetries, include_short=include_short)
+    directory.mkdir(parents=True, exist_ok=True)
+    results = replace(
+        results,
+        provenance={
+            **results.provenance,
+            **(origin or {}),
+            "telemetry": [os.path.relpath(t.path, directory) for t in telemetries],
+            "seconds_fitting": round(time.perf_counter() - started, 2),
+        },
+    )
+    results = fit_results.with_truth(results, telemetries)
+    fit_results.write(results, directory / "results.json")
+    with console.stage("report"):
+        page = fit_report.write_report(directory, results, telemetries)
+    console.table(results)
+    console.say(f"report: {page}")

@@ -1,0 +1,85 @@
+"""What the command line shows while it works: progress bars on a terminal, plain lines otherwise."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+import rich.console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from fit.results import Results
+
+
+class Console:
+    """Progress on standard error, results on standard output; nothing of either if ``quiet``."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._progress = rich.console.Console(stderr=True, quiet=quiet)
+
+    def say(self, line: str) -> None:
+        """Print a line of the result."""
+        if not self._quiet:
+            print(line)
+
+    def _note(self, line: str) -> None:
+        if not self._quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Announce a piece of work whose progress is not known, and how long it took."""
+        started = time.perf_counter()
+        if self._progress.is_terminal and not self._quiet:
+            with self._progress.status(f"{name} …"):
+                yield
+        else:
+            yield
+        self._note(f"{name}: {time.perf_counter() - started:.1f} s")
+
+    @contextmanager
+    def samples(self, sizes: Mapping[str, int]) -> Iterator[Callable[[str, int], None]]:
+        """Follow runs of known numbers of samples; yields the function to tell ``(run, done)``."""
+        started = time.perf_counter()
+        total = sum(sizes.values())
+        if self._progress.is_terminal and not self._quiet:
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeRemainingColumn(),
+            )
+            with Progress(*columns, console=self._progress) as bars:
+                tasks = {name: bars.add_task(name, total=size) for name, size in sizes.items()}
+                yield lambda name, done: bars.update(tasks[name], completed=done)
+        else:
+
+            def line(name: str, done: int) -> None:
+                if done == sizes[name]:
+                    self._note(f"run {name}: {done} samples")
+
+            yield line
+        self._note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
+
+    def table(self, results: Results) -> None:
+        """Show the joint parameters."""
+        if self._quiet or results.joint is None:
+            return
+        table = Table("parameter", "unit", "estimate", "sigma", "truth", "pull", box=None)
+        for name, estimate in results.joint.parameters.items():
+            known = estimate.truth is not None
+            table.add_row(
+                name,
+                estimate.unit,
+                f"{estimate.value:.6g}",
+                f"{estimate.sigma:.2g}",
+                f"{estimate.truth:.6g}" if known else "",
+                f"{estimate.pull:+.2f}" if estimate.pull is not None else "",
+            )
+        rich.console.Console().print(table)
+        for warning in results.joint.warnings:
+            self._note(f"warning: {warning.message}")

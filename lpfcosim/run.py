@@ -1,0 +1,198 @@
+"""One run of the spacecraft: everything a simulation needs, as plain frozen records in SI units."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from lpfcosim.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRUSTER_LAG, H
+
+Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
+Kind = Literal["sysid", "noise"]
+
+
+def _flight_delta_ifo() -> dict[int, float]:
+    return {k: PARAMETERS[f"delta_ifo_{k}"].value for k in (1, 2, 3, 4)}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True dynamics in the units of `parameters.PARAMETERS`; ``delta_ifo`` by alignment epoch."""
+
+    lambda_1: float = PARAMETERS["lambda_1"].value
+    lambda_2: float = PARAMETERS["lambda_2"].value
+    C_1: float = PARAMETERS["C_1"].value
+    C_2: float = PARAMETERS["C_2"].value
+    omega2_1_0: float = PARAMETERS["omega2_1_0"].value
+    omega2_2_0: float = PARAMETERS["omega2_2_0"].value
+    alpha_x_1: float = PARAMETERS["alpha_x_1"].value
+    alpha_x_2: float = PARAMETERS["alpha_x_2"].value
+    alpha_phi_1: float = PARAMETERS["alpha_phi_1"].value
+    alpha_phi_2: float = PARAMETERS["alpha_phi_2"].value
+    delta_ifo: Mapping[int, float] = field(default_factory=_flight_delta_ifo)
+
+
+@dataclass(frozen=True)
+class Authority:
+    """Largest force along x [N] and torque about z [N m] that may be commanded on each test mass."""
+
+    name: str
+    F_max_1: float
+    F_max_2: float
+    N_max_1: float
+    N_max_2: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise levels, one-sided amplitude spectral densities.
+
+    ``oms`` [m Hz^-0.5], white, each interferometer; ``thruster`` [N Hz^-0.5], white; ``plateau``
+    [m s^-2 Hz^-0.5], white part of Delta g; ``tail`` [1], its 1/f part relative to 60 fm s^-2 Hz^-0.5 at
+    20 uHz; ``f_x_1_jitter`` [m s^-2 Hz^-0.5], level at 1 mHz of the force leaking onto test mass 1.
+    """
+
+    oms: float = 0.0
+    thruster: float = 0.0
+    plateau: float = 0.0
+    tail: float = 0.0
+    f_x_1_jitter: float = 0.0
+
+
+@dataclass(frozen=True)
+class Controller:
+    """K(s) = k (s+wz)(s+wi) / [s (1+s/wp)(1+s/wr)] with |K| = w^2 at the unity gain; frequencies in Hz."""
+
+    unity_gain: float
+    zero: float
+    integrator_zero: float
+    poles: tuple[float, float]
+
+    @property
+    def gain(self) -> float:
+        """The k [s^-1] that makes |K(i 2 pi fu)| = (2 pi fu)^2 at the unity gain fu."""
+        s = 2j * math.pi * self.unity_gain
+        wz, wi, wp, wr = (2 * math.pi * f for f in (self.zero, self.integrator_zero, *self.poles))
+        shape = (s + wz) * (s + wi) / (s * (1 + s / wp) * (1 + s / wr))
+        return abs(s) ** 2 / abs(shape)
+
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """The p_i [rad/s] of the parallel form K(s) = sum_i r_i / (s + p_i)."""
+        return 0.0, 2 * math.pi * self.poles[0], 2 * math.pi * self.poles[1]
+
+    @property
+    def residues(self) -> tuple[float, float, float]:
+        """The r_i [s^-3] of the parallel form K(s) = sum_i r_i / (s + p_i)."""
+        wz, wi = 2 * math.pi * self.zero, 2 * math.pi * self.integrator_zero
+        _, wp, wr = self.rates
+        scale = self.gain * wp * wr
+        return (
+            scale * wz * wi / (wp * wr),
+            scale * (wz - wp) * (wi - wp) / (-wp * (wr - wp)),
+            scale * (wz - wr) * (wi - wr) / (-wr * (wp - wr)),
+        )
+
+
+DRAG_FREE = Controller(unity_gain=0.08, zero=0.03, integrator_zero=0.006, poles=(0.8, 2.0))
+SUSPENSION = Controller(unity_gain=1.0e-3, zero=0.30e-3, integrator_zero=0.06e-3, poles=(6e-3, 30e-3))
+
+
+@dataclass(frozen=True)
+class Sine:
+    """``cycles`` periods of amplitude sin(2 pi frequency (t - start) + phase); SI, phase in rad."""
+
+    into: Target
+    amplitude: float
+    frequency: float
+    cycles: int
+    start: float
+    phase: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Time the injection ends [s]."""
+        return self.start + self.cycles / self.frequency
+
+
+@dataclass(frozen=True)
+class HalfCosine:
+    """A smooth step from 0 at ``start`` to ``amplitude`` at ``end``, kept from then on; SI."""
+
+    into: Target
+    amplitude: float
+    start: float
+    end: float
+
+
+Injection = Sine | HalfCosine
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of ``n_samples`` samples at 10 Hz; ``dc`` [m s^-2] is the constant part of g_2."""
+
+    name: str
+    experiment: str
+    kind: Kind
+    n_samples: int
+    authority: Authority
+    alignment_epoch: int = 1
+    t0: str = "2016-03-01T00:00:00Z"
+    truth: Truth = field(default_factory=Truth)
+    noise: Noise = field(default_factory=Noise)
+    dc: float = 0.0
+    injections: tuple[Injection, ...] = ()
+    drag_free: Controller = DRAG_FREE
+    suspension: Controller = SUSPENSION
+    seed: int = 0
+    m_tm: float = M_TM
+    m_sc: float = M_SC
+    thruster_delay: float = THRUSTER_DELAY
+    thruster_lag: float = THRUSTER_LAG
+    fs: float = FS
+    h: float = H
+
+    @property
+    def time(self) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+        """Sample times since t0 [s], shape (n_samples,)."""
+        return np.arange(self.n_samples) / self.fs
+
+    @property
+    def delta_ifo(self) -> float:
+        """Leak of x_1 into o_12 in this run's alignment epoch."""
+        return self.truth.delta_ifo[self.alignment_epoch]
+
+    @property
+    def omega2_1(self) -> float:
+        """Stiffness of test mass 1 under this authority [s^-2], eq. stiff_model."""
+        t, a = self.truth, self.authority
+        return t.omega2_1_0 + t.alpha_x_1 * a.F_max_1 + t.alpha_phi_1 * a.N_max_1
+
+    @property
+    def omega2_2(self) -> float:
+        """Stiffness of test mass 2 under this authority [s^-2], eq. stiff_model."""
+        t, a = self.truth, self.authority
+        return t.omega2_2_0 + t.alpha_x_2 * a.F_max_2 + t.alpha_phi_2 * a.N_max_2
+
+    @property
+    def tau_1(self) -> float:
+        """Effective delay of f_x_1 [s], half a sample of hold included."""
+        return self.truth.C_1 / self.truth.lambda_1
+
+    @property
+    def tau_2(self) -> float:
+        """Effective delay of f_x_2 [s], half a sample of hold included."""
+        return self.truth.C_2 / self.truth.lambda_2
+
+    @property
+    def f_x_2_start(self) -> float:
+        """Command that holds test mass 2 against ``dc`` [m s^-2]."""
+        return -self.dc / self.truth.lambda_2
+
+    @property
+    def F_x_sc_start(self) -> float:
+        """Thrust at the equilibrium [N]: dc and the force that holds it cancel, nothing is left to push."""
+        return 0.0

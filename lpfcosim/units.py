@@ -1,0 +1,118 @@
+"""Quantities of a campaign file: a string with a unit comes in, a float in SI comes out."""
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+from typing import Annotated, Any, Literal
+
+import pint
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from lpfcosim.messages import problem, quote
+
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_NUMBER_AND_UNIT = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\d\s.])|\s+(?=1\s*/))(.*\S)\s*")
+_POWER_OF_A_NUMBER = re.compile(r"\d\s*(\^|\*\*)")  # no unit needs 9^9^9^9, and none may take for ever
+_SIGNS = {"positive": "above zero", "not negative": "zero or above", "not positive": "zero or below"}
+
+
+@cache
+def _registry() -> pint.UnitRegistry[float]:
+    return pint.UnitRegistry()
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Annotation of a pydantic float field that is written as a string with a unit.
+
+    Parameters
+    ----------
+    name : str
+        What it is, with its article ("a frequency").
+    unit : str
+        The SI unit of the value that comes out.
+    example : str
+        How to write one.
+    sign : {"any", "positive", "not negative", "not positive"}
+        Which values are allowed.
+    why : str, optional
+        Reason for the sign, appended to the refusal.
+    """
+
+    name: str
+    unit: str
+    example: str
+    sign: Literal["any", "positive", "not negative", "not positive"] = "any"
+    why: str = ""
+
+    def to_si(self, raw: object) -> float:
+        """Parse ``raw`` into SI; PydanticCustomError with one sentence if it is not such a quantity."""
+        if isinstance(raw, bool | int | float):
+            raise problem(f'{quote(raw)} has no unit, write a string with one, such as "{self.example}"')
+        if not isinstance(raw, str):
+            raise problem(f'expected {self.name} as a string, such as "{self.example}"')
+        match = _NUMBER_AND_UNIT.fullmatch(raw)
+        if match is None or len(raw) > 80 or _POWER_OF_A_NUMBER.search(match[2]):
+            raise problem(f'{quote(raw)} is not a number and a unit, write {self.name} like "{self.example}"')
+        # decimal arithmetic, so that "10.4 pN m" is the float 1.04e-11 and not its neighbour
+        value = float(Decimal(match[1]) * Decimal(f"{self._factor(raw, match[2]):.15g}"))
+        if not math.isfinite(value):
+            raise problem(f"{quote(raw)} is not a finite number")
+        allowed = {"positive": value > 0, "not negative": value >= 0, "not positive": value <= 0}
+        if not allowed.get(self.sign, True):
+            raise problem(f"{quote(raw)} must be {_SIGNS[self.sign]}{self.why and '; '}{self.why}")
+        return value
+
+    def _factor(self, raw: str, unit: str) -> float:
+        registry = _registry()
+        try:
+            parsed = registry.Quantity(
+                1.0, registry.parse_units(f"1{unit}" if unit.startswith("/") else unit)
+            ).to_root_units()
+        except Exception:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
+            raise problem(
+                f'{quote(raw)} has no known unit, write {self.name} like "{self.example}"'
+            ) from None
+        wanted = registry.Quantity(1.0, registry.parse_units(self.unit)).to_root_units()
+        # Root units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
+        if parsed.units != wanted.units:
+            raise problem(f'{quote(raw)} is not {self.name}, write it like "{self.example}"')
+        return float(parsed.magnitude / wanted.magnitude)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(self.to_si, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        text = f"{self.name} with its unit" + (f", {_SIGNS[self.sign]}" if self.sign != "any" else "")
+        return {"type": "string", "description": text, "examples": [self.example]}
+
+
+LENGTH = Quantity("a length", "m", "10 nm", "positive")
+FORCE = Quantity("a force", "N", "0.6 pN", "positive")
+_DESTABILISING = "by the sign convention a negative value is destabilising, as in flight"
+
+Stiffness = Annotated[float, Quantity("a stiffness", "s^-2", "-4.19e-7 s^-2", "not positive", _DESTABILISING)]
+AlphaX = Annotated[
+    float,
+    Quantity("a stiffness per force", "kg^-1 m^-1", "-317 kg^-1 m^-1", "not positive", _DESTABILISING),
+]
+AlphaPhi = Annotated[
+    float,
+    Quantity("a stiffness per torque", "kg^-1 m^-2", "-27400 kg^-1 m^-2", "not positive", _DESTABILISING),
+]
+Frequency = Annotated[float, Quantity("a frequency", "Hz", "0.833 mHz", "positive")]
+Force = Annotated[float, Quantity("a force", "N", "2200 pN", "not negative")]
+Torque = Annotated[float, Quantity("a torque", "N m", "10.4 pN m", "not negative")]
+LengthNoise = Annotated[float, Quantity("a length noise", "m Hz^-0.5", "35 fm Hz^-0.5", "not negative")]
+ForceNoise = Annotated[float, Quantity("a force noise", "N Hz^-0.5", "0.15 uN Hz^-0.5", "not negative")]
+AccelerationNoise = Annotated[
+    float, Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5", "not negative")
+]
+Time = Annotated[float, Quantity("a time", "s", "900 s", "not negative")]
+Angle = Annotated[float, Quantity("an angle", "rad", "90 deg")]
+Acceleration = Annotated[float, Quantity("an acceleration", "m s^-2", "1e-11 m s^-2")]

@@ -1,0 +1,42 @@
+"""Fixtures shared by the tests: runs that need no campaign file."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from lpfcosim.run import Authority, Noise, Run
+
+settings.register_profile("deterministic", deadline=None, derandomize=True)
+settings.load_profile("deterministic")
+
+
+@pytest.fixture(scope="session")
+def make_run() -> Callable[..., Run]:
+    """Make a noise-free ten-minute run in nominal authority; keywords replace fields of `Run`."""
+
+    def make(**fields: object) -> Run:
+        nominal = Authority("A", F_max_1=0.0, F_max_2=2200e-12, N_max_1=10.4e-12, N_max_2=10.4e-12)
+        defaults = {
+            "name": "run",
+            "experiment": "run",
+            "kind": "sysid",
+            "n_samples": 6000,
+            "authority": nominal,
+        }
+        return Run(**{**defaults, **fields})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def flight_noise() -> Noise:
+    """Noise of early 2016, without the leak onto test mass 1."""
+    return Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5)
+
+
+@pytest.fixture(scope="session")
+def quickstart() -> Path:
+    """Path of the shipped quick-start campaign."""
+    return Path(__file__).parents[1] / "campaigns" / "quickstart.toml"

@@ -1,0 +1,24 @@
+"""Small Modelica models of the tests, on disk and as FMUs."""
+
+from pathlib import Path
+
+from lpfcosim.modelica import build, flat, system
+
+
+def write(folder: Path, text: str) -> Path:
+    """Write ``text`` as a one-file library and return its path."""
+    file = folder / "Test.mo"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def translate(folder: Path, text: str, model: str = "M") -> system.System:
+    """Flatten and sort ``model``."""
+    return system.build(flat.flatten(write(folder, text), model))
+
+
+def fmu(folder: Path, text: str, model: str = "M") -> Path:
+    """Build the FMU of ``model``."""
+    archive = folder / f"{model}.fmu"
+    build.build_one(write(folder, text), model, archive)
+    return archive

@@ -1,0 +1,161 @@
+"""Campaign files: what they become."""
+
+import json
+import tomllib
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lpfcosim import campaign, signals
+from lpfcosim.errors import InputError
+from lpfcosim.run import DRAG_FREE, Authority, HalfCosine, Noise, Sine, Truth
+
+TEXT = (Path(__file__).parent / "two_experiments.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+def test_everything_arrives_in_si(file):
+    c = campaign.load(file)
+    assert (c.name, c.seed, c.t0) == ("test", 1, "2016-04-16T08:00:00Z")
+    assert c.truth == replace(Truth(), lambda_1=1.07)
+    assert c.drag_free == replace(DRAG_FREE, unity_gain=0.09)
+    first, second = c.experiments
+    assert first.authority == Authority("A", 2.2e-9, 2.2e-9, 1.04e-11, 1.04e-11)
+    assert first.noise == Noise(oms=35e-15, tail=1.5)
+    assert second.noise == Noise(oms=35e-15, tail=1.0, plateau=5e-15)
+    assert first.injections == (Sine("guidance_o_12", 10e-9, 1e-3, 2, 60.0),)
+    assert second.injections == (
+        HalfCosine("F_x_1", 1.5e-9, 10.0, 20.0),
+        Sine("F_x_1", 0.6e-12, 10e-3, 20, 30.0, phase=pytest.approx(np.pi / 2)),
+    )
+
+
+def test_runs_follow_one_another_noise_first(file):
+    runs = campaign.load(file).runs
+    assert [r.name for r in runs] == ["first-noise", "first", "second"]
+    assert [r.experiment for r in runs] == ["first", "first", "second"]
+    assert [r.kind for r in runs] == ["noise", "sysid", "sysid"]
+    assert [r.n_samples for r in runs] == [18_000, 36_000, 72_000]
+    assert [r.t0 for r in runs] == ["2016-04-16T08:00:00Z", "2016-04-16T08:30:00Z", "2016-04-16T09:30:00Z"]
+    assert [len(r.injections) for r in runs] == [0, 1, 2]
+    assert runs[2].dc == -8e-12
+    assert runs[2].f_x_2_start == pytest.approx(8e-12 / 1.0776)
+    assert runs[2].delta_ifo == -2.09e-5
+    assert runs[0].time[-1] == 1799.9
+    assert runs[0].omega2_1 == pytest.approx(-3.99e-7 - 345 * 2.2e-9 - 28.2e3 * 10.4e-12)  # eq. stiff_model
+
+
+def test_quick_start_is_the_campaign_it_should_be(quickstart):
+    c = campaign.load(quickstart)
+    assert c.truth == Truth()
+    assert [r.name for r in c.runs] == [n for x in "ABCD" for n in (f"{x}-noise", x)]
+    assert {r.n_samples for r in c.runs} == {216_000}
+    for run in c.runs:
+        injected = signals.injections(run)
+        assert abs(run.dc) * run.m_tm < 0.5 * run.authority.F_max_2
+        assert not injected["F_x_1"].any()
+        if run.kind == "sysid":
+            for into in ("guidance_o_1", "guidance_o_12"):
+                tones = sorted((i for i in run.injections if i.into == into), key=lambda i: i.start)
+                gaps = [b.start - a.end for a, b in pairwise(tones)]
+                assert len(tones) == 5
+                assert gaps == pytest.approx([60] * 4, abs=1.1)
+
+
+def test_digest_is_of_the_content_not_of_its_spelling(file):
+    digest = campaign.load(file).digest
+    file.write_text("# a comment\n" + TEXT.replace('"10 nm"', '"1e-8 m"'), encoding="utf-8")
+    assert campaign.load(file).digest == digest
+    file.write_text(TEXT.replace('"10 nm"', '"11 nm"'), encoding="utf-8")
+    assert campaign.load(file).digest != digest
+    assert len(digest) == 64
+
+
+def test_toml_dates_and_byte_order_marks_are_fine(file):
+    text = TEXT.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
+    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert campaign.load(file).t0 == "2016-04-16T08:00:00Z"
+
+
+def test_another_alignment_epoch_may_be_given(file):
+    text = TEXT.replace("[truth]", "[truth]\ndelta_ifo_7 = 3e-5").replace(
+        "alignment_epoch = 3", "alignment_epoch = 7"
+    )
+    file.write_text(text, encoding="utf-8")
+    assert campaign.load(file).runs[2].delta_ifo == 3e-5
+
+
+def test_schema_names_every_key_and_is_json():
+    schema = json.loads(json.dumps(campaign.json_schema()))
+    assert {"schema", "seed", "experiments"} <= schema["properties"].keys()
+    sine = schema["$defs"]["SineTable"]["properties"]
+    assert sine["frequency"]["type"] == "string"
+    assert sine["frequency"]["examples"] == ["0.833 mHz"]
+    assert schema["$defs"]["TruthTable"]["patternProperties"]
+
+
+def toml(value):
+    """Write a value the way TOML does, tables inline."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, str | bool) else repr(value)
+
+
+def load_table(folder, table):
+    path = folder / "table.toml"
+    path.write_text("\n".join(f"{key} = {toml(value)}" for key, value in table.items()), encoding="utf-8")
+    return campaign.load(path)
+
+
+plain = st.text("ab Hz0.-[]{}", max_size=8)
+anything = st.booleans() | st.integers() | st.floats() | plain | st.lists(st.integers(), max_size=2)
+
+
+@settings(max_examples=200)
+@given(changes=st.dictionaries(st.sampled_from(list(tomllib.loads(TEXT))), anything, min_size=1))
+def test_whatever_a_key_holds_is_understood_or_refused(tmp_path_factory, changes):
+    """A value of a wrong kind leads to InputError and to nothing else."""
+    try:
+        built = load_table(tmp_path_factory.getbasetemp(), {**tomllib.loads(TEXT), **changes})
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert built.runs
+
+
+@settings(max_examples=50)
+@given(
+    frequency=st.floats(1e-4, 4.9),
+    amplitude=st.floats(1e-14, 9e-5),
+    cycles=st.integers(1, 20),
+    phase=st.floats(-7, 7),
+    oms=st.floats(0, 1e-9),
+    dc=st.floats(-1e-9, 1e-9),
+    C_2=st.floats(0.06, 9),
+)
+def test_a_campaign_written_in_si_comes_back_to_the_last_bit(
+    tmp_path_factory, frequency, amplitude, cycles, phase, oms, dc, C_2
+):
+    table = tomllib.loads(TEXT)
+    sine = {"into": "guidance_o_1", "shape": "sine", "cycles": cycles, "start": "100 s"}
+    sine |= {"frequency": f"{frequency!r} Hz", "amplitude": f"{amplitude!r} m", "phase": f"{phase!r} rad"}
+    table["experiments"][1] |= {"duration": "10 d", "dc": f"{dc!r} m s^-2", "injections": [sine]}
+    table["noise"]["oms"] = f"{oms!r} m Hz^-0.5"
+    table["truth"]["C_2"] = f"{C_2!r} s"
+    c = load_table(tmp_path_factory.getbasetemp(), table)
+    second = c.experiments[1]
+    assert second.injections == (Sine("guidance_o_1", amplitude, frequency, cycles, 100.0, phase),)
+    assert (second.dc, second.noise.oms, c.truth.C_2) == (dc, oms, C_2)

@@ -1,0 +1,129 @@
+"""The co-simulation against the reference plant, and what it does when something goes wrong."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim import campaign, master, network, reference
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.modelica import build
+from lpfcosim.run import Authority, HalfCosine, Sine
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.fixture(scope="module")
+def fmus():
+    return build.build()
+
+
+def assert_agree(got, wanted, tolerance=1e-9):
+    for channel, expected in wanted.items():
+        if channel not in got:
+            continue
+        difference = np.abs(got[channel] - expected).max()
+        assert difference <= tolerance * np.sqrt(np.mean(expected**2)), channel
+
+
+def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):
+    # Injections and noise on; channels that are zero must be zero exactly.
+    run = next(r for r in campaign.load(quickstart).runs if r.kind == "sysid")
+    assert run.n_samples == 216_000
+    got = master.simulate(run, fmus)
+    assert set(got) == set(network.RECORD)
+    assert_agree(got, reference.simulate(run))
+    assert np.all(got["f_x_1"] == 0)
+    assert got["guidance_o_12"].any()
+
+
+def test_driven_test_mass_1_agrees_with_the_reference_plant(fmus, make_run):
+    run = make_run(
+        n_samples=30_000,
+        authority=Authority("G", F_max_1=4400e-12, F_max_2=5000e-12, N_max_1=1.5e-12, N_max_2=10.4e-12),
+        injections=(
+            Sine("F_x_1", amplitude=0.6e-12, frequency=0.02, cycles=20, start=100.05),
+            HalfCosine("F_x_1", amplitude=0.4e-9, start=800, end=2800),
+            HalfCosine("F_x_2", amplitude=0.4e-9, start=800, end=2800),
+        ),
+        dc=4e-12,
+        noise=replace(
+            make_run().noise, oms=35e-15, f_x_1_jitter=1e-14, thruster=1.5e-7, plateau=5e-15, tail=1.0
+        ),
+    )
+    got = master.simulate(run, fmus)
+    assert_agree(got, reference.simulate(run))
+    assert got["f_x_1"].any()
+
+
+def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
+    run = make_run(
+        authority=Authority("tight", F_max_1=0, F_max_2=2e-12, N_max_1=0, N_max_2=0),
+        injections=(Sine("guidance_o_12", amplitude=20e-9, frequency=0.01, cycles=5, start=10),),
+    )
+    got = master.simulate(run, fmus)
+    assert np.abs(got["f_x_2"]).max() == pytest.approx(2e-12 / run.m_tm, rel=1e-12)
+    assert_agree(got, reference.simulate(run))
+
+
+def test_step_order_decides(fmus, make_run, monkeypatch):
+    # Against the flow of signals every FMU boundary costs a sample of delay.
+    run = make_run(injections=(Sine("guidance_o_1", amplitude=5e-9, frequency=0.05, cycles=20, start=1),))
+    wanted = reference.simulate(run)
+    assert_agree(master.simulate(run, fmus), wanted)
+    monkeypatch.setattr(network, "COMPONENTS", network.COMPONENTS[::-1])
+    late = master.simulate(run, fmus)
+    assert np.abs(late["o_1"] - wanted["o_1"]).max() > 0.01 * np.abs(wanted["o_1"]).max()
+
+
+def test_every_fmu_steps_after_what_it_listens_to_except_the_plant():
+    done = set()
+    for component in network.COMPONENTS:
+        sources = {s.partition(".")[0] for s in component.inputs.values() if "." in s}
+        assert sources - done <= {"Plant"}
+        done.add(component.model)
+
+
+def test_divergence_is_stopped(fmus, make_run):
+    # dc beyond what the authority can hold: test mass 2 falls away.
+    run = make_run(dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))
+    with pytest.raises(RunError, match=r"run 'run' diverges: o_12 .* at \d+\.\d s"):
+        master.simulate(run, fmus)
+
+
+def test_missing_variable_is_told(fmus, make_run):
+    with pytest.raises(
+        InputError, match=r"Plant\.fmu: variable 'n_1' is missing; expected of the OpticalMetrology"
+    ):
+        master.simulate(make_run(), {**fmus, "OpticalMetrology": fmus["Plant"]})
+
+
+def test_unreadable_fmu_is_told(fmus, make_run, tmp_path):
+    broken = tmp_path / "broken.fmu"
+    broken.write_bytes(b"not a zip archive")
+    with pytest.raises(InputError, match=r"broken\.fmu: not a readable FMU"):
+        master.simulate(make_run(), {**fmus, "Plant": broken})
+
+
+def test_progress_is_told_to_the_end(fmus, make_run, monkeypatch):
+    monkeypatch.setattr(master, "BLOCK", 1000)
+    seen = []
+    master.simulate(make_run(n_samples=2500), fmus, seen.append)
+    assert seen == [1000, 2000, 2500]
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="counts open files through /proc")  # noqa: PTH112
+def test_nothing_is_left_behind(fmus, make_run, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    run = make_run(n_samples=10)
+    failing = make_run(n_samples=6000, dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))
+    master.simulate(run, fmus)
+    before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+    for _ in range(5):
+        master.simulate(run, fmus)
+        with pytest.raises(RunError):
+            master.simulate(failing, fmus)
+    assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
+    assert list(tmp_path.iterdir()) == []

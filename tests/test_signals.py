@@ -1,0 +1,184 @@
+"""Injections and noise: shapes, levels, spectra, independence of order."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lpfcosim import signals
+from lpfcosim.run import HalfCosine, Noise, Sine
+
+TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
+
+
+# --- injections -----------------------------------------------------------------------------------------
+
+
+def test_without_injections_every_channel_is_exactly_zero(make_run):
+    injected = signals.injections(make_run())
+    assert tuple(injected) == TARGETS
+    assert all(not values.any() and values.shape == (6000,) for values in injected.values())
+
+
+def test_a_sine_has_its_cycles_and_nothing_else(make_run):
+    run = make_run(injections=(Sine("guidance_o_12", 10e-9, 13.33e-3, 4, 100.0),))
+    signal = signals.injections(run)["guidance_o_12"]
+    t = run.time
+    inside = (t >= 100.0) & (t < 100.0 + 4 / 13.33e-3)
+    np.testing.assert_allclose(
+        signal[inside], 10e-9 * np.sin(2 * np.pi * 13.33e-3 * (t[inside] - 100)), atol=1e-20
+    )
+    assert not signal[~inside].any()
+    assert np.count_nonzero(np.diff(np.sign(signal[inside][1:]))) == 7  # 4 cycles cross zero 7 times inside
+
+
+@given(
+    start=st.integers(0, 2000).map(lambda n: n / 10),
+    cycles=st.integers(1, 9),
+    period=st.integers(3, 400).map(lambda n: n / 10),
+)
+def test_whole_cycles_that_end_on_a_sample_sum_to_zero(make_run, start, cycles, period):
+    run = make_run(injections=(Sine("F_x_2", 1.0, 1 / period, cycles, start),))
+    signal = signals.injections(run)["F_x_2"]
+    assert np.count_nonzero(signal) <= round(cycles * period * 10)
+    assert abs(signal.sum()) < 1e-8
+
+
+def test_phase_shifts_a_sine(make_run):
+    run = make_run(injections=(Sine("F_x_1", 2.0, 0.01, 1, 0.0, phase=np.pi / 2),))
+    signal = signals.injections(run)["F_x_1"]
+    assert signal[0] == 2.0
+    assert signal[500] == pytest.approx(-2.0)
+    assert signal[999] != 0
+    assert signal[1000] == 0
+
+
+def test_half_cosine_rises_smoothly_and_stays(make_run):
+    run = make_run(injections=(HalfCosine("F_x_1", 4e-9, 100.0, 300.0),))
+    signal = signals.injections(run)["F_x_1"]
+    assert not signal[:1001].any()
+    assert signal[2000] == pytest.approx(2e-9)
+    assert (signal[3000:] == 4e-9).all()
+    assert (np.diff(signal) >= 0).all()
+    # no kink at either end: the steepest step is pi/2 times the mean slope, the first almost nothing
+    assert np.diff(signal).max() == pytest.approx(np.pi / 2 * 4e-9 / 2000, rel=1e-4)
+    assert signal[1001] < 1e-14
+
+
+sines = st.builds(
+    Sine,
+    into=st.sampled_from(TARGETS),
+    amplitude=st.floats(1e-12, 1e-8),
+    frequency=st.sampled_from([0.01, 0.0333, 0.25, 4.9]),
+    cycles=st.integers(1, 5),
+    start=st.floats(0, 50),
+)
+
+
+@given(injections=st.lists(sines, max_size=4), seed=st.randoms())
+def test_injections_add_in_any_order(make_run, injections, seed):
+    def signal(chosen):
+        return signals.injections(make_run(injections=tuple(chosen)))
+
+    shuffled = list(injections)
+    seed.shuffle(shuffled)
+    one_by_one = [signal([injection]) for injection in injections]
+    for name, values in signal(shuffled).items():
+        total = sum((single[name] for single in one_by_one), np.zeros(6000))
+        np.testing.assert_allclose(values, total, rtol=0, atol=1e-22)
+
+
+# --- noise ----------------------------------------------------------------------------------------------
+
+
+def test_level_zero_is_exactly_zero(make_run):
+    assert all(not values.any() for values in signals.noise(make_run()).values())
+
+
+def test_dc_sits_in_g_2(make_run):
+    noise = signals.noise(make_run(dc=-3e-12))
+    assert (noise["g_2"] == -3e-12).all()
+    assert not noise["g_1"].any()
+
+
+def test_noise_depends_on_seed_run_and_name_only(make_run):
+    level = Noise(1.0, 1.0, 1.0, 1.0, 1.0)
+    reference = signals.noise(make_run(noise=level, seed=7))
+    again = signals.noise(make_run(noise=level, seed=7, n_samples=500))  # another length, same beginning
+    one = signals.noise(make_run(noise=Noise(thruster=1.0), seed=7))["F_noise_x_sc"]
+    for name, values in reference.items():
+        np.testing.assert_array_equal(again[name], values[:500])
+    np.testing.assert_array_equal(one, reference["F_noise_x_sc"])
+    draws = [*reference.values()]
+    draws += signals.noise(make_run(noise=level, seed=8)).values()
+    draws += signals.noise(make_run(noise=level, seed=7, name="other")).values()
+    assert len({values[10] for values in draws}) == len(draws)
+
+
+def test_seeds_beyond_32_bit_count(make_run):
+    def first(seed):
+        return signals.noise(make_run(noise=Noise(oms=1.0), seed=seed))["n_1"][0]
+
+    assert len({first(0), first(1), first(2**32), first(2**62)}) == 4
+
+
+def density(values, low, high):
+    """Frequencies within [low, high] Hz and the one-sided periodogram there, Hann window."""
+    window = np.hanning(len(values))
+    power = 2 * np.abs(np.fft.rfft(values * window)) ** 2 / (10.0 * (window**2).sum())
+    f = np.fft.rfftfreq(len(values), 0.1)
+    band = (f >= low) & (f <= high)
+    return f[band], power[band]
+
+
+def assert_ratio_is_one(ratio):
+    """Fail by chance once in a million: 5 sigma of the mean of a periodogram, halved bins for the window."""
+    assert ratio.mean() == pytest.approx(1.0, abs=5 / np.sqrt(len(ratio) / 2))
+
+
+@pytest.mark.stat
+@pytest.mark.parametrize(("name", "asd"), [("n_1", 35e-15), ("n_12", 35e-15), ("F_noise_x_sc", 0.15e-6)])
+def test_white_noise_has_its_level(make_run, flight_noise, name, asd):
+    """False-positive probability 1e-6 a spectrum."""
+    values = signals.noise(make_run(noise=flight_noise, n_samples=216_000))[name]
+    assert values.std() == pytest.approx(asd * np.sqrt(5), rel=5 / np.sqrt(2 * 216_000))
+    for low, high in ((1e-3, 0.1), (0.1, 1), (1, 5)):
+        _, power = density(values, low, high)
+        assert_ratio_is_one(power / asd**2)
+
+
+@pytest.mark.stat
+def test_delta_g_has_its_plateau_and_tail(make_run, flight_noise):
+    """False-positive probability 1e-6 a band; Delta g = g_2 - g_1 carries both halves."""
+    noise = signals.noise(make_run(noise=flight_noise, n_samples=2_000_000))
+    delta_g = noise["g_2"] - noise["g_1"]
+    for low, high in ((1e-4, 1e-3), (1e-3, 1e-2), (1e-2, 1)):
+        f, power = density(delta_g, low, high)
+        assert_ratio_is_one(power / (5.6e-15**2 + (1.5 * 60e-15 * 20e-6 / f) ** 2))
+    halves = [density(noise[g], 1e-2, 1)[1].mean() for g in ("g_1", "g_2")]
+    assert halves == pytest.approx([5.6e-15**2 / 2] * 2, rel=0.02)
+    assert abs(np.corrcoef(np.diff(noise["g_1"]), np.diff(noise["g_2"]))[0, 1]) < 5 / np.sqrt(2_000_000)
+
+
+@pytest.mark.stat
+def test_the_tail_is_stationary_from_its_first_sample(make_run):
+    """Its variance is that of a first-order process, slope^2 pi / (2 corner); false positive 1e-6."""
+    first, last = [], []
+    for seed in range(400):
+        values = signals.noise(make_run(noise=Noise(tail=1.0), seed=seed, n_samples=2))["g_1"]
+        first.append(values[0])
+        last.append(values[1])
+    expected = (60e-15 * 20e-6) ** 2 / 2 * np.pi / (2 * 2e-6)
+    assert np.var(first) == pytest.approx(expected, rel=5 * np.sqrt(2 / 400))
+    assert np.var(last) == pytest.approx(expected, rel=5 * np.sqrt(2 / 400))
+
+
+@pytest.mark.stat
+def test_jitter_falls_as_1_over_f_above_a_flat_part(make_run):
+    """False-positive probability 1e-6 a band."""
+    jitter = signals.noise(make_run(noise=Noise(f_x_1_jitter=1e-14), n_samples=2_000_000))["f_x_1_jitter"]
+    for low, high in ((5e-4, 2e-3), (2e-3, 0.1)):
+        f, power = density(jitter, low, high)
+        assert_ratio_is_one(power * (f / 1e-3) ** 2 / 1e-28 * (1 + (1e-4 / f) ** 2))
+    f, power = density(jitter, 5e-6, 3e-5)
+    assert_ratio_is_one(power / 1e-26 * (1 + (f / 1e-4) ** 2))
