@@ -249,6 +249,7 @@ def _check_inside(run: Run, readout: Array, begin: int) -> None:
     if lost.any():
         i = int(lost.any(axis=1).argmax())
         channel = "o_1" if lost[i, 0] else "o_12"
+        time = (begin + i) / run.fs
         raise RunError(
-            f"{run.name}: the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {(begin + i) / run.fs:g} s"
+            f"{run.name}: the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
         )
