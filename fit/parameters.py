@@ -1,0 +1,200 @@
+"""The estimated parameters: symbol, unit, equation and the value found in flight (table jointfit).
+
+The flight values serve twice: as what a result is compared with, and as the centre of the weak priors that
+hold a parameter the data leave undetermined.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the dynamics.
+
+    Attributes
+    ----------
+    name : str
+        The one spelling: Modelica, telemetry truth, results.
+    value, sigma : float
+        Estimate and standard deviation from flight, in `unit`.
+    unit : str
+        SI unit, ``"1"`` where dimensionless.
+    prior_sigma : float
+        Width of the weak prior about `value`, in `unit`: 10 % (lambda), 0.3 s (C), 100 % (others). Also the
+        limit: data that constrain the parameter worse leave it indeterminable.
+    equation : str
+        Label in the paper of the equation that defines it.
+    html, latex : str
+        The symbol for the report and for the figures (math mode, without the dollars).
+    description : str
+        What it is, in words.
+    flown : bool
+        False where the flight has no value of its own and `value` only sets a scale.
+    """
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+    prior_sigma: float
+    equation: str
+    html: str
+    latex: str
+    description: str
+    flown: bool = True
+
+
+def _lambda(j: int, value: float, sigma: float) -> Parameter:
+    description = f"gain of the force commanded on test mass {j}"
+    symbols = (f"λ<sub>{j}</sub>", rf"\lambda_{j}")
+    return Parameter(f"lambda_{j}", value, sigma, "1", 0.1 * value, "fx2", *symbols, description)
+
+
+def _C(j: int, value: float, sigma: float) -> Parameter:
+    description = f"gain times effective delay of the force commanded on test mass {j}"
+    symbols = (f"C<sub>{j}</sub>", f"C_{j}")
+    return Parameter(f"C_{j}", value, sigma, "s", 0.3, "delaylin", *symbols, description)
+
+
+def _omega2_0(j: int, value: float, sigma: float) -> Parameter:
+    description = f"background stiffness of test mass {j}"
+    symbols = (f"ω<sup>2</sup><sub>{j},0</sub>", rf"\omega^2_{{{j},0}}")
+    return Parameter(f"omega2_{j}_0", value, sigma, "s-2", abs(value), "stiff_model", *symbols, description)
+
+
+def _alpha(axis: str, j: int, value: float, sigma: float) -> Parameter:
+    letter, latex, unit, equation, authority = {
+        "x": ("x", "x", "kg-1 m-1", "alphax", "force"),
+        "phi": ("φ", r"\phi", "kg-1 m-2", "alphaphi", "torque"),
+    }[axis]
+    description = f"stiffness of test mass {j} per unit of {authority} authority"
+    symbols = (f"α<sub>{letter},{j}</sub>", rf"\alpha_{{{latex},{j}}}")
+    return Parameter(f"alpha_{axis}_{j}", value, sigma, unit, abs(value), equation, *symbols, description)
+
+
+def _delta_ifo(k: int, value: float, sigma: float, flown: bool = True) -> Parameter:
+    description = f"leakage of x_1 into o_12 in alignment epoch {k}"
+    symbols = (f"δ<sub>ifo,{k}</sub>", rf"\delta_{{\rm ifo,{k}}}")
+    return Parameter(
+        f"delta_ifo_{k}", value, sigma, "1", abs(value), "deltagjointfit", *symbols, description, flown
+    )
+
+
+_DYNAMICS = (
+    _lambda(1, 1.0748, 1e-4),
+    _lambda(2, 1.0776, 1e-4),
+    _C(1, 0.149, 0.004),
+    _C(2, 0.186, 0.004),
+    _omega2_0(1, -3.99e-7, 0.07e-7),
+    _omega2_0(2, -4.19e-7, 0.04e-7),
+    _alpha("x", 1, -345.0, 9.0),
+    _alpha("phi", 1, -28.2e3, 0.9e3),
+    _alpha("x", 2, -317.0, 6.0),
+    _alpha("phi", 2, -27.4e3, 0.8e3),
+)
+_READ_OUT = (
+    _delta_ifo(1, -2.2e-5, 0.2e-5),
+    _delta_ifo(2, -1.40e-5, 0.06e-5),
+    _delta_ifo(3, -2.09e-5, 0.06e-5),
+    _delta_ifo(4, 1.91e-5, 0.08e-5),
+)
+
+#: Table jointfit, in the order of the joint results.
+FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
+
+#: What every experiment is fitted for on its own; lambda_1 and C_1 join where test mass 1 is driven.
+EXPERIMENT_NAMES = ("lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo")
+
+
+def joint_names(epochs: Iterable[int]) -> tuple[str, ...]:
+    """Return the names of the joint fit: the ten of the dynamics, then delta_ifo_k for every epoch.
+
+    Parameters
+    ----------
+    epochs : iterable of int
+        The alignment epochs that occur, in any order, repeated or not.
+    """
+    return (*(p.name for p in _DYNAMICS), *(f"delta_ifo_{k}" for k in sorted(set(epochs))))
+
+
+def joint_parameter(name: str) -> Parameter:
+    """Return a parameter of the joint fit.
+
+    For an alignment epoch the flight did not have, the rms of its four values sets the scale.
+
+    Raises
+    ------
+    KeyError
+        If `name` is no joint parameter.
+    """
+    match = re.fullmatch(r"delta_ifo_(\d+)", name)
+    if name in FLIGHT or match is None:
+        return FLIGHT[name]
+    rms = math.sqrt(sum(p.value**2 for p in _READ_OUT) / len(_READ_OUT))
+    return _delta_ifo(int(match[1]), rms, rms, flown=False)
+
+
+def stiffness(j: int, values: Mapping[str, float], F_max: float, N_max: float) -> float:
+    """Return omega2_j [s-2] at a given actuation authority (eq. stiff_model).
+
+    Parameters
+    ----------
+    j : int
+        Test mass, 1 or 2.
+    values : mapping
+        Holds ``omega2_j_0`` [s-2], ``alpha_x_j`` [kg-1 m-1] and ``alpha_phi_j`` [kg-1 m-2].
+    F_max, N_max : float
+        Force [N] and torque [N m] authority of that test mass.
+    """
+    return values[f"omega2_{j}_0"] + values[f"alpha_x_{j}"] * F_max + values[f"alpha_phi_{j}"] * N_max
+
+
+def _total_stiffness(j: int, F_max: float, N_max: float) -> tuple[float, float]:
+    """Return the flight omega2_j and its sigma [s-2]; the paper gives no correlations, so none count."""
+    value = stiffness(j, {name: p.value for name, p in FLIGHT.items()}, F_max, N_max)
+    sigma = math.hypot(
+        FLIGHT[f"omega2_{j}_0"].sigma,
+        FLIGHT[f"alpha_x_{j}"].sigma * F_max,
+        FLIGHT[f"alpha_phi_{j}"].sigma * N_max,
+    )
+    return value, sigma
+
+
+def experiment_parameter(
+    name: str, *, F_max: tuple[float, float], N_max: tuple[float, float], epoch: int
+) -> Parameter:
+    """Return a parameter of a single experiment, with the flight value at that experiment's authority.
+
+    The weak prior of domega2_12, a difference that may vanish, is as wide as that of omega2_2.
+
+    Parameters
+    ----------
+    name : str
+        One of `EXPERIMENT_NAMES`, ``lambda_1`` or ``C_1``.
+    F_max, N_max : tuple of float
+        Force [N] and torque [N m] authority of test masses 1 and 2.
+    epoch : int
+        Alignment epoch of the run.
+
+    Raises
+    ------
+    KeyError
+        If `name` is no parameter of an experiment.
+    """
+    if name == "delta_ifo":
+        of_epoch = joint_parameter(f"delta_ifo_{epoch}")
+        return replace(of_epoch, name=name, html="δ<sub>ifo</sub>", latex=r"\delta_{\rm ifo}")
+    if name not in ("omega2_2", "domega2_12"):
+        return {key: FLIGHT[key] for key in ("lambda_1", "C_1", "lambda_2", "C_2")}[name]
+    omega2_2, sigma_2 = _total_stiffness(2, F_max[1], N_max[1])
+    if name == "omega2_2":
+        description = "stiffness of test mass 2"
+        labels = ("stiff_model", "ω<sup>2</sup><sub>2</sub>", r"\omega^2_2", description)
+        return Parameter(name, omega2_2, sigma_2, "s-2", abs(omega2_2), *labels)
+    omega2_1, sigma_1 = _total_stiffness(1, F_max[0], N_max[0])
+    description = "stiffness of test mass 2 minus that of test mass 1"
+    labels = ("deltagfull", "Δω<sup>2</sup><sub>12</sub>", r"\Delta\omega^2_{12}", description)
+    return Parameter(name, omega2_2 - omega2_1, math.hypot(sigma_1, sigma_2), "s-2", abs(omega2_2), *labels)

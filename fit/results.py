@@ -1,0 +1,299 @@
+"""The result of a calibration and its JSON form, schema ``lpf-results/1``."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+
+from fit.errors import FitError, InputError
+from fit.parameters import stiffness
+from fit.telemetry import Telemetry, read_truth
+
+SCHEMA = "lpf-results/1"
+_SECTIONS = ("experiments", "cross_talk", "inertial")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimated parameter.
+
+    Attributes
+    ----------
+    value, sigma : float
+        Estimate and its standard deviation, in `unit`.
+    unit : str
+        SI unit, ``"1"`` where dimensionless.
+    truth, pull : float or None
+        The simulated value and (value - truth)/sigma; None where unknown.
+    """
+
+    value: float
+    sigma: float
+    unit: str
+    truth: float | None = None
+    pull: float | None = None
+
+
+@dataclass(frozen=True)
+class FitWarning:
+    """What the user must know before trusting a fit.
+
+    Attributes
+    ----------
+    code, message : str
+        Short identifier for programs, e.g. ``indeterminable``, and one plain sentence.
+    parameters : tuple of str
+        The parameters concerned.
+    combination : mapping of str to float, optional
+        Coefficients of the degenerate combination.
+    """
+
+    code: str
+    parameters: tuple[str, ...]
+    message: str
+    combination: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One fit.
+
+    Attributes
+    ----------
+    parameters : dict of str to Estimate
+        The determinable parameters.
+    covariance : ndarray, shape (P, P)
+        In the order of `parameters`, products of their units.
+    chi2 : float
+        At the estimate.
+    dof : int
+        Degrees of freedom.
+    converged : bool
+        Whether the iteration met its tolerance.
+    warnings : tuple of FitWarning
+        What was left out or doubted, and why.
+    masked_samples : int, optional
+        Missing samples that were masked, where they were counted.
+    """
+
+    parameters: dict[str, Estimate]
+    covariance: NDArray[np.float64]
+    chi2: float
+    dof: int
+    converged: bool
+    warnings: tuple[FitWarning, ...]
+    masked_samples: int | None = None
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything one calibration yields.
+
+    Attributes
+    ----------
+    joint : Fit or None
+        The joint fit over all experiments (eq. deltagjointfit).
+    experiments : dict of str to Fit
+        Each experiment on its own (eq. deltaglinear), by experiment name.
+    cross_talk, inertial : dict of str to Fit
+        By alignment epoch (eq. bump) and by inertial period.
+    provenance : dict of str to object
+        Versions, digests, options; whatever JSON holds.
+    """
+
+    joint: Fit | None
+    experiments: dict[str, Fit]
+    cross_talk: dict[str, Fit]
+    inertial: dict[str, Fit]
+    provenance: dict[str, object]
+
+
+def with_truth(results: Results, telemetries: Sequence[Telemetry]) -> Results:
+    """Return `results` with truth and pull wherever the telemetry files carry ``/truth``.
+
+    A value that differs between the runs of a fit (a jittered gain, say) is no truth of that fit.
+
+    Parameters
+    ----------
+    results : Results
+        As fitted.
+    telemetries : sequence of Telemetry
+        The runs that were fitted; each file's ``/truth`` is read.
+
+    """
+    fitted = [t for t in telemetries if t.kind == "sysid"] or telemetries
+    runs = [(t, _derived_truth(read_truth(t.path), t)) for t in fitted]
+
+    def section(fits: dict[str, Fit], key: Callable[[Telemetry], str]) -> dict[str, Fit]:
+        truths = {name: [truth for t, truth in runs if key(t) == name] for name in fits}
+        return {name: _fit_with_truth(fit, truths[name]) for name, fit in fits.items()}
+
+    return replace(
+        results,
+        joint=results.joint and _fit_with_truth(results.joint, [truth for _, truth in runs]),
+        experiments=section(results.experiments, lambda t: t.experiment),
+        cross_talk=section(results.cross_talk, lambda t: str(t.alignment_epoch)),
+        inertial=section(results.inertial, lambda t: str(t.attributes.get("inertial_period", 0))),
+    )
+
+
+def _derived_truth(truth: dict[str, float], telemetry: Telemetry) -> dict[str, float]:
+    """Add what follows from a run's truth at its own authority and epoch: C_j, stiffnesses, delta_ifo."""
+    derived = dict(truth)
+    authority = ((telemetry.F_max_1, telemetry.N_max_1), (telemetry.F_max_2, telemetry.N_max_2))
+    for j, (F_max, N_max) in enumerate(authority, start=1):
+        if {f"lambda_{j}", f"tau_{j}"} <= truth.keys():
+            derived.setdefault(f"C_{j}", truth[f"lambda_{j}"] * truth[f"tau_{j}"])
+        if {f"omega2_{j}_0", f"alpha_x_{j}", f"alpha_phi_{j}"} <= truth.keys():
+            derived.setdefault(f"omega2_{j}", stiffness(j, truth, F_max, N_max))
+    if {"omega2_1", "omega2_2"} <= derived.keys():
+        derived.setdefault("domega2_12", derived["omega2_2"] - derived["omega2_1"])
+    epoch = f"delta_ifo_{telemetry.alignment_epoch}"
+    if "delta_ifo" in truth:
+        derived.setdefault(epoch, truth["delta_ifo"])
+    elif epoch in truth:
+        derived["delta_ifo"] = truth[epoch]
+    return derived
+
+
+def _fit_with_truth(fit: Fit, truths: list[dict[str, float]]) -> Fit:
+    parameters = {}
+    for name, estimate in fit.parameters.items():
+        known = [truth[name] for truth in truths if name in truth]
+        if known and math.isclose(min(known), max(known), rel_tol=1e-12):
+            pull = (estimate.value - known[0]) / estimate.sigma if estimate.sigma > 0 else None
+            estimate = replace(estimate, truth=known[0], pull=pull)
+        parameters[name] = estimate
+    return replace(fit, parameters=parameters)
+
+
+def write(results: Results, path: Path) -> None:
+    """Write `results` as JSON; the file appears whole or not at all.
+
+    Raises
+    ------
+    FitError
+        If a number is not finite: such a result must not look like one.
+    """
+    document = {
+        "schema": SCHEMA,
+        "joint": results.joint and _fit_to_json(results.joint),
+        **{
+            section: {name: _fit_to_json(fit) for name, fit in getattr(results, section).items()}
+            for section in _SECTIONS
+        },
+        "provenance": results.provenance,
+    }
+    try:
+        text = json.dumps(document, indent=1, allow_nan=False)
+    except ValueError as error:
+        raise FitError(f"{path}: not written, a number in the results is not finite") from error
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def _fit_to_json(fit: Fit) -> dict[str, object]:
+    def without_none(**entries: object) -> dict[str, object]:
+        return {key: value for key, value in entries.items() if value is not None}
+
+    return without_none(
+        parameters={name: without_none(**vars(e)) for name, e in fit.parameters.items()},
+        names=list(fit.parameters),
+        covariance=fit.covariance.tolist(),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        converged=fit.converged,
+        warnings=[
+            without_none(
+                code=w.code,
+                parameters=list(w.parameters),
+                combination=w.combination and dict(w.combination),
+                message=w.message,
+            )
+            for w in fit.warnings
+        ],
+        masked_samples=fit.masked_samples,
+    )
+
+
+class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
+    parameters: dict[str, Estimate]
+    names: list[str]
+    covariance: list[list[float]]
+    chi2: float
+    dof: int
+    converged: bool
+    warnings: list[FitWarning]
+    masked_samples: int | None = None
+
+
+class _ResultsJson(BaseModel, strict=True, allow_inf_nan=False):
+    joint: _FitJson | None = None
+    experiments: dict[str, _FitJson] = {}
+    cross_talk: dict[str, _FitJson] = {}
+    inertial: dict[str, _FitJson] = {}
+    provenance: dict[str, object] = {}
+
+
+def load(path: Path) -> Results:
+    """Read results.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no JSON, has another schema or breaks it.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a readable file of results") from error
+    try:
+        schema = json.loads(text).get("schema")
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path}: expected a JSON object of schema {SCHEMA!r}") from error
+    if schema != SCHEMA:
+        raise InputError(f"{path}: schema is {schema!r}, expected {SCHEMA!r}")
+    try:
+        content = _ResultsJson.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {place}: {first['msg']}") from error
+    sections = {
+        section: {
+            name: _fit_from_json(fit, f"{path}: {section}.{name}")
+            for name, fit in getattr(content, section).items()
+        }
+        for section in _SECTIONS
+    }
+    return Results(
+        joint=None if content.joint is None else _fit_from_json(content.joint, f"{path}: joint"),
+        provenance=content.provenance,
+        **sections,
+    )
+
+
+def _fit_from_json(fit: _FitJson, place: str) -> Fit:
+    if sorted(fit.names) != sorted(fit.parameters):
+        raise InputError(f"{place}.names: expected each of the parameters once")
+    if [len(row) for row in fit.covariance] != [len(fit.names)] * len(fit.names):
+        raise InputError(f"{place}.covariance: expected {len(fit.names)} rows of {len(fit.names)} numbers")
+    covariance = np.array(fit.covariance).reshape(2 * [len(fit.names)])
+    sigmas = np.array([fit.parameters[name].sigma for name in fit.names])
+    if not (np.all(sigmas > 0) and np.allclose(np.diag(covariance), sigmas**2, rtol=1e-6, atol=0)):
+        raise InputError(f"{place}.covariance: expected the squares of positive sigmas on the diagonal")
+    return Fit(
+        parameters={name: fit.parameters[name] for name in fit.names},
+        covariance=covariance,
+        chi2=fit.chi2,
+        dof=fit.dof,
+        converged=fit.converged,
+        warnings=tuple(fit.warnings),
+        masked_samples=fit.masked_samples,
+    )

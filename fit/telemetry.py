@@ -1,0 +1,208 @@
+"""Reader of the telemetry contract, schema ``lpf-telemetry/1``: what breaks it is refused in one sentence.
+
+Sample n holds the read-outs at ``time[n]`` and the commands computed from them and held until the next.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
+
+from fit.datasets import plain, read_channels, read_time
+from fit.errors import InputError
+
+SCHEMA = "lpf-telemetry/1"
+
+_Authority = Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """One run.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was read from.
+    run, experiment : str
+        Unique name, and the name that pairs a run with its noise run.
+    kind : str
+        ``sysid`` or ``noise``.
+    fs : float
+        Sample rate [Hz].
+    t0 : str
+        Start, ISO 8601.
+    F_max_1, F_max_2, N_max_1, N_max_2 : float
+        Force [N] and torque [N m] authority of the two test masses.
+    alignment_epoch : int
+        The k of delta_ifo_k.
+    m_tm : float
+        Mass of a test mass [kg].
+    time : ndarray, shape (N,)
+        Seconds since `t0`, uniform.
+    channels : dict of str to ndarray, each of shape (N,)
+        Every channel of the file, known or not, in the unit of `units`; a missing sample is NaN.
+    units : dict of str to str
+        As written in the file; ``""`` where an unknown channel has none.
+    attributes : dict of str to object
+        Every other root attribute.
+    """
+
+    path: Path
+    run: str
+    experiment: str
+    kind: str
+    fs: float
+    t0: str
+    F_max_1: float
+    F_max_2: float
+    N_max_1: float
+    N_max_2: float
+    alignment_epoch: int
+    m_tm: float
+    time: NDArray[np.float64]
+    channels: dict[str, NDArray[np.float64]]
+    units: dict[str, str]
+    attributes: dict[str, object]
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, N / fs [s]."""
+        return self.time.size / self.fs
+
+
+def read(path: Path) -> Telemetry:
+    """Read one telemetry file; its group ``/truth`` is not touched.
+
+    Raises
+    ------
+    InputError
+        If the file breaks the contract; the message names the file, the place and what was expected.
+    """
+    with _opened(path) as file:
+        return _read(file, path)
+
+
+def read_all(paths: Sequence[Path]) -> list[Telemetry]:
+    """Read files, and the ``*.h5`` of folders, sorted by start time, then by run.
+
+    A file reached twice is read once.
+
+    Raises
+    ------
+    InputError
+        If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
+    """
+    files: dict[Path, Path] = {}
+    for path in paths:
+        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: folder without telemetry, expected files *.h5 in it")
+        for file in found:
+            files.setdefault(file.resolve(), file)
+    runs: dict[str, Telemetry] = {}
+    for telemetry in map(read, files.values()):
+        twin = runs.setdefault(telemetry.run, telemetry)
+        if twin is not telemetry:
+            raise InputError(
+                f"{telemetry.path}: attribute run: {telemetry.run!r} is also the run of {twin.path}, "
+                "expected unique names"
+            )
+    return sorted(runs.values(), key=lambda t: (_utc(t.t0), t.run))
+
+
+def read_truth(path: Path) -> dict[str, float]:
+    """Return the numbers among the attributes of ``/truth``, empty without that group; not for estimators.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    with _opened(path) as file:
+        group = file.get("truth")
+        if not isinstance(group, h5py.Group):
+            return {}
+        values = {name: plain(value) for name, value in group.attrs.items()}
+    return {
+        name: float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float) and math.isfinite(value)
+    }
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
+
+
+def _utc(t0: str) -> datetime:
+    """Return a start time that compares with others; without an offset it is UTC, as the contract says."""
+    moment = datetime.fromisoformat(t0)
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+def _iso_8601(t0: str) -> str:
+    _utc(t0)
+    return t0
+
+
+def _whole(value: object) -> object:
+    """Let a whole number pass that was stored as a float."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+class _Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
+    """The root attributes; the fields have the names of `Telemetry`."""
+
+    run: Annotated[str, Field(min_length=1)]
+    experiment: Annotated[str, Field(min_length=1)]
+    kind: Literal["sysid", "noise"]
+    fs: Annotated[float, Field(gt=0, le=10)]
+    t0: Annotated[str, AfterValidator(_iso_8601)]
+    F_max_1: _Authority
+    F_max_2: _Authority
+    N_max_1: _Authority
+    N_max_2: _Authority
+    alignment_epoch: Annotated[int, Field(ge=0), BeforeValidator(_whole)]
+    m_tm: Annotated[float, Field(gt=0)]
+
+
+def _read(file: h5py.File, path: Path) -> Telemetry:
+    attributes = {name: plain(value) for name, value in file.attrs.items()}
+    schema = attributes.pop("schema", None)
+    if schema != SCHEMA:
+        found = "missing" if schema is None else repr(schema)
+        raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}")
+    try:
+        root = _Root.model_validate(attributes)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = str(fault["loc"][0])
+        found = repr(attributes[name]) if name in attributes else "missing"
+        raise InputError(f"{path}: attribute {name}: {found}, expected: {fault['msg']}") from error
+    time = read_time(file, path, root.fs)
+    channels, units = read_channels(file, path, time, root.fs)
+    return Telemetry(
+        path=path,
+        **root.model_dump(include=set(_Root.model_fields)),
+        time=time,
+        channels=channels,
+        units=units,
+        attributes=dict(root.model_extra or {}),
+    )
