@@ -2,77 +2,32 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import os
 import platform
 import shutil
-import subprocess
-import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import InputError
+from lpfcosim.modelica.compiler import compile_library, compiler
 from lpfcosim.modelica.flat import flatten, package_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
 MODELS = ("Plant", "Actuation", "OpticalMetrology", "DragFreeControl", "SuspensionControl")
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
-_HEADERS = ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")
-# Without contraction every compiler gives the same bits.
-_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fvisibility=hidden", "-g0")
-
-
-@dataclass(frozen=True)
-class Compiler:
-    """A C compiler: its command and what it calls itself."""
-
-    command: tuple[str, ...]
-    version: str
-
-
-@functools.cache
-def compiler() -> Compiler:
-    """Find a C compiler: ``$CC``, one on the path, or the ziglang package.
-
-    Raises
-    ------
-    InputError
-        With the remedy, if there is none.
-    """
-    named = os.environ.get("CC")
-    candidates = [tuple(named.split())] if named else [("cc",), ("gcc",), ("clang",)]
-    for command in candidates:
-        if shutil.which(command[0]):
-            return Compiler(command, _first_line([*command, "--version"]))
-    if not named:
-        try:
-            version = metadata.version("ziglang")
-            return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig cc {version}")
-        except metadata.PackageNotFoundError:
-            pass
-    missing = f"the compiler named by CC, '{named}', is not there" if named else "no C compiler was found"
-    raise InputError(
-        f"FMUs cannot be built: {missing}; install one from PyPI with 'pip install ziglang', or set CC"
-    )
-
-
-def _first_line(command: Sequence[str]) -> str:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    except (OSError, subprocess.SubprocessError) as error:
-        raise InputError(
-            f"FMUs cannot be built: '{' '.join(command)}' fails ({error}); set CC to a C compiler"
-        ) from None
-    return done.stdout.splitlines()[0].strip()
+_CORE = ("core.c", "core.h", "instance.c", "instance.h")
+_HEADERS = {
+    "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
 
 
 def cache_directory() -> Path:
@@ -103,8 +58,21 @@ def _version(distribution: str) -> str:
         ) from None
 
 
-def build(models: Sequence[str] = MODELS, package: Path = PACKAGE, *, force: bool = False) -> dict[str, Path]:
+def build(
+    models: Sequence[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0", force: bool = False
+) -> dict[str, Path]:
     """Return the FMU of each model, built if the cache does not hold it.
+
+    Parameters
+    ----------
+    models : sequence of str
+        Names of models of the package.
+    package : Path
+        Folder of the Modelica package.
+    fmi : str
+        Version of FMI, ``2.0`` or ``3.0``.
+    force : bool
+        Build again what the cache holds.
 
     Raises
     ------
@@ -113,16 +81,18 @@ def build(models: Sequence[str] = MODELS, package: Path = PACKAGE, *, force: boo
     RunError
         If the generated C does not compile.
     """
-    archives = locations(models, package)
+    archives = locations(models, package, fmi=fmi)
     for model, archive in archives.items():
         if force or not archive.is_file():
-            build_one(package, f"{package.stem}.{model}", archive)
+            build_one(package, f"{package.stem}.{model}", archive, fmi=fmi)
     return archives
 
 
-def locations(models: Sequence[str] = MODELS, package: Path = PACKAGE) -> dict[str, Path]:
+def locations(
+    models: Sequence[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0"
+) -> dict[str, Path]:
     """Where the cache holds, or would hold, the FMU of each model."""
-    folder = cache_directory() / digest(package)[:16]
+    folder = cache_directory() / digest(package)[:16] / f"fmi{fmi[0]}"
     return {model: folder / f"{model}.fmu" for model in models}
 
 
@@ -132,7 +102,7 @@ def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:
     return {model: Path(shutil.copy(archive, directory)) for model, archive in archives.items()}
 
 
-def build_one(package: Path, model: str, archive: Path) -> None:
+def build_one(package: Path, model: str, archive: Path, *, fmi: str = "3.0") -> None:
     """Translate ``model`` (full Modelica name) and write its FMU to ``archive``, all or nothing."""
     from lpfcosim.modelica import codegen, description, system
 
@@ -141,10 +111,12 @@ def build_one(package: Path, model: str, archive: Path) -> None:
     where = codegen.layout(translated)
     header = codegen.header(translated, where, STEP)
     body = codegen.source(translated, where, token="@token@")
+    runtime = "".join(file.read_text(encoding="utf-8") for file in _runtime(fmi))
     token = str(
-        uuid.uuid5(uuid.NAMESPACE_URL, hashlib.sha256((header + body + _runtime_text()).encode()).hexdigest())
+        uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
     )
     tool = f"lpfcosim {metadata.version('lpfcosim')} with rumoca {_version('rumoca')}"
+    shown = description.Description(flat, translated, where, token, STEP, tool)
 
     archive.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
@@ -153,50 +125,34 @@ def build_one(package: Path, model: str, archive: Path) -> None:
         sources.mkdir()
         (sources / "model.h").write_text(header, encoding="utf-8")
         (sources / "model.c").write_text(body.replace("@token@", token), encoding="utf-8")
-        for file in (*RUNTIME.iterdir(), *(_headers() / h for h in _HEADERS)):
+        for file in _runtime(fmi):
             shutil.copyfile(file, sources / file.name)
         units = sorted(p.name for p in sources.glob("*.c"))
-        (sources / "buildDescription.xml").write_text(
-            description.build_description(translated.name, units), encoding="utf-8"
-        )
-        (root / "modelDescription.xml").write_text(
-            description.model_description(flat, translated, where, token, STEP, tool), encoding="utf-8"
-        )
-        binary = root / "binaries" / _platform_tuple() / f"{translated.name}{_library_extension()}"
+        if fmi == "3.0":
+            text = description.build_description(translated.name, units)
+            (sources / "buildDescription.xml").write_text(text, encoding="utf-8")
+        text = shown.fmi3() if fmi == "3.0" else shown.fmi2(units)
+        (root / "modelDescription.xml").write_text(text, encoding="utf-8")
+        folder, extension = _platform(fmi)
+        binary = root / "binaries" / folder / f"{translated.name}{extension}"
         binary.parent.mkdir(parents=True)
-        _compile(sources, units, binary)
+        compile_library(sources, units, binary)
         _archive(root, archive)
 
 
-def _runtime_text() -> str:
-    return "".join(p.read_text(encoding="utf-8") for p in sorted(RUNTIME.iterdir()))
-
-
-def _headers() -> Path:
+def _runtime(fmi: str) -> Iterator[Path]:
     import fmpy
 
-    return Path(fmpy.__file__).parent / "c-code"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    yield from (RUNTIME / name for name in (*_CORE, f"fmi{fmi[0]}.c"))
+    yield from (headers / name for name in _HEADERS[fmi])
 
 
-def _platform_tuple() -> str:
+def _platform(fmi: str) -> tuple[str, str]:
+    """Folder of the binary in the archive, and the extension of its file."""
     import fmpy
 
-    return str(fmpy.platform_tuple)
-
-
-def _library_extension() -> str:
-    import fmpy
-
-    return str(fmpy.sharedLibraryExtension)
-
-
-def _compile(sources: Path, units: list[str], binary: Path) -> None:
-    command = [*compiler().command, *_FLAGS, "-o", str(binary), *units, *([] if os.name == "nt" else ["-lm"])]
-    done = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
-    if done.returncode or not binary.is_file():
-        raise RunError(
-            f"the generated C of {binary.stem} does not compile with {compiler().version}:\n{done.stderr}"
-        )
+    return str(fmpy.platform if fmi == "2.0" else fmpy.platform_tuple), str(fmpy.sharedLibraryExtension)
 
 
 def _archive(root: Path, archive: Path) -> None:

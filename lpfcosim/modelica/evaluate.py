@@ -112,6 +112,9 @@ class Evaluator:
         return value
 
     def _index(self, body: Node, scope: Mapping[str, Algebra]) -> Algebra:
+        inner = body["base"].get("VarRef")
+        if inner is not None and not inner["subscripts"]:
+            return self._varref({**inner, "subscripts": body["subscripts"]}, scope)
         return self._subscripted(self(body["base"], scope), body["subscripts"], scope, body.get("span"))
 
     def _fieldaccess(self, body: Node, scope: Mapping[str, Algebra]) -> Algebra:

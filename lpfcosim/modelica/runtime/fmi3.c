@@ -1,27 +1,21 @@
-/* FMI 3.0 for Co-Simulation around the core. Every variable is a scalar Float64. */
-#include "core.h"
+/* FMI 3.0 for Co-Simulation. Every variable is a scalar Float64. */
+#include "instance.h"
 #include "fmi3Functions.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-typedef enum { INSTANTIATED, INITIALIZATION, STEP, TERMINATED } Mode;
-
 typedef struct {
-    State state;
-    Mode mode;
-} Snapshot;
-
-typedef struct {
-    Snapshot now;
-    fmi3InstanceEnvironment environment;
+    Instance instance; /* first, so that a component is an instance */
     fmi3LogMessageCallback log;
-} Instance;
+} Component;
 
-static fmi3Status fail(const Instance *m, const char *message) {
-    if (m && m->log) m->log(m->environment, fmi3Error, "logStatusError", message);
+static fmi3Status fail(const Component *m, const char *message) {
+    if (m && m->log) m->log(m->instance.environment, fmi3Error, "logStatusError", message);
     return fmi3Error;
 }
+
+static fmi3Status done(const Component *m, const char *problem) { return problem ? fail(m, problem) : fmi3OK; }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
@@ -41,11 +35,11 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
         if (log) log(environment, fmi3Error, "logStatusError", "the instantiation token is not that of this FMU");
         return NULL;
     }
-    Instance *m = calloc(1, sizeof *m);
+    Component *m = calloc(1, sizeof *m);
     if (!m) return NULL;
-    m->environment = environment;
+    m->instance.environment = environment;
     m->log = log;
-    core_reset(&m->now.state);
+    instance_reset(&m->instance);
     return m;
 }
 
@@ -68,116 +62,69 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
 
 void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
+fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
-    Instance *m = instance;
-    if (m->now.mode != INSTANTIATED) return fail(m, "initialization needs a fresh or reset instance");
-    m->now.state.start_time = m->now.state.time = start;
-    m->now.mode = INITIALIZATION;
-    return fmi3OK;
+    return done(m, instance_enter(m, start));
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
-    Instance *m = instance;
-    if (m->now.mode != INITIALIZATION) return fail(m, "fmi3ExitInitializationMode outside initialization");
-    core_initialize(&m->now.state, m->now.state.start_time);
-    m->now.mode = STEP;
-    return fmi3OK;
-}
+fmi3Status fmi3ExitInitializationMode(fmi3Instance m) { return done(m, instance_exit(m)); }
 
 fmi3Status fmi3Terminate(fmi3Instance instance) {
-    Instance *m = instance;
-    m->now.mode = TERMINATED;
+    ((Instance *)instance)->now.mode = TERMINATED;
     return fmi3OK;
 }
 
-fmi3Status fmi3Reset(fmi3Instance instance) {
-    Instance *m = instance;
-    core_reset(&m->now.state);
-    m->now.mode = INSTANTIATED;
+fmi3Status fmi3Reset(fmi3Instance m) {
+    instance_reset(m);
     return fmi3OK;
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
-                          size_t n_values) {
-    Instance *m = instance;
+fmi3Status fmi3GetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t n_values) {
     if (n != n_values) return fail(m, "fmi3GetFloat64: as many values as value references are expected");
-    core_refresh(&m->now.state);
-    for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= NV) return fail(m, "fmi3GetFloat64: no such value reference");
-        values[i] = m->now.state.v[vr[i]];
-    }
-    return fmi3OK;
+    return done(m, instance_get(m, vr, n, values));
 }
 
-fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
+fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
                           size_t n_values) {
-    Instance *m = instance;
     if (n != n_values) return fail(m, "fmi3SetFloat64: as many values as value references are expected");
-    for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= NV) return fail(m, "fmi3SetFloat64: no such value reference");
-        if (model_settable[vr[i]] < (m->now.mode == STEP ? 2 : 1))
-            return fail(m, "fmi3SetFloat64: this variable cannot be set, or not any more");
-        m->now.state.v[vr[i]] = values[i];
-    }
-    m->now.state.dirty = 1;
-    return fmi3OK;
+    return done(m, instance_set(m, vr, n, values));
 }
 
-fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,
+fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,
                       fmi3Boolean *event_needed, fmi3Boolean *terminate, fmi3Boolean *early_return,
                       fmi3Float64 *last_time) {
     (void)no_rollback;
-    Instance *m = instance;
+    const char *problem = instance_step(m, time, step);
     if (event_needed) *event_needed = fmi3False;
     if (terminate) *terminate = fmi3False;
     if (early_return) *early_return = fmi3False;
-    if (m->now.mode != STEP) return fail(m, "fmi3DoStep before the end of initialization or after the end");
-    const char *problem = core_step(&m->now.state, time, step);
-    if (last_time) *last_time = m->now.state.time;
-    return problem ? fail(m, problem) : fmi3OK;
+    if (last_time) *last_time = ((Instance *)m)->now.state.time;
+    return done(m, problem);
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state) {
-    Instance *m = instance;
-    if (!*state) *state = malloc(sizeof(Snapshot));
-    if (!*state) return fail(m, "out of memory");
-    memcpy(*state, &m->now, sizeof(Snapshot));
-    return fmi3OK;
-}
+fmi3Status fmi3GetFMUState(fmi3Instance m, fmi3FMUState *state) { return done(m, snapshot_save(m, state)); }
 
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
-    Instance *m = instance;
-    if (!state) return fail(m, "fmi3SetFMUState without a state");
-    memcpy(&m->now, state, sizeof(Snapshot));
-    return fmi3OK;
-}
+fmi3Status fmi3SetFMUState(fmi3Instance m, fmi3FMUState state) { return done(m, snapshot_restore(m, state)); }
 
-fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state) {
-    (void)instance;
+fmi3Status fmi3FreeFMUState(fmi3Instance m, fmi3FMUState *state) {
+    (void)m;
     if (state) free(*state), *state = NULL;
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size) {
-    (void)instance, (void)state;
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance m, fmi3FMUState state, size_t *size) {
+    (void)m, (void)state;
     *size = sizeof(Snapshot);
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-    if (!state || size < sizeof(Snapshot)) return fail(instance, "fmi3SerializeFMUState: too few bytes, or no state");
-    memcpy(bytes, state, sizeof(Snapshot));
-    return fmi3OK;
+fmi3Status fmi3SerializeFMUState(fmi3Instance m, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
+    return done(m, snapshot_write(state, bytes, size));
 }
 
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
-    if (size != sizeof(Snapshot)) return fail(instance, "fmi3DeserializeFMUState: not a state of this FMU");
-    if (!*state) *state = malloc(sizeof(Snapshot));
-    if (!*state) return fail(instance, "out of memory");
-    memcpy(*state, bytes, sizeof(Snapshot));
-    return fmi3OK;
+fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
+    return done(m, snapshot_read(bytes, size, state));
 }
 
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
