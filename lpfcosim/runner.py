@@ -13,7 +13,7 @@ from pathlib import Path
 
 import h5py
 
-from lpfcosim import master, telemetry
+from lpfcosim import master, network, telemetry
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import RunError
 from lpfcosim.run import Run
@@ -159,4 +159,9 @@ def _simulate_one(run: Run, fmus: dict[str, Path], path: Path, origin: dict[str,
         if _reports is not None:
             _reports.put((run.name, done))
 
-    telemetry.write(path, run, master.simulate(run, fmus, report), origin)
+    done = 0
+    with telemetry.Writer(path, run, network.RECORD, origin) as writer:
+        for block in master.blocks(run, fmus):
+            writer.append(block)
+            done += len(block["o_1"])
+            report(done)

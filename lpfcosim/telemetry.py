@@ -3,9 +3,11 @@
 Same content, same bytes: nothing in the file depends on when or where it was written.
 """
 
+from __future__ import annotations
+
 import os
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -25,16 +27,25 @@ Array = NDArray[np.float64]
 def write(
     path: Path, run: Run, channels: Mapping[str, Array], provenance: Mapping[str, str | int | float]
 ) -> None:
-    """Write a run's telemetry; ``path`` either holds the whole file afterwards or is as it was before.
+    """Write a run's telemetry at once; see `Writer`."""
+    with Writer(path, run, channels, provenance) as writer:
+        writer.append(channels)
+
+
+class Writer:
+    """Write a run's telemetry block by block, in memory that does not grow with the run.
+
+    To be used in a ``with`` statement: at its end ``path`` holds the whole file; after an exception it is
+    as it was before.
 
     Parameters
     ----------
     path : Path
         The file; its folder must exist.
     run : Run
-        What was simulated: gives the root attributes and the group /truth.
-    channels : mapping of str to ndarray, each of shape (run.n_samples,)
-        Telemetry by channel name, in the units of `parameters.CHANNELS`.
+        What is simulated: gives the root attributes and the group /truth.
+    names : iterable of str
+        The channels that will come.
     provenance : mapping
         Further root attributes: version, digests, seed.
 
@@ -43,54 +54,89 @@ def write(
     RunError
         If a channel is unknown, has another length than the run or is not finite, or if writing fails.
     """
-    for name, values in channels.items():
-        _check(run, name, values)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with partial.open("wb") as file:
-            file.write(_image(run, channels, provenance))
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise RunError(f"{run.name}: {path} cannot be written ({error.strerror})") from error
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
 
+    def __init__(
+        self, path: Path, run: Run, names: Iterable[str], provenance: Mapping[str, str | int | float]
+    ) -> None:
+        self._path, self._run, self._names, self._done = path, run, sorted(names), 0
+        self._provenance = provenance
+        self._partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+        for name in self._names:
+            if name not in CHANNELS:
+                raise RunError(f"{run.name}: no unit is known for channel {name}")
 
-def _image(run: Run, channels: Mapping[str, Array], provenance: Mapping[str, str | int | float]) -> bytes:
-    """Build the file in memory: a full disk is then an ordinary error and not one inside HDF5."""
-    with h5py.File(run.name, "w", driver="core", backing_store=False) as file:
-        _annotate(file, {**provenance, **_attributes(run)})
-        time = file.create_dataset("time", data=run.time)
+    def __enter__(self) -> Writer:
+        with self._told():
+            self._partial.open("wb").close()  # the operating system's words for a path that cannot be
+            self._file = h5py.File(self._partial, "w")
+            self._lay_out()
+        return self
+
+    def _lay_out(self) -> None:
+        run, file = self._run, self._file
+        _annotate(file, {**self._provenance, **_attributes(run)})
+        time = file.create_dataset("time", (run.n_samples,), dtype="f8")
         _annotate(time, {"units": "s", "long_name": f"time since {run.t0}"})
         time.make_scale("time")
-        for name in sorted(channels):
+        for name in self._names:
             unit, long_name = CHANNELS[name]
-            channel = file.create_dataset(name, data=channels[name], dtype="f8")
+            channel = file.create_dataset(name, (run.n_samples,), dtype="f8")
             _annotate(channel, {"units": unit, "long_name": long_name})
             channel.dims[0].attach_scale(time)
         _annotate(file.create_group("truth"), _truth(run))
-        file.flush()
-        return bytes(file.id.get_file_image())
+
+    def append(self, block: Mapping[str, Array]) -> None:
+        """Write the next samples, one array of the same length per channel."""
+        run = self._run
+        sizes = {name: values.size for name, values in block.items()}
+        first = self._done
+        last = first + max(sizes.values(), default=0)
+        for name, values in block.items():
+            whole = (last - first,) if last < run.n_samples else (run.n_samples - first,)
+            if values.shape != whole:
+                raise RunError(f"{run.name}: channel {name} has shape {values.shape}, expected {whole}")
+            finite = np.isfinite(values)
+            if not finite.all():
+                i = int(finite.argmin())
+                time = (first + i) / run.fs
+                raise RunError(f"{run.name}: {name} is {values[i]} at t = {time:g} s, nothing is recorded")
+        with self._told():
+            self._file["time"][first:last] = np.arange(first, last) / run.fs
+            for name in self._names:
+                self._file[name][first:last] = block[name]
+        self._done = last
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            with self._told():
+                self._file.close()
+                if kind is None:
+                    self._finish()
+        finally:
+            with suppress(OSError):
+                self._partial.unlink(missing_ok=True)
+
+    def _finish(self) -> None:
+        if self._done != self._run.n_samples:
+            raise RunError(f"{self._run.name}: {self._done} samples came, expected {self._run.n_samples}")
+        with self._partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        self._partial.replace(self._path)
+        _sync_folder(self._path.parent)
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Turn what the file system or HDF5 raises into one sentence."""
+        try:
+            yield
+        except (OSError, RuntimeError) as error:
+            why = getattr(error, "strerror", None) or str(error).splitlines()[0]
+            raise RunError(f"{self._run.name}: {self._path} cannot be written ({why})") from error
 
 
 def _annotate(place: h5py.HLObject, attributes: Mapping[str, str | int | float]) -> None:
     for name in sorted(attributes):  # the order is part of the bytes
         place.attrs[name] = attributes[name]
-
-
-def _check(run: Run, name: str, values: Array) -> None:
-    if name not in CHANNELS:
-        raise RunError(f"{run.name}: no unit is known for channel {name}")
-    if values.shape != (run.n_samples,):
-        raise RunError(f"{run.name}: channel {name} has shape {values.shape}, expected ({run.n_samples},)")
-    finite = np.isfinite(values)
-    if not finite.all():
-        i = int(finite.argmin())
-        raise RunError(f"{run.name}: {name} is {values[i]} at t = {i / run.fs:g} s, nothing is recorded")
 
 
 def _attributes(run: Run) -> dict[str, str | int | float]:

@@ -23,6 +23,7 @@ PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
 MODELS = ("Plant", "Actuation", "OpticalMetrology", "DragFreeControl", "SuspensionControl")
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
+ENGINE = Path(__file__).parents[1] / "engine.c"
 _CORE = ("core.c", "core.h", "instance.c", "instance.h")
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -94,6 +95,21 @@ def locations(
     """Where the cache holds, or would hold, the FMU of each model."""
     folder = cache_directory() / digest(package)[:16] / f"fmi{fmi[0]}"
     return {model: folder / f"{model}.fmu" for model in models}
+
+
+def engine_library() -> Path:
+    """Return the compiled stepping loop (``lpfcosim/engine.c``), built if the cache does not hold it."""
+    import fmpy
+
+    source = ENGINE.read_bytes()
+    name = hashlib.sha256(source + compiler().version.encode()).hexdigest()[:16]
+    library = cache_directory() / f"engine-{name}{fmpy.sharedLibraryExtension}"
+    if not library.is_file():
+        library.parent.mkdir(parents=True, exist_ok=True)
+        partial = library.with_suffix(f".{os.getpid()}.part")
+        compile_library(ENGINE.parent, [ENGINE.name], partial)
+        partial.replace(library)
+    return library
 
 
 def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:

@@ -1,0 +1,88 @@
+/* The stepping loop of the co-simulation: connections, feeds and recording come as tables.
+
+   FMPy loads, initialises and frees the FMUs; here are only their functions and their instances. */
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+typedef int (*Set2)(void *, const uint32_t *, size_t, const double *);
+typedef int (*Get2)(void *, const uint32_t *, size_t, double *);
+typedef int (*Step2)(void *, double, double, int);
+typedef int (*Set3)(void *, const uint32_t *, size_t, const double *, size_t);
+typedef int (*Get3)(void *, const uint32_t *, size_t, double *, size_t);
+typedef int (*Step3)(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
+
+typedef struct {
+    void *instance;
+    union {
+        Set2 v2;
+        Set3 v3;
+    } set;
+    union {
+        Get2 v2;
+        Get3 v3;
+    } get;
+    union {
+        Step2 v2;
+        Step3 v3;
+    } step;
+    const uint32_t *inputs, *outputs; /* value references */
+    size_t n_inputs, n_outputs;
+    const int32_t *sources;           /* place on the bus of each input value */
+    double *values;                   /* room for the input values */
+    size_t n_values;
+    size_t place, n_places;           /* where the output values go on the bus */
+    int32_t version;                  /* of FMI: 2 or 3 */
+} Slave;
+
+typedef struct {
+    int32_t slave, status; /* who refused a call and how; -1 and 0 if nobody did */
+} Outcome;
+
+static int exchange(const Slave *s, double *bus, double time, double h) {
+    for (size_t i = 0; i < s->n_values; i++) s->values[i] = bus[s->sources[i]];
+    int status = 0, worst = 0;
+    if (s->version == 2) {
+        if (s->n_inputs) worst = s->set.v2(s->instance, s->inputs, s->n_inputs, s->values);
+        status = s->step.v2(s->instance, time, h, 1);
+        if (status > worst) worst = status;
+        status = s->get.v2(s->instance, s->outputs, s->n_outputs, bus + s->place);
+    } else {
+        _Bool event = 0, terminate = 0, early = 0;
+        double last = 0;
+        if (s->n_inputs) worst = s->set.v3(s->instance, s->inputs, s->n_inputs, s->values, s->n_values);
+        status = s->step.v3(s->instance, time, h, 1, &event, &terminate, &early, &last);
+        if (terminate || early) status = 3; /* a step that ends before its end is no step */
+        if (status > worst) worst = status;
+        status = s->get.v3(s->instance, s->outputs, s->n_outputs, bus + s->place, s->n_places);
+    }
+    return status > worst ? status : worst;
+}
+
+/* Steps the slaves in their order through samples first … first + n - 1; returns the number of samples done.
+   feeds is n by n_feeds and comes first on the bus; recorded is n by n_record, of the places in record. */
+EXPORT int64_t run_block(const Slave *slaves, size_t n_slaves, double *bus, const double *feeds, size_t n_feeds,
+                         const int32_t *record, size_t n_record, double *recorded, int64_t first, int64_t n, double h,
+                         Outcome *outcome) {
+    outcome->slave = -1;
+    outcome->status = 0;
+    for (int64_t i = 0; i < n; i++) {
+        memcpy(bus, feeds + (size_t)i * n_feeds, n_feeds * sizeof *bus);
+        for (size_t j = 0; j < n_slaves; j++) {
+            int status = exchange(slaves + j, bus, (double)(first + i) * h, h);
+            if (status > 1) { /* beyond a warning */
+                outcome->slave = (int32_t)j;
+                outcome->status = status;
+                return i;
+            }
+        }
+        for (size_t j = 0; j < n_record; j++) recorded[(size_t)i * n_record + j] = bus[record[j]];
+    }
+    return n;
+}
