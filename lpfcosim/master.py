@@ -87,16 +87,26 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
                 Slave(stack, fmus[c.model], c.model, values[c.model], list(c.inputs), c.outputs)
                 for c in network.COMPONENTS
             ]
-            yield from _Loop(run, slaves, engine).blocks()
+            yield from Loop(run, slaves, engine).blocks()
         except FMICallException as error:
             raise RunError(f"run '{run.name}': an FMU refused a call: {error}") from None
 
 
-class _Loop:
-    """The bus holds the feeds of this sample, then the outputs of every slave, then constants."""
+class Loop:
+    """The slaves around their bus, which holds the feeds of a sample, then all outputs, then constants.
+
+    Parameters
+    ----------
+    run : Run
+        What is simulated.
+    slaves : list of Slave
+        One for each of `network.COMPONENTS`, in their order.
+    engine : {"compiled", "fmpy"}
+        Which loop steps them.
+    """
 
     def __init__(self, run: Run, slaves: list[Slave], engine: Engine) -> None:
-        self._run, self._slaves, self._engine = run, slaves, engine
+        self._run, self._slaves = run, slaves
         self._noise = signals.Noise(run)
         names = [*signals.TARGETS, *signals.NOISES]
         self._n_feeds = len(names)
@@ -118,24 +128,23 @@ class _Loop:
             self._sources.append(sources)
         self._bus = np.array(bus)
         self._record = np.array([place[source] for source in network.RECORD.values()], dtype=np.int32)
+        self._compiled = _Compiled(slaves, self._sources, self._outputs) if engine == "compiled" else None
 
     def blocks(self) -> Iterator[dict[str, Array]]:
-        step = _Compiled(self._slaves, self._sources, self._outputs) if self._engine == "compiled" else None
+        """Simulate the whole run."""
         for start in range(0, self._run.n_samples, BLOCK):
             stop = min(start + BLOCK, self._run.n_samples)
             injected = signals.injections(self._run, start, stop)
             feeds = np.column_stack([*injected.values(), *self._noise.take(stop - start).values()])
             if start == 0:
-                self._initialize(feeds[0])
+                self.initialize(feeds[0])
             recorded = np.empty((stop - start, len(self._record)))
-            if step is None:
-                self._plain(feeds, recorded, start)
-            else:
-                step(self._run, self._bus, feeds, self._record, recorded, start)
+            self.advance(feeds, recorded, start)
             self._check_range(recorded, start)
             yield dict(zip(network.RECORD, recorded.T.copy(), strict=True))
 
-    def _initialize(self, feeds: Array) -> None:
+    def initialize(self, feeds: Array) -> None:
+        """Pass the outputs on once, in the order of the steps, and begin to step."""
         self._bus[: self._n_feeds] = feeds
         for slave, sources, outputs in zip(self._slaves, self._sources, self._outputs, strict=True):
             slave.inputs.values[:] = self._bus[sources].tolist()
@@ -143,6 +152,23 @@ class _Loop:
             self._bus[outputs] = slave.outputs.values[:]
         for slave in self._slaves:
             slave.exit_initialization()
+
+    def advance(self, feeds: Array, recorded: Array, start: int) -> None:
+        """Step through the samples from ``start`` on.
+
+        Parameters
+        ----------
+        feeds : array, shape (n, 10)
+            `signals.TARGETS` and `signals.NOISES`, sample by sample.
+        recorded : array, shape (n, 7)
+            Filled with the channels of `network.RECORD`.
+        start : int
+            Number of the first sample.
+        """
+        if self._compiled is None:
+            self._plain(feeds, recorded, start)
+        else:
+            self._compiled(self._run, self._bus, feeds, self._record, recorded, start)
 
     def _plain(self, feeds: Array, recorded: Array, start: int) -> None:
         bus, h, record = self._bus.tolist(), self._run.h, self._record.tolist()

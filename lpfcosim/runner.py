@@ -90,6 +90,22 @@ def simulate(
     return list(files.values())
 
 
+def record(
+    run: Run,
+    fmus: Mapping[str, Path],
+    path: Path,
+    origin: Mapping[str, str | int | float],
+    progress: Callable[[int], None] = lambda _: None,
+) -> None:
+    """Simulate one run into a telemetry file, block by block."""
+    done = 0
+    with telemetry.Writer(path, run, network.RECORD, origin) as writer:
+        for block in master.blocks(run, fmus):
+            writer.append(block)
+            done += len(block["o_1"])
+            progress(done)
+
+
 def _is_there(path: Path, origin: Mapping[str, str | int | float]) -> bool:
     try:
         with h5py.File(path) as file:
@@ -159,9 +175,4 @@ def _simulate_one(run: Run, fmus: dict[str, Path], path: Path, origin: dict[str,
         if _reports is not None:
             _reports.put((run.name, done))
 
-    done = 0
-    with telemetry.Writer(path, run, network.RECORD, origin) as writer:
-        for block in master.blocks(run, fmus):
-            writer.append(block)
-            done += len(block["o_1"])
-            report(done)
+    record(run, fmus, path, origin, report)

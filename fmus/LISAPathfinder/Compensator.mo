@@ -9,6 +9,9 @@ model Compensator "K(s) = k (s + z)(s + i) / (s (1 + s/p)(1 + s/r)), sampled by 
   parameter Types.Frequency f_r = 2 "Second pole";
   final parameter Types.AngularFrequency p[3] = 2*pi*{0, f_p, f_r} "Poles";
   final parameter Real r[3] = compensatorResidues(f_u, f_z, f_i, f_p, f_r) "Residues";
+  final parameter Real decay[3](each unit = "1") = (fill(1, 3) - h/2*p) ./ (fill(1, 3) + h/2*p)
+    "What is left of a filtered error after a sample";
+  final parameter Types.Time entry[3] = fill(h/2, 3) ./ (fill(1, 3) + h/2*p) "Weight of a new error";
   input Types.Position e "Error, an apparent displacement";
   output Types.Acceleration a "Acceleration asked for";
   discrete Types.Position e_k(start = 0, fixed = true) "Last sampled error";
@@ -17,7 +20,7 @@ model Compensator "K(s) = k (s + z)(s + i) / (s (1 + s/p)(1 + s/r)), sampled by 
 equation
   when sample(0, h) then
     e_k = e;
-    s = ((fill(1, 3) - h/2*p) .* pre(s) + fill(h/2*(e_k + pre(e_k)), 3)) ./ (fill(1, 3) + h/2*p);
+    s = decay .* pre(s) + entry*(e_k + pre(e_k));
   end when;
   a = r*s;
 end Compensator;

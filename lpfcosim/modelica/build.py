@@ -143,7 +143,10 @@ def build_one(package: Path, model: str, archive: Path, *, fmi: str = "3.0") -> 
         (sources / "model.c").write_text(body.replace("@token@", token), encoding="utf-8")
         for file in _runtime(fmi):
             shutil.copyfile(file, sources / file.name)
-        units = sorted(p.name for p in sources.glob("*.c"))
+        # One translation unit: the compiler then sees the equations from inside the step.
+        parts = ["model.c", "core.c", "instance.c", f"fmi{fmi[0]}.c"]
+        (sources / "all.c").write_text("".join(f'#include "{p}"\n' for p in parts), encoding="utf-8")
+        units = ["all.c"]
         if fmi == "3.0":
             text = description.build_description(translated.name, units)
             (sources / "buildDescription.xml").write_text(text, encoding="utf-8")

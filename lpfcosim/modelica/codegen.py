@@ -114,11 +114,13 @@ def source(system: System, where: Layout, token: str) -> str:
     for event in system.events:
         guarded.append(f"if (tick[{event.clock}]) {assign([(event.target, event.value)])[0]}")
     settable = ",".join(["0", *(str(settable_until(s)) for s in scalars)])
+    inner = ",".join(["0", *(str(int(s.kind == "algebraic" and not _shown(s))) for s in scalars)])
     v, d = "const double *v", "const double *d"
     functions = [
         _function("model_start", "double *v", assign(fixed)),
         _function("model_parameters", "double *v", assign([*system.calculated, *dependent])),
         _function("model_algebraic", f"double *v, {d}", assign(system.algebraic)),
+        _function("model_outputs", f"double *v, {d}", assign(_needed(system))),
         _function("model_events", f"double *v, const double *pre, {d}, const unsigned char *tick", guarded),
         _function(
             "model_clocks",
@@ -157,10 +159,26 @@ def source(system: System, where: Layout, token: str) -> str:
         "",
         _HELPERS,
         f"const unsigned char model_settable[NV] = {{{settable}}};",
+        f"const unsigned char model_inner[NV] = {{{inner}}};",
         f'const char *const model_token = "{token}";',
         "",
         *functions,
     ])  # fmt: skip
+
+
+def _shown(scalar: Scalar) -> bool:
+    return scalar.variable.causality == "output"
+
+
+def _needed(system: System) -> list[tuple[sp.Symbol, sp.Expr]]:
+    """Return the algebraic assignments that the outputs depend on, in their order."""
+    wanted = {s.symbol for s in system.scalars if _shown(s)}
+    needed = []
+    for symbol, value in reversed(system.algebraic):
+        if symbol in wanted:
+            wanted |= value.free_symbols
+            needed.append((symbol, value))
+    return needed[::-1]
 
 
 def settable_until(scalar: Scalar) -> int:

@@ -43,7 +43,7 @@ class Description:
 
     def fmi3(self) -> str:
         """XML text for FMI 3.0 co-simulation."""
-        root = self._root("3.0", instantiationToken=self.token)
+        root = self._root("3.0", "instantiationToken")
         ET.SubElement(
             root,
             "CoSimulation",
@@ -55,12 +55,16 @@ class Description:
         )
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
-        attributes = {
-            "causality": "independent",
-            "variability": "continuous",
-            "description": "Simulation time",
-        }
-        ET.SubElement(variables, "Float64", name="time", valueReference="0", unit="s", **attributes)
+        ET.SubElement(
+            variables,
+            "Float64",
+            name="time",
+            valueReference="0",
+            causality="independent",
+            variability="continuous",
+            description="Simulation time",
+            unit="s",
+        )
         for reference, scalar in enumerate(self.where.order, start=1):
             element = ET.SubElement(variables, "Float64", _identity(scalar, reference))
             element.attrib.update(_value(scalar))
@@ -73,7 +77,7 @@ class Description:
 
     def fmi2(self, sources: Sequence[str]) -> str:
         """XML text for FMI 2.0 co-simulation, built from the C files ``sources``."""
-        root = self._root("2.0", guid=self.token)
+        root = self._root("2.0", "guid")
         simulation = ET.SubElement(
             root,
             "CoSimulation",
@@ -102,18 +106,17 @@ class Description:
                     ET.SubElement(group, "Unknown", index=index)
         return _text(root)
 
-    def _root(self, version: str, **identity: str) -> ET.Element:
-        return ET.Element(
-            "fmiModelDescription",
-            fmiVersion=version,
-            modelName=self.model.name,
-            **identity,
+    def _root(self, version: str, identity: str) -> ET.Element:
+        root = ET.Element("fmiModelDescription", fmiVersion=version, modelName=self.model.name)
+        root.set(identity, self.token)
+        root.attrib.update(
             description=self.model.description,
             version="1",
             license="BSD-3-Clause",
             generationTool=self.tool,
             variableNamingConvention="structured",
         )
+        return root
 
     def _common(self, root: ET.Element) -> None:
         _units(root, self.model)

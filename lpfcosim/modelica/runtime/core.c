@@ -8,31 +8,35 @@
 static double *states(State *s) { return s->v + FIRST_STATE; }
 
 /* Held signal j as it was set at internal step m. */
-static double held_at(const State *s, int j, long long m) {
-    return m < 0 ? s->before[j] : s->ring[j][m % DELAY_CAPACITY];
+static double held_at(const State *s, int j, unsigned long long m) {
+    return m > s->n ? s->before[j] : s->ring[j][m % DELAY_CAPACITY]; /* steps before the first wrap around */
 }
 
 void core_reset(State *s) {
     memset(s, 0, sizeof *s);
     model_start(s->v);
-    s->dirty = 1;
 }
 
-void core_refresh(State *s) {
-    if (!s->dirty) return;
+void core_touch(State *s) { s->fresh = 0; }
+
+void core_refresh(State *s, int to) {
+    if (s->fresh >= to) return;
     s->v[0] = s->time;
     if (!s->initialized) {
         model_parameters(s->v);
         model_delay_values(s->v, s->d); /* delay(u, T) is u until T has passed */
     }
-    model_algebraic(s->v, s->d);
-    s->dirty = 0;
+    if (to == 1)
+        model_outputs(s->v, s->d);
+    else
+        model_algebraic(s->v, s->d);
+    s->fresh = to;
 }
 
 void core_initialize(State *s, double start_time) {
     s->start_time = s->time = start_time;
-    s->dirty = 1;
-    core_refresh(s);
+    s->fresh = 0;
+    core_refresh(s, 2);
     memcpy(s->before, s->d, sizeof s->before);
     s->initialized = 1;
 }
@@ -124,16 +128,17 @@ static const char *prepare(State *s, double step) {
         double n = period[c] / s->h, n0 = (start[c] - s->start_time) / s->h;
         if (!(n > 0.5) || fabs(n - floor(n + 0.5)) > 1e-6 * n || fabs(n0 - floor(n0 + 0.5)) > 1e-6 * (1 + fabs(n0)))
             return "the sampling period is not a multiple of the communication step";
-        s->ticks[c] = (long long)floor(n + 0.5);
-        s->first_tick[c] = (long long)floor(n0 + 0.5);
-        while (s->first_tick[c] < 0) s->first_tick[c] += s->ticks[c];
+        n = floor(n + 0.5), n0 = floor(n0 + 0.5);
+        if (n0 < 0) n0 = fmod(n - fmod(-n0, n), n); /* a clock that started before the simulation */
+        s->period[c] = (unsigned long long)n;
+        s->wait[c] = (unsigned long long)n0;
     }
     model_delay_times(s->v, duration);
     for (int j = 0; j < ND; j++) {
         double n = duration[j] / s->h, whole = floor(n + 1e-9);
         if (!(n >= 0)) return "a delay is negative";
         if (whole + 2 > DELAY_CAPACITY) return "a delay spans too many communication steps";
-        s->whole[j] = (long long)whole;
+        s->whole[j] = (unsigned long long)whole;
         s->part[j] = n - whole > 1e-9 ? (n - whole) * s->h : 0;
     }
     discretise(s);
@@ -193,7 +198,8 @@ static void advance(State *s) {
     unsigned char tick[AT_LEAST_ONE(NC)];
     int any = 0;
     for (int c = 0; c < NC; c++) {
-        tick[c] = s->n >= s->first_tick[c] && (s->n - s->first_tick[c]) % s->ticks[c] == 0;
+        tick[c] = s->wait[c] == 0;
+        s->wait[c] = (tick[c] ? s->period[c] : s->wait[c]) - 1;
         any |= tick[c];
     }
     s->v[0] = s->time;
@@ -210,8 +216,8 @@ static void advance(State *s) {
     s->n++;
     s->time = s->start_time + (double)s->n * s->h;
     for (int j = 0; j < ND; j++) {
-        long long m = s->n - s->whole[j] - (s->part[j] > 0 ? 1 : 0);
-        s->d[j] = m < s->n ? held_at(s, j, m) : value[j];
+        unsigned long long back = s->whole[j] + (s->part[j] > 0 ? 1 : 0);
+        s->d[j] = back ? held_at(s, j, s->n - back) : value[j];
     }
 }
 
@@ -221,12 +227,16 @@ const char *core_step(State *s, double time, double step) {
         const char *problem = prepare(s, step);
         if (problem) return s->h = 0, problem;
     }
-    double count = step / s->h, steps = floor(count + 0.5);
-    if (steps < 1 || fabs(count - steps) > 1e-6 * count)
-        return "the communication step is not a multiple of the internal step";
+    if (step != s->communication_step) {
+        double count = step / s->h, steps = floor(count + 0.5);
+        if (steps < 1 || fabs(count - steps) > 1e-6 * count)
+            return "the communication step is not a multiple of the internal step";
+        s->communication_step = step;
+        s->internal_steps = (unsigned long long)steps;
+    }
     if (fabs(time - s->time) > 1e-6 * s->h + 1e-12 * fabs(time))
         return "the communication point is not where the last step ended";
-    for (long long i = 0; i < (long long)steps; i++) advance(s);
-    s->dirty = 1;
+    for (unsigned long long i = 0; i < s->internal_steps; i++) advance(s);
+    s->fresh = 0;
     return NULL;
 }

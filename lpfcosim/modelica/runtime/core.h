@@ -13,24 +13,29 @@
 typedef struct {
     double start_time, time;
     double h;                                        /* internal step; 0 until the first step */
-    long long n;                                     /* internal steps done */
+    double communication_step;                       /* of the last call, and the internal steps it takes */
+    unsigned long long internal_steps;
+    unsigned long long n;                            /* internal steps done */
     double v[NV];                                    /* values by value reference; v[0] is time */
     double d[AT_LEAST_ONE(ND)];                      /* delayed signals at this time */
     double before[AT_LEAST_ONE(ND)];                 /* held signals before the start */
     double ring[AT_LEAST_ONE(ND)][DELAY_CAPACITY];   /* held signals of the last steps */
-    long long whole[AT_LEAST_ONE(ND)];               /* delay = whole*h + part, 0 <= part < h */
+    unsigned long long whole[AT_LEAST_ONE(ND)];      /* delay = whole*h + part, 0 <= part < h */
     double part[AT_LEAST_ONE(ND)];
-    long long first_tick[AT_LEAST_ONE(NC)], ticks[AT_LEAST_ONE(NC)]; /* clocks, in internal steps */
+    unsigned long long period[AT_LEAST_ONE(NC)], wait[AT_LEAST_ONE(NC)]; /* of the clocks, in internal steps */
     double e[AT_LEAST_ONE(NX * NZ)];                 /* x += e [x; held; delayed before, after its switch; 1] */
-    int initialized, dirty;
+    int initialized;
+    int fresh; /* what follows from states and inputs: 0 nothing is up to date, 1 the outputs, 2 everything */
 } State;
 
 /* Generated, model.c. Every function works on the values v by value reference. */
 extern const unsigned char model_settable[NV]; /* 0 never, 1 until the end of initialization, 2 always */
+extern const unsigned char model_inner[NV];    /* 1 for algebraic variables that are not outputs */
 extern const char *const model_token;
 void model_start(double *v);
 void model_parameters(double *v);
 void model_algebraic(double *v, const double *d);
+void model_outputs(double *v, const double *d); /* as model_algebraic, but only what the outputs need */
 void model_events(double *v, const double *pre, const double *d, const unsigned char *tick);
 void model_clocks(const double *v, double *start, double *period);
 void model_delay_values(const double *v, double *value);
@@ -41,7 +46,8 @@ void model_rates(const double *v, const double *d, double *rate); /* the others 
 
 void core_reset(State *s);
 void core_initialize(State *s, double start_time);
-void core_refresh(State *s);
+void core_touch(State *s);          /* a variable was set */
+void core_refresh(State *s, int to); /* bring up to date: 1 the outputs, 2 everything */
 const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
 
 #endif

@@ -23,11 +23,13 @@ const char *instance_exit(Instance *m) {
 }
 
 const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values) {
-    core_refresh(&m->now.state);
+    int inner = 0;
     for (size_t i = 0; i < n; i++) {
         if (vr[i] >= NV) return "there is no variable of this value reference";
-        values[i] = m->now.state.v[vr[i]];
+        inner |= model_inner[vr[i]];
     }
+    core_refresh(&m->now.state, 1 + inner);
+    for (size_t i = 0; i < n; i++) values[i] = m->now.state.v[vr[i]];
     return NULL;
 }
 
@@ -38,7 +40,7 @@ const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const double
         if (model_settable[vr[i]] < least) return "this variable cannot be set, or not any more";
         m->now.state.v[vr[i]] = values[i];
     }
-    m->now.state.dirty = 1;
+    core_touch(&m->now.state);
     return NULL;
 }
 

@@ -1,0 +1,198 @@
+"""How fast is the engine? Ours, the plain FMPy loop and a monolithic C loop, on the same tables.
+
+    python tests/benchmarks/engine.py [--hours 6] [--repeat 5] [--short]
+
+All three step the closed loop of the quick start's first experiment. They are timed in one process, one after
+the other and again, so that a drift of the machine touches all alike; medians are compared. The time per step
+counts the exchange between the FMUs, their arithmetic and recording; drawing noise and writing the file do not
+count there, but do in `hours_per_second`. Peak memory is that of a whole run into a file, each length in a
+process of its own. The last line is JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import json
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lpfcosim import campaign, master, network, runner, signals
+from lpfcosim.modelica import build
+from lpfcosim.modelica.compiler import compile_library
+from lpfcosim.run import Run
+from lpfcosim.slave import Slave
+
+HERE = Path(__file__).parent
+QUICKSTART = HERE.parents[1] / "campaigns" / "quickstart.toml"
+
+
+def first_experiment(hours: float) -> Run:
+    """The first calibration run of the quick start, at the length wanted."""
+    run = next(r for r in campaign.load(QUICKSTART).runs if r.kind == "sysid")
+    return replace(run, n_samples=round(hours * 36_000))
+
+
+class Monolith(ctypes.Structure):
+    """The constants of monolithic.c."""
+
+    _fields_ = (
+        ("e", ctypes.c_double * 75),
+        *((f"{name}_{j}", ctypes.c_double * 3) for j in (1, 2) for name in ("decay", "entry", "r")),
+        *((name, ctypes.c_double) for name in ("m_sc", "m_tm", "lambda_1", "lambda_2")),
+        *((name, ctypes.c_double) for name in ("delta_ifo", "f_start", "F_max_1", "F_max_2")),
+        ("whole", ctypes.c_int64 * 3),
+    )
+
+
+def monolith(run: Run) -> Monolith:
+    """Fill in the constants, the step matrix from the exact discretisation."""
+    from scipy.linalg import expm
+
+    r, h = run.m_tm / run.m_sc, run.h
+    force = np.zeros((2, 14))  # columns: 5 states, g_1, g_2, F_noise, 3 held forces, …
+    a = np.zeros((11, 11))  # states, g_1, g_2, F_noise, f_applied_1, f_applied_2, F_x_sc
+    force = np.zeros((2, 11))
+    force[0, [0, 5, 8]] = -run.omega2_1, 1, 1
+    force[1, [2, 6, 9]] = -run.omega2_2, 1, 1
+    a_sc = -r * force.sum(axis=0)
+    a_sc[[4, 7]] += 1 / run.m_sc
+    a[0, 1] = a[2, 3] = 1
+    a[1], a[3] = force[0] - a_sc, force[1] - a_sc
+    a[4, [4, 10]] = -1 / run.thruster_lag, 1 / run.thruster_lag
+    delays = (run.tau_1 - h / 2, run.tau_2 - h / 2, run.thruster_delay)
+    whole = expm(a * h)[:5]
+    e = np.zeros((5, 15))
+    e[:, :8] = whole[:, :8]
+    e[:, :5] -= np.eye(5)
+    for j, delay in enumerate(delays):
+        after = expm(a * (h - delay % h))[:5, 8 + j]
+        e[:, 8 + j], e[:, 11 + j] = whole[:, 8 + j] - after, after
+    filled = Monolith(
+        m_sc=run.m_sc, m_tm=run.m_tm, lambda_1=run.truth.lambda_1, lambda_2=run.truth.lambda_2,
+        delta_ifo=run.delta_ifo, f_start=run.f_x_2_start,
+        F_max_1=run.authority.F_max_1, F_max_2=run.authority.F_max_2,
+    )  # fmt: skip
+    filled.e[:] = e.ravel().tolist()
+    filled.whole[:] = [int(d // h) for d in delays]
+    for j, controller in ((1, run.drag_free), (2, run.suspension)):
+        p = np.array(controller.rates)
+        getattr(filled, f"decay_{j}")[:] = ((2 - p * h) / (2 + p * h)).tolist()
+        getattr(filled, f"entry_{j}")[:] = (h / (2 + p * h)).tolist()
+        getattr(filled, f"r_{j}")[:] = list(controller.residues)
+    return filled
+
+
+def timed_loop(
+    run: Run, fmus: dict[str, Path], engine: master.Engine, feeds: np.ndarray, out: np.ndarray
+) -> float:
+    """Seconds that one loop takes through the feeds."""
+    with contextlib.ExitStack() as stack:
+        values = network.parameters(run)
+        slaves = [
+            Slave(stack, fmus[c.model], c.model, values[c.model], list(c.inputs), c.outputs)
+            for c in network.COMPONENTS
+        ]
+        loop = master.Loop(run, slaves, engine)
+        loop.initialize(feeds[0])
+        started = time.perf_counter()
+        loop.advance(feeds, out, 0)
+        return time.perf_counter() - started
+
+
+def loops(hours: float, repeat: int) -> dict[str, float]:
+    """Microseconds per step of the three loops, and whether they compute the same."""
+    run, fmus = first_experiment(hours), build.build()
+    feeds = np.column_stack([*signals.injections(run).values(), *signals.noise(run).values()])
+    plain = feeds[: min(len(feeds), 20_000)]  # as slow as it is, a part suffices
+    out = {name: np.zeros((len(feeds), len(network.RECORD))) for name in ("ours", "fmpy", "monolithic")}
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "monolithic.so"
+        compile_library(HERE, ["monolithic.c"], library)
+        c = ctypes.CDLL(str(library))
+        constants = monolith(run)
+        times: dict[str, list[float]] = {name: [] for name in out}
+        for _ in range(repeat):
+            times["ours"].append(timed_loop(run, fmus, "compiled", feeds, out["ours"]) / len(feeds))
+            times["fmpy"].append(timed_loop(run, fmus, "fmpy", plain, out["fmpy"]) / len(plain))
+            started = time.perf_counter()
+            c.run(
+                ctypes.byref(constants),
+                ctypes.c_void_p(feeds.ctypes.data),
+                ctypes.c_void_p(out["monolithic"].ctypes.data),
+                ctypes.c_int64(len(feeds)),
+            )
+            times["monolithic"].append((time.perf_counter() - started) / len(feeds))
+    assert np.array_equal(out["ours"][: len(plain)], out["fmpy"][: len(plain)]), "the two loops differ"
+    scale = np.sqrt(np.mean(out["ours"] ** 2, axis=0))
+    worst = float(np.max(np.abs(out["ours"] - out["monolithic"]) / np.where(scale > 0, scale, 1)))
+    assert worst < 1e-9, f"the monolithic loop differs by {worst:.1e} of the rms"
+    return {name: 1e6 * statistics.median(t) for name, t in times.items()}
+
+
+def whole_run(hours: float) -> tuple[float, float]:
+    """Simulate into a file: seconds, and peak memory of this process in MB."""
+    plan = campaign.load(QUICKSTART)
+    run, fmus = first_experiment(hours), build.build()
+    with tempfile.TemporaryDirectory() as folder:
+        started = time.perf_counter()
+        runner.record(run, fmus, Path(folder) / "run.h5", runner.provenance(plan, fmus))
+        seconds = time.perf_counter() - started
+    return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def apart(hours: float) -> tuple[float, float]:
+    """`whole_run` in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, __file__, "--whole", str(hours)], capture_output=True, text=True, check=True
+    )
+    seconds, megabytes = json.loads(done.stdout.splitlines()[-1])
+    return seconds, megabytes
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--hours", type=float, default=6.0)
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--short", action="store_true", help="only see that it works")
+    parser.add_argument("--whole", type=float, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.whole:
+        print(json.dumps(whole_run(options.whole)))
+        return
+    hours, repeat, lengths = (
+        (0.5, 2, (0.5, 1.0)) if options.short else (options.hours, options.repeat, (6.0, 65.0))
+    )
+    each = loops(hours, repeat)
+    for name, us in each.items():
+        print(f"{name:12s} {us:8.3f} us per step, median of {repeat}")
+    seconds, short = apart(lengths[0])
+    _, long = apart(lengths[1])
+    print(f"whole run of {lengths[0]:g} h with noise and file: {seconds:.2f} s, peak {short:.0f} MB")
+    print(f"whole run of {lengths[1]:g} h: peak {long:.0f} MB")
+    print(
+        json.dumps(
+            {
+                "us_per_step": round(each["ours"], 4),
+                "speedup_over_fmpy": round(each["fmpy"] / each["ours"], 1),
+                "ratio_to_monolithic": round(each["ours"] / each["monolithic"], 2),
+                "hours_per_second": round(lengths[0] / seconds, 1),
+                "peak_rss_mb_6h": round(short, 1),
+                "peak_rss_mb_65h": round(long, 1),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
