@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, checks
+from lpfcosim.modelica import compiler as compiling
+from lpfcosim.modelica.compiler import compiler
 from tests.modelica_source import fmu, write
 
 pytestmark = pytest.mark.fmu
@@ -65,15 +67,15 @@ def test_no_checker_finds_a_fault(fmus, model):
 
 @pytest.mark.parametrize("model", build.MODELS)
 def test_archive_carries_sources_that_compile_without_a_warning(fmus, model, tmp_path):
-    if not build.compiler().command[0].endswith(("cc", "gcc", "clang")):
+    if not compiler().command[0].endswith(("cc", "gcc", "clang")):
         pytest.skip("the warning flags are those of gcc and clang")
     with zipfile.ZipFile(fmus[model]) as archive:
         archive.extractall(tmp_path)
     sources = sorted((tmp_path / "sources").glob("*.c"))
-    assert {"model.c", "core.c", "fmi3.c"} <= {p.name for p in sources}
+    assert {"all.c", "model.c", "core.c", "instance.c", "fmi3.c"} == {p.name for p in sources}
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-fsyntax-only"]
     done = subprocess.run(
-        [*build.compiler().command, *flags, *map(str, sources)], capture_output=True, text=True
+        [*compiler().command, *flags, str(tmp_path / "sources" / "all.c")], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
 
@@ -121,28 +123,31 @@ def test_cache_is_used_and_refreshed(tmp_path, monkeypatch):
     archive = build.build(["OpticalMetrology"])["OpticalMetrology"]
     stamp = archive.stat().st_mtime_ns
     assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_mtime_ns == stamp
+    archive.write_bytes(archive.read_bytes()[:5000])
+    assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_size > 5000
+    stamp = archive.stat().st_mtime_ns
     assert build.build(["OpticalMetrology"], force=True)["OpticalMetrology"].stat().st_mtime_ns != stamp
 
 
 def test_missing_compiler_is_one_sentence_with_the_remedy(monkeypatch):
-    build.compiler.cache_clear()
+    compiler.cache_clear()
     monkeypatch.setenv("CC", "no-such-compiler")
     try:
         with pytest.raises(InputError, match=r"'no-such-compiler', is not there; .*pip install ziglang"):
-            build.compiler()
+            compiler()
     finally:
-        build.compiler.cache_clear()
+        compiler.cache_clear()
 
 
 def test_ziglang_gives_the_same_bits(fmus, tmp_path, monkeypatch):
     pytest.importorskip("ziglang")
     monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
-    build.compiler.cache_clear()
+    compiler.cache_clear()
     try:
         build.build_one(build.PACKAGE, "LISAPathfinder.Plant", tmp_path / "Plant.fmu")
     finally:
         monkeypatch.undo()
-        build.compiler.cache_clear()
+        compiler.cache_clear()
     signal = np.zeros(
         2000, dtype=[("time", float), ("f_applied_1", float), ("F_x_sc", float), ("g_2", float)]
     )
@@ -165,7 +170,8 @@ def test_harmonic_oscillator_against_its_solution(tmp_path):
         tmp_path,
         """model M
           parameter Real k = 0.04; input Real u;
-          output Real x(start = 1e-9, fixed = true, nominal = 1e-9); Real v(start = 0, fixed = true, nominal = 1e-9);
+          output Real x(start = 1e-9, fixed = true, nominal = 1e-9);
+          Real v(start = 0, fixed = true, nominal = 1e-9);
         equation
           der(x) = v; der(v) = -k*x + u;
         end M;""",
@@ -219,11 +225,110 @@ def test_nonlinear_system_against_a_high_order_integrator(tmp_path):
     assert 1e-9 < error < 1e-5  # classical Runge-Kutta at h = 0.1: of order h^4, and not better by accident
 
 
+SWITCHES = {
+    "input": ("der(x) = if u > 1 then 3 else 5;", 3.0),
+    "if equation": ("if u > 1 then der(x) = 3; else der(x) = 5; end if;", 3.0),
+    "algebraic": ("der(x) = g; g = if u > 1 then 3 else 5;", 3.0),
+    "maximum": ("der(x) = max(u, 1.5);", 2.0),
+    "Runge-Kutta": ("der(x) = (if u > 1 then 3 else 5) + zero*x*x;", 3.0),
+    "delayed": ("der(x) = if delay(u, 0.25) > 1 then 3 else 5;", 3.0),
+    "sampled": ("der(x) = if n > 5.5 then 1 else 0; when sample(0, 0.1) then n = pre(n) + 1; end when;", 0.5),
+}
+
+
+@pytest.mark.parametrize("switch", SWITCHES)
+def test_switch_on_a_held_signal_in_a_derivative(tmp_path, switch):
+    equations, expected = SWITCHES[switch]
+    extra = ("Real g;" if switch == "algebraic" else "") + (
+        "discrete Real n(start = 0, fixed = true);" if switch == "sampled" else ""
+    )
+    archive = fmu(
+        tmp_path,
+        f"model M input Real u(start = 2); output Real x(start = 0, fixed = true); "
+        f"parameter Real zero = 0; {extra} equation {equations} end M;",
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=0.1)
+    assert result["x"][-1] == pytest.approx(expected, rel=1e-12)
+
+
+def test_names_of_the_user_do_not_meet_those_of_the_generator(tmp_path):
+    text = """model M
+      output Real NAME = 7; Real x(start = 0.5, fixed = true); Real v(start = 0.5, fixed = true);
+    equation
+      der(x) = sin(x*v + 1); der(v) = sin(x*v + 1)*x - v;
+    end M;"""
+    ends = []
+    for name in ("common_0", "common", "other"):
+        archive = fmu(tmp_path, text.replace("NAME", name))
+        ends.append(fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=0.1, output=["x"])["x"][-1])
+    assert ends[0] == ends[1] == ends[2]
+
+
+def test_constants_of_mathematics(tmp_path):
+    archive = fmu(
+        tmp_path, "model M output Real y[3]; equation y = {4*atan(1.0), exp(1.0), log10(1000.0)}; end M;"
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=0.1, output_interval=0.1)
+    np.testing.assert_allclose([result[f"y[{i}]"][-1] for i in (1, 2, 3)], [np.pi, np.e, 3], rtol=1e-15)
+
+
+def test_long_communication_step_is_divided(tmp_path):
+    archive = fmu(
+        tmp_path,
+        "model M Real v(start = 0, fixed = true); output Real x(start = 1, fixed = true); "
+        "equation der(x) = v; der(v) = -sin(x); end M;",
+    )
+    ends = [
+        fmpy.simulate_fmu(str(archive), stop_time=33.3, output_interval=h)["x"][-1] for h in (0.1, 3.33, 0.37)
+    ]
+    np.testing.assert_allclose(ends, ends[0], atol=1e-4)
+
+
+def test_start_time_other_than_zero(tmp_path):
+    archive = fmu(
+        tmp_path,
+        """model M
+          input Real u(start = 1); output Real x(start = 0, fixed = true); output Real t;
+          discrete output Real n(start = 0, fixed = true);
+        equation
+          der(x) = delay(u, 0.25); t = time;
+          when sample(0, 0.2) then n = pre(n) + 1; end when;
+        end M;""",
+    )
+    result = fmpy.simulate_fmu(str(archive), start_time=5.1, stop_time=6.1, output_interval=0.1)
+    np.testing.assert_allclose(result["t"], result["time"], rtol=1e-15)
+    assert result["x"][-1] == pytest.approx(1.0, rel=1e-12)
+    assert result["n"][-1] == 5  # at 5.2, 5.4, 5.6, 5.8, 6.0
+
+
+def test_outputs_follow_the_inputs_without_a_step(fmus, instantiate):
+    metrology = instantiate(fmus["OpticalMetrology"])
+    for value in (1e-9, 2e-9):
+        metrology.setFloat64([metrology.vr["x_1"]], [value])
+        assert get(metrology, "o_1") == value
+
+
+def test_singular_parameters_are_an_error_and_not_a_hang(fmus, instantiate):
+    plant = instantiate(fmus["Plant"], T_sc=0.0)
+    with pytest.raises(FMICallException):
+        plant.doStep(0.0, 0.1)
+
+
+def test_foreign_bytes_are_no_state(fmus, instantiate):
+    plant = instantiate(fmus["Plant"])
+    state = plant.getFMUState()
+    size = len(plant.serializeFMUState(state))
+    plant.freeFMUState(state)
+    with pytest.raises(FMICallException):
+        plant.deserializeFMUState(bytes(size))
+
+
 def test_clocks_of_different_rate(tmp_path):
     archive = fmu(
         tmp_path,
         """model M
-          input Real u; discrete output Real fast(start = 0, fixed = true); discrete output Real slow(start = 0, fixed = true);
+          input Real u; discrete output Real fast(start = 0, fixed = true);
+          discrete output Real slow(start = 0, fixed = true);
         equation
           when sample(0, 0.1) then fast = pre(fast) + 1; end when;
           when sample(0.2, 0.3) then slow = pre(slow) + 1; end when;
@@ -319,7 +424,7 @@ def test_checker_finds_a_fault_in_a_broken_description(fmus, tmp_path):
 def test_generated_c_is_refused_if_it_does_not_compile(tmp_path, monkeypatch):
     from lpfcosim.errors import RunError
 
-    monkeypatch.setattr(build, "_FLAGS", (*build._FLAGS, "--no-such-flag"))
+    monkeypatch.setattr(compiling, "FLAGS", (*compiling.FLAGS, "--no-such-flag"))
     with pytest.raises(RunError, match="does not compile"):
         build.build_one(
             write(tmp_path, "model M output Real x; equation x = 1; end M;"), "M", tmp_path / "M.fmu"

@@ -84,9 +84,17 @@ def build(
     """
     archives = locations(models, package, fmi=fmi)
     for model, archive in archives.items():
-        if force or not archive.is_file():
+        if force or not _is_whole(archive):
             build_one(package, f"{package.stem}.{model}", archive, fmi=fmi)
     return archives
+
+
+def _is_whole(archive: Path) -> bool:
+    try:
+        with zipfile.ZipFile(archive) as stored:
+            return stored.testzip() is None
+    except (OSError, zipfile.BadZipFile):
+        return False
 
 
 def locations(

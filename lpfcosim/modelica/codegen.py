@@ -54,11 +54,17 @@ def layout(system: System) -> Layout:
 class _Printer(C99CodePrinter):  # type: ignore[misc]
     def __init__(self, names: dict[sp.Symbol, str]) -> None:
         opaque = ("abs", "sign", "min", "max", "floor", "ceil")
-        super().__init__({"user_functions": {f"modelica_{n}": f"modelica_{n}" for n in opaque}})
+        functions = {f"modelica_{n}": f"modelica_{n}" for n in opaque}
+        super().__init__({"user_functions": functions, "math_macros": {}})
         self._names = names
 
     def _print_Symbol(self, expr: sp.Symbol) -> str:
-        return self._names.get(expr) or str(expr.name)
+        return self._names[expr]
+
+    _print_Dummy = _print_Symbol
+
+    def _print_NumberSymbol(self, expr: sp.NumberSymbol) -> str:
+        return repr(float(expr))
 
 
 def header(system: System, where: Layout, step: float) -> str:
@@ -147,10 +153,11 @@ def source(system: System, where: Layout, token: str) -> str:
             ),
         ]
     elif system.derivatives:
-        replaced, rates = sp.cse(
-            [e for _, e in system.derivatives], sp.numbered_symbols("common_", real=True)
-        )
-        body = [f"const double {symbol.name} = {c.doprint(value)};" for symbol, value in replaced]
+        shared = sp.numbered_symbols("common", sp.Dummy, real=True)
+        replaced, rates = sp.cse([e for _, e in system.derivatives], shared)
+        names |= {symbol: f"common[{i}]" for i, (symbol, _) in enumerate(replaced)}
+        body = [f"double common[{len(replaced)}];"] if replaced else []
+        body += numbered("common", [value for _, value in replaced])
         functions.append(_function("model_rates", f"{v}, {d}, double *rate", body + numbered("rate", rates)))
     return "\n".join([
         f"/* {system.name}: {system.description}. Generated from Modelica; edit that. */",

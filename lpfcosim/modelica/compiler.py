@@ -15,7 +15,16 @@ from pathlib import Path
 from lpfcosim.errors import InputError, RunError
 
 # Without contraction every compiler gives the same bits.
-FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-fvisibility=hidden", "-g0")
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-fPIC",
+    "-shared",
+    "-ffp-contract=off",
+    "-fvisibility=hidden",
+    "-g0",
+    "-Werror=implicit-function-declaration",
+)
 
 
 @dataclass(frozen=True)
@@ -35,7 +44,7 @@ def compiler() -> Compiler:
     InputError
         With the remedy, if there is none.
     """
-    named = os.environ.get("CC")
+    named = os.environ.get("CC", "").strip()
     candidates = [tuple(named.split())] if named else [("cc",), ("gcc",), ("clang",)]
     for command in candidates:
         if shutil.which(command[0]):
@@ -59,7 +68,8 @@ def _first_line(command: Sequence[str]) -> str:
         raise InputError(
             f"FMUs cannot be built: '{' '.join(command)}' fails ({error}); set CC to a C compiler"
         ) from None
-    return done.stdout.splitlines()[0].strip()
+    lines = done.stdout.splitlines()
+    return lines[0].strip() if lines else " ".join(command[:-1])
 
 
 def compile_library(sources: Path, units: Sequence[str], binary: Path) -> None:

@@ -171,7 +171,7 @@ def _units(root: ET.Element, model: FlatModel) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in units:
         try:
-            base = registry.Quantity(1.0, _pint_spelling(unit)).to_base_units()
+            zero, base = (registry.Quantity(x, _pint_spelling(unit)).to_base_units() for x in (0.0, 1.0))
             exponents = {_BASE_UNITS[name]: round(float(str(power))) for name, power in base.unit_items()}
         except (pint.PintError, KeyError, ValueError):
             user = next(v for v in model.variables if v.unit == unit)
@@ -180,8 +180,10 @@ def _units(root: ET.Element, model: FlatModel) -> None:
             ) from None
         element = ET.SubElement(definitions, "Unit", name=unit)
         attributes = {k: str(p) for k, p in exponents.items()}
-        if base.magnitude != 1:
-            attributes["factor"] = repr(base.magnitude)
+        if base.magnitude - zero.magnitude != 1:
+            attributes["factor"] = repr(base.magnitude - zero.magnitude)
+        if zero.magnitude != 0:
+            attributes["offset"] = repr(zero.magnitude)
         ET.SubElement(element, "BaseUnit", attributes)
 
 

@@ -62,6 +62,7 @@ class Evaluator:
         self.model = model
         self.values = values
         self.delays: list[Delay] = []
+        self._calling: list[str] = []  # functions being inlined
 
     def __call__(self, node: Node, scope: Mapping[str, Algebra] | None = None) -> Algebra:
         """Evaluate ``node``; names are looked up in ``scope`` first, then among the variables."""
@@ -292,8 +293,6 @@ class Evaluator:
         self.refuse(span, f"{name.lower()}()")
 
     def _delay(self, args: list[Node], scope: Mapping[str, Algebra], span: Node | None) -> Algebra:
-        if len(args) != 2:
-            self.refuse(span, "delay() with a varying delay time")
         duration = self.scalar(args[1], scope)
 
         def delayed(value: sp.Expr) -> sp.Symbol:
@@ -316,6 +315,9 @@ class Evaluator:
         # Statements other than assignment and `for`, and functions of several outputs, are refused.
         if len(function["outputs"]) != 1:
             self.refuse(span, f"function '{function['name']}' with {len(function['outputs'])} outputs")
+        if function["name"] in self._calling:
+            self.refuse(span, f"recursive function '{function['name']}'")
+        self._calling.append(function["name"])
         scope: dict[str, Algebra] = {}
         for position, declaration in enumerate(function["inputs"]):
             if position < len(arguments):
@@ -331,6 +333,7 @@ class Evaluator:
                 shape = tuple(self._size(s, scope) for s in declaration["shape_expr"])
                 scope[declaration["name"]] = np.full(shape, None, dtype=object)
         self._run(function["body"], scope)
+        self._calling.pop()
         result = scope[function["outputs"][0]["name"]]
         if any(x is None for x in np.ravel(result)):
             self.refuse(span, f"function '{function['name']}' that leaves its output unassigned")
@@ -362,10 +365,13 @@ class Evaluator:
             self._run(body["equations"], scope)
             return
         index = body["indices"][depth]
+        outer = scope.get(index["ident"])
         for value in self(index["range"], scope):
             scope[index["ident"]] = scalar(value)
             self._loop(body, scope, depth + 1)
         scope.pop(index["ident"], None)
+        if outer is not None:
+            scope[index["ident"]] = outer
 
     def _assign(self, body: Node, scope: dict[str, Algebra]) -> None:
         parts = body["comp"]["parts"]

@@ -49,6 +49,8 @@ class Variable:
         Expression trees.
     unit, quantity, description : str or None
         As declared.
+    fixed : tuple of bool or None
+        As declared, one for all elements or one each.
     final : bool
         A ``final`` parameter cannot be set from outside.
     span : dict
@@ -68,6 +70,7 @@ class Variable:
     unit: str | None
     quantity: str | None
     description: str | None
+    fixed: tuple[bool, ...] | None
     final: bool
     span: Node
 
@@ -252,6 +255,7 @@ def _variables(tree: Node, model: str, sources: SourceMap, sampled: set[str]) ->
                 unit=raw["unit"],
                 quantity=raw["quantity"],
                 description=raw["description"],
+                fixed=None if raw["fixed"] is None else tuple(raw["fixed"]),
                 final=bool(tree["variable_final_flags"].get(name)),
                 span=raw["source_span"],
             )

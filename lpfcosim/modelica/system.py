@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import sympy as sp
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from lpfcosim.modelica.arrays import Algebra, filled, symbols
-from lpfcosim.modelica.evaluate import EVENT_FUNCTIONS, TIME, Delay, Evaluator
+from lpfcosim.modelica.evaluate import TIME, Delay, Evaluator
 from lpfcosim.modelica.flat import FlatModel, Node, UnsupportedError, Variable
+from lpfcosim.modelica.solve import solve, switches
 
 
 @dataclass(frozen=True)
@@ -112,8 +111,20 @@ class _Builder:
         self.variables = [v for v in model.variables if v not in structural]
         for v in self.variables:
             self.values[v.name] = symbols(v.name, v.dims)
-        for v in structural:
-            self.values[v.name] = self._constant(v)
+        self._evaluate_constants(structural)
+
+    def _evaluate_constants(self, waiting: list[Variable]) -> None:
+        # They may refer to each other in any order.
+        while waiting:
+            left: list[Variable] = []
+            for v in waiting:
+                try:
+                    self.values[v.name] = self._constant(v)
+                except UnsupportedError:
+                    if len(waiting) == len(left) + 1:  # nothing in this round could be evaluated
+                        raise
+                    left.append(v)
+            waiting = left
 
     def _constant(self, v: Variable) -> Algebra:
         if v.variability not in ("constant", "parameter"):
@@ -150,7 +161,7 @@ class _Builder:
             raise UnsupportedError(
                 f"{self.model.name}: '{extra.name}' is not supported: not a continuous variable"
             )
-        solved = self._solve(residuals, spans, [*rates, *algebraics])
+        solved = solve(self.evaluate, residuals, spans, [*rates, *algebraics])
         resolved: dict[sp.Symbol, sp.Expr] = {}
         for symbol, expression in solved:
             resolved[symbol] = expression.xreplace(resolved)
@@ -161,8 +172,9 @@ class _Builder:
             if symbol not in rates
         )
 
-        delays = tuple(self._held_delay(d, resolved, states) for d in self.evaluate.delays)
         clocks, events = self._events(resolved, set(by_kind.get("discrete", [])))
+        constant = {*by_kind.get("parameter", []), *by_kind.get("calculated", [])}
+        delays = tuple(self._held_delay(d, resolved, states, constant) for d in self.evaluate.delays)
         held = [*by_kind.get("input", []), *by_kind.get("discrete", [])]
         self._refuse_state_events(derivatives, {*states, TIME})
         return System(
@@ -181,6 +193,16 @@ class _Builder:
     # What each variable is -----------------------------------------------------------------------------
 
     def _kind(self, v: Variable, rates: Iterable[sp.Symbol]) -> str:
+        kind = self._kind_of_use(v, rates)
+        if kind == "algebraic" and v.fixed and any(v.fixed):
+            self.evaluate.refuse(
+                v.span, f"initial equation 'fixed = true' of '{v.name}', which is not a state,"
+            )
+        if kind in ("parameter", "calculated") and v.fixed and not all(v.fixed):
+            self.evaluate.refuse(v.span, f"parameter '{v.name}' with 'fixed = false'")
+        return kind
+
+    def _kind_of_use(self, v: Variable, rates: Iterable[sp.Symbol]) -> str:
         if v.causality == "input":
             return "input"
         if v.variability == "parameter":
@@ -211,7 +233,10 @@ class _Builder:
         def numbers(node: Node | None) -> list[float | None]:
             if node is None:
                 return [None] * values.size
-            return [float(x) for x in np.ravel(self._attribute(v, node))]
+            attribute = np.ravel(self._attribute(v, node))
+            if any(x.free_symbols for x in attribute):
+                self.evaluate.refuse(v.span, f"attribute of '{v.name}' that is not a number")
+            return [float(x) for x in attribute]
 
         return [
             Scalar(symbol, kind, value, nominal, low, high, v)
@@ -245,6 +270,8 @@ class _Builder:
         for equation in self.model.equations:
             indices = {name: filled(sp.Integer(i), ()) for name, i in equation.indices.items()}
             for r in np.ravel(self.evaluate(equation.residual, indices)):
+                if any(s.name.startswith("pre(") for s in r.free_symbols):
+                    self.evaluate.refuse(equation.span, "pre() outside when")
                 residuals.append(r)
                 spans.append(equation.span)
         # The declaration equation of a variable (Real y = …) does not stand among the equations.
@@ -260,64 +287,14 @@ class _Builder:
                 spans.append(v.span)
         return residuals, spans
 
-    def _solve(
-        self, residuals: list[sp.Expr], spans: list[Node], unknowns: list[sp.Symbol]
-    ) -> list[tuple[sp.Symbol, sp.Expr]]:
-        if len(residuals) != len(unknowns):
-            raise UnsupportedError(
-                f"{self.model.name}: {len(residuals)} equations for {len(unknowns)} unknowns"
-            )
-        if not unknowns:
-            return []
-        column = {u: j for j, u in enumerate(unknowns)}
-        entries = [(i, column[s]) for i, r in enumerate(residuals) for s in r.free_symbols if s in column]
-        n = len(unknowns)
-        rows, columns = (np.array(x, dtype=np.int32) for x in zip(*entries, strict=True))
-        incidence = csr_array((np.ones(len(entries), dtype=np.int8), (rows, columns)), shape=(n, n))
-        match = maximum_bipartite_matching(incidence, perm_type="column")
-        if (match < 0).any():
-            where = self.model.sources.where(spans[int(np.argmin(match))])
-            left = ", ".join(u.name for j, u in enumerate(unknowns) if j not in set(match))
-            raise UnsupportedError(f"{where}: {self.model.name}: the equations do not determine {left}")
-        owner = {int(j): i for i, j in enumerate(match)}  # unknown j is solved from equation owner[j]
-        links = csr_array(
-            (np.ones(len(entries), dtype=np.int8), (rows, [owner[int(j)] for j in columns])), shape=(n, n)
-        )
-        _, label = connected_components(links, connection="strong")
-        graph: dict[int, set[int]] = {int(b): set() for b in label}
-        for i, j in entries:
-            a, b = int(label[i]), int(label[owner[j]])
-            if a != b:
-                graph[a].add(b)
-        members: dict[int, list[int]] = {}
-        for i in range(n):
-            members.setdefault(int(label[i]), []).append(i)
-        solved: list[tuple[sp.Symbol, sp.Expr]] = []
-        for block in graphlib.TopologicalSorter(graph).static_order():
-            rows_ = members[block]
-            solved += self._solve_block(
-                [residuals[i] for i in rows_], [unknowns[int(match[i])] for i in rows_], spans[rows_[0]]
-            )
-        return solved
-
-    def _solve_block(
-        self, residuals: list[sp.Expr], unknowns: list[sp.Symbol], span: Node
-    ) -> list[tuple[sp.Symbol, sp.Expr]]:
-        matrix = sp.Matrix(residuals).jacobian(unknowns)
-        names = ", ".join(u.name for u in unknowns)
-        if matrix.free_symbols & set(unknowns) or matrix.atoms(sp.Derivative, sp.Subs):
-            self.evaluate.refuse(span, f"nonlinear equation for {names}")
-        rest = sp.Matrix(residuals).xreplace(dict.fromkeys(unknowns, sp.S.Zero))
-        if len(unknowns) == 1:
-            return [(unknowns[0], -rest[0] / matrix[0])]
-        if matrix.rank() < len(unknowns):
-            self.evaluate.refuse(span, f"singular algebraic loop of {names}")
-        return list(zip(unknowns, matrix.LUsolve(-rest), strict=True))
-
     # Delays and samples --------------------------------------------------------------------------------
 
     def _held_delay(
-        self, delay: Delay, resolved: Mapping[sp.Symbol, sp.Expr], states: list[sp.Symbol]
+        self,
+        delay: Delay,
+        resolved: Mapping[sp.Symbol, sp.Expr],
+        states: list[sp.Symbol],
+        constant: set[sp.Symbol],
     ) -> Delay:
         value = delay.value.xreplace(resolved)
         moving = [
@@ -327,6 +304,8 @@ class _Builder:
             self.evaluate.refuse(
                 delay.span, f"delay() of a signal that is not held between samples ({moving[0].name})"
             )
+        if delay.duration.free_symbols - constant:
+            self.evaluate.refuse(delay.span, "delay() with a varying delay time")
         return Delay(delay.symbol, value, delay.duration, delay.span)
 
     def _events(
@@ -349,7 +328,9 @@ class _Builder:
                         self.evaluate.refuse(span, f"{bad[0]} inside when")
                     found[symbol] = Event(symbol, expression, number)
         for symbol in discrete - found.keys():
-            raise UnsupportedError(f"{self.model.name}: discrete variable '{symbol.name}' is never assigned")
+            self.evaluate.refuse(
+                self._declaration(symbol), f"sampled variable '{symbol.name}' that no 'when' assigns"
+            )
         previous = {f"pre({s.name})" for s in found}
         for event in found.values():
             for s in event.value.free_symbols:
@@ -370,15 +351,13 @@ class _Builder:
     def _refuse_state_events(
         self, derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...], moving: set[sp.Symbol]
     ) -> None:
-        opaque = tuple(EVENT_FUNCTIONS.values())
         for state, expression in derivatives:
-            for atom in expression.atoms(sp.core.relational.Relational, *opaque):
-                if atom.free_symbols & moving:
-                    where = self.model.sources.where(self._declaration(state))
-                    raise UnsupportedError(
-                        f"{where}: {self.model.name}: an event inside a step is not supported: "
-                        f"der({state.name}) switches on {atom}"
-                    )
+            for switch in switches([expression], moving):
+                where = self.model.sources.where(self._declaration(state))
+                raise UnsupportedError(
+                    f"{where}: {self.model.name}: an event inside a step is not supported: "
+                    f"der({state.name}) switches on {switch}"
+                )
 
     def _declaration(self, symbol: sp.Symbol) -> Node | None:
         name = symbol.name
@@ -400,6 +379,9 @@ def _affine(
     constant = rates.xreplace(dict.fromkeys([*states, *varying], sp.S.Zero))
     b = forcing.row_join(constant)
     moving = {*states, *varying, TIME}
+    # The derivative of an `if` says nothing of its condition, which must not depend on what varies either.
+    if switches(rates, moving):
+        return None
     if (a.free_symbols | b.free_symbols) & moving or a.atoms(sp.Derivative, sp.Subs) | b.atoms(
         sp.Derivative, sp.Subs
     ):

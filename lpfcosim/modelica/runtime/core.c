@@ -89,10 +89,14 @@ static double next_switch(const State *s, double t) {
 
 /* The matrix of one internal step. Delayed signals switch inside it, at part[j]: the product of the
    exponentials of the subintervals is still one matrix, exact for any switch. */
-static void discretise(State *s) {
+static const char *discretise(State *s) {
 #if AFFINE
     double a[NX * NX], b[NX * (NH + ND + 1)], wide[NX * NW], g[NX * NZ], product[NX * NZ];
     model_affine(s->v, a, b);
+    for (int i = 0; i < NX * NX; i++)
+        if (!isfinite(a[i])) return "the parameters make the model singular";
+    for (int i = 0; i < NX * (NH + ND + 1); i++)
+        if (!isfinite(b[i])) return "the parameters make the model singular";
     memset(s->e, 0, sizeof s->e);
     for (double t = 0, end; t < s->h; t = end) {
         end = next_switch(s, t);
@@ -116,12 +120,14 @@ static void discretise(State *s) {
 #else
     (void)s;
 #endif
+    return NULL;
 }
 
-/* Fix the internal step: the model's own, or a shorter one that divides it; place clocks and delays on it. */
+/* Fix the internal step: the model's own where it divides the communication step, otherwise the longest that
+   does and is no longer; place clocks and delays on it. */
 static const char *prepare(State *s, double step) {
     double ratio = step / INTERNAL_STEP;
-    s->h = ratio > 0.5 && fabs(ratio - floor(ratio + 0.5)) < 1e-6 * ratio ? INTERNAL_STEP : step;
+    s->h = fabs(ratio - floor(ratio + 0.5)) < 1e-6 * ratio && ratio > 0.5 ? INTERNAL_STEP : step / ceil(ratio);
     double start[AT_LEAST_ONE(NC)], period[AT_LEAST_ONE(NC)], duration[AT_LEAST_ONE(ND)];
     model_clocks(s->v, start, period);
     for (int c = 0; c < NC; c++) {
@@ -141,8 +147,7 @@ static const char *prepare(State *s, double step) {
         s->whole[j] = (unsigned long long)whole;
         s->part[j] = n - whole > 1e-9 ? (n - whole) * s->h : 0;
     }
-    discretise(s);
-    return NULL;
+    return discretise(s);
 }
 
 #if NX > 0 && !AFFINE

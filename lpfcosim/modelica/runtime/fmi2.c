@@ -64,10 +64,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return done(c, instance_exit(c)); }
 
-fmi2Status fmi2Terminate(fmi2Component c) {
-    ((Instance *)c)->now.mode = TERMINATED;
-    return fmi2OK;
-}
+fmi2Status fmi2Terminate(fmi2Component c) { return done(c, instance_end(c)); }
 
 fmi2Status fmi2Reset(fmi2Component c) {
     instance_reset(c);

@@ -70,10 +70,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_def
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance m) { return done(m, instance_exit(m)); }
 
-fmi3Status fmi3Terminate(fmi3Instance instance) {
-    ((Instance *)instance)->now.mode = TERMINATED;
-    return fmi3OK;
-}
+fmi3Status fmi3Terminate(fmi3Instance m) { return done(m, instance_end(m)); }
 
 fmi3Status fmi3Reset(fmi3Instance m) {
     instance_reset(m);

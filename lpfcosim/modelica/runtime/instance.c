@@ -4,6 +4,7 @@
 #include <string.h>
 
 void instance_reset(Instance *m) {
+    memcpy(m->now.token, model_token, sizeof m->now.token);
     core_reset(&m->now.state);
     m->now.mode = INSTANTIATED;
 }
@@ -11,6 +12,7 @@ void instance_reset(Instance *m) {
 const char *instance_enter(Instance *m, double start) {
     if (m->now.mode != INSTANTIATED) return "initialization needs a fresh or reset instance";
     m->now.state.start_time = m->now.state.time = start;
+    core_touch(&m->now.state);
     m->now.mode = INITIALIZATION;
     return NULL;
 }
@@ -34,13 +36,20 @@ const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *valu
 }
 
 const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const double *values) {
-    const int least = m->now.mode == STEP ? 2 : 1;
+    const int least = m->now.mode < STEP ? 1 : 2;
+    if (m->now.mode == TERMINATED) return "a variable is set after the end";
     for (size_t i = 0; i < n; i++) {
         if (vr[i] >= NV) return "there is no variable of this value reference";
         if (model_settable[vr[i]] < least) return "this variable cannot be set, or not any more";
         m->now.state.v[vr[i]] = values[i];
     }
     core_touch(&m->now.state);
+    return NULL;
+}
+
+const char *instance_end(Instance *m) {
+    if (m->now.mode != STEP) return "an end without a beginning";
+    m->now.mode = TERMINATED;
     return NULL;
 }
 
@@ -69,7 +78,8 @@ const char *snapshot_write(const void *state, void *bytes, size_t size) {
 }
 
 const char *snapshot_read(const void *bytes, size_t size, void **state) {
-    if (size != sizeof(Snapshot)) return "these bytes are not a state of this FMU";
+    if (size != sizeof(Snapshot) || strcmp(((const Snapshot *)bytes)->token, model_token))
+        return "these bytes are not a state of this FMU";
     if (!*state) *state = malloc(sizeof(Snapshot));
     if (!*state) return "out of memory";
     memcpy(*state, bytes, sizeof(Snapshot));

@@ -11,6 +11,7 @@ typedef enum { INSTANTIATED, INITIALIZATION, STEP, TERMINATED } Mode;
 
 /* Everything that saving and restoring has to keep. */
 typedef struct {
+    char token[37]; /* of the model that the state belongs to */
     State state;
     Mode mode;
 } Snapshot;
@@ -26,6 +27,7 @@ const char *instance_exit(Instance *m);
 const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values);
 const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const double *values);
 const char *instance_step(Instance *m, double time, double step);
+const char *instance_end(Instance *m);
 const char *snapshot_save(const Instance *m, void **state);
 const char *snapshot_restore(Instance *m, const void *state);
 const char *snapshot_write(const void *state, void *bytes, size_t size);
