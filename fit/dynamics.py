@@ -1,0 +1,188 @@
+"""The equation of motion (eq. deltagjointfit) as columns of a linear model; the only place with its signs.
+
+With ``x_j'' = g_j - omega2_j x_j + lambda_j f_x_j(t - tau_j) - a_SC`` for the test masses j = 1, 2 and the
+read-outs ``o_1 = x_1``, ``o_12 = x_2 - x_1 + delta_ifo x_1`` the differential acceleration is
+
+    Delta g = o_12'' - lambda_2 f_x_2(t - tau_2) + lambda_1 f_x_1(t - tau_1) + omega2_2 o_12
+              + domega2_12 o_1 - delta_ifo (o_1'' + omega2_2 o_1),        domega2_12 = omega2_2 - omega2_1
+
+``tau_j = C_j / lambda_j`` is the effective delay: transport plus half a sample of the 10 Hz hold. Commands
+are delayed exactly by a reference tau_0, only the rest is linearised,
+
+    lambda f(t - tau) = lambda f_0 - (C - lambda tau_0) f_0' ,             f_0 = f(t - tau_0)
+
+so that nothing is approximated once tau_0 has been moved to C / lambda.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit import spectra
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+LOOP_PERIOD = 0.1  # s: commands are held this long, however coarsely they were archived
+COLUMNS = ("ddo_12", "f_2", "df_2", "f_1", "df_1", "o_12", "o_1", "ddo_1")
+PARAMETERS = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")
+CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
+
+
+@dataclass(frozen=True)
+class Channels:
+    """The channels of one run, low-passed and decimated alike.
+
+    Attributes
+    ----------
+    fs : float
+        Sample rate [Hz], 1 to 2 Hz for anything archived faster.
+    time : ndarray, shape (N,)
+        Seconds since the start of the run.
+    o_1, o_12 : ndarray, shape (N,)
+        Read-outs [m].
+    f_x_1, f_x_2 : ndarray, shape (N,)
+        Commanded force per unit mass [m s^-2].
+    valid : ndarray of bool, shape (N,)
+        False where missing samples reach.
+    missing : int
+        Number of missing samples in the file.
+    """
+
+    fs: float
+    time: Array
+    o_1: Array
+    o_12: Array
+    f_x_1: Array
+    f_x_2: Array
+    valid: NDArray[np.bool_]
+    missing: int
+
+
+def channels(telemetry: Telemetry) -> Channels:
+    """Low-pass and decimate what the equation needs."""
+    taps, factor = spectra.low_pass(telemetry.fs)
+    raw = [telemetry.channels[name] for name in CHANNELS]
+    filled, masked = zip(*(spectra.bridge(x, telemetry.fs) for x in raw), strict=True)
+    touched = spectra.decimate(np.any(masked, axis=0).astype(float), np.ones_like(taps), factor)
+    kept = {name: spectra.decimate(x, taps, factor) for name, x in zip(CHANNELS, filled, strict=True)}
+    return Channels(
+        fs=telemetry.fs / factor,
+        time=telemetry.time[taps.size // 2 :: factor][: touched.size],
+        **kept,
+        valid=touched < 0.5,
+        missing=int(np.any(np.isnan(raw), axis=0).sum()),
+    )
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The terms of the equation as time series.
+
+    Attributes
+    ----------
+    tau : tuple of float
+        The delays tau_0 [s] of test masses 1 and 2 about which the columns are expanded.
+    fs : float
+        Sample rate [Hz].
+    time : ndarray, shape (N,)
+        Seconds since the start of the run.
+    values : ndarray, shape (N, 8)
+        In the order of `COLUMNS`; SI.
+    valid : ndarray of bool, shape (N,)
+        False where missing samples reach.
+    """
+
+    tau: tuple[float, float]
+    fs: float
+    time: Array
+    values: Array
+    valid: NDArray[np.bool_]
+
+
+def columns(run: Channels, tau: tuple[float, float]) -> Columns:
+    """Differentiate and delay."""
+    fs, inner = run.fs, slice(spectra.HALF, -spectra.HALF)
+
+    def derivative(x: Array, order: int, delay: float = 0.0) -> Array:
+        return spectra.apply(spectra.stencil(delay * fs, order) * fs**order, x)
+
+    def force(x: Array, delay: float) -> Array:
+        # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
+        return derivative(x, 0, delay) + LOOP_PERIOD**2 / 24 * derivative(x, 2, delay)
+
+    values = (
+        derivative(run.o_12, 2),
+        force(run.f_x_2, tau[1]),
+        derivative(run.f_x_2, 1, tau[1]),
+        force(run.f_x_1, tau[0]),
+        derivative(run.f_x_1, 1, tau[0]),
+        run.o_12[inner],
+        run.o_1[inner],
+        derivative(run.o_1, 2),
+    )
+    reach = np.ones(2 * spectra.HALF + 1)
+    valid = spectra.apply(reach, (~run.valid).astype(float)) < 0.5
+    return Columns(tau, fs, run.time[inner], np.stack(values, axis=1), valid)
+
+
+def delays(theta: Array) -> tuple[float, float]:
+    """Return the effective delays tau_j = C_j / lambda_j [s] for `PARAMETERS` theta, 0 without a gain."""
+    lambda_1, lambda_2, C_1, C_2 = (float(value) for value in theta[:4])
+    return (C_1 / lambda_1 if lambda_1 else 0.0, C_2 / lambda_2 if lambda_2 else 0.0)
+
+
+def coefficients(theta: Array, tau: tuple[float, float]) -> Array:
+    """Return the coefficients of `COLUMNS` in Delta g, shape (8,), for `PARAMETERS` theta, shape (7,)."""
+    lambda_1, lambda_2, C_1, C_2, omega2_2, domega2_12, delta_ifo = theta
+    return np.array(
+        [
+            1.0,
+            -lambda_2,
+            C_2 - lambda_2 * tau[1],
+            lambda_1,
+            -(C_1 - lambda_1 * tau[0]),
+            omega2_2,
+            domega2_12 - delta_ifo * omega2_2,
+            -delta_ifo,
+        ]
+    )
+
+
+def gradient(theta: Array, tau: tuple[float, float]) -> Array:
+    """Return the derivatives of `coefficients` by theta, shape (8, 7)."""
+    omega2_2, delta_ifo = theta[4], theta[6]
+    d = np.zeros((len(COLUMNS), len(PARAMETERS)))
+    d[[1, 2], 1] = -1, -tau[1]
+    d[2, 3] = 1
+    d[[3, 4], 0] = 1, tau[0]
+    d[4, 2] = -1
+    d[[5, 6], 4] = 1, -delta_ifo
+    d[6, 5] = 1
+    d[[6, 7], 6] = -omega2_2, -1
+    return d
+
+
+def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return the calibrated differential acceleration of a run (eq. deltagjointfit).
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        The run.
+    parameters : mapping
+        Values of `PARAMETERS`, SI; a force that is not commanded needs no lambda_1 and C_1.
+
+    Returns
+    -------
+    time : ndarray, shape (N,)
+        Seconds since the start of the run, at 1 to 2 Hz.
+    delta_g : ndarray, shape (N,)
+        Low-passed, flat up to 0.1 Hz [m s^-2]; NaN where samples are missing.
+    """
+    theta = np.array([parameters.get(name, 0.0) for name in PARAMETERS])
+    terms = columns(channels(telemetry), delays(theta))
+    delta_g = terms.values @ coefficients(theta, terms.tau)
+    return terms.time, np.where(terms.valid, delta_g, np.nan)

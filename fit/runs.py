@@ -1,0 +1,90 @@
+"""Runs in pairs: the spectra of a run, ready at any delay, and the noise PSD its partner tells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit import dynamics, linear, spectra
+from fit.errors import InputError
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+LEAST = 0.3  # share of a run that gaps and their flanks must leave
+CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command
+
+
+class Run:
+    """A run whose spectra are recomputed only when a delay has moved.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        The run.
+    """
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self.telemetry = telemetry
+        self.channels = dynamics.channels(telemetry)
+        self.tau = (np.inf, np.inf)
+
+    def spectra(self, tau: tuple[float, float]) -> spectra.Spectra:
+        """Return the spectra for delays within CLOSE of `tau`; `self.tau` then says which exactly.
+
+        Raises
+        ------
+        InputError
+            If missing samples leave too little of the run.
+        """
+        if max(abs(tau[0] - self.tau[0]), abs(tau[1] - self.tau[1])) > CLOSE:
+            terms = dynamics.columns(self.channels, tau)
+            self.tau = tau
+            self._spectra = spectra.transform(terms.values, terms.valid, terms.fs)
+            if np.mean(self._spectra.window**2) < LEAST:
+                raise InputError(
+                    f"{self.telemetry.path}: {self.channels.missing} missing samples lie so widely scattered "
+                    f"that masking leaves less than {100 * LEAST:g} % of the run, expected longer stretches"
+                )
+        return self._spectra
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A system identification run and its adjacent noise run, None where there is none."""
+
+    sysid: Run
+    noise: Run | None
+
+    @property
+    def name(self) -> str:
+        """Name that pairs the two."""
+        return self.sysid.telemetry.experiment
+
+
+def noise_model(
+    experiment: Experiment, theta: Array, covariance: Array, previous: spectra.NoiseModel | None
+) -> spectra.NoiseModel:
+    """Fit the noise PSD to the residual of the noise run or, without one, of the run itself.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+    theta : ndarray, shape (7,)
+        Values of `dynamics.PARAMETERS`.
+    covariance : ndarray, shape (7, 7)
+        Of `theta`: what the fit takes out of its own residual.
+    previous : NoiseModel or None
+        Weights of the projection of constant and ramp; None to begin with.
+    """
+    run = experiment.noise or experiment.sysid
+    terms = run.spectra(dynamics.delays(theta))
+    S = previous(terms.f) if previous else np.ones(terms.f.size)
+    U, left = linear.whiten(terms, S)
+    power = np.abs(U @ dynamics.coefficients(theta, run.tau)) ** 2 * S / 2
+    if experiment.noise is None:
+        rows = U @ dynamics.gradient(theta, run.tau)
+        left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
+    model = spectra.fit_noise(terms.f, power, np.maximum(left, 0))
+    return model if previous else noise_model(experiment, theta, covariance, model)
