@@ -31,7 +31,10 @@ from lpfcosim.run import (
     Sine,
     Truth,
 )
-from lpfcosim.schema import CampaignTable, ExperimentTable
+from lpfcosim.schema import LONGEST_DELAY, CampaignTable, ExperimentTable
+
+# tomllib takes minutes and gigabytes for a key of thousands of parts
+_DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def load(path: Path) -> Campaign:
         If the file cannot be read, is not TOML, or is not a campaign; one sentence with the path inside it.
     """
     try:
-        raw = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        raw = _parse(path.read_bytes().decode("utf-8-sig"))
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, expected a campaign file") from None
     except FileNotFoundError:
@@ -121,12 +124,14 @@ def load(path: Path) -> Campaign:
         raise InputError(f"{path}: is not UTF-8 text (byte {error.start}), expected a TOML file") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: {_place_first(str(error))}") from None
+    except ValueError:  # what is left: Python refuses to convert thousands of digits
+        raise InputError(f"{path}: holds a number of too many digits") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     try:
         return _build(CampaignTable.model_validate(raw))
     except ValidationError as error:
-        raise InputError(f"{path}: {describe(error.errors()[0])}") from None
+        raise InputError(f"{path}: {_told(error)}") from None
     except _ConflictError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -134,6 +139,19 @@ def load(path: Path) -> Campaign:
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a campaign file, for editors that complete and check as one types."""
     return CampaignTable.model_json_schema(by_alias=True)
+
+
+def _parse(text: str) -> dict[str, Any]:
+    if _DEEP_KEY.search(text):
+        raise RecursionError
+    return tomllib.loads(text)
+
+
+def _told(error: ValidationError) -> str:
+    try:
+        return describe(error.errors()[0])
+    except RecursionError:  # the offending value itself is to be shown
+        return "is nested too deeply"
 
 
 class _ConflictError(Exception):
@@ -174,6 +192,11 @@ def _truth(table: CampaignTable) -> Truth:
             raise _ConflictError(
                 f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is below {H / 2:g} s, the half sample "
                 "that the hold of a command already takes of its effective delay"
+            )
+        if delay > LONGEST_DELAY:
+            raise _ConflictError(
+                f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is above {LONGEST_DELAY:g} s, too long for "
+                "the delay of a command"
             )
     return truth
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
 import fit.errors
 from fit import report as fit_report
@@ -18,13 +20,25 @@ from fit import results as fit_results
 from fit import telemetry as fit_telemetry
 from fit.pipeline import calibrate
 from lpfcosim import campaign as campaigns
-from lpfcosim import runner, stability
+from lpfcosim import master, runner, stability
 from lpfcosim.console import Console
-from lpfcosim.errors import InputError, LpfcosimError
+from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import build as fmu_build
 from lpfcosim.modelica import checks
 
+
+class _Commands(TyperGroup):
+    """The commands; what interrupts one is told like any other error, before typer makes it its own."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise RunError("interrupted; what is finished is kept, the same command continues") from None
+
+
 app = typer.Typer(
+    cls=_Commands,
     help="Calibrate drag-free spacecraft: simulate LISA Pathfinder through FMUs, fit its dynamics, report.",
     no_args_is_help=True,
     add_completion=False,
@@ -43,6 +57,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors."
 
 def main() -> None:
     """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it
     try:
         app()
     except (InputError, fit.errors.InputError) as error:
@@ -51,14 +66,10 @@ def main() -> None:
         _exit(error, 1)
     except OSError as error:
         _exit(f"{error.filename or 'file system'}: {error.strerror or error}", 1)
-    except KeyboardInterrupt:
-        _exit("interrupted; what is finished is kept, the same command continues", 1)
 
 
 def _exit(error: object, status: int) -> None:
     print(f"lpfcosim: error: {error}", file=sys.stderr)
-    # Workers of an interrupted pool must not keep the process alive.
-    sys.stderr.flush()
     sys.exit(status)
 
 
@@ -69,6 +80,10 @@ def run(
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, help="Processes [default: one per processor].")
     ] = None,
+    engine: Annotated[
+        master.Engine,
+        typer.Option("--engine", help="The loop over the FMUs; fmpy: the plain one, slow, same bits."),
+    ] = "compiled",
     quiet: Quiet = False,
 ) -> None:
     """Simulate a campaign with the FMUs, fit it, report; continues what was interrupted.
@@ -83,11 +98,14 @@ def run(
     except InputError as error:
         raise InputError(f"{campaign}: {error}") from None
     directory = out or Path(campaign.stem)
+    _check_folder(directory / "telemetry")
     started = time.perf_counter()
     with console.stage("FMUs"):
         fmus = fmu_build.build()
-    with console.samples({r.name: r.n_samples for r in plan.runs}) as progress:
-        files = runner.simulate(plan, directory / "telemetry", fmus, jobs=jobs, progress=progress)
+    with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
+        files = runner.simulate(
+            plan, directory / "telemetry", fmus, jobs=jobs, engine=engine, progress=progress, kept=kept
+        )
     simulated = time.perf_counter() - started
     origin = {**runner.provenance(plan, fmus), "seconds_simulating": round(simulated, 2)}
     _calibrate(console, directory, files, include_short=False, origin=origin)
@@ -106,6 +124,7 @@ def fit_command(
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU."""
     directory = out or _default_folder(paths[0])
+    _check_folder(directory)
     _calibrate(
         Console(quiet=quiet), directory, [_telemetry_folder(p) for p in paths], include_short=include_short
     )
@@ -134,13 +153,16 @@ def fmu_build_command(
         list[str] | None, typer.Argument(metavar="[MODEL]...", help="Models [default: all].")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder to copy the FMUs to.")] = None,
+    fmi: Annotated[Literal["2.0", "3.0"], typer.Option("--fmi", help="Version of FMI.")] = "3.0",
     force: Annotated[bool, typer.Option("--force", help="Build again what the cache holds.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Build the FMUs from the Modelica sources; what has not changed comes from the cache."""
     console = Console(quiet=quiet)
+    if out is not None:
+        _check_folder(out)
     with console.stage("FMUs"):
-        built = fmu_build.build(_models(models), force=force)
+        built = fmu_build.build(_models(models), fmi=fmi, force=force)
     if out is not None:
         built = fmu_build.copy(built, out)
     for path in built.values():
@@ -179,6 +201,13 @@ def _models(named: Sequence[str] | None) -> Sequence[str]:
         if name not in fmu_build.MODELS:
             raise InputError(f"no model '{name}'; there are {', '.join(fmu_build.MODELS)}")
     return named or fmu_build.MODELS
+
+
+def _check_folder(path: Path) -> None:
+    """Refuse a folder that cannot be made because a file has its name, or that of a folder above it."""
+    existing = next(p for p in (path, *path.parents) if p.exists())
+    if not existing.is_dir():
+        raise InputError(f"{existing}: is a file, expected a folder for the results; name one with --out")
 
 
 def _telemetry_folder(path: Path) -> Path:

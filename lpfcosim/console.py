@@ -42,10 +42,15 @@ class Console:
         self._note(f"{name}: {time.perf_counter() - started:.1f} s")
 
     @contextmanager
-    def samples(self, sizes: Mapping[str, int]) -> Iterator[Callable[[str, int], None]]:
-        """Follow runs of known numbers of samples; yields the function to tell ``(run, done)``."""
+    def samples(
+        self, sizes: Mapping[str, int]
+    ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:
+        """Follow runs of known numbers of samples.
+
+        Yields the functions to tell ``(run, samples done)``, and ``(run)`` of one that need not be simulated.
+        """
         started = time.perf_counter()
-        total = sum(sizes.values())
+        simulated = dict(sizes)
         if self._progress.is_terminal and not self._quiet:
             columns = (
                 TextColumn("{task.description}"),
@@ -55,14 +60,23 @@ class Console:
             )
             with Progress(*columns, console=self._progress) as bars:
                 tasks = {name: bars.add_task(name, total=size) for name, size in sizes.items()}
-                yield lambda name, done: bars.update(tasks[name], completed=done)
+
+                def keep(name: str) -> None:
+                    bars.update(tasks[name], description=f"{name} (kept)", completed=simulated.pop(name))
+
+                yield lambda name, done: bars.update(tasks[name], completed=done), keep
         else:
+
+            def keep(name: str) -> None:
+                del simulated[name]
+                self._note(f"run {name}: kept")
 
             def line(name: str, done: int) -> None:
                 if done == sizes[name]:
                     self._note(f"run {name}: {done} samples")
 
-            yield line
+            yield line, keep
+        total = sum(simulated.values())
         self._note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
 
     def table(self, results: Results) -> None:

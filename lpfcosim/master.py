@@ -82,14 +82,15 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
     """
     with contextlib.ExitStack() as stack:
         values = network.parameters(run)
+        slaves = [
+            Slave(stack, fmus[c.model], c.model, values[c.model], list(c.inputs), c.outputs)
+            for c in network.COMPONENTS
+        ]
         try:
-            slaves = [
-                Slave(stack, fmus[c.model], c.model, values[c.model], list(c.inputs), c.outputs)
-                for c in network.COMPONENTS
-            ]
             yield from Loop(run, slaves, engine).blocks()
         except FMICallException as error:
-            raise RunError(f"run '{run.name}': an FMU refused a call: {error}") from None
+            said = "".join(f"; {s.name}: {s.said}" for s in slaves if s.said)
+            raise RunError(f"run '{run.name}': an FMU refused a call: {error}{said}") from None
 
 
 class Loop:
@@ -278,7 +279,8 @@ class _Compiled:
         )
         if outcome.slave >= 0:
             status = _STATUS.get(outcome.status, str(outcome.status))
+            slave = self._slaves[outcome.slave]
             raise RunError(
-                f"run '{run.name}': the {self._slaves[outcome.slave].name} FMU reports '{status}' "
-                f"at {(start + done) * run.h:.1f} s"
+                f"run '{run.name}': the {slave.name} FMU reports '{status}' "
+                f"at {(start + done) * run.h:.1f} s{slave.reason}"
             )

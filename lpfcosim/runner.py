@@ -6,21 +6,34 @@ import hashlib
 import multiprocessing as mp
 import os
 import queue
-from collections.abc import Callable, Mapping, Sequence
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 
 from lpfcosim import master, network, telemetry
-from lpfcosim.campaign import Campaign
-from lpfcosim.errors import RunError
+from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.modelica.build import engine_library
 from lpfcosim.run import Run
+
+if TYPE_CHECKING:  # its tools would cost every worker a fifth of its start
+    from lpfcosim.campaign import Campaign
 
 Progress = Callable[[str, int], None]  # name of a run, number of its samples done
 
+_Task = tuple[Run, dict[str, Path], Path, dict[str, str | int | float], master.Engine]
+
 _POLL = 0.2  # s between two looks at the progress of the workers
+_KILLED = "a worker process was killed (out of memory?); what is finished is kept, the same command continues"
 
 
 def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
@@ -44,7 +57,9 @@ def simulate(
     fmus: Mapping[str, Path],
     *,
     jobs: int | None = None,
+    engine: master.Engine = "compiled",
     progress: Progress = lambda _name, _done: None,
+    kept: Callable[[str], None] = lambda _name: None,
 ) -> list[Path]:
     """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
 
@@ -60,8 +75,12 @@ def simulate(
         The FMU of each component.
     jobs : int, optional
         Number of processes; as many as there are processors by default.
+    engine : {"compiled", "fmpy"}
+        Which loop steps the FMUs; see `master.blocks`.
     progress : callable
         Told the name of a run and the number of samples done.
+    kept : callable
+        Told the name of a run whose file is there already.
 
     Returns
     -------
@@ -70,6 +89,8 @@ def simulate(
 
     Raises
     ------
+    InputError
+        If a folder is in the way of a file, or the FMUs of a run do not fit.
     RunError
         If a run failed; the others are finished first.
     """
@@ -81,12 +102,17 @@ def simulate(
     files = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
     missing = []
     for run in campaign.runs:
+        if files[run.name].is_dir():
+            raise InputError(f"{files[run.name]}: is a folder, expected a file or nothing")
         if _is_there(files[run.name], origin):
-            progress(run.name, run.n_samples)
+            kept(run.name)
         else:
             missing.append(run)
     if missing:
-        _simulate_all(missing, files, fmus, origin, jobs or _processors(), progress)
+        if engine == "compiled":
+            engine_library()  # once, here, and not in every worker
+        tasks = {r.name: (r, dict(fmus), files[r.name], dict(origin), engine) for r in missing}
+        _simulate_all(tasks, directory, min(jobs or _processors(), len(missing)), progress)
     return list(files.values())
 
 
@@ -95,12 +121,13 @@ def record(
     fmus: Mapping[str, Path],
     path: Path,
     origin: Mapping[str, str | int | float],
+    engine: master.Engine = "compiled",
     progress: Callable[[int], None] = lambda _: None,
 ) -> None:
     """Simulate one run into a telemetry file, block by block."""
     done = 0
     with telemetry.Writer(path, run, network.RECORD, origin) as writer:
-        for block in master.blocks(run, fmus):
+        for block in master.blocks(run, fmus, engine):
             writer.append(block)
             done += len(block["o_1"])
             progress(done)
@@ -109,8 +136,8 @@ def record(
 def _is_there(path: Path, origin: Mapping[str, str | int | float]) -> bool:
     try:
         with h5py.File(path) as file:
-            return all(file.attrs.get(key) == value for key, value in origin.items())
-    except OSError:
+            return all(bool(file.attrs.get(key) == value) for key, value in origin.items())
+    except Exception:  # whatever HDF5 and NumPy make of a file that is not ours
         return False
 
 
@@ -118,29 +145,53 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _simulate_all(
-    runs: Sequence[Run],
-    files: Mapping[str, Path],
-    fmus: Mapping[str, Path],
-    origin: Mapping[str, str | int | float],
-    jobs: int,
-    progress: Progress,
-) -> None:
+def _simulate_all(tasks: Mapping[str, _Task], directory: Path, jobs: int, progress: Progress) -> None:
     context = mp.get_context("spawn")  # a fork would share the state of loaded libraries
     reports: mp.Queue[tuple[str, int]] = context.Queue()
-    with ProcessPoolExecutor(min(jobs, len(runs)), context, _connect, (reports,)) as pool:
-        # The longest first, so that none is left running alone at the end.
-        order = sorted(runs, key=lambda r: -r.n_samples)
-        waiting = {pool.submit(_simulate_one, r, dict(fmus), files[r.name], dict(origin)): r for r in order}
-        failures = _follow(waiting, reports, progress)
+    others = mp.active_children()
+    workers: list[mp.process.BaseProcess] = []
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-", ignore_cleanup_errors=True) as scratch:
+        pool = ProcessPoolExecutor(jobs, context, _prepare, (reports, scratch, directory))
+        try:
+            with _interrupts_held():
+                # The longest first, so that none is left running alone at the end.
+                order = sorted(tasks, key=lambda name: -tasks[name][0].n_samples)
+                waiting = {pool.submit(_simulate_one, *tasks[name]): name for name in order}
+                workers = [p for p in mp.active_children() if p not in others]
+            failures = _follow(waiting, reports, progress)
+        except BrokenProcessPool:  # so early that not everything was handed out
+            failures = [RunError(_KILLED)]
+        except BaseException:
+            for worker in workers:
+                worker.terminate()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+            for worker in workers:
+                if worker.pid is not None:
+                    telemetry.discard(directory, worker.pid)
     if failures:
-        raise RunError("; ".join(failures))
+        kind = InputError if any(isinstance(e, InputError) for e in failures) else RunError
+        raise kind("; ".join(dict.fromkeys(str(e) for e in failures)))
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while workers start, which thereby never see it: to end them is up to this process."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _follow(
-    waiting: Mapping[Future[None], Run], reports: mp.Queue[tuple[str, int]], progress: Progress
-) -> list[str]:
-    failures = []
+    waiting: Mapping[Future[None], str], reports: mp.Queue[tuple[str, int]], progress: Progress
+) -> list[LpfcosimError]:
+    failures: list[LpfcosimError] = []
     pending = set(waiting)
     while pending:
         done, pending = wait(pending, _POLL, FIRST_COMPLETED)
@@ -151,12 +202,13 @@ def _follow(
                 break
         for future in done:
             error = future.exception()
-            if error is not None:
-                known = isinstance(error, RunError)
-                name = waiting[future].name
-                failures.append(
-                    str(error) if known else f"run '{name}' failed: {type(error).__name__}: {error}"
-                )
+            if isinstance(error, LpfcosimError):
+                failures.append(error)
+            elif isinstance(error, BrokenProcessPool):
+                failures.append(RunError(_KILLED))
+            elif error is not None:
+                told = f"run '{waiting[future]}' failed: {type(error).__name__}: {error}"
+                failures.append(RunError(told))
     return failures
 
 
@@ -165,14 +217,32 @@ def _follow(
 _reports: mp.Queue[tuple[str, int]] | None = None
 
 
-def _connect(reports: mp.Queue[tuple[str, int]]) -> None:
+def _prepare(reports: mp.Queue[tuple[str, int]], scratch: str, directory: Path) -> None:
     global _reports
     _reports = reports
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tempfile.tempdir = scratch
+    threading.Thread(target=_end_with_parent, args=(scratch, directory), daemon=True).start()
 
 
-def _simulate_one(run: Run, fmus: dict[str, Path], path: Path, origin: dict[str, str | int | float]) -> None:
+def _end_with_parent(scratch: str, directory: Path) -> None:
+    parent = mp.parent_process()
+    if parent is not None:
+        parent.join()
+        telemetry.discard(directory, os.getpid())
+        shutil.rmtree(scratch, ignore_errors=True)
+        os._exit(1)
+
+
+def _simulate_one(
+    run: Run,
+    fmus: dict[str, Path],
+    path: Path,
+    origin: dict[str, str | int | float],
+    engine: master.Engine,
+) -> None:
     def report(done: int) -> None:
         if _reports is not None:
             _reports.put((run.name, done))
 
-    record(run, fmus, path, origin, report)
+    record(run, fmus, path, origin, engine, report)

@@ -25,6 +25,7 @@ from lpfcosim.run import Controller, HalfCosine, Sine, Target
 from lpfcosim.units import (
     FORCE,
     LENGTH,
+    YEAR,
     Acceleration,
     AccelerationNoise,
     AlphaPhi,
@@ -40,7 +41,7 @@ from lpfcosim.units import (
     Torque,
 )
 
-YEAR = 366 * 86400.0  # s
+LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
 
 
@@ -58,15 +59,13 @@ def _whole_samples(seconds: float) -> float:
         raise problem(f"{seconds:g} s is not a whole number of {H:g} s samples")
     if samples == 0 and seconds > 0:
         raise problem(f"{seconds:g} s is less than a sample, {H:g} s")
-    if seconds > YEAR:
-        raise problem(f"{seconds:g} s is more than a year")
     return samples / FS
 
 
-def _bounded_delay(seconds: float) -> float:
-    if seconds > 10:
-        raise problem(f"{seconds:g} s is more than 10 s, too long for the delay of a command")
-    return seconds
+def _below_nyquist(frequency: float) -> float:
+    if frequency >= FS / 2:
+        raise problem(f"{frequency:g} Hz is not below the Nyquist frequency, {FS / 2:g} Hz")
+    return frequency
 
 
 def _utc(raw: object) -> datetime:
@@ -81,14 +80,16 @@ def _utc(raw: object) -> datetime:
 
 Name = Annotated[str, Strict(), AfterValidator(_usable)]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
-Duration = Annotated[float, Quantity("a time", "s", "6 h", "positive"), AfterValidator(_whole_samples)]
+Gain = Annotated[Number, Field(ge=0.01, le=100)]
+DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
+Duration = Annotated[
+    float, Quantity("a time", "s", "6 h", "positive", largest=YEAR), AfterValidator(_whole_samples)
+]
 NoiseDuration = Annotated[
-    float, Quantity("a time", "s", "6 h", "not negative"), AfterValidator(_whole_samples)
+    float, Quantity("a time", "s", "6 h", "not negative", largest=YEAR), AfterValidator(_whole_samples)
 ]
-Delay = Annotated[
-    float, Quantity("a delay coefficient", "s", "0.186 s", "positive"), AfterValidator(_bounded_delay)
-]
+Delay = Annotated[float, Quantity("a delay coefficient", "s", "0.186 s", "positive", largest=LONGEST_DELAY)]
+BelowNyquist = Annotated[Frequency, AfterValidator(_below_nyquist)]
 
 
 class Table(BaseModel):
@@ -125,10 +126,10 @@ class TruthTable(Table):
         },
     )
     more_keys = _DELTA_IFO
-    __pydantic_extra__: dict[str, Number]
+    __pydantic_extra__: dict[str, DeltaIfo]
 
-    lambda_1: Positive | None = None
-    lambda_2: Positive | None = None
+    lambda_1: Gain | None = None
+    lambda_2: Gain | None = None
     C_1: Delay | None = None
     C_2: Delay | None = None
     omega2_1_0: Stiffness | None = None
@@ -142,10 +143,10 @@ class TruthTable(Table):
 class ControllerTable(Table):
     """[control.drag_free] or [control.suspension]: unity gain, zeros and poles of K(s)."""
 
-    unity_gain: Frequency | None = None
-    zero: Frequency | None = None
-    integrator_zero: Frequency | None = None
-    poles: Annotated[list[Frequency], Field(min_length=2, max_length=2)] | None = None
+    unity_gain: BelowNyquist | None = None
+    zero: BelowNyquist | None = None
+    integrator_zero: BelowNyquist | None = None
+    poles: Annotated[list[BelowNyquist], Field(min_length=2, max_length=2)] | None = None
 
     @field_validator("poles")
     @classmethod
@@ -173,7 +174,7 @@ class NoiseTable(Table):
     oms: LengthNoise = 0.0
     thruster: ForceNoise = 0.0
     plateau: AccelerationNoise = 0.0
-    tail: Annotated[Number, Field(ge=0)] = 0.0
+    tail: Annotated[Number, Field(ge=0, le=1e6)] = 0.0
     f_x_1_jitter: AccelerationNoise = 0.0
 
 
@@ -209,16 +210,9 @@ class SineTable(_InjectionTable):
     """A sine of whole cycles."""
 
     shape: Literal["sine"]
-    frequency: Frequency
+    frequency: BelowNyquist
     cycles: Annotated[int, Strict(), Field(gt=0, le=10**9, examples=["cycles = 4"])]
     phase: Angle = 0.0
-
-    @field_validator("frequency")
-    @classmethod
-    def _below_nyquist(cls, frequency: float) -> float:
-        if frequency >= FS / 2:
-            raise problem(f"{frequency:g} Hz is not below the Nyquist frequency, {FS / 2:g} Hz")
-        return frequency
 
     def record(self) -> Sine:
         """Return the injection as the simulation knows it."""

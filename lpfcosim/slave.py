@@ -5,17 +5,19 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import re
-import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import fmpy
+from fmpy import fmi2
+from fmpy.fmi1 import FMICallException, printLogMessage
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
-from lpfcosim.errors import InputError
+from lpfcosim.errors import InputError, RunError
 
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
@@ -55,10 +57,18 @@ class Slave:
     inputs, outputs : sequence of str
         Names of the variables to set and to read; ``x[2]`` may be the second element of an array ``x``.
 
+    Attributes
+    ----------
+    said : str
+        What the FMU last said was wrong; empty if it said nothing.
+
     Raises
     ------
     InputError
-        If the archive cannot be read, is not for this platform, or lacks one of the variables.
+        If the archive cannot be read, is not for this platform, lacks one of the variables, or refuses to be
+        instantiated or initialised.
+    RunError
+        If there is no room to unpack it.
     """
 
     def __init__(
@@ -71,39 +81,68 @@ class Slave:
         outputs: Sequence[str],
     ) -> None:
         self.name = name
+        self.said = ""
         self._archive = archive
         try:
             description = fmpy.read_model_description(str(archive))
-            folder = fmpy.extract(str(archive))
         except Exception as error:  # FMPy raises bare exceptions for broken archives
-            raise InputError(f"{archive}: not a readable FMU: {error}") from None
-        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            raise InputError(f"{archive}: not a readable FMU: {_line(error)}") from None
+        if description.coSimulation is None:
+            raise InputError(f"{archive}: expected an FMU for co-simulation")
+        folder = _unpack(stack, archive)
         self.version = int(description.fmiVersion[0])
         self._variables = {v.name: v for v in description.modelVariables}
         self.inputs, self.outputs = self._port(inputs), self._port(outputs)
         settings = self._port(list(parameters))
+        for place, value in zip(settings.places, parameters.values(), strict=True):
+            settings.values[place] = value
         kind = FMU2Slave if self.version == 2 else FMU3Slave
         try:
-            self.fmu = kind(
-                instanceName=name,
-                guid=description.guid,
-                unzipDirectory=folder,
-                modelIdentifier=description.coSimulation.modelIdentifier,
-            )
+            with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load
+                self.fmu = kind(
+                    instanceName=name,
+                    guid=description.guid,
+                    unzipDirectory=folder,
+                    modelIdentifier=description.coSimulation.modelIdentifier,
+                )
+            stack.callback(self.fmu.freeLibrary)
+            self._instantiate(stack)
+            stack.callback(self._free)
         except Exception as error:  # likewise bare
-            raise InputError(f"{archive}: cannot be loaded: {error}") from None
-        stack.callback(self.fmu.freeLibrary)
-        self.fmu.instantiate()
-        stack.callback(self._free)
+            why = _line(error).replace(folder, str(archive))
+            raise InputError(f"{archive}: cannot be loaded: {why}{self.reason}") from None
+        try:
+            self._initialize(settings)
+        except FMICallException as error:
+            raise InputError(f"{archive}: cannot be initialised: {error}{self.reason}") from None
+
+    @property
+    def reason(self) -> str:
+        """What the FMU said was wrong, to go behind a sentence about it."""
+        return f" ({self.said})" if self.said else ""
+
+    def hear(self, status: int, message: bytes | None) -> None:
+        """Note a message of the FMU that is worse than a warning."""
+        if status > 1:
+            self.said = " ".join((message or b"").decode("utf-8", "replace").split())
+
+    def _instantiate(self, stack: contextlib.ExitStack) -> None:
+        if self.version == 2:
+            _listening[id(self)] = self
+            stack.callback(_listening.pop, id(self))
+            callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(_callbacks)
+            callbacks.componentEnvironment = id(self)
+            self.fmu.instantiate(callbacks=callbacks)
+        else:
+            self.fmu.instantiate(logMessage=lambda _, status, __, message: self.hear(status, message))
+
+    def _initialize(self, settings: Port) -> None:
         if self.version == 2:
             self.fmu.setupExperiment(startTime=0.0)
             self.fmu.enterInitializationMode()
         else:
             self.fmu.enterInitializationMode(startTime=0.0)
-        for place, value in zip(settings.places, parameters.values(), strict=True):
-            settings.values[place] = value
-        if parameters:
-            self._set(settings)
+        self._set(settings)
 
     def _free(self) -> None:
         if self.version == 2:
@@ -169,6 +208,48 @@ class Slave:
             self.fmu.fmi2GetReal(self.fmu.component, port.references, n, port.values)
         else:
             self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, len(port.values))
+
+
+def _unpack(stack: contextlib.ExitStack, archive: Path) -> str:
+    """Extract an archive to a folder that goes with ``stack``."""
+    try:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+        fmpy.extract(str(archive), folder)
+    except OSError as error:
+        place = f"{archive}: cannot be unpacked in {tempfile.gettempdir()}"
+        raise RunError(f"{place}: {error.strerror or error}") from None
+    except Exception as error:  # FMPy and zipfile
+        raise InputError(f"{archive}: not a readable FMU: {_line(error)}") from None
+    return folder
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+_listening: dict[int, Slave] = {}  # FMI 2.0 instances by what they pass to the logger
+
+
+def _log(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
+    if environment in _listening:
+        _listening[environment].hear(status, message)
+    else:  # an instance of somebody else in this process
+        printLogMessage(environment, name, status, category, message)
+
+
+def _make_callbacks() -> fmi2.fmi2CallbackFunctions:
+    # A logger of FMI 2.0 has variable arguments, which only C can format: FMPy has one proxy per process.
+    callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(fmi2.defaultCallbacks)
+    callbacks.logger = _logger
+    with contextlib.suppress(Exception):  # not built for this platform: messages are left unformatted
+        from fmpy.logging import addLoggerProxy
+
+        addLoggerProxy(ctypes.byref(callbacks))
+    return callbacks
+
+
+_logger = fmi2.fmi2CallbackLoggerTYPE(_log)
+_callbacks = _make_callbacks()
 
 
 def _starts(variable: Any) -> list[float]:

@@ -22,9 +22,15 @@ def check(run: Run) -> None:
     InputError
         Gives the pole furthest out: z, s = ln z / h, its frequency and how fast it grows.
     """
-    z = poles(run)[0]
+    try:
+        with np.errstate(all="ignore"):
+            z = poles(run)[0]
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # what overflow and its NaNs lead to
+        z = np.complex128(np.nan)
     if abs(z) < 1:
         return
+    if not np.isfinite(z):
+        raise InputError(f"{run.name}: the closed loop has no finite poles, its parameters are implausible")
     s = np.log(z) / run.h
     growth = f"grows by e in {1 / s.real:.3g} s" if s.real > 0 else "never decays"
     raise InputError(

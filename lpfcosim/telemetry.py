@@ -60,7 +60,7 @@ class Writer:
     ) -> None:
         self._path, self._run, self._names, self._done = path, run, sorted(names), 0
         self._provenance = provenance
-        self._partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+        self._partial = path.with_name(f".{path.name}{_suffix(os.getpid())}")
         for name in self._names:
             if name not in CHANNELS:
                 raise RunError(f"{run.name}: no unit is known for channel {name}")
@@ -132,6 +132,17 @@ class Writer:
         except (OSError, RuntimeError) as error:
             why = getattr(error, "strerror", None) or str(error).splitlines()[0]
             raise RunError(f"{self._run.name}: {self._path} cannot be written ({why})") from error
+
+
+def discard(folder: Path, process: int) -> None:
+    """Remove what a process that was killed left unfinished in ``folder``."""
+    for partial in folder.glob(f".*{_suffix(process)}"):
+        with suppress(OSError):
+            partial.unlink()
+
+
+def _suffix(process: int) -> str:
+    return f".{process}.part"
 
 
 def _annotate(place: h5py.HLObject, attributes: Mapping[str, str | int | float]) -> None:

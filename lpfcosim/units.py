@@ -16,6 +16,7 @@ from lpfcosim.messages import problem, quote
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _NUMBER_AND_UNIT = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\d\s.])|\s+(?=1\s*/))(.*\S)\s*")
 _POWER_OF_A_NUMBER = re.compile(r"\d\s*(\^|\*\*)")  # no unit needs 9^9^9^9, and none may take for ever
+YEAR = 366 * 86400.0  # s
 _SIGNS = {"positive": "above zero", "not negative": "zero or above", "not positive": "zero or below"}
 
 
@@ -38,6 +39,8 @@ class Quantity:
         How to write one.
     sign : {"any", "positive", "not negative", "not positive"}
         Which values are allowed.
+    smallest, largest : float, optional
+        Magnitudes that are plausible, in ``unit``; what lies beyond is a slip, or would overflow later on.
     why : str, optional
         Reason for the sign, appended to the refusal.
     """
@@ -46,6 +49,8 @@ class Quantity:
     unit: str
     example: str
     sign: Literal["any", "positive", "not negative", "not positive"] = "any"
+    smallest: float = 0.0
+    largest: float = math.inf
     why: str = ""
 
     def to_si(self, raw: object) -> float:
@@ -64,6 +69,9 @@ class Quantity:
         allowed = {"positive": value > 0, "not negative": value >= 0, "not positive": value <= 0}
         if not allowed.get(self.sign, True):
             raise problem(f"{quote(raw)} must be {_SIGNS[self.sign]}{self.why and '; '}{self.why}")
+        if not self.smallest <= abs(value) <= self.largest:
+            bound = f"above {self.largest:g}" if abs(value) > self.largest else f"below {self.smallest:g}"
+            raise problem(f"{quote(raw)} is {bound} {self.unit}, which is implausible for {self.name}")
         return value
 
     def _factor(self, raw: str, unit: str) -> float:
@@ -93,26 +101,48 @@ class Quantity:
 
 
 LENGTH = Quantity("a length", "m", "10 nm", "positive")
-FORCE = Quantity("a force", "N", "0.6 pN", "positive")
+FORCE = Quantity("a force", "N", "0.6 pN", "positive", largest=1)
 _DESTABILISING = "by the sign convention a negative value is destabilising, as in flight"
 
-Stiffness = Annotated[float, Quantity("a stiffness", "s^-2", "-4.19e-7 s^-2", "not positive", _DESTABILISING)]
+Stiffness = Annotated[
+    float,
+    Quantity("a stiffness", "s^-2", "-4.19e-7 s^-2", "not positive", largest=1, why=_DESTABILISING),
+]
 AlphaX = Annotated[
     float,
-    Quantity("a stiffness per force", "kg^-1 m^-1", "-317 kg^-1 m^-1", "not positive", _DESTABILISING),
+    Quantity(
+        "a stiffness per force",
+        "kg^-1 m^-1",
+        "-317 kg^-1 m^-1",
+        "not positive",
+        largest=1e6,
+        why=_DESTABILISING,
+    ),
 ]
 AlphaPhi = Annotated[
     float,
-    Quantity("a stiffness per torque", "kg^-1 m^-2", "-27400 kg^-1 m^-2", "not positive", _DESTABILISING),
+    Quantity(
+        "a stiffness per torque",
+        "kg^-1 m^-2",
+        "-27400 kg^-1 m^-2",
+        "not positive",
+        largest=1e8,
+        why=_DESTABILISING,
+    ),
 ]
-Frequency = Annotated[float, Quantity("a frequency", "Hz", "0.833 mHz", "positive")]
-Force = Annotated[float, Quantity("a force", "N", "2200 pN", "not negative")]
-Torque = Annotated[float, Quantity("a torque", "N m", "10.4 pN m", "not negative")]
-LengthNoise = Annotated[float, Quantity("a length noise", "m Hz^-0.5", "35 fm Hz^-0.5", "not negative")]
-ForceNoise = Annotated[float, Quantity("a force noise", "N Hz^-0.5", "0.15 uN Hz^-0.5", "not negative")]
+Frequency = Annotated[float, Quantity("a frequency", "Hz", "0.833 mHz", "positive", 1e-9, 1e3)]
+Force = Annotated[float, Quantity("a force", "N", "2200 pN", "not negative", largest=1)]
+Torque = Annotated[float, Quantity("a torque", "N m", "10.4 pN m", "not negative", largest=1)]
+LengthNoise = Annotated[
+    float, Quantity("a length noise", "m Hz^-0.5", "35 fm Hz^-0.5", "not negative", largest=1e-6)
+]
+ForceNoise = Annotated[
+    float, Quantity("a force noise", "N Hz^-0.5", "0.15 uN Hz^-0.5", "not negative", largest=1)
+]
 AccelerationNoise = Annotated[
-    float, Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5", "not negative")
+    float,
+    Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5", "not negative", largest=1e-3),
 ]
-Time = Annotated[float, Quantity("a time", "s", "900 s", "not negative")]
-Angle = Annotated[float, Quantity("an angle", "rad", "90 deg")]
-Acceleration = Annotated[float, Quantity("an acceleration", "m s^-2", "1e-11 m s^-2")]
+Time = Annotated[float, Quantity("a time", "s", "900 s", "not negative", largest=YEAR)]
+Angle = Annotated[float, Quantity("an angle", "rad", "90 deg", largest=1e6)]
+Acceleration = Annotated[float, Quantity("an acceleration", "m s^-2", "1e-11 m s^-2", largest=1)]

@@ -1,13 +1,19 @@
 """The command line: exit statuses, one sentence for bad input, and the files it leaves."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 
+import fmpy
 import pytest
 
-from lpfcosim import campaign, cli, reference, telemetry
+from lpfcosim import campaign, cli, reference, runner, telemetry
+from lpfcosim.errors import InputError, RunError
 
 SHORT = """
 schema = "lpf-campaign/1"
@@ -48,6 +54,14 @@ frequency = "10 mHz"
 amplitude = "5 nm"
 cycles = 20
 start = "4000 s"
+
+[[experiments.injections]]
+into = "guidance_o_12"
+shape = "sine"
+frequency = "0.8 mHz"
+amplitude = "80 nm"
+cycles = 3
+start = "3400 s"
 """
 
 
@@ -118,9 +132,13 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
     assert document["provenance"]["campaign"] == "short"
     assert "fmu_Plant" in document["provenance"]
     assert "report.html" in out
+    assert "run one: 72000 samples" in err
     # nothing is simulated twice
     stamps = [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()]
-    assert lpfcosim("run", short)[0] == 0
+    status, _, err = lpfcosim("run", short)
+    assert status == 0, err
+    assert "run one: kept" in err
+    assert "simulation: 0 samples" in err
     assert [p.stat().st_mtime_ns for p in (folder / "telemetry").iterdir()] == stamps
 
 
@@ -128,6 +146,9 @@ def test_run_leaves_what_the_contract_says(lpfcosim, short, tmp_path):
 def test_fmu_commands(lpfcosim, tmp_path):
     status, out, _ = lpfcosim("fmu", "build", "--out", "here")
     assert status == 0
+    status, out, _ = lpfcosim("fmu", "build", "OpticalMetrology", "--fmi", "2.0", "--out", "older")
+    assert status == 0
+    assert fmpy.read_model_description("older/OpticalMetrology.fmu").fmiVersion == "2.0"
     assert len(list((tmp_path / "here").glob("*.fmu"))) == 5
     status, out, _ = lpfcosim("fmu", "list")
     assert status == 0
@@ -148,23 +169,26 @@ def one_sentence(err: str) -> str:
     return lines[0]
 
 
+TONE = 'frequency = "10 mHz"'
+
+
 @pytest.mark.parametrize(
-    ("change", "expected"),
+    ("old", "new", "expected"),
     [
-        (("frequency = \"10 mHz\"", "frequency = \"10 nm\""), r"experiments\[0\]\.injections\[1\]\.frequency: "),
-        (("frequency = \"10 mHz\"", "frequency = \"8 Hz\""), r"experiments\[0\]\.injections\[1\]\.frequency: .*Nyquist"),
-        (("cycles = 20", "cycles = 2000"), r"experiments\[0\]\.injections\[1\]"),
-        (("authority = \"A\"", "authority = \"Z\""), r"experiments\[0\]\.authority: .*Z"),
-        (("amplitude = \"5 nm\"", "amplitude = \"-5 nm\""), r"experiments\[0\]\.injections\[1\]\.amplitude: "),
-        (("seed = 3", "sede = 3"), r"sede"),
-        (("seed = 3", "seed = "), r"short\.toml"),
-        (("plateau = \"5.6 fm s^-2 Hz^-0.5\"", "plateau = 5.6e-15"), r"noise\.plateau: "),
-        (("[authority.A]", "[control.suspension]\nunity_gain = \"0.5 Hz\"\n[authority.A]"), r"pole"),
+        (TONE, 'frequency = "10 nm"', r"experiments\[0\]\.injections\[1\]\.frequency: "),
+        (TONE, 'frequency = "8 Hz"', r"experiments\[0\]\.injections\[1\]\.frequency: .*Nyquist"),
+        ("cycles = 20", "cycles = 2000", r"experiments\[0\]\.injections\[1\]"),
+        ('authority = "A"', 'authority = "Z"', r"experiments\[0\]\.authority: .*Z"),
+        ('"5 nm"', '"-5 nm"', r"experiments\[0\]\.injections\[1\]\.amplitude: "),
+        ("seed = 3", "sede = 3", r"sede"),
+        ("seed = 3", "seed = ", r"short\.toml"),
+        ('"5.6 fm s^-2 Hz^-0.5"', "5.6e-15", r"noise\.plateau: "),
+        ("[authority.A]", '[control.suspension]\nunity_gain = "0.5 Hz"\n[authority.A]', r"pole"),
     ],
-)  # fmt: skip
-def test_bad_campaign_is_one_sentence_and_leaves_nothing(lpfcosim, short, tmp_path, change, expected):
-    assert change[0] in SHORT
-    short.write_text(SHORT.replace(*change))
+)
+def test_bad_campaign_is_one_sentence_and_leaves_nothing(lpfcosim, short, tmp_path, old, new, expected):
+    assert old in SHORT
+    short.write_text(SHORT.replace(old, new))
     status, out, err = lpfcosim("run", short)
     assert status == 2
     assert re.search(expected, one_sentence(err))
@@ -183,14 +207,95 @@ def test_bad_paths(lpfcosim, tmp_path):
     assert "noise.h5" in one_sentence(err)
 
 
-def test_wrong_usage_is_status_2_and_help_is_there():
-    for arguments, status in (
-        (["run"], 2),
-        (["launch"], 2),
-        (["--help"], 0),
-        (["run", "--help"], 0),
-        (["fmu", "--help"], 0),
+def test_a_file_in_the_place_of_a_folder_is_told_before_any_work(
+    lpfcosim, short, recorded, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(cli.fmu_build, "build", None)  # would be the first work
+    (tmp_path / "short").write_text(SHORT)  # a campaign without a suffix, the default folder is itself
+    for arguments in (
+        ("run", "short"),
+        ("run", "short.toml", "--out", "short"),
+        ("run", "short.toml", "--out", "short/deeper"),
+        ("fit", recorded, "--out", "short"),
+        ("fmu", "build", "--out", "short"),
     ):
-        done = subprocess.run([sys.executable, "-m", "lpfcosim", *arguments], capture_output=True, text=True)
-        assert done.returncode == status, arguments
-        assert "Traceback" not in done.stderr
+        status, _, err = lpfcosim(*arguments)
+        assert status == 2, arguments
+        assert "short: is a file, expected a folder" in one_sentence(err)
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "sentence"),
+    [
+        (InputError("plant.fmu: no"), 2, "plant.fmu: no"),
+        (RunError("run 'one' diverges"), 1, "run 'one' diverges"),
+        (OSError(28, "No space left on device", "one.h5"), 1, "one.h5: No space left on device"),
+        (signal.SIGINT, 1, "interrupted; what is finished is kept, the same command continues"),
+        (signal.SIGTERM, 1, "interrupted; what is finished is kept, the same command continues"),
+    ],
+)
+def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, error, status, sentence):
+    def fail(*_, **__):
+        if isinstance(error, Exception):
+            raise error
+        os.kill(os.getpid(), error)
+        time.sleep(5)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(cli.fmu_build, "build", dict)
+    monkeypatch.setattr(runner, "simulate", fail)
+    try:
+        assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.fmu
+@pytest.mark.skipif(os.name != "posix", reason="a terminal sends SIGINT to a process group on POSIX")
+def test_interrupt_ends_everything_at_once(short, tmp_path):
+    """Ctrl-C in a terminal reaches the workers too; neither they nor their files stay."""
+    short.write_text(SHORT.replace("7200 s", "65 h"))
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lpfcosim", "run", short, "--engine", "fmpy", "--jobs", "2"],
+        cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(scratch)},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        begun = time.monotonic()
+        while len(list(tmp_path.glob("short/telemetry/.*.part"))) < 2:
+            assert process.poll() is None
+            assert time.monotonic() - begun < 60
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)
+        sent = time.monotonic()
+        _, err = process.communicate(timeout=30)  # until nobody holds its standard error
+        assert time.monotonic() - sent < 3
+        assert process.returncode == 1
+        assert "Traceback" not in err
+        last = "lpfcosim: error: interrupted; what is finished is kept, the same command continues"
+        assert err.splitlines()[-1] == last
+        assert list((tmp_path / "short" / "telemetry").iterdir()) == []
+        assert list(scratch.iterdir()) == []
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_wrong_usage_is_status_2_and_help_is_there(lpfcosim):
+    for arguments, status, words in (
+        (["run"], 2, "Missing argument 'CAMPAIGN.toml'"),
+        (["launch"], 2, "No such command 'launch'"),
+        (["run", "x.toml", "--engine", "steam"], 2, "'steam' is not one of"),
+        (["--help"], 0, "calibrat"),
+        (["run", "--help"], 0, "--engine"),
+        (["fmu", "--help"], 0, "validate"),
+    ):
+        got, out, err = lpfcosim(*arguments)
+        assert got == status, arguments
+        assert words.casefold() in (out if status == 0 else err).casefold()
+        assert "Traceback" not in err

@@ -1,0 +1,167 @@
+"""Put the FMUs of the closed loop into one FMU that steps them in the order of the network.
+
+The master inside is that of the FMU manipulation toolbox in its sequential mode. It passes outputs on once
+during initialization and steps as `lpfcosim.master` does: driven with the same signals it gives the same
+bits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from lpfcosim import network
+from lpfcosim.errors import InputError
+from lpfcosim.modelica import build
+from lpfcosim.run import Run
+from lpfcosim.ssp import Interface, endpoint, interfaces
+
+IDENTIFIER = "ClosedLoop"
+
+
+def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
+    """Write the closed loop of a run as one FMI 2.0 co-simulation FMU; the same input gives the same bytes.
+
+    Its inputs are the signals that drive the loop, its outputs the recorded channels that are not such
+    signals; the parameters are those of the run, fixed. The inputs of the first sample are set in
+    initialization mode, those of every sample before its step. It runs where the toolbox has a master for it
+    and the FMUs have a binary: Linux and Windows on x86-64, macOS on arm64.
+
+    Parameters
+    ----------
+    run : Run
+        Gives the parameters.
+    fmus : mapping of str to Path
+        The FMU of each component of `network.COMPONENTS`, FMI 2.0 or 3.0.
+    path : Path
+        The ``.fmu`` to write.
+
+    Returns
+    -------
+    Path
+        ``path``.
+
+    Raises
+    ------
+    InputError
+        If an FMU cannot be read or does not fit, or the toolbox is not installed.
+    """
+    found = interfaces(fmus)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
+        made = _make(run, found, Path(folder))
+        root = Path(folder) / "content"
+        with zipfile.ZipFile(made) as archive:
+            archive.extractall(root)
+        settings = (root / "resources" / "container.txt").read_bytes()
+        description = root / "modelDescription.xml"
+        text = _describe(description.read_text(encoding="utf-8"), settings, run, found)
+        description.write_text(text, encoding="utf-8", newline="\n")
+        build._archive(root, path)
+    return path
+
+
+def _make(run: Run, found: Mapping[str, Interface], folder: Path) -> Path:
+    try:
+        from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
+    except ImportError:
+        raise InputError(
+            "a container FMU needs 'fmu-manipulation-toolbox', which is not installed; "
+            "install the build extra (pip install 'lpfcosim[build]')"
+        ) from None
+    with _fatal_messages() as fatal:
+        try:
+            box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
+            for model, interface in found.items():
+                box.get_fmu(str(interface.archive.resolve()), name=model)
+            for component in network.COMPONENTS:
+                for variable, source in component.inputs.items():
+                    model, output = endpoint(source)
+                    if model:
+                        box.add_link(model, output, component.model, variable)
+                    else:
+                        box.add_input(source, component.model, variable)
+                for variable, value in network.parameters(run)[component.model].items():
+                    box.add_start_value(component.model, variable, repr(float(value)))
+            for channel, source in network.RECORD.items():
+                model, output = endpoint(source)
+                if model:
+                    box.add_output(model, output, channel)
+            box.stop_time = run.n_samples * run.h
+            box.make_fmu(f"{IDENTIFIER}.fmu", step_size=run.h, sequential=True)
+        except FMUContainerError as error:
+            raise InputError(f"the FMUs do not fit into a container: {error}") from None
+    if fatal:
+        raise InputError(f"the FMUs do not fit into a container: {fatal[0]}")
+    return folder / f"{IDENTIFIER}.fmu"
+
+
+@contextlib.contextmanager
+def _fatal_messages() -> Iterator[list[str]]:
+    """Collect what the toolbox only logs although the container cannot run; keep it quiet otherwise."""
+    messages: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            messages.append(record.getMessage())
+
+    logger = logging.getLogger("fmu_manipulation_toolbox")
+    collector = Collector(level=logging.CRITICAL)
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(collector)
+    try:
+        yield messages
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate = propagate
+
+
+def _describe(text: str, settings: bytes, run: Run, found: Mapping[str, Interface]) -> str:
+    """Mend what the toolbox wrote: no units, but the time, the name of the user and a random GUID."""
+    root = ET.fromstring(text)
+    for name in ("author", "generationDateAndTime", "license", "guid"):
+        root.attrib.pop(name, None)
+    root.set("description", f"Closed loop of LISA Pathfinder along x with the parameters of run {run.name}")
+    _add_units(root, found)
+    variables = root.findall("ModelVariables/ScalarVariable")
+    unknowns = root.find("ModelStructure/InitialUnknowns")
+    if unknowns is not None:
+        for unknown in list(unknowns):
+            # An output with a start value is known.
+            if variables[int(unknown.attrib["index"]) - 1].get("initial") == "exact":
+                unknowns.remove(unknown)
+    content = hashlib.sha256(ET.tostring(root) + settings).hexdigest()
+    root.set("guid", str(uuid.uuid5(uuid.NAMESPACE_OID, content)))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _add_units(root: ET.Element, found: Mapping[str, Interface]) -> None:
+    units: dict[str, str | None] = {}
+    for component in network.COMPONENTS:
+        interface = found[component.model]
+        units |= {s: interface.unit(v) for v, s in component.inputs.items() if not endpoint(s)[0]}
+        # What passes between the components is local, and called after them in small letters.
+        units |= {f"{component.model.lower()}.{v}": interface.unit(v) for v in component.outputs}
+    for channel, source in network.RECORD.items():
+        model, variable = endpoint(source)
+        if model:
+            units[channel] = found[model].unit(variable)
+    used: set[str] = set()
+    for element in root.iterfind("ModelVariables/ScalarVariable"):
+        real, unit = element.find("Real"), units.get(element.attrib["name"])
+        if real is not None and unit:
+            real.set("unit", unit)
+            used.add(unit)
+    known = {name: base for interface in found.values() for name, base in interface.units.items()}
+    definitions = ET.Element("UnitDefinitions")
+    for name in sorted(used):
+        ET.SubElement(ET.SubElement(definitions, "Unit", name=name), "BaseUnit", known[name])
+    root.insert(1, definitions)  # the schema wants it after CoSimulation

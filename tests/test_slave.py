@@ -1,0 +1,91 @@
+"""FMUs that cannot be used: what is said about them, and what is left behind."""
+
+import contextlib
+import errno
+import os
+import zipfile
+
+import fmpy
+import pytest
+
+from lpfcosim import master, slave
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.modelica import build
+from lpfcosim.run import Truth
+
+pytestmark = pytest.mark.fmu
+
+MODEL = "OpticalMetrology"
+FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+
+
+def start(archive):
+    with contextlib.ExitStack() as stack:
+        slave.Slave(stack, archive, MODEL, {"delta_ifo": 0.0}, ["x_1"], ["o_1"])
+
+
+def repack(archive, path, change):
+    """Copy an archive; ``change`` maps the name and the bytes of a file to its new bytes."""
+    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            target.writestr(name, change(name, source.read(name)))
+    return path
+
+
+@FMI
+def test_a_library_that_does_not_load(tmp_path, fmi):
+    archive = build.build([MODEL], fmi=fmi)[MODEL]
+    path = repack(archive, tmp_path / "junk.fmu", lambda n, b: b"junk" if n.startswith("binaries") else b)
+    here = os.getcwd()  # noqa: PTH109
+    with pytest.raises(InputError) as refusal:
+        start(path)
+    message = str(refusal.value)
+    assert message.startswith(f"{path}: cannot be loaded: Failed to load shared library {path}")
+    assert "/tmp/tmp" not in message
+    assert "\n" not in message
+    assert os.getcwd() == here  # noqa: PTH109
+
+
+@FMI
+def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd, fmi):
+    archive = build.build([MODEL], fmi=fmi)[MODEL]
+    description = fmpy.read_model_description(archive)
+    token = description.guid.encode()
+    path = repack(
+        archive,
+        tmp_path / "other.fmu",
+        lambda n, b: b.replace(token, b"another") if n == "modelDescription.xml" else b,
+    )
+    with pytest.raises(InputError, match=r"other\.fmu: cannot be loaded: .* is not that of this FMU\)$"):
+        start(path)
+    assert capfd.readouterr().out == ""
+
+
+@FMI
+@pytest.mark.parametrize("engine", ["compiled", "fmpy"])
+def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd, fmi, engine):
+    run = make_run(truth=Truth(C_2=20.0))  # more than the FMU keeps
+    with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
+        master.simulate(run, build.build(fmi=fmi), engine=engine)
+    assert capfd.readouterr().out == ""
+
+
+def test_a_full_disk_is_not_the_fault_of_the_archive(tmp_path, monkeypatch):
+    archive = build.build([MODEL])[MODEL]
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(fmpy, "extract", full)
+    with pytest.raises(RunError, match=r"cannot be unpacked in .*: No space left on device$"):
+        start(archive)
+
+
+def test_model_exchange_is_not_enough(tmp_path):
+    def change(name, content):
+        return content.replace(b"CoSimulation", b"ModelExchange") if name.endswith("tion.xml") else content
+
+    archive = build.build([MODEL])[MODEL]
+    path = tmp_path / "exchange.fmu"
+    with pytest.raises(InputError, match=r"exchange\.fmu: "):
+        start(repack(archive, path, change))
