@@ -20,7 +20,7 @@ from fit import results as fit_results
 from fit import telemetry as fit_telemetry
 from fit.pipeline import calibrate
 from lpfcosim import campaign as campaigns
-from lpfcosim import master, runner, stability
+from lpfcosim import container, master, runner, ssp, stability
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import build as fmu_build
@@ -194,6 +194,33 @@ def fmu_validate(
             print(f"  {problem}", file=sys.stderr)
     if faulty:
         raise typer.Exit(1)
+
+
+@fmu_app.command(name="export-ssp")
+def fmu_export_ssp(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="Gives the parameters.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The .ssp file [default: named after it].")
+    ] = None,
+) -> None:
+    """Write the closed loop as SSP 1.0, with one set of parameter values per authority set."""
+    plan = campaigns.load(campaign)
+    print(ssp.export(plan, fmu_build.build(fmi="2.0"), out or Path(f"{campaign.stem}.ssp")))
+
+
+@fmu_app.command(name="container")
+def fmu_container(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign of the run.")],
+    run_name: Annotated[str, typer.Argument(metavar="RUN", help="The run that gives the parameters.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The .fmu file [default: named after it].")
+    ] = None,
+) -> None:
+    """Write the closed loop of one run as a single FMU; its inputs are injections and noise."""
+    runs = {r.name: r for r in campaigns.load(campaign).runs}
+    if run_name not in runs:
+        raise InputError(f"{campaign}: no run '{run_name}'; there are {', '.join(runs)}")
+    print(container.container(runs[run_name], fmu_build.build(fmi="2.0"), out or Path(f"{run_name}.fmu")))
 
 
 def _models(named: Sequence[str] | None) -> Sequence[str]:

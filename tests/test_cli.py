@@ -162,6 +162,18 @@ def test_fmu_commands(lpfcosim, tmp_path):
     assert "no model 'Rocket'" in err
 
 
+@pytest.mark.fmu
+def test_interchange_commands(lpfcosim, short, tmp_path):
+    status, out, err = lpfcosim("fmu", "export-ssp", short)
+    assert (status, out.strip()) == (0, "short.ssp"), err
+    status, out, err = lpfcosim("fmu", "container", short, "one", "--out", "loop.fmu")
+    assert (status, out.strip()) == (0, "loop.fmu"), err
+    assert {"short.ssp", "loop.fmu"} <= {p.name for p in tmp_path.iterdir()}
+    status, _, err = lpfcosim("fmu", "container", short, "two")
+    assert status == 2
+    assert "no run 'two'; there are one-noise, one" in one_sentence(err)
+
+
 def one_sentence(err: str) -> str:
     lines = err.strip().splitlines()
     assert len(lines) == 1, err

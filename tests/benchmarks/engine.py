@@ -4,9 +4,9 @@
 
 All three step the closed loop of the quick start's first experiment. They are timed in one process, one after
 the other and again, so that a drift of the machine touches all alike; medians are compared. The time per step
-    python tests/benchmarks/engine.py [--hours 6] [--repeat 5] [--short]
-count there, but do in `hours_per_second`. Peak memory is that of a whole run into a file, each length in a
-process of its own. The last line is JSON.
+counts the exchange between the FMUs, their arithmetic and recording; drawing noise and writing the file do
+not count there, but do in `hours_per_second`. Peak memory is that of a whole run into a file, each length
+in a process of its own. The last line is JSON.
 """
 
 from __future__ import annotations

@@ -117,6 +117,8 @@ static const char *discretise(State *s) {
             }
         memcpy(s->e, product, sizeof s->e);
     }
+    for (int i = 0; i < NX; i++)
+        for (int j = 0; j < NZ; j++) s->e[j * NX + i] = product[i * NZ + j];
 #else
     (void)s;
 #endif
@@ -179,11 +181,9 @@ static void move_states(State *s) {
         z[NX + NH + ND + j] = held_at(s, j, s->n - s->whole[j]);
     }
     z[NZ - 1] = 1;
-    for (int i = 0; i < NX; i++) {
-        double sum = 0;
-        for (int j = 0; j < NZ; j++) sum += s->e[i * NZ + j] * z[j];
-        dx[i] = sum;
-    }
+    for (int i = 0; i < NX; i++) dx[i] = 0;
+    for (int j = 0; j < NZ; j++) /* by columns: the sums of all states grow side by side */
+        for (int i = 0; i < NX; i++) dx[i] += s->e[j * NX + i] * z[j];
     for (int i = 0; i < NX; i++) states(s)[i] = z[i] + dx[i];
 #elif NX > 0
     for (double t = 0, end; t < s->h; t = end) {

@@ -23,7 +23,7 @@ typedef struct {
     unsigned long long whole[AT_LEAST_ONE(ND)];      /* delay = whole*h + part, 0 <= part < h */
     double part[AT_LEAST_ONE(ND)];
     unsigned long long period[AT_LEAST_ONE(NC)], wait[AT_LEAST_ONE(NC)]; /* of the clocks, in internal steps */
-    double e[AT_LEAST_ONE(NX * NZ)];                 /* x += e [x; held; delayed before, after its switch; 1] */
+    double e[AT_LEAST_ONE(NX * NZ)];                 /* by columns: x += e [x; held; delayed, before and after its switch; 1] */
     int initialized;
     int fresh; /* what follows from states and inputs: 0 nothing is up to date, 1 the outputs, 2 everything */
 } State;
