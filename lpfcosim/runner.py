@@ -10,6 +10,7 @@ import shutil
 import signal
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -230,7 +231,12 @@ def _end_with_parent(scratch: str, directory: Path) -> None:
     if parent is not None:
         parent.join()
         telemetry.discard(directory, os.getpid())
-        shutil.rmtree(scratch, ignore_errors=True)
+        # This worker may be unpacking just now, and another one removing.
+        for _ in range(50):
+            shutil.rmtree(scratch, ignore_errors=True)
+            if not Path(scratch).exists():
+                break
+            time.sleep(0.02)
         os._exit(1)
 
 
