@@ -1,4 +1,7 @@
-"""Build FMUs from Modelica: translate, compile, archive; cached by digest of sources and tools."""
+"""Build FMUs from Modelica: translate, compile, archive; cached by digest of sources and tools.
+
+Those that came with a wheel are used instead as long as nothing they were made from has changed.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,22 @@ import tempfile
 import uuid
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
 from lpfcosim.errors import InputError
-from lpfcosim.modelica.compiler import compile_library, compiler
+from lpfcosim.modelica import prebuilt
+from lpfcosim.modelica.compiler import (
+    TARGETS,
+    Target,
+    compile_binaries,
+    compile_library,
+    compiler,
+    cross_compiler,
+)
 from lpfcosim.modelica.flat import flatten, package_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
@@ -37,16 +49,28 @@ def cache_directory() -> Path:
     return Path(named) if named else user_cache_path("lpfcosim")
 
 
+def source_files(package: Path = PACKAGE) -> dict[str, Path]:
+    """All that FMUs are made from, by name: Modelica sources, generator and runtime."""
+    generator = sorted([*Path(__file__).parent.glob("*.py"), *RUNTIME.iterdir()])
+    return {
+        **{f.relative_to(package.parent).as_posix(): f for f in package_files(package)},
+        **{f.relative_to(Path(__file__).parents[2]).as_posix(): f for f in generator},
+    }
+
+
 def digest(package: Path = PACKAGE) -> str:
     """SHA-256 over Modelica sources, generator, runtime and tool versions."""
     total = hashlib.sha256()
-    here = sorted([*Path(__file__).parent.glob("*.py"), *RUNTIME.iterdir()])
-    for file in (*package_files(package), *here):
+    for name, file in source_files(package).items():
         content = file.read_bytes()
-        total.update(f"{file.name} {len(content)}\n".encode() + content)
-    tools = [f"{name} {_version(name)}" for name in ("rumoca", "sympy", "fmpy")]
-    total.update("\n".join([*tools, compiler().version, platform.system(), platform.machine()]).encode())
+        total.update(f"{name} {len(content)}\n".encode() + content)
+    tools = [*_tools(), compiler().version, platform.system(), platform.machine()]
+    total.update("\n".join(tools).encode())
     return total.hexdigest()
+
+
+def _tools() -> list[str]:
+    return [f"{name} {_version(name)}" for name in ("rumoca", "sympy", "fmpy")]
 
 
 def _version(distribution: str) -> str:
@@ -62,7 +86,7 @@ def _version(distribution: str) -> str:
 def build(
     models: Sequence[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0", force: bool = False
 ) -> dict[str, Path]:
-    """Return the FMU of each model, built if the cache does not hold it.
+    """Return the FMU of each model, built if it neither came with the package nor lies in the cache.
 
     Parameters
     ----------
@@ -73,7 +97,7 @@ def build(
     fmi : str
         Version of FMI, ``2.0`` or ``3.0``.
     force : bool
-        Build again what the cache holds.
+        Build again, whatever there is.
 
     Raises
     ------
@@ -82,7 +106,7 @@ def build(
     RunError
         If the generated C does not compile.
     """
-    archives = locations(models, package, fmi=fmi)
+    archives = _cached(models, package, fmi) if force else locations(models, package, fmi=fmi)
     for model, archive in archives.items():
         if force or not _is_whole(archive):
             build_one(package, f"{package.stem}.{model}", archive, fmi=fmi)
@@ -100,17 +124,42 @@ def _is_whole(archive: Path) -> bool:
 def locations(
     models: Sequence[str] = MODELS, package: Path = PACKAGE, *, fmi: str = "3.0"
 ) -> dict[str, Path]:
-    """Where the cache holds, or would hold, the FMU of each model."""
+    """Where the FMU of each model is, or would be: with the package, or in the cache."""
+    if package != PACKAGE:
+        return _cached(models, package, fmi)
+    try:
+        found = prebuilt.find(f"fmi{fmi[0]}", [f"{model}.fmu" for model in models], source_files(package))
+        return dict(zip(models, found, strict=True))
+    except prebuilt.UnfitError as unfit:
+        with _explained(unfit):
+            return _cached(models, package, fmi)
+
+
+def _cached(models: Sequence[str], package: Path, fmi: str) -> dict[str, Path]:
     folder = cache_directory() / digest(package)[:16] / f"fmi{fmi[0]}"
     return {model: folder / f"{model}.fmu" for model in models}
 
 
+@contextmanager
+def _explained(unfit: prebuilt.UnfitError) -> Iterator[None]:
+    """Say in an error why something has to be built at all."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{unfit}, and {error}") from None
+
+
 def engine_library() -> Path:
-    """Return the compiled stepping loop (``lpfcosim/engine.c``), built if the cache does not hold it."""
+    """Return the compiled stepping loop (``lpfcosim/engine.c``), built if it is not there."""
     import fmpy
 
-    source = ENGINE.read_bytes()
-    name = hashlib.sha256(source + compiler().version.encode()).hexdigest()[:16]
+    try:
+        name = f"{prebuilt.here()}{fmpy.sharedLibraryExtension}"
+        return prebuilt.find("engine", [name], {ENGINE.name: ENGINE})[0]
+    except prebuilt.UnfitError as unfit:
+        with _explained(unfit):
+            version = compiler().version
+    name = hashlib.sha256(ENGINE.read_bytes() + version.encode()).hexdigest()[:16]
     library = cache_directory() / f"engine-{name}{fmpy.sharedLibraryExtension}"
     if not library.is_file():
         library.parent.mkdir(parents=True, exist_ok=True)
@@ -120,14 +169,60 @@ def engine_library() -> Path:
     return library
 
 
+def prebuild(folder: Path, version: str, targets: Sequence[Target] = TARGETS) -> None:
+    """Build everything that a wheel carries ready made.
+
+    Parameters
+    ----------
+    folder : Path
+        Where `prebuilt` shall find it.
+    version : str
+        Of this package, which need not be installed yet.
+    targets : sequence of Target
+        Platforms to build for.
+
+    Raises
+    ------
+    InputError
+        If one of the tools is not installed.
+    """
+    tools = [*_tools(), cross_compiler().version]
+    kinds = {}
+    for fmi in _HEADERS:
+        kind = f"fmi{fmi[0]}"
+        offered = [t for t in targets if t.folder(fmi)]
+        kinds[kind] = prebuilt.Kind([t.name for t in offered], source_files())
+        for model in MODELS:
+            archive = folder / kind / f"{model}.fmu"
+            build_one(PACKAGE, f"{PACKAGE.stem}.{model}", archive, fmi=fmi, version=version, targets=offered)
+    kinds["engine"] = prebuilt.Kind([t.name for t in targets], {ENGINE.name: ENGINE})
+    (folder / "engine").mkdir()
+    for target in targets:
+        library = folder / "engine" / f"{target.name}{target.extension}"
+        compile_library(ENGINE.parent, [ENGINE.name], library, target)
+    prebuilt.write(folder, kinds, tools)
+
+
 def copy(archives: Mapping[str, Path], directory: Path) -> dict[str, Path]:
     """Copy FMUs to ``directory``, made if need be."""
     directory.mkdir(parents=True, exist_ok=True)
     return {model: Path(shutil.copy(archive, directory)) for model, archive in archives.items()}
 
 
-def build_one(package: Path, model: str, archive: Path, *, fmi: str = "3.0") -> None:
-    """Translate ``model`` (full Modelica name) and write its FMU to ``archive``, all or nothing."""
+def build_one(
+    package: Path,
+    model: str,
+    archive: Path,
+    *,
+    fmi: str = "3.0",
+    version: str | None = None,
+    targets: Sequence[Target] = (),
+) -> None:
+    """Translate ``model`` (full Modelica name) and write its FMU to ``archive``, all or nothing.
+
+    The FMU is for this machine, or for ``targets``; it names ``version`` of this package, by default the one
+    installed.
+    """
     from lpfcosim.modelica import codegen, description, system
 
     flat = flatten(package, model)
@@ -139,7 +234,7 @@ def build_one(package: Path, model: str, archive: Path, *, fmi: str = "3.0") -> 
     token = str(
         uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
     )
-    tool = f"lpfcosim {metadata.version('lpfcosim')} with rumoca {_version('rumoca')}"
+    tool = f"lpfcosim {version or _version('lpfcosim')} with rumoca {_version('rumoca')}"
     shown = description.Description(flat, translated, where, token, STEP, tool)
 
     archive.parent.mkdir(parents=True, exist_ok=True)
@@ -160,10 +255,7 @@ def build_one(package: Path, model: str, archive: Path, *, fmi: str = "3.0") -> 
             (sources / "buildDescription.xml").write_text(text, encoding="utf-8")
         text = shown.fmi3() if fmi == "3.0" else shown.fmi2(units)
         (root / "modelDescription.xml").write_text(text, encoding="utf-8")
-        folder, extension = _platform(fmi)
-        binary = root / "binaries" / folder / f"{translated.name}{extension}"
-        binary.parent.mkdir(parents=True)
-        compile_library(sources, units, binary)
+        compile_binaries(sources, units, root / "binaries", translated.name, fmi=fmi, targets=targets)
         _archive(root, archive)
 
 
@@ -173,13 +265,6 @@ def _runtime(fmi: str) -> Iterator[Path]:
     headers = Path(fmpy.__file__).parent / "c-code"
     yield from (RUNTIME / name for name in (*_CORE, f"fmi{fmi[0]}.c"))
     yield from (headers / name for name in _HEADERS[fmi])
-
-
-def _platform(fmi: str) -> tuple[str, str]:
-    """Folder of the binary in the archive, and the extension of its file."""
-    import fmpy
-
-    return str(fmpy.platform if fmi == "2.0" else fmpy.platform_tuple), str(fmpy.sharedLibraryExtension)
 
 
 def _archive(root: Path, archive: Path) -> None:

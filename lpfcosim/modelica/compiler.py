@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import shutil
+import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -17,7 +20,7 @@ from lpfcosim.errors import InputError, RunError
 # Without contraction every compiler gives the same bits.
 FLAGS = (
     "-std=c99",
-    "-O2",
+    "-O3",
     "-fPIC",
     "-shared",
     "-ffp-contract=off",
@@ -25,6 +28,41 @@ FLAGS = (
     "-g0",
     "-Werror=implicit-function-declaration",
 )
+
+
+@dataclass(frozen=True)
+class Target:
+    """A platform to cross-compile for.
+
+    Attributes
+    ----------
+    name, fmi2 : str
+        Its folder in an FMU, for FMI 3.0 and 2.0; the latter is empty if FMI 2.0 has none.
+    triple : str
+        What zig calls it, with the oldest system that the binaries run on.
+    extension : str
+        Of a shared library.
+    """
+
+    name: str
+    fmi2: str
+    triple: str
+    extension: str
+
+    def folder(self, fmi: str) -> str:
+        """Folder of the binary in an FMU, empty if this version of FMI has none."""
+        return self.fmi2 if fmi == "2.0" else self.name
+
+
+TARGETS = (
+    Target("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
+    Target("aarch64-linux", "", "aarch64-linux-gnu.2.17", ".so"),
+    Target("x86_64-darwin", "darwin64", "x86_64-macos.11.0", ".dylib"),
+    Target("aarch64-darwin", "darwin64", "aarch64-macos.11.0", ".dylib"),
+    Target("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
+)
+_UNIVERSAL = 0xCAFEBABE  # of the header of a Mach-O file for several processors
+_PAGE = 14  # log2 of the size of a page on Apple's processors, in bytes
 
 
 @dataclass(frozen=True)
@@ -50,11 +88,8 @@ def compiler() -> Compiler:
         if shutil.which(command[0]):
             return Compiler(command, _first_line([*command, "--version"]))
     if not named:
-        try:
-            version = metadata.version("ziglang")
-            return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig cc {version}")
-        except metadata.PackageNotFoundError:
-            pass
+        with contextlib.suppress(InputError):
+            return cross_compiler()
     missing = f"the compiler named by CC, '{named}', is not there" if named else "no C compiler was found"
     raise InputError(
         f"FMUs cannot be built: {missing}; install one from PyPI with 'pip install ziglang', or set CC"
@@ -72,17 +107,88 @@ def _first_line(command: Sequence[str]) -> str:
     return lines[0].strip() if lines else " ".join(command[:-1])
 
 
-def compile_library(sources: Path, units: Sequence[str], binary: Path) -> None:
+def cross_compiler() -> Compiler:
+    """Return the compiler for other platforms: the ziglang package, whatever else there is.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
+    try:
+        version = metadata.version("ziglang")
+    except metadata.PackageNotFoundError:
+        raise InputError(
+            "FMUs cannot be built for other platforms: 'ziglang' is not installed; "
+            "install the build extra (pip install 'lpfcosim[build]')"
+        ) from None
+    return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig cc {version}")
+
+
+def compile_library(sources: Path, units: Sequence[str], binary: Path, target: Target | None = None) -> None:
     """Compile the C files ``units`` of the folder ``sources`` to the shared library ``binary``.
+
+    It is for this machine, or for ``target``.
 
     Raises
     ------
     RunError
         With what the compiler says, if it fails.
     """
-    command = [*compiler().command, *FLAGS, "-o", str(binary), *units, *([] if os.name == "nt" else ["-lm"])]
-    done = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
-    if done.returncode or not binary.is_file():
-        raise RunError(
-            f"the generated C of {binary.stem} does not compile with {compiler().version}:\n{done.stderr}"
-        )
+    chosen = cross_compiler() if target else compiler()
+    windows = target.extension == ".dll" if target else os.name == "nt"
+    flags = [*FLAGS, *(_target_flags(target, binary) if target else ())]
+    if target and windows:
+        flags.remove("-fPIC")
+    # In a folder of its own: for Windows, linkers leave further files beside the library.
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
+        made = Path(folder) / binary.name
+        command = [*chosen.command, *flags, "-o", str(made), *units, *([] if windows else ["-lm"])]
+        done = subprocess.run(command, cwd=sources, capture_output=True, text=True, check=False)
+        if done.returncode or not made.is_file():
+            raise RunError(
+                f"the generated C of {binary.stem} does not compile with {chosen.version}:\n{done.stderr}"
+            )
+        shutil.move(made, binary)
+
+
+def _target_flags(target: Target, binary: Path) -> list[str]:
+    flags = ["-target", target.triple, "-s"]
+    if target.extension == ".dylib":
+        # By default a library for macOS carries the path it was made at.
+        flags.append(f"-Wl,-install_name,@rpath/{binary.name}")
+    return flags
+
+
+def compile_binaries(
+    sources: Path, units: Sequence[str], binaries: Path, name: str, *, fmi: str, targets: Sequence[Target]
+) -> None:
+    """Compile as `compile_library` for each target, or this machine, into the ``binaries`` of an FMU."""
+    import fmpy
+
+    if not targets:
+        folder = binaries / (fmpy.platform if fmi == "2.0" else fmpy.platform_tuple)
+        folder.mkdir(parents=True)
+        compile_library(sources, units, folder / f"{name}{fmpy.sharedLibraryExtension}")
+    for target in targets:
+        binary = binaries / target.folder(fmi) / f"{name}{target.extension}"
+        binary.parent.mkdir(parents=True, exist_ok=True)
+        if not binary.exists():
+            compile_library(sources, units, binary, target)
+            continue
+        # FMI 2.0 has one folder for both kinds of Mac.
+        with tempfile.TemporaryDirectory(prefix="lpfcosim-") as scratch:
+            other = Path(scratch) / binary.name
+            compile_library(sources, units, other, target)
+            binary.write_bytes(_universal([binary.read_bytes(), other.read_bytes()]))
+
+
+def _universal(images: Sequence[bytes]) -> bytes:
+    """Join libraries for macOS, one per processor, into one."""
+    page = 1 << _PAGE
+    header, body = struct.pack(">2I", _UNIVERSAL, len(images)), b""
+    for image in images:
+        processor = struct.unpack_from("<2I", image, 4)  # and its subtype
+        header += struct.pack(">5I", *processor, page + len(body), len(image), _PAGE)
+        body += image + b"\0" * (-len(image) % page)
+    return header.ljust(page, b"\0") + body

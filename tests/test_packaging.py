@@ -1,0 +1,295 @@
+"""What a wheel carries ready made: when it counts, and that all platforms' files are what they should be."""
+
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import fmpy
+import h5py
+import pytest
+
+from lpfcosim.errors import InputError
+from lpfcosim.modelica import build, checks, compiler, prebuilt
+from tests.binaries import READERS, slices
+
+ROOT = Path(__file__).parents[1]
+CAMPAIGN = Path(__file__).parent / "two_experiments.toml"
+SITE = "Lib/site-packages" if os.name == "nt" else f"lib/python3.{sys.version_info.minor}/site-packages"
+
+
+# What counts as ready made --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def shipped(tmp_path, monkeypatch):
+    """An installation with ready-made files (empty archives), a package of its own, and no build tools."""
+    package = tmp_path / "fmus" / "LISAPathfinder"
+    shutil.copytree(build.PACKAGE, package)
+    engine = tmp_path / "engine.c"
+    shutil.copy(build.ENGINE, engine)
+    folder = tmp_path / "prebuilt"
+    for kind in ("fmi2", "fmi3", "engine"):
+        (folder / kind).mkdir(parents=True)
+    for model in build.MODELS:
+        for kind in ("fmi2", "fmi3"):
+            with zipfile.ZipFile(folder / kind / f"{model}.fmu", "w") as archive:
+                archive.writestr("model", f"{model} {kind}")
+    (folder / "engine" / f"{prebuilt.here()}{fmpy.sharedLibraryExtension}").write_bytes(b"engine")
+
+    def unavailable(*_):
+        raise InputError("FMUs cannot be built: no tools")
+
+    monkeypatch.setattr(build, "PACKAGE", package)
+    monkeypatch.setattr(build, "ENGINE", engine)
+    monkeypatch.setattr(prebuilt, "FOLDER", folder)
+    monkeypatch.setattr(build, "compiler", unavailable)
+    monkeypatch.setattr(build, "_tools", unavailable)
+    models = prebuilt.Kind([prebuilt.here()], build.source_files(package))
+    loop = prebuilt.Kind([prebuilt.here()], {engine.name: engine})
+    prebuilt.write(folder, {"fmi2": models, "fmi3": models, "engine": loop}, ["a tool"])
+    return folder
+
+
+def test_ready_made_files_need_no_tools(shipped):
+    for fmi, kind in (("3.0", "fmi3"), ("2.0", "fmi2")):
+        found = build.build(package=build.PACKAGE, fmi=fmi)
+        assert found == {m: shipped / kind / f"{m}.fmu" for m in build.MODELS}
+    assert build.engine_library().read_bytes() == b"engine"
+
+
+@pytest.mark.parametrize("file", ["Plant.mo", "compensatorResidues.mo"])
+def test_edited_model_is_not_answered_with_old_fmus(shipped, file):
+    edited = build.PACKAGE / file
+    edited.write_text(edited.read_text() + "// edited\n")
+    with pytest.raises(
+        InputError, match=rf"{file} has changed since .* were made, and FMUs cannot be built: no tools"
+    ):
+        build.build(package=build.PACKAGE)
+    assert build.engine_library().is_file()
+
+
+def test_added_model_file_counts_as_a_change(shipped):
+    (build.PACKAGE / "New.mo").write_text("within LISAPathfinder; model New end New;")
+    with pytest.raises(InputError, match=r"New\.mo has changed"):
+        build.build(package=build.PACKAGE)
+
+
+def test_removed_model_file_counts_as_a_change(shipped):
+    (build.PACKAGE / "Thrusters.mo").unlink()
+    with pytest.raises(InputError, match=r"LISAPathfinder/Thrusters\.mo has changed"):
+        build.build(package=build.PACKAGE)
+
+
+def test_edited_engine_is_not_answered_with_the_old_library(shipped):
+    build.ENGINE.write_text(build.ENGINE.read_text() + "/* edited */\n")
+    with pytest.raises(InputError, match=r"engine.c has changed since .*: no tools"):
+        build.engine_library()
+    assert build.build(package=build.PACKAGE)
+
+
+def test_digest_covers_models_generator_and_runtime():
+    covered = set(build.source_files().values())
+    generator = build.ENGINE.parent / "modelica"
+    assert covered >= {*build.PACKAGE.rglob("*.mo"), *generator.rglob("*.py"), *generator.rglob("*.[ch]")}
+
+
+def test_damaged_file_is_noticed(shipped):
+    damaged = shipped / "fmi3" / "Plant.fmu"
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    with pytest.raises(InputError, match=r"Plant.fmu is missing or damaged, and"):
+        build.build(package=build.PACKAGE)
+    damaged.unlink()
+    with pytest.raises(InputError, match=r"Plant.fmu is missing or damaged, and"):
+        build.build(package=build.PACKAGE)
+    assert build.build(["Actuation"], build.PACKAGE)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"fmi3": {}}'])
+def test_damaged_manifest_is_noticed(shipped, text):
+    (shipped / "manifest.json").write_text(text)
+    with pytest.raises(InputError, match=r"manifest\.json is damaged, and"):
+        build.build(package=build.PACKAGE)
+
+
+def test_source_checkout_says_that_nothing_came_with_it(shipped):
+    shutil.rmtree(shipped)
+    with pytest.raises(InputError, match="came without compiled files, and FMUs cannot be built: no tools"):
+        build.build(package=build.PACKAGE)
+    with pytest.raises(InputError, match="came without compiled files, and FMUs cannot be built: no tools"):
+        build.engine_library()
+
+
+def test_other_platform_is_named(shipped, monkeypatch):
+    monkeypatch.setattr(fmpy, "platform_tuple", "sparc-plan9")
+    with pytest.raises(InputError, match=r"without compiled files \(fmi3\) for sparc-plan9"):
+        build.build(package=build.PACKAGE)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux has several C libraries")
+def test_linux_without_glibc_is_another_platform(shipped, monkeypatch):
+    monkeypatch.setattr("platform.libc_ver", lambda *_: ("", ""))
+    with pytest.raises(InputError, match=r"for .*-linux without glibc"):
+        build.engine_library()
+
+
+def test_ready_made_files_are_those_of_our_package_only(shipped, tmp_path):
+    shutil.copytree(build.PACKAGE, tmp_path / "mine" / "LISAPathfinder")
+    with pytest.raises(InputError, match=r"^FMUs cannot be built: no tools"):
+        build.build(package=tmp_path / "mine" / "LISAPathfinder")
+
+
+def test_forced_build_leaves_ready_made_files_alone(shipped):
+    with pytest.raises(InputError, match=r"^FMUs cannot be built: no tools"):
+        build.build(package=build.PACKAGE, force=True)
+    assert build.build(package=build.PACKAGE)
+
+
+def test_missing_ziglang_is_one_sentence(monkeypatch):
+    def missing(name):
+        raise compiler.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(compiler.metadata, "version", missing)
+    with pytest.raises(InputError, match=r"other platforms: 'ziglang' is not installed; .*lpfcosim\[build\]"):
+        compiler.cross_compiler()
+
+
+# What lies in a wheel -------------------------------------------------------------------------------------
+
+
+def functions(fmi: str) -> set[str]:
+    """Functions of the standard's header, for FMI 2.0 without those of model exchange."""
+    header = (Path(fmpy.__file__).parent / "c-code" / f"fmi{fmi}Functions.h").read_text("utf-8")
+    section = "Functions for FMI2 for "
+    header = re.sub(f"{section}Model Exchange.*?(?={section}Co-Simulation)", "", header, flags=re.DOTALL)
+    return set(re.findall(rf"^\s*FMI{fmi}_Export\s+\w+TYPE\s+(\w+);", header, re.MULTILINE))
+
+
+def run(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wheel")
+    run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", folder, ROOT)
+    (made,) = folder.glob("*.whl")
+    return made
+
+
+PLATFORMS = {"x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows"}
+
+
+@pytest.mark.slow
+def test_wheel_carries_every_platform(wheel, tmp_path):
+    assert wheel.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as stored:
+        names = {n for n in stored.namelist() if n.startswith("lpfcosim/prebuilt/")}
+        files = {n.removeprefix("lpfcosim/prebuilt/"): stored.read(n) for n in names}
+    archives = {f"fmi{v}/{m}.fmu" for v in "23" for m in build.MODELS}
+    extension = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}
+    engines = {f"engine/{p}{extension[p.split('-')[1]]}" for p in PLATFORMS}
+    assert set(files) == {"manifest.json", *archives, *engines}
+    for name in engines:
+        platform, exported = READERS[Path(name).suffix](files[name])
+        assert platform == Path(name).stem
+        assert exported == {"run_block"}
+    for name in archives:
+        check_archive(files[name], name[3], Path(name).stem)
+        fmu = tmp_path / Path(name).name
+        fmu.write_bytes(files[name])
+        assert checks.problems(fmu) == []
+
+
+def check_archive(content: bytes, fmi: str, model: str) -> None:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        binaries = {n: archive.read(n) for n in archive.namelist() if n.startswith("binaries/")}
+    folders = {"linux64", "darwin64", "win64"} if fmi == "2" else PLATFORMS
+    assert {n.split("/")[1] for n in binaries} == folders
+    assert len(binaries) == len(folders)
+    standard = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
+    for name, image in binaries.items():
+        folder, file = name.split("/")[1:]
+        assert Path(file).stem == model
+        images = slices(image) if folder == "darwin64" else [image]
+        found = [READERS[Path(file).suffix](i) for i in images]
+        if folder == "darwin64":
+            assert {platform for platform, _ in found} == {"x86_64-darwin", "aarch64-darwin"}
+        else:
+            assert found[0][0] == standard.get(folder, folder)
+        for _, exported in found:
+            assert exported == functions(fmi)
+        for version in re.findall(rb"GLIBC_2\.(\d+)", image):
+            assert int(version) <= 17  # as old as the manylinux2014 wheels of NumPy and SciPy
+
+
+@pytest.fixture(scope="session")
+def installed(wheel, tmp_path_factory):
+    """Folder of an environment that holds the wheel and nothing to build with."""
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder, with_pip=True)
+    run(folder / "bin" / "python", "-m", "pip", "install", "-q", wheel)
+    for tool in ("rumoca", "sympy", "ziglang"):
+        assert not (folder / SITE / tool).exists()
+    yield folder
+    shutil.rmtree(folder)  # half a gigabyte
+
+
+def lpfcosim(installed: Path, home: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command of the installed wheel where no compiler can be found."""
+    bare = {"HOME": str(home), "PATH": str(home), "LPFCOSIM_CACHE": str(home / "cache")}
+    command = [str(a) for a in (installed / "bin" / "lpfcosim", *arguments)]
+    return subprocess.run(command, env=bare, cwd=home, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="written for POSIX environments")
+def test_wheel_runs_without_a_compiler_and_gives_the_same_bits(installed, tmp_path):
+    done = lpfcosim(installed, tmp_path, "run", CAMPAIGN, "--out", "wheel", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "wheel" / "report.html").is_file()
+    assert not (tmp_path / "cache").exists()
+    run(sys.executable, "-m", "lpfcosim", "run", CAMPAIGN, "--out", tmp_path / "source", "--quiet")
+    files = sorted((tmp_path / "source" / "telemetry").glob("*.h5"))
+    assert len(files) == 3
+    for path in files:
+        with h5py.File(path) as ours, h5py.File(tmp_path / "wheel" / "telemetry" / path.name) as theirs:
+            channels = [n for n, d in ours.items() if isinstance(d, h5py.Dataset)]
+            assert "o_12" in channels
+            for name in channels:
+                assert ours[name][()].tobytes() == theirs[name][()].tobytes(), name
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="written for POSIX environments")
+def test_edited_model_of_an_installed_wheel_is_refused_with_the_remedy(installed, tmp_path):
+    model = installed / SITE / "fmus" / "LISAPathfinder" / "Plant.mo"
+    original = model.read_bytes()
+    model.write_bytes(original + b"// edited\n")
+    try:
+        done = lpfcosim(installed, tmp_path, "run", CAMPAIGN, "--quiet")
+    finally:
+        model.write_bytes(original)
+    assert done.returncode == 2
+    assert re.search(r"Plant\.mo has changed .*'rumoca' .*pip install 'lpfcosim\[build\]'", done.stderr)
+    assert lpfcosim(installed, tmp_path, "fmu", "list").stdout.count("prebuilt") == len(build.MODELS)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="written for POSIX environments")
+def test_editable_install_downloads_no_build_tools_of_its_own(tmp_path):
+    venv.create(tmp_path / "venv", with_pip=True)
+    checkout = tmp_path / "checkout"
+    shutil.copytree(ROOT, checkout, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "*.h5"))
+    python = tmp_path / "venv" / "bin" / "python"
+    done = run(python, "-m", "pip", "install", "--no-deps", "-v", "-e", checkout)
+    assert "hatchling" in done.stdout + done.stderr
+    assert "ziglang" not in done.stdout + done.stderr
+    assert not (checkout / "lpfcosim" / "prebuilt").exists()
