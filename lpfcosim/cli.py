@@ -154,7 +154,7 @@ def fmu_build_command(
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder to copy the FMUs to.")] = None,
     fmi: Annotated[Literal["2.0", "3.0"], typer.Option("--fmi", help="Version of FMI.")] = "3.0",
-    force: Annotated[bool, typer.Option("--force", help="Build again what the cache holds.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Build again, whatever there is.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Build the FMUs from the Modelica sources; what has not changed comes from the cache."""

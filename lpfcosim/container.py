@@ -64,7 +64,7 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
         description = root / "modelDescription.xml"
         text = _describe(description.read_text(encoding="utf-8"), settings, run, found)
         description.write_text(text, encoding="utf-8", newline="\n")
-        build._archive(root, path)
+        build.write_archive(root, path)
     return path
 
 

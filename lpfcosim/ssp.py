@@ -155,7 +155,7 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
             (root / file).write_text(text, encoding="utf-8", newline="\n")
         for model, interface in found.items():
             shutil.copyfile(interface.archive, root / _fmu_file(model))
-        build._archive(root, path)
+        build.write_archive(root, path)
     return path
 
 

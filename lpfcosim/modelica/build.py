@@ -256,7 +256,7 @@ def build_one(
         text = shown.fmi3() if fmi == "3.0" else shown.fmi2(units)
         (root / "modelDescription.xml").write_text(text, encoding="utf-8")
         compile_binaries(sources, units, root / "binaries", translated.name, fmi=fmi, targets=targets)
-        _archive(root, archive)
+        write_archive(root, archive)
 
 
 def _runtime(fmi: str) -> Iterator[Path]:
@@ -267,8 +267,8 @@ def _runtime(fmi: str) -> Iterator[Path]:
     yield from (headers / name for name in _HEADERS[fmi])
 
 
-def _archive(root: Path, archive: Path) -> None:
-    # Fixed times and order: the same sources give the same bytes.
+def write_archive(root: Path, archive: Path) -> None:
+    """Zip the folder ``root`` to ``archive``; the same files give the same bytes."""
     partial = archive.with_suffix(f".{os.getpid()}.part")
     with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as target:
         for file in sorted(p for p in root.rglob("*") if p.is_file()):
