@@ -19,31 +19,16 @@ from lpfcosim import campaign, reference, runner
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.run import Authority
+from tests.campaign_text import ONE_EXPERIMENT
 
 pytestmark = pytest.mark.fmu
 
-PLAN = """
+PLAN = f"""
 schema = "lpf-campaign/1"
 name = "short"
 seed = 7
 
-[noise]
-oms = "35 fm Hz^-0.5"
-thruster = "0.15 uN Hz^-0.5"
-plateau = "5.6 fm s^-2 Hz^-0.5"
-tail = 1.5
-
-[authority.A]
-F_max_1 = "0 pN"
-F_max_2 = "2200 pN"
-N_max_1 = "10.4 pN m"
-N_max_2 = "10.4 pN m"
-
-[[experiments]]
-name = "one"
-authority = "A"
-alignment_epoch = 1
-duration = "200 s"
+{ONE_EXPERIMENT}duration = "200 s"
 noise_duration = "100 s"
 
 [[experiments.injections]]
