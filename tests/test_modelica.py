@@ -166,8 +166,8 @@ REFUSED = {
     "nonlinear equation for x": ("output Real x; input Real u;\nequation\n  x^3 + x = u;", 3),
     "singular equation for": ("output Real x; output Real y; input Real u;\nequation\n"
                                 "  x + y = u;\n  2*x + 2*y = 1;", 3),
-    "event inside a step": ("Real x; input Real u;\nequation\n  der(x) = if x > 1 then 0 else u;", 1),
-    "event inside a step ": ("Real x; input Real u;\nequation\n  der(x) = -abs(x) + u;", 1),
+    "event inside a step": ("Real x; input Real u;\nequation\n  der(x) = if x > 1 then 0 else u;", 3),
+    "event inside a step ": ("Real x; input Real u;\nequation\n  der(x) = -abs(x) + u;", 3),
     "delay() of a signal that is not held": ("Real x; output Real y; input Real u;\nequation\n"
                                              "  der(x) = u;\n  y = delay(x, 0.3);", 4),
     "delay() with a varying delay time": ("output Real y; input Real u; input Real T;\nequation\n"

@@ -176,7 +176,8 @@ class _Builder:
         constant = {*by_kind.get("parameter", []), *by_kind.get("calculated", [])}
         delays = tuple(self._held_delay(d, resolved, states, constant) for d in self.evaluate.delays)
         held = [*by_kind.get("input", []), *by_kind.get("discrete", [])]
-        self._refuse_state_events(derivatives, {*states, TIME})
+        places = [span for r, span in zip(residuals, spans, strict=True) if switches([r], r.free_symbols)]
+        self._refuse_state_events(derivatives, {*states, TIME}, places)
         return System(
             name=self.model.name.rpartition(".")[2],
             description=self.model.description,
@@ -349,11 +350,15 @@ class _Builder:
         return tuple(clocks), tuple(found[symbol] for symbol in order)
 
     def _refuse_state_events(
-        self, derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...], moving: set[sp.Symbol]
+        self,
+        derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...],
+        moving: set[sp.Symbol],
+        places: list[Node],
     ) -> None:
+        # The place told is the first equation that switches at all; there is seldom another.
         for state, expression in derivatives:
             for switch in switches([expression], moving):
-                where = self.model.sources.where(self._declaration(state))
+                where = self.model.sources.where(places[0])
                 raise UnsupportedError(
                     f"{where}: {self.model.name}: an event inside a step is not supported: "
                     f"der({state.name}) switches on {switch}"
