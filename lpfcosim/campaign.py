@@ -8,14 +8,15 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from lpfcosim import network
 from lpfcosim.errors import InputError
 from lpfcosim.messages import closest, describe, quote
 from lpfcosim.parameters import FS, M_TM, H
@@ -27,11 +28,12 @@ from lpfcosim.run import (
     Injection,
     Kind,
     Noise,
+    Replacement,
     Run,
     Sine,
     Truth,
 )
-from lpfcosim.schema import LONGEST_DELAY, CampaignTable, ExperimentTable
+from lpfcosim.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable
 
 # tomllib takes minutes and gigabytes for a key of thousands of parts
 _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
@@ -67,6 +69,7 @@ class Campaign:
     drag_free: Controller
     suspension: Controller
     experiments: tuple[Experiment, ...]
+    replacements: tuple[Replacement, ...] = ()
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -96,12 +99,19 @@ class Campaign:
             drag_free=self.drag_free,
             suspension=self.suspension,
             seed=self.seed,
+            replacements=self.replacements,
         )
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what the file says: comments, order of keys and choice of units do not count."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+        """SHA-256 of what the file says: comments, order of keys and choice of units do not count.
+
+        Nor does where an FMU lies; what it is stands beside this digest in the provenance.
+        """
+        said = asdict(self)
+        for replacement in said["replacements"]:
+            del replacement["archive"]
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
 def load(path: Path) -> Campaign:
@@ -129,7 +139,7 @@ def load(path: Path) -> Campaign:
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     try:
-        return _build(CampaignTable.model_validate(raw))
+        return _build(CampaignTable.model_validate(raw), path.parent)
     except ValidationError as error:
         raise InputError(f"{path}: {_told(error)}") from None
     except _ConflictError as error:
@@ -158,7 +168,7 @@ class _ConflictError(Exception):
     """Two places of a campaign file that do not go together."""
 
 
-def _build(table: CampaignTable) -> Campaign:
+def _build(table: CampaignTable, folder: Path) -> Campaign:
     truth = _truth(table)
     experiments: list[Experiment] = []
     taken: dict[str, int] = {}
@@ -172,7 +182,7 @@ def _build(table: CampaignTable) -> Campaign:
                     f'experiments[{first}] ("{experiments[first].name}")'
                 )
         experiments.append(experiment)
-    return Campaign(
+    campaign = Campaign(
         name=table.name,
         seed=table.seed,
         t0=_iso(table.t0),
@@ -180,6 +190,48 @@ def _build(table: CampaignTable) -> Campaign:
         drag_free=table.control.drag_free.onto(DRAG_FREE),
         suspension=table.control.suspension.onto(SUSPENSION),
         experiments=tuple(experiments),
+    )
+    parameters = network.parameters(campaign.runs[0])
+    return replace(
+        campaign,
+        replacements=tuple(
+            _replacement(component, parameters[component.model], table.fmus[component.model], folder)
+            for component in network.COMPONENTS
+            if component.model in table.fmus
+        ),
+    )
+
+
+def _replacement(
+    component: network.Component, parameters: Collection[str], entry: FmuTable, folder: Path
+) -> Replacement:
+    where = f"fmus.{component.model}"
+    known = [*component.inputs, *component.outputs, *parameters]
+    for name in entry.variables:
+        if name not in known:
+            raise _ConflictError(f"{where}.variables: no variable {quote(name)}{closest(name, known)}")
+    for k, name in enumerate(entry.unused):
+        if name not in component.inputs:
+            raise _ConflictError(
+                f"{where}.unused[{k}]: no input {quote(name)}{closest(name, component.inputs)}"
+            )
+        if name in entry.variables:
+            raise _ConflictError(f"{where}.unused[{k}]: {quote(name)} has a place under variables too")
+    fed: dict[str, str] = {}
+    for name in (*component.inputs, *(n for n in parameters if n in entry.variables)):
+        theirs = entry.variables.get(name, name)
+        if name not in entry.unused and fed.setdefault(theirs, name) != name:
+            raise _ConflictError(
+                f"{where}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}"
+            )
+    for name in entry.values:
+        if name in entry.variables.values() or name in parameters:
+            raise _ConflictError(f"{where}.values: {quote(name)} is set by the campaign already")
+    archive = folder / entry.path
+    if not archive.is_file():
+        raise _ConflictError(f"{where}.path: {archive}: no such file")
+    return Replacement(
+        component.model, archive, dict(entry.variables), tuple(entry.unused), dict(entry.values)
     )
 
 

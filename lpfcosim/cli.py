@@ -6,7 +6,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +21,7 @@ from fit import results as fit_results
 from fit import telemetry as fit_telemetry
 from fit.pipeline import calibrate
 from lpfcosim import campaign as campaigns
-from lpfcosim import container, master, runner, ssp, stability
+from lpfcosim import container, master, network, placement, runner, ssp, stability
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import build as fmu_build
@@ -92,16 +93,19 @@ def run(
     """
     console = Console(quiet=quiet)
     plan = campaigns.load(campaign)
-    try:
-        for entry in plan.runs:
-            stability.check(entry)
-    except InputError as error:
-        raise InputError(f"{campaign}: {error}") from None
     directory = out or Path(campaign.stem)
     _check_folder(directory / "telemetry")
     started = time.perf_counter()
+    with _about(campaign):
+        for entry in plan.runs if not plan.replacements else ():  # the poles are those of our loop
+            stability.check(entry)
     with console.stage("FMUs"):
-        fmus = fmu_build.build()
+        fmus = _fmus(plan)
+    with _about(campaign):
+        for entry in plan.runs:
+            placement.interfaces(entry, fmus)
+    for line in _told_of_replacements(plan, fmus):
+        console.note(line)
     with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
         files = runner.simulate(
             plan, directory / "telemetry", fmus, jobs=jobs, engine=engine, progress=progress, kept=kept
@@ -205,7 +209,8 @@ def fmu_export_ssp(
 ) -> None:
     """Write the closed loop as SSP 1.0, with one set of parameter values per authority set."""
     plan = campaigns.load(campaign)
-    print(ssp.export(plan, fmu_build.build(fmi="2.0"), out or Path(f"{campaign.stem}.ssp")))
+    with _about(campaign):
+        print(ssp.export(plan, _fmus(plan, "2.0"), out or Path(f"{campaign.stem}.ssp")))
 
 
 @fmu_app.command(name="container")
@@ -217,10 +222,38 @@ def fmu_container(
     ] = None,
 ) -> None:
     """Write the closed loop of one run as a single FMU; its inputs are injections and noise."""
-    runs = {r.name: r for r in campaigns.load(campaign).runs}
+    plan = campaigns.load(campaign)
+    runs = {r.name: r for r in plan.runs}
     if run_name not in runs:
         raise InputError(f"{campaign}: no run '{run_name}'; there are {', '.join(runs)}")
-    print(container.container(runs[run_name], fmu_build.build(fmi="2.0"), out or Path(f"{run_name}.fmu")))
+    with _about(campaign):
+        print(container.container(runs[run_name], _fmus(plan, "2.0"), out or Path(f"{run_name}.fmu")))
+
+
+def _fmus(plan: campaigns.Campaign, fmi: str = "3.0") -> dict[str, Path]:
+    """FMUs of a campaign: the user's, and ours in the other places."""
+    theirs = {r.model: r.archive for r in plan.replacements}
+    return {**fmu_build.build([m for m in fmu_build.MODELS if m not in theirs], fmi=fmi), **theirs}
+
+
+@contextmanager
+def _about(campaign: Path) -> Iterator[None]:
+    """Name the campaign file in what is said to be wrong with it."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{campaign}: {error}") from None
+
+
+def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[str]:
+    run = plan.runs[0]
+    ignored = placement.ignored(run, placement.interfaces(run, fmus))
+    for replacement in plan.replacements:
+        names = ignored[replacement.model]
+        without = f", which does not take {', '.join(names)}" if names else ""
+        yield f"{replacement.model}: {replacement.archive}, code of its own{without}"
+    if untold := sorted(network.untold(run, {n for names in ignored.values() for n in names})):
+        yield f"true values not known, left out of /truth: {', '.join(untold)}"
 
 
 def _models(named: Sequence[str] | None) -> Sequence[str]:

@@ -26,7 +26,8 @@ class Console:
         if not self._quiet:
             print(line)
 
-    def _note(self, line: str) -> None:
+    def note(self, line: str) -> None:
+        """Print a line about the work."""
         if not self._quiet:
             print(line, file=sys.stderr, flush=True)
 
@@ -39,7 +40,7 @@ class Console:
                 yield
         else:
             yield
-        self._note(f"{name}: {time.perf_counter() - started:.1f} s")
+        self.note(f"{name}: {time.perf_counter() - started:.1f} s")
 
     @contextmanager
     def samples(
@@ -69,15 +70,15 @@ class Console:
 
             def keep(name: str) -> None:
                 del simulated[name]
-                self._note(f"run {name}: kept")
+                self.note(f"run {name}: kept")
 
             def line(name: str, done: int) -> None:
                 if done == sizes[name]:
-                    self._note(f"run {name}: {done} samples")
+                    self.note(f"run {name}: {done} samples")
 
             yield line, keep
         total = sum(simulated.values())
-        self._note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
+        self.note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
 
     def table(self, results: Results) -> None:
         """Show the joint parameters."""
@@ -96,4 +97,4 @@ class Console:
             )
         rich.console.Console().print(table)
         for warning in results.joint.warnings:
-            self._note(f"warning: {warning.message}")
+            self.note(f"warning: {warning.message}")

@@ -13,15 +13,17 @@ import logging
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from lpfcosim import network
 from lpfcosim.errors import InputError
+from lpfcosim.interface import Interface
 from lpfcosim.modelica import build
+from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
-from lpfcosim.ssp import Interface, endpoint, interfaces
+from lpfcosim.ssp import same_units
 
 IDENTIFIER = "ClosedLoop"
 
@@ -39,7 +41,7 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
     run : Run
         Gives the parameters.
     fmus : mapping of str to Path
-        The FMU of each component of `network.COMPONENTS`, FMI 2.0 or 3.0.
+        The FMU of each component, FMI 2.0 or 3.0.
     path : Path
         The ``.fmu`` to write.
 
@@ -53,7 +55,8 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
     InputError
         If an FMU cannot be read or does not fit, or the toolbox is not installed.
     """
-    found = interfaces(fmus)
+    found = interfaces(run, fmus)
+    same_units(found)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         made = _make(run, found, Path(folder))
@@ -68,7 +71,7 @@ def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
     return path
 
 
-def _make(run: Run, found: Mapping[str, Interface], folder: Path) -> Path:
+def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
     try:
         from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     except ImportError:
@@ -79,21 +82,25 @@ def _make(run: Run, found: Mapping[str, Interface], folder: Path) -> Path:
     with _fatal_messages() as fatal:
         try:
             box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
-            for model, interface in found.items():
-                box.get_fmu(str(interface.archive.resolve()), name=model)
-            for component in network.COMPONENTS:
-                for variable, source in component.inputs.items():
-                    model, output = endpoint(source)
+            by_model = {interface.model: interface for interface in found}
+            values = network.parameters(run)
+            for interface in found:
+                box.get_fmu(str(interface.archive.resolve()), name=interface.model)
+            for interface in found:
+                for variable, source in zip(
+                    interface.inputs, interface.component.inputs.values(), strict=True
+                ):
+                    model, output = network.endpoint(source)
                     if model:
-                        box.add_link(model, output, component.model, variable)
+                        box.add_link(model, by_model[model].name(output), interface.model, variable)
                     else:
-                        box.add_input(source, component.model, variable)
-                for variable, value in network.parameters(run)[component.model].items():
-                    box.add_start_value(component.model, variable, repr(float(value)))
+                        box.add_input(source, interface.model, variable)
+                for variable, value in interface.parameters(values[interface.model]).items():
+                    box.add_start_value(interface.model, variable, repr(float(value)))
             for channel, source in network.RECORD.items():
-                model, output = endpoint(source)
+                model, output = network.endpoint(source)
                 if model:
-                    box.add_output(model, output, channel)
+                    box.add_output(model, by_model[model].name(output), channel)
             box.stop_time = run.n_samples * run.h
             box.make_fmu(f"{IDENTIFIER}.fmu", step_size=run.h, sequential=True)
         except FMUContainerError as error:
@@ -123,7 +130,7 @@ def _fatal_messages() -> Iterator[list[str]]:
         logger.propagate = propagate
 
 
-def _describe(text: str, settings: bytes, run: Run, found: Mapping[str, Interface]) -> str:
+def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) -> str:
     """Mend what the toolbox wrote: no units, but the time, the name of the user and a random GUID."""
     root = ET.fromstring(text)
     for name in ("author", "generationDateAndTime", "license", "guid"):
@@ -143,24 +150,25 @@ def _describe(text: str, settings: bytes, run: Run, found: Mapping[str, Interfac
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _add_units(root: ET.Element, found: Mapping[str, Interface]) -> None:
+def _add_units(root: ET.Element, found: Sequence[Interface]) -> None:
     units: dict[str, str | None] = {}
-    for component in network.COMPONENTS:
-        interface = found[component.model]
-        units |= {s: interface.unit(v) for v, s in component.inputs.items() if not endpoint(s)[0]}
+    for interface in found:
+        connected = zip(interface.inputs, interface.component.inputs.values(), strict=True)
+        units |= {s: interface.unit(v) for v, s in connected if not network.endpoint(s)[0]}
         # What passes between the components is local, and called after them in small letters.
-        units |= {f"{component.model.lower()}.{v}": interface.unit(v) for v in component.outputs}
+        units |= {f"{interface.model.lower()}.{v}": interface.unit(v) for v in interface.outputs}
+    by_model = {interface.model: interface for interface in found}
     for channel, source in network.RECORD.items():
-        model, variable = endpoint(source)
+        model, variable = network.endpoint(source)
         if model:
-            units[channel] = found[model].unit(variable)
+            units[channel] = by_model[model].unit(by_model[model].name(variable))
     used: set[str] = set()
     for element in root.iterfind("ModelVariables/ScalarVariable"):
         real, unit = element.find("Real"), units.get(element.attrib["name"])
         if real is not None and unit:
             real.set("unit", unit)
             used.add(unit)
-    known = {name: base for interface in found.values() for name, base in interface.units.items()}
+    known = {name: base for interface in found for name, base in interface.units.items()}
     definitions = ET.Element("UnitDefinitions")
     for name in sorted(used):
         ET.SubElement(ET.SubElement(definitions, "Unit", name=name), "BaseUnit", known[name])

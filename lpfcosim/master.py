@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -19,8 +19,10 @@ from fmpy.fmi1 import FMICallException
 
 from lpfcosim import network, signals
 from lpfcosim.errors import RunError
+from lpfcosim.interface import Interface
 from lpfcosim.modelica.build import engine_library
 from lpfcosim.parameters import READ_OUT_RANGE
+from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
 from lpfcosim.slave import Slave
 
@@ -64,7 +66,7 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
     run : Run
         What to simulate.
     fmus : mapping of str to Path
-        The FMU of each component of `network.COMPONENTS`.
+        The FMU of each component.
     engine : {"compiled", "fmpy"}
         Which loop steps the FMUs.
 
@@ -81,16 +83,21 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
         If an FMU reports an error or a read-out leaves its range.
     """
     with contextlib.ExitStack() as stack:
-        values = network.parameters(run)
-        slaves = [
-            Slave(stack, fmus[c.model], c.model, values[c.model], list(c.inputs), c.outputs)
-            for c in network.COMPONENTS
-        ]
+        found = interfaces(run, fmus)
+        slaves = start(stack, run, found)
         try:
-            yield from Loop(run, slaves, engine).blocks()
+            yield from Loop(run, [i.component for i in found], slaves, engine).blocks()
         except FMICallException as error:
             said = "".join(f"; {s.name}: {s.said}" for s in slaves if s.said)
             raise RunError(f"run '{run.name}': an FMU refused a call: {error}{said}") from None
+
+
+def start(stack: contextlib.ExitStack, run: Run, found: Iterable[Interface]) -> list[Slave]:
+    """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
+    values = network.parameters(run)
+    return [
+        Slave(stack, i.archive, i.model, i.parameters(values[i.model]), i.inputs, i.outputs) for i in found
+    ]
 
 
 class Loop:
@@ -100,13 +107,17 @@ class Loop:
     ----------
     run : Run
         What is simulated.
+    components : sequence of Component
+        What they are connected to, in the order of the steps.
     slaves : list of Slave
-        One for each of `network.COMPONENTS`, in their order.
+        One for each component, with its inputs and outputs in their order.
     engine : {"compiled", "fmpy"}
         Which loop steps them.
     """
 
-    def __init__(self, run: Run, slaves: list[Slave], engine: Engine) -> None:
+    def __init__(
+        self, run: Run, components: Sequence[network.Component], slaves: list[Slave], engine: Engine
+    ) -> None:
         self._run, self._slaves = run, slaves
         self._noise = signals.Noise(run)
         names = [*signals.TARGETS, *signals.NOISES]
@@ -114,13 +125,13 @@ class Loop:
         place = {name: i for i, name in enumerate(names)}
         bus = [0.0] * len(names)
         self._outputs = []
-        for slave, component in zip(slaves, network.COMPONENTS, strict=True):
+        for slave, component in zip(slaves, components, strict=True):
             self._outputs.append(slice(len(bus), len(bus) + len(slave.outputs.values)))
             for name, at in zip(component.outputs, slave.outputs.places, strict=True):
                 place[f"{component.model}.{name}"] = len(bus) + at
             bus += [0.0] * len(slave.outputs.values)
         self._sources = []
-        for slave, component in zip(slaves, network.COMPONENTS, strict=True):
+        for slave, component in zip(slaves, components, strict=True):
             # Elements of an array that nothing feeds keep their start values.
             sources = list(range(len(bus), len(bus) + len(slave.inputs.values)))
             bus += list(slave.inputs.values)

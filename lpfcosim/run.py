@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from lpfcosim.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRU
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
 Kind = Literal["sysid", "noise"]
+Model = Literal["OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant"]
 
 
 def _flight_delta_ifo() -> dict[int, float]:
@@ -131,6 +133,31 @@ Injection = Sine | HalfCosine
 
 
 @dataclass(frozen=True)
+class Replacement:
+    """Somebody else's FMU in the place of one of ours.
+
+    Attributes
+    ----------
+    model : str
+        Whose place it takes.
+    archive : Path
+        The ``.fmu``.
+    variables : mapping of str to str
+        Our name of an input, output or parameter to the FMU's name; what is left out has our name.
+    unused : tuple of str
+        Inputs of the place that the FMU does without.
+    values : mapping of str to float
+        Values of the FMU's own parameters, in their own units.
+    """
+
+    model: str
+    archive: Path
+    variables: Mapping[str, str] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Run:
     """One run of ``n_samples`` samples at 10 Hz; ``dc`` [m s^-2] is the constant part of g_2."""
 
@@ -154,6 +181,7 @@ class Run:
     thruster_lag: float = THRUSTER_LAG
     fs: float = FS
     h: float = H
+    replacements: tuple[Replacement, ...] = ()
 
     @property
     def time(self) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":

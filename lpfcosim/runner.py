@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import h5py
 
-from lpfcosim import master, network, telemetry
+from lpfcosim import master, network, placement, telemetry
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica.build import engine_library
 from lpfcosim.run import Run
@@ -127,7 +127,9 @@ def record(
 ) -> None:
     """Simulate one run into a telemetry file, block by block."""
     done = 0
-    with telemetry.Writer(path, run, network.RECORD, origin) as writer:
+    ignored = placement.ignored(run, placement.interfaces(run, fmus))
+    untold = network.untold(run, {name for names in ignored.values() for name in names})
+    with telemetry.Writer(path, run, network.RECORD, origin, untold) as writer:
         for block in master.blocks(run, fmus, engine):
             writer.append(block)
             done += len(block["o_1"])

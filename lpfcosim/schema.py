@@ -21,7 +21,7 @@ from pydantic import (
 
 from lpfcosim.messages import closest, key_problem, problem, quote
 from lpfcosim.parameters import FS, READ_OUT_RANGE, H
-from lpfcosim.run import Controller, HalfCosine, Sine, Target
+from lpfcosim.run import Controller, HalfCosine, Model, Sine, Target
 from lpfcosim.units import (
     FORCE,
     LENGTH,
@@ -254,6 +254,15 @@ class ExperimentTable(Table):
     injections: list[InjectionTable] = []
 
 
+class FmuTable(Table):
+    """[fmus.Model]: an FMU of the user's in the place of one of ours."""
+
+    path: Annotated[str, Strict(), Field(min_length=1, examples=['path = "mine.fmu"'])]
+    variables: dict[str, Annotated[str, Strict(), Field(min_length=1)]] = {}
+    unused: list[Annotated[str, Strict()]] = []
+    values: dict[str, Number] = {}
+
+
 class CampaignTable(Table):
     """A campaign file."""
 
@@ -268,4 +277,5 @@ class CampaignTable(Table):
     noise: NoiseTable = NoiseTable()
     authority: Annotated[dict[Name, AuthorityTable], Field(examples=["[authority.A] …"])]
     sequences: dict[Name, list[InjectionTable]] = {}
+    fmus: dict[Model, FmuTable] = {}
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

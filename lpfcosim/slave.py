@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +17,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from lpfcosim.errors import InputError, RunError
-
-_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
+from lpfcosim.interface import describe, resolve, size
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,8 @@ class Slave:
     parameters : mapping of str to float
         Values to set before initialisation.
     inputs, outputs : sequence of str
-        Names of the variables to set and to read; ``x[2]`` may be the second element of an array ``x``.
+        Names of the variables to set and to read; ``x[2]`` is the second element of an array
+        ``x``.
 
     Attributes
     ----------
@@ -83,10 +82,7 @@ class Slave:
         self.name = name
         self.said = ""
         self._archive = archive
-        try:
-            description = fmpy.read_model_description(str(archive))
-        except Exception as error:  # FMPy raises bare exceptions for broken archives
-            raise InputError(f"{archive}: not a readable FMU: {_line(error)}") from None
+        description = describe(archive)
         if description.coSimulation is None:
             raise InputError(f"{archive}: expected an FMU for co-simulation")
         folder = _unpack(stack, archive)
@@ -155,7 +151,7 @@ class Slave:
         starts: list[float] = []
         places = []
         for name in names:
-            variable, element = self._resolve(name)
+            variable, element = resolve(self._archive, self._variables, name, self.name)
             if variable.name not in first:
                 first[variable.name] = len(starts)
                 starts += _starts(variable)
@@ -166,17 +162,6 @@ class Slave:
             (ctypes.c_double * len(starts))(*starts),
             tuple(places),
         )
-
-    def _resolve(self, name: str) -> tuple[Any, int]:
-        """Variable and element that a name means."""
-        if name in self._variables:
-            return self._variables[name], 0
-        match = _ELEMENT.fullmatch(name)
-        if match and match[1] in self._variables:
-            variable, element = self._variables[match[1]], int(match[2]) - 1
-            if 0 <= element < len(_starts(variable)):
-                return variable, element
-        raise InputError(f"{self._archive}: variable '{name}' is missing; expected of the {self.name}")
 
     def exchange(self) -> None:
         """Set the inputs and read the outputs without stepping (initialisation)."""
@@ -254,9 +239,6 @@ _callbacks = _make_callbacks()
 
 def _starts(variable: Any) -> list[float]:
     """Start values of a variable, as many as it has elements."""
-    size = 1
-    for extent in variable.shape or ():
-        size *= int(extent)
     texts = str(variable.start if variable.start is not None else "0").split()
     values = [float(t) for t in texts]
-    return values if len(values) == size else [values[0] if values else 0.0] * size
+    return values if len(values) == size(variable) else [values[0] if values else 0.0] * size(variable)

@@ -10,104 +10,31 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
-
-import fmpy
 
 from lpfcosim import network
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
+from lpfcosim.interface import Interface
 from lpfcosim.modelica import build
+from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Description", "ParameterValues"))
 for _prefix, _uri in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
     ET.register_namespace(_prefix, _uri.strip("{}"))
-_BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
-@dataclass(frozen=True)
-class Interface:
-    """What an FMU says of itself.
-
-    Attributes
-    ----------
-    archive : Path
-        The ``.fmu``.
-    model : str
-        Name of its component.
-    version : str
-        Version of FMI.
-    variables : dict of str to object
-        FMPy's records of the variables, by name.
-    units : dict of str to dict
-        Attributes of the ``BaseUnit`` element of every unit that has one, by name.
-    """
-
-    archive: Path
-    model: str
-    version: str
-    variables: dict[str, Any]
-    units: dict[str, dict[str, str]]
-
-    def variable(self, name: str) -> Any:
-        """Return FMPy's record of a variable; InputError if the FMU has none of that name."""
-        if name not in self.variables:
-            raise InputError(f"{self.archive}: variable '{name}' is missing; expected of the {self.model}")
-        return self.variables[name]
-
-    def unit(self, name: str) -> str | None:
-        """Return the unit of a variable, if it has one that the FMU defines in SI."""
-        variable = self.variable(name)
-        unit = variable.unit or (variable.declaredType.unit if variable.declaredType else None)
-        return unit if unit in self.units else None
-
-
-def endpoint(source: str) -> tuple[str, str]:
-    """Split a source of the network into model and output; the model of a signal from outside is empty."""
-    model, dot, output = source.partition(".")
-    return (model, output) if dot else ("", source)
-
-
-def interfaces(fmus: Mapping[str, Path]) -> dict[str, Interface]:
-    """Read the model descriptions of the FMUs of `network.COMPONENTS`.
-
-    Raises
-    ------
-    InputError
-        If an FMU cannot be read, lacks a variable of the network, or means another unit by the same name.
-    """
-    found = {c.model: _interface(c.model, fmus[c.model]) for c in network.COMPONENTS}
+def same_units(found: Sequence[Interface]) -> None:
+    """Refuse FMUs that mean different units by the same name: in one archive a name has one meaning."""
     known: dict[str, dict[str, str]] = {}
-    for component in network.COMPONENTS:
-        interface = found[component.model]
-        for variable in (*component.inputs, *component.outputs):
-            interface.variable(variable)
+    for interface in found:
         for name, base in interface.units.items():
             if known.setdefault(name, base) != base:
                 raise InputError(f"{interface.archive}: unit '{name}' is not what another FMU means by it")
-    return found
-
-
-def _interface(model: str, archive: Path) -> Interface:
-    try:
-        description = fmpy.read_model_description(str(archive))
-    except Exception as error:  # FMPy raises bare exceptions for broken archives
-        raise InputError(f"{archive}: not a readable FMU: {error}") from None
-    units = {u.name: _base(u.baseUnit) for u in description.unitDefinitions if u.baseUnit is not None}
-    variables = {v.name: v for v in description.modelVariables}
-    return Interface(archive, model, description.fmiVersion, variables, units)
-
-
-def _base(unit: Any) -> dict[str, str]:
-    attributes = {name: str(getattr(unit, name)) for name in _BASE if getattr(unit, name)}
-    defaults = {"factor": 1.0, "offset": 0.0}
-    return attributes | {n: repr(getattr(unit, n)) for n, v in defaults.items() if getattr(unit, n) != v}
 
 
 def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
@@ -136,13 +63,14 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
     InputError
         If an FMU cannot be read, is not FMI 2.0 or lacks a variable.
     """
-    found = interfaces(fmus)
-    for interface in found.values():
-        if interface.version != "2.0":
-            raise InputError(f"{interface.archive}: is FMI {interface.version}; SSP 1.0 takes FMI 2.0")
     first: dict[str, Run] = {}
     for run in campaign.runs:
         first.setdefault(run.authority.name, run)
+    found = interfaces(campaign.runs[0], fmus)
+    same_units(found)
+    for interface in found:
+        if interface.version != "2.0":
+            raise InputError(f"{interface.archive}: is FMI {interface.version}; SSP 1.0 takes FMI 2.0")
     files = {_values_file(name): _values(run, found) for name, run in first.items()}
     files["SystemStructure.ssd"] = _structure(campaign.name, next(iter(first.values())), found)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -153,8 +81,8 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
             ET.indent(element)
             text = ET.tostring(element, encoding="unicode", xml_declaration=True) + "\n"
             (root / file).write_text(text, encoding="utf-8", newline="\n")
-        for model, interface in found.items():
-            shutil.copyfile(interface.archive, root / _fmu_file(model))
+        for interface in found:
+            shutil.copyfile(interface.archive, root / _fmu_file(interface.model))
         build.write_archive(root, path)
     return path
 
@@ -172,7 +100,7 @@ def _root(element: str, name: str) -> ET.Element:
     return ET.Element(element, version="1.0", name=name, generationTool=tool)
 
 
-def _values(run: Run, found: Mapping[str, Interface]) -> ET.Element:
+def _values(run: Run, found: Sequence[Interface]) -> ET.Element:
     """Parameter set of a run; a parameter is called ``Model.name``, as seen from the system."""
     root = _root(f"{_SSV}ParameterSet", run.authority.name)
     root.set(
@@ -180,18 +108,19 @@ def _values(run: Run, found: Mapping[str, Interface]) -> ET.Element:
     )
     parameters = ET.SubElement(root, f"{_SSV}Parameters")
     used = []
-    for model, values in network.parameters(run).items():
-        for name, value in values.items():
-            parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{model}.{name}")
+    values = network.parameters(run)
+    for interface in found:
+        for name, value in interface.parameters(values[interface.model]).items():
+            parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{interface.model}.{name}")
             real = ET.SubElement(parameter, f"{_SSV}Real", value=repr(float(value)))
-            if unit := found[model].unit(name):
+            if unit := interface.unit(name):
                 real.set("unit", unit)
                 used.append(unit)
     _units(root, f"{_SSV}Units", used, found)
     return root
 
 
-def _structure(name: str, run: Run, found: Mapping[str, Interface]) -> ET.Element:
+def _structure(name: str, run: Run, found: Sequence[Interface]) -> ET.Element:
     root = _root(f"{_SSD}SystemStructureDescription", name)
     system = ET.SubElement(root, f"{_SSD}System", name=name)
     system.set(
@@ -206,53 +135,57 @@ def _structure(name: str, run: Run, found: Mapping[str, Interface]) -> ET.Elemen
     connections = ET.SubElement(system, f"{_SSD}Connections")
     used = []
 
-    def connector(parent: ET.Element, name: str, kind: str, model: str, variable: str) -> None:
+    by_model = {interface.model: interface for interface in found}
+
+    def connector(parent: ET.Element, name: str, kind: str, interface: Interface, variable: str) -> None:
         element = ET.SubElement(parent, f"{_SSD}Connector", name=name, kind=kind)
-        if text := found[model].variable(variable).description:
+        if text := interface.variable(variable).description:
             element.set("description", text)
         real = ET.SubElement(element, f"{_SSC}Real")
-        if unit := found[model].unit(variable):
+        if unit := interface.unit(variable):
             real.set("unit", unit)
             used.append(unit)
 
     def connect(source: str, end: dict[str, str]) -> None:
-        model, output = endpoint(source)
+        model, output = network.endpoint(source)
         start = {"startElement": model} if model else {}
+        output = by_model[model].name(output) if model else output
         ET.SubElement(connections, f"{_SSD}Connection", {**start, "startConnector": output, **end})
 
     signals: set[str] = set()
-    for component in network.COMPONENTS:
+    for interface in found:
+        component, model = interface.component, interface.model
         element = ET.SubElement(
             elements,
             f"{_SSD}Component",
-            name=component.model,
-            source=_fmu_file(component.model),
+            name=model,
+            source=_fmu_file(model),
             implementation="CoSimulation",
         )
         own = ET.SubElement(element, f"{_SSD}Connectors")
-        for variable, source in component.inputs.items():
-            connector(own, variable, "input", component.model, variable)
-            connect(source, {"endElement": component.model, "endConnector": variable})
-            if not endpoint(source)[0] and source not in signals:
+        for variable, source in zip(interface.inputs, component.inputs.values(), strict=True):
+            connector(own, variable, "input", interface, variable)
+            connect(source, {"endElement": model, "endConnector": variable})
+            if not network.endpoint(source)[0] and source not in signals:
                 signals.add(source)
-                connector(external, source, "input", component.model, variable)
-        for variable in component.outputs:
-            connector(own, variable, "output", component.model, variable)
+                connector(external, source, "input", interface, variable)
+        for variable in interface.outputs:
+            connector(own, variable, "output", interface, variable)
     for channel, source in network.RECORD.items():
-        model, variable = endpoint(source)
+        model, variable = network.endpoint(source)
         if model:  # a recorded signal is an input of the system already
-            connector(external, channel, "output", model, variable)
+            connector(external, channel, "output", by_model[model], by_model[model].name(variable))
             connect(source, {"endConnector": channel})
     _units(root, f"{_SSD}Units", used, found)
     ET.SubElement(root, f"{_SSD}DefaultExperiment", startTime="0.0", stopTime=repr(run.n_samples * run.h))
     return root
 
 
-def _units(root: ET.Element, tag: str, used: Sequence[str], found: Mapping[str, Interface]) -> None:
+def _units(root: ET.Element, tag: str, used: Sequence[str], found: Sequence[Interface]) -> None:
     if not used:
         return
     definitions = ET.SubElement(root, tag)
-    known = {name: base for interface in found.values() for name, base in interface.units.items()}
+    known = {name: base for interface in found for name, base in interface.units.items()}
     for name in sorted(set(used)):
         unit = ET.SubElement(definitions, f"{_SSC}Unit", name=name)
         ET.SubElement(unit, f"{_SSC}BaseUnit", known[name])

@@ -6,7 +6,7 @@ Same content, same bytes: nothing in the file depends on when or where it was wr
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
@@ -48,6 +48,8 @@ class Writer:
         The channels that will come.
     provenance : mapping
         Further root attributes: version, digests, seed.
+    untold : container of str
+        Parameters of which the run's truth is not what was simulated; they stay out of /truth.
 
     Raises
     ------
@@ -56,8 +58,14 @@ class Writer:
     """
 
     def __init__(
-        self, path: Path, run: Run, names: Iterable[str], provenance: Mapping[str, str | int | float]
+        self,
+        path: Path,
+        run: Run,
+        names: Iterable[str],
+        provenance: Mapping[str, str | int | float],
+        untold: Container[str] = (),
     ) -> None:
+        self._untold = untold
         self._path, self._run, self._names, self._done = path, run, sorted(names), 0
         self._provenance = provenance
         self._partial = path.with_name(f".{path.name}{_suffix(os.getpid())}")
@@ -83,7 +91,8 @@ class Writer:
             channel = file.create_dataset(name, (run.n_samples,), dtype="f8")
             _annotate(channel, {"units": unit, "long_name": long_name})
             channel.dims[0].attach_scale(time)
-        _annotate(file.create_group("truth"), _truth(run))
+        truth = {name: value for name, value in _truth(run).items() if name not in self._untold}
+        _annotate(file.create_group("truth"), truth)
 
     def append(self, block: Mapping[str, Array]) -> None:
         """Write the next samples, one array of the same length per channel."""

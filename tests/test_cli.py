@@ -239,7 +239,8 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
         time.sleep(5)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(cli.fmu_build, "build", dict)
+    monkeypatch.setattr(cli.fmu_build, "build", lambda *_, **__: {})
+    monkeypatch.setattr(cli.placement, "interfaces", lambda *_: [])
     monkeypatch.setattr(runner, "simulate", fail)
     try:
         assert lpfcosim("run", short, "--quiet") == (status, "", f"lpfcosim: error: {sentence}\n")

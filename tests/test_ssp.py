@@ -194,9 +194,9 @@ def test_fmi_3_is_refused(fmus, plan, tmp_path):
 
 def test_missing_variable_is_told(fmus, plan, tmp_path):
     with pytest.raises(
-        InputError, match=r"Plant\.fmu: variable 'n_1' is missing; expected of the OpticalMetrology"
+        InputError, match=r"Control\.fmu: variable 'x_1' is missing; expected of the OpticalMetrology"
     ):
-        ssp.export(plan, {**fmus, "OpticalMetrology": fmus["Plant"]}, tmp_path / "loop.ssp")
+        ssp.export(plan, {**fmus, "OpticalMetrology": fmus["SuspensionControl"]}, tmp_path / "loop.ssp")
 
 
 def test_unreadable_fmu_is_told(fmus, plan, tmp_path):
@@ -207,12 +207,13 @@ def test_unreadable_fmu_is_told(fmus, plan, tmp_path):
 
 
 def test_units_of_one_name_must_mean_the_same(fmus, plan, tmp_path):
-    other = tmp_path / "Plant.fmu"
-    with zipfile.ZipFile(fmus["Plant"]) as stored, zipfile.ZipFile(other, "w") as changed:
+    other = tmp_path / "other.fmu"
+    with zipfile.ZipFile(fmus["DragFreeControl"]) as stored, zipfile.ZipFile(other, "w") as changed:
         for name in stored.namelist():
             content = stored.read(name)
             if name == "modelDescription.xml":
-                content = content.replace(b'<BaseUnit m="1" />', b'<BaseUnit m="1" factor="1e-09" />')
+                content = content.replace(b'<BaseUnit rad="1" s="-1" />', b'<BaseUnit s="-1" />')
+                assert content != stored.read(name)
             changed.writestr(name, content)
-    with pytest.raises(InputError, match=r"Plant\.fmu: unit 'm' is not what another FMU means by it"):
-        ssp.export(plan, {**fmus, "Plant": other}, tmp_path / "loop.ssp")
+    with pytest.raises(InputError, match=r": unit 'rad/s' is not what another FMU means by it"):
+        ssp.export(plan, {**fmus, "DragFreeControl": other}, tmp_path / "loop.ssp")

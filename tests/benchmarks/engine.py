@@ -29,8 +29,8 @@ import numpy as np
 from lpfcosim import campaign, master, network, runner, signals
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import compile_library
+from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
-from lpfcosim.slave import Slave
 
 HERE = Path(__file__).parent
 QUICKSTART = HERE.parents[1] / "campaigns" / "quickstart.toml"
@@ -97,12 +97,8 @@ def timed_loop(
 ) -> float:
     """Seconds that one loop takes through the feeds."""
     with contextlib.ExitStack() as stack:
-        values = network.parameters(run)
-        slaves = [
-            Slave(stack, fmus[c.model], c.model, values[c.model], list(c.inputs), c.outputs)
-            for c in network.COMPONENTS
-        ]
-        loop = master.Loop(run, slaves, engine)
+        found = interfaces(run, fmus)
+        loop = master.Loop(run, [i.component for i in found], master.start(stack, run, found), engine)
         loop.initialize(feeds[0])
         started = time.perf_counter()
         loop.advance(feeds, out, 0)

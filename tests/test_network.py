@@ -1,0 +1,67 @@
+"""The order of the steps and the algebraic loops, from the connections alone."""
+
+import re
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lpfcosim import network
+from lpfcosim.errors import InputError
+from lpfcosim.network import Component, check_feedthrough, in_order
+
+
+def test_order_of_ours_is_that_of_the_signals(make_run):
+    names = [c.model for c in network.components(make_run())]
+    assert names[0] == "OpticalMetrology"
+    assert names[-2:] == ["Actuation", "Plant"]
+    assert set(names) == {c.model for c in network.COMPONENTS}
+
+
+@given(st.permutations(network.COMPONENTS))
+def test_order_does_not_depend_on_how_they_are_listed(components):
+    done = set()
+    for component in in_order(components):
+        sources = {network.endpoint(s)[0] for s in component.inputs.values()} - {""}
+        assert sources - done <= {"Plant"}
+        done.add(component.model)
+    assert component.model == "Plant"
+
+
+def chain(*links):
+    """Components A, B, … of one input and one output; ``links`` names the source of each."""
+    return [Component(chr(65 + i), {"u": source}, ("y",)) for i, source in enumerate(links)]
+
+
+def test_components_that_wait_for_each_other_are_named():
+    with pytest.raises(InputError, match=r"^algebraic loop: (A -> B -> A|B -> A -> B);"):
+        in_order(chain("B.y", "A.y"))
+
+
+def test_variable_that_follows_from_itself_is_named():
+    components = chain("C.y", "A.y", "B.y", "guidance")
+    everything = {c.model: {"y": ["u"]} for c in components}
+    with pytest.raises(InputError) as refusal:
+        check_feedthrough(components, everything)
+    (loop,) = re.findall(r"algebraic loop: (.*);", str(refusal.value))
+    nodes = loop.split(" -> ")
+    assert len(nodes) == 4
+    assert nodes[0] == nodes[-1]
+    assert {"A.y -> B.y", "B.y -> C.y", "C.y -> A.y"} == {f"{a} -> {b}" for a, b in pairwise(nodes)}
+    check_feedthrough(components, {**everything, "B": {"y": []}})
+
+
+def test_signals_that_pass_each_other_in_two_components_are_no_loop():
+    # A.y follows from u only, B.y from A.y, and A.z from B.y: a loop of components, not of variables.
+    a = Component("A", {"u": "guidance", "v": "B.y"}, ("y", "z"))
+    b = Component("B", {"u": "A.y"}, ("y",))
+    check_feedthrough([a, b], {"A": {"y": ["u"], "z": ["v"]}, "B": {"y": ["u"]}})
+
+
+def test_every_variable_of_the_network_has_one_unit(make_run):
+    names = [n for names in network.UNITS.values() for n in names]
+    assert len(names) == len(set(names))
+    values = network.parameters(make_run())
+    used = {n for c in network.COMPONENTS for n in (*c.inputs, *c.outputs, *values[c.model])}
+    assert used == set(names)
