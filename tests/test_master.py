@@ -14,9 +14,9 @@ from lpfcosim.run import Authority, HalfCosine, Sine
 pytestmark = pytest.mark.fmu
 
 
-@pytest.fixture(scope="module")
-def fmus():
-    return build.build()
+@pytest.fixture(scope="module", params=["2.0", "3.0"])
+def fmus(request):
+    return build.build(fmi=request.param)
 
 
 def assert_agree(got, wanted, tolerance=1e-9):
@@ -65,6 +65,20 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
     got = master.simulate(run, fmus)
     assert np.abs(got["f_x_2"]).max() == pytest.approx(2e-12 / run.m_tm, rel=1e-12)
     assert_agree(got, reference.simulate(run))
+
+
+@pytest.mark.parametrize("older", [(), build.MODELS, build.MODELS[::2]], ids=["3.0", "2.0", "mixed"])
+def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, monkeypatch):
+    run = next(r for r in campaign.load(quickstart).runs if r.kind == "sysid")
+    run = replace(run, n_samples=12_000)
+    fmus = {**build.build(fmi="3.0"), **build.build(older, fmi="2.0")} if older else build.build(fmi="3.0")
+    wanted = master.simulate(run, build.build(fmi="3.0"), engine="fmpy")
+    for block in (master.BLOCK, 777):
+        monkeypatch.setattr(master, "BLOCK", block)
+        got = master.simulate(run, fmus)
+        assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+    plain = master.simulate(replace(run, n_samples=2000), fmus, engine="fmpy")
+    assert all(np.array_equal(plain[channel], values[:2000]) for channel, values in wanted.items())
 
 
 def test_step_order_decides(fmus, make_run, monkeypatch):
