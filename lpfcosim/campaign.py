@@ -17,14 +17,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from lpfcosim import network
+from lpfcosim.control import DRAG_FREE, SUSPENSION, Controller
 from lpfcosim.errors import InputError
 from lpfcosim.messages import closest, describe, quote
 from lpfcosim.parameters import FS, M_TM, H
 from lpfcosim.run import (
-    DRAG_FREE,
-    SUSPENSION,
     Authority,
-    Controller,
     Injection,
     Kind,
     Noise,
@@ -33,7 +31,9 @@ from lpfcosim.run import (
     Sine,
     Truth,
 )
-from lpfcosim.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable
+from lpfcosim.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable, SpacecraftTable
+from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.wiring import Component
 
 # tomllib takes minutes and gigabytes for a key of thousands of parts
 _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
@@ -41,7 +41,7 @@ _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
 
 @dataclass(frozen=True)
 class Experiment:
-    """A sysid run of ``n_samples`` samples, preceded by a noise run of ``n_noise_samples`` (0: none); SI."""
+    """A sysid run of ``n_samples`` samples, preceded by a noise run of ``n_noise_samples``; 0: none. SI."""
 
     name: str
     authority: Authority
@@ -51,11 +51,15 @@ class Experiment:
     dc: float
     noise: Noise
     injections: tuple[Injection, ...]
+    sample_rate: float = FS
+    inertial_period: int = 0
+    spacecraft: Spacecraft | None = None
 
     @property
     def run_names(self) -> tuple[str, ...]:
         """Names of its runs in the order they take place."""
-        return (f"{self.name}-noise", self.name) if self.n_noise_samples else (self.name,)
+        noise = (f"{self.name}-noise",) if self.n_noise_samples else ()
+        return (*noise, self.name) if self.n_samples else noise
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,9 @@ class Campaign:
             suspension=self.suspension,
             seed=self.seed,
             replacements=self.replacements,
+            sample_rate=experiment.sample_rate,
+            inertial_period=experiment.inertial_period,
+            spacecraft=experiment.spacecraft,
         )
 
     @property
@@ -196,14 +203,14 @@ def _build(table: CampaignTable, folder: Path) -> Campaign:
         campaign,
         replacements=tuple(
             _replacement(component, parameters[component.model], table.fmus[component.model], folder)
-            for component in network.COMPONENTS
+            for component in network.every(campaign.runs[0])
             if component.model in table.fmus
         ),
     )
 
 
 def _replacement(
-    component: network.Component, parameters: Collection[str], entry: FmuTable, folder: Path
+    component: Component, parameters: Collection[str], entry: FmuTable, folder: Path
 ) -> Replacement:
     where = f"fmus.{component.model}"
     known = [*component.inputs, *component.outputs, *parameters]
@@ -264,6 +271,8 @@ def _experiment(table: CampaignTable, entry: ExperimentTable, where: str, truth:
             f"{where}.alignment_epoch: there is no truth.delta_ifo_{k} (known epochs: {known})"
         )
     authority = Authority(entry.authority, **table.authority[entry.authority].model_dump())
+    if not entry.duration and not entry.noise_duration:
+        raise _ConflictError(f'{where}.duration: missing, write duration = "6 h", or noise_duration alone')
     levels = {**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)}
 
     placed: list[tuple[str, Injection]] = []
@@ -289,6 +298,37 @@ def _experiment(table: CampaignTable, entry: ExperimentTable, where: str, truth:
         dc=entry.dc,
         noise=Noise(**levels),
         injections=tuple(injection for _, injection in placed),
+        sample_rate=entry.sample_rate,
+        inertial_period=entry.inertial_period or 0,
+        spacecraft=_spacecraft(table.spacecraft, entry, where),
+    )
+
+
+def _spacecraft(table: SpacecraftTable | None, entry: ExperimentTable, where: str) -> Spacecraft | None:
+    if table is None:
+        if entry.inertial_period is not None:
+            raise _ConflictError(
+                f"{where}.inertial_period: the x axis alone does not rotate, add [spacecraft]"
+            )
+        return None
+    aligned = {}
+    if entry.inertial_period is not None:
+        period = table.period.get(str(entry.inertial_period))
+        if period is None:
+            known = ", ".join(table.period) or "none"
+            raise _ConflictError(
+                f"{where}.inertial_period: there is no spacecraft.period.{entry.inertial_period} "
+                f"(known periods: {known})"
+            )
+        aligned = period.model_dump()
+    return Spacecraft(
+        b=(table.b_1, table.b_2, table.b_3, table.b_4, table.b_5, table.b_6),
+        Omega_DC=(table.Omega_theta, table.Omega_eta, table.Omega_phi),
+        lambda_N=table.lambda_N,
+        leak_phi_1=table.leak_phi_1,
+        kappa_phi=table.kappa_phi,
+        kappa_eta=table.kappa_eta,
+        **aligned,
     )
 
 

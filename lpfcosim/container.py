@@ -24,6 +24,7 @@ from lpfcosim.modelica import build
 from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
 from lpfcosim.ssp import same_units
+from lpfcosim.wiring import endpoint
 
 IDENTIFIER = "ClosedLoop"
 
@@ -90,15 +91,15 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
                 for variable, source in zip(
                     interface.inputs, interface.component.inputs.values(), strict=True
                 ):
-                    model, output = network.endpoint(source)
+                    model, output = endpoint(source)
                     if model:
                         box.add_link(model, by_model[model].name(output), interface.model, variable)
                     else:
                         box.add_input(source, interface.model, variable)
                 for variable, value in interface.parameters(values[interface.model]).items():
                     box.add_start_value(interface.model, variable, repr(float(value)))
-            for channel, source in network.RECORD.items():
-                model, output = network.endpoint(source)
+            for channel, source in network.record(run).items():
+                model, output = endpoint(source)
                 if model:
                     box.add_output(model, by_model[model].name(output), channel)
             box.stop_time = run.n_samples * run.h
@@ -136,7 +137,7 @@ def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) 
     for name in ("author", "generationDateAndTime", "license", "guid"):
         root.attrib.pop(name, None)
     root.set("description", f"Closed loop of LISA Pathfinder along x with the parameters of run {run.name}")
-    _add_units(root, found)
+    _add_units(root, run, found)
     variables = root.findall("ModelVariables/ScalarVariable")
     unknowns = root.find("ModelStructure/InitialUnknowns")
     if unknowns is not None:
@@ -150,16 +151,16 @@ def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) 
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _add_units(root: ET.Element, found: Sequence[Interface]) -> None:
+def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:
     units: dict[str, str | None] = {}
     for interface in found:
         connected = zip(interface.inputs, interface.component.inputs.values(), strict=True)
-        units |= {s: interface.unit(v) for v, s in connected if not network.endpoint(s)[0]}
+        units |= {s: interface.unit(v) for v, s in connected if not endpoint(s)[0]}
         # What passes between the components is local, and called after them in small letters.
         units |= {f"{interface.model.lower()}.{v}": interface.unit(v) for v in interface.outputs}
     by_model = {interface.model: interface for interface in found}
-    for channel, source in network.RECORD.items():
-        model, variable = network.endpoint(source)
+    for channel, source in network.record(run).items():
+        model, variable = endpoint(source)
         if model:
             units[channel] = by_model[model].unit(by_model[model].name(variable))
     used: set[str] = set()

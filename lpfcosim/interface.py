@@ -12,8 +12,8 @@ from typing import Any
 import fmpy
 
 from lpfcosim.errors import InputError
-from lpfcosim.network import Component
 from lpfcosim.run import Replacement
+from lpfcosim.wiring import Component
 
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _ELEMENT = re.compile(r"(.+)\[(\d+(?:\s*,\s*\d+)*)\]")

@@ -25,6 +25,7 @@ from lpfcosim.parameters import READ_OUT_RANGE
 from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
 from lpfcosim.slave import Slave
+from lpfcosim.wiring import Component
 
 Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
@@ -44,7 +45,7 @@ def simulate(
     Returns
     -------
     dict of str to array, shape (n_samples,)
-        The channels of `network.RECORD`, SI.
+        The channels of `network.record`, SI.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def simulate(
     for part in blocks(run, fmus, engine):
         parts.append(part)
         progress(sum(len(p["o_1"]) for p in parts))
-    return {name: np.concatenate([p[name] for p in parts]) for name in network.RECORD}
+    return {name: np.concatenate([p[name] for p in parts]) for name in network.record(run)}
 
 
 def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> Iterator[dict[str, Array]]:
@@ -73,7 +74,7 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
     Yields
     ------
     dict of str to array
-        The channels of `network.RECORD`, SI.
+        The channels of `network.record`, SI.
 
     Raises
     ------
@@ -116,14 +117,15 @@ class Loop:
     """
 
     def __init__(
-        self, run: Run, components: Sequence[network.Component], slaves: list[Slave], engine: Engine
+        self, run: Run, components: Sequence[Component], slaves: list[Slave], engine: Engine
     ) -> None:
         self._run, self._slaves = run, slaves
         self._noise = signals.Noise(run)
-        names = [*signals.TARGETS, *signals.NOISES]
-        self._n_feeds = len(names)
-        place = {name: i for i, name in enumerate(names)}
-        bus = [0.0] * len(names)
+        self._feeds = signals.names(run)
+        self._channels = network.record(run)
+        self._n_feeds = len(self._feeds)
+        place = {name: i for i, name in enumerate(self._feeds)}
+        bus = [0.0] * self._n_feeds
         self._outputs = []
         for slave, component in zip(slaves, components, strict=True):
             self._outputs.append(slice(len(bus), len(bus) + len(slave.outputs.values)))
@@ -139,21 +141,21 @@ class Loop:
                 sources[at] = place[source]
             self._sources.append(sources)
         self._bus = np.array(bus)
-        self._record = np.array([place[source] for source in network.RECORD.values()], dtype=np.int32)
+        self._record = np.array([place[source] for source in self._channels.values()], dtype=np.int32)
         self._compiled = _Compiled(slaves, self._sources, self._outputs) if engine == "compiled" else None
 
     def blocks(self) -> Iterator[dict[str, Array]]:
         """Simulate the whole run."""
         for start in range(0, self._run.n_samples, BLOCK):
             stop = min(start + BLOCK, self._run.n_samples)
-            injected = signals.injections(self._run, start, stop)
-            feeds = np.column_stack([*injected.values(), *self._noise.take(stop - start).values()])
+            drawn = {**signals.injections(self._run, start, stop), **self._noise.take(stop - start)}
+            feeds = np.column_stack([drawn[name] for name in self._feeds])
             if start == 0:
                 self.initialize(feeds[0])
             recorded = np.empty((stop - start, len(self._record)))
             self.advance(feeds, recorded, start)
             self._check_range(recorded, start)
-            yield dict(zip(network.RECORD, recorded.T.copy(), strict=True))
+            yield dict(zip(self._channels, recorded.T.copy(), strict=True))
 
     def initialize(self, feeds: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
@@ -170,10 +172,10 @@ class Loop:
 
         Parameters
         ----------
-        feeds : array, shape (n, 10)
-            `signals.TARGETS` and `signals.NOISES`, sample by sample.
-        recorded : array, shape (n, 7)
-            Filled with the channels of `network.RECORD`.
+        feeds : array, shape (n, …)
+            `signals.names`, sample by sample.
+        recorded : array, shape (n, …)
+            Filled with the channels of `network.record`.
         start : int
             Number of the first sample.
         """
@@ -195,7 +197,7 @@ class Loop:
         self._bus[:] = bus
 
     def _check_range(self, recorded: Array, start: int) -> None:
-        for j, channel in enumerate(network.RECORD):
+        for j, channel in enumerate(self._channels):
             lost = ~np.isfinite(recorded[:, j])
             if channel in ("o_1", "o_12"):
                 lost |= np.abs(recorded[:, j]) > READ_OUT_RANGE

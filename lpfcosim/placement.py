@@ -13,6 +13,7 @@ from lpfcosim import network
 from lpfcosim.errors import InputError
 from lpfcosim.interface import BASE_UNITS, Interface, read
 from lpfcosim.run import Run
+from lpfcosim.wiring import check_feedthrough
 
 _SYMBOLS: dict[str, dict[str, int]] = {
     **{name: {name: 1} for name in BASE_UNITS},
@@ -49,7 +50,7 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
         found.append(interface)
-    network.check_feedthrough([i.component for i in found], {i.model: i.direct for i in found})
+    check_feedthrough([i.component for i in found], {i.model: i.direct for i in found})
     return found
 
 
@@ -93,7 +94,7 @@ def _check_unit(interface: Interface, ours: str) -> None:
     """Refuse a variable in another unit than ours; one that tells none is taken to be in ours."""
     name = interface.name(ours)
     unit = interface.stated_unit(name)
-    wanted = next(u for u, names in network.UNITS.items() if ours in names)
+    wanted = network.UNITS[ours]
     if unit is None:
         return
     base = interface.units.get(unit)

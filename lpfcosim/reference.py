@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
 from lpfcosim import signals
+from lpfcosim.control import Controller
 from lpfcosim.errors import RunError
 from lpfcosim.parameters import READ_OUT_RANGE
-from lpfcosim.run import Controller, Run
+from lpfcosim.run import Run
 
 BLOCK = 6000  # samples between two looks at the read-out range
 

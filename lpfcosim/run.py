@@ -1,6 +1,5 @@
 """One run of the spacecraft: everything a simulation needs, as plain frozen records in SI units."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,11 +7,17 @@ from typing import Literal
 
 import numpy as np
 
+from lpfcosim.control import DRAG_FREE, SUSPENSION, Controller
 from lpfcosim.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRUSTER_LAG, H
+from lpfcosim.spacecraft import Spacecraft
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
 Kind = Literal["sysid", "noise"]
-Model = Literal["OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant"]
+Model = Literal[
+    "OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant",
+    "WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl", "WholeSuspensionControl",
+    "AttitudeControl", "WholeActuation", "WholePlant",
+]  # fmt: skip
 
 
 def _flight_delta_ifo() -> dict[int, float]:
@@ -54,6 +59,12 @@ class Noise:
     ``oms`` [m Hz^-0.5], white, each interferometer; ``thruster`` [N Hz^-0.5], white; ``plateau``
     [m s^-2 Hz^-0.5], white part of Delta g; ``tail`` [1], its 1/f part relative to 60 fm s^-2 Hz^-0.5 at
     20 uHz; ``f_x_1_jitter`` [m s^-2 Hz^-0.5], level at 1 mHz of the force leaking onto test mass 1.
+
+    The others drive the whole spacecraft only: ``dws`` [rad Hz^-0.5], each angle of the wavefront sensors;
+    ``grs`` [m Hz^-0.5] and ``grs_angle`` [rad Hz^-0.5], each read-out of the inertial sensors, 1/f below
+    1 mHz; ``star_tracker_theta``, ``_eta``, ``_phi`` [rad Hz^-0.5]; ``thruster_torque`` [N m Hz^-0.5], each
+    axis; ``lateral`` [m s^-2 Hz^-0.5], force on each test mass along y and z; ``torque`` [rad s^-2 Hz^-0.5],
+    on each test mass about each axis, 1/f below 0.2 mHz.
     """
 
     oms: float = 0.0
@@ -61,45 +72,15 @@ class Noise:
     plateau: float = 0.0
     tail: float = 0.0
     f_x_1_jitter: float = 0.0
-
-
-@dataclass(frozen=True)
-class Controller:
-    """K(s) = k (s+wz)(s+wi) / [s (1+s/wp)(1+s/wr)] with |K| = w^2 at the unity gain; frequencies in Hz."""
-
-    unity_gain: float
-    zero: float
-    integrator_zero: float
-    poles: tuple[float, float]
-
-    @property
-    def gain(self) -> float:
-        """The k [s^-1] that makes |K(i 2 pi fu)| = (2 pi fu)^2 at the unity gain fu."""
-        s = 2j * math.pi * self.unity_gain
-        wz, wi, wp, wr = (2 * math.pi * f for f in (self.zero, self.integrator_zero, *self.poles))
-        shape = (s + wz) * (s + wi) / (s * (1 + s / wp) * (1 + s / wr))
-        return abs(s) ** 2 / abs(shape)
-
-    @property
-    def rates(self) -> tuple[float, float, float]:
-        """The p_i [rad/s] of the parallel form K(s) = sum_i r_i / (s + p_i)."""
-        return 0.0, 2 * math.pi * self.poles[0], 2 * math.pi * self.poles[1]
-
-    @property
-    def residues(self) -> tuple[float, float, float]:
-        """The r_i [s^-3] of the parallel form K(s) = sum_i r_i / (s + p_i)."""
-        wz, wi = 2 * math.pi * self.zero, 2 * math.pi * self.integrator_zero
-        _, wp, wr = self.rates
-        scale = self.gain * wp * wr
-        return (
-            scale * wz * wi / (wp * wr),
-            scale * (wz - wp) * (wi - wp) / (-wp * (wr - wp)),
-            scale * (wz - wr) * (wi - wr) / (-wr * (wp - wr)),
-        )
-
-
-DRAG_FREE = Controller(unity_gain=0.08, zero=0.03, integrator_zero=0.006, poles=(0.8, 2.0))
-SUSPENSION = Controller(unity_gain=1.0e-3, zero=0.30e-3, integrator_zero=0.06e-3, poles=(6e-3, 30e-3))
+    dws: float = 0.0
+    grs: float = 0.0
+    grs_angle: float = 0.0
+    star_tracker_theta: float = 0.0
+    star_tracker_eta: float = 0.0
+    star_tracker_phi: float = 0.0
+    thruster_torque: float = 0.0
+    lateral: float = 0.0
+    torque: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -159,7 +140,10 @@ class Replacement:
 
 @dataclass(frozen=True)
 class Run:
-    """One run of ``n_samples`` samples at 10 Hz; ``dc`` [m s^-2] is the constant part of g_2."""
+    """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
+
+    ``dc`` [m s^-2] is the constant part of g_2; without ``spacecraft`` there is only the x axis.
+    """
 
     name: str
     experiment: str
@@ -182,6 +166,9 @@ class Run:
     fs: float = FS
     h: float = H
     replacements: tuple[Replacement, ...] = ()
+    spacecraft: Spacecraft | None = None
+    inertial_period: int = 0
+    sample_rate: float = FS
 
     @property
     def time(self) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":

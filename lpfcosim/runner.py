@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import h5py
 
-from lpfcosim import master, network, placement, telemetry
+from lpfcosim import decimation, master, network, placement, telemetry
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica.build import engine_library
 from lpfcosim.run import Run
@@ -129,11 +129,17 @@ def record(
     done = 0
     ignored = placement.ignored(run, placement.interfaces(run, fmus))
     untold = network.untold(run, {name for names in ignored.values() for name in names})
-    with telemetry.Writer(path, run, network.RECORD, origin, untold) as writer:
-        for block in master.blocks(run, fmus, engine):
+    with telemetry.Writer(path, run, network.record(run), origin, untold) as writer:
+
+        def told() -> Iterator[Mapping[str, master.Array]]:
+            nonlocal done
+            for block in master.blocks(run, fmus, engine):
+                yield block
+                done += len(block["o_1"])
+                progress(done)
+
+        for block in decimation.decimate(run, told()):
             writer.append(block)
-            done += len(block["o_1"])
-            progress(done)
 
 
 def _is_there(path: Path, origin: Mapping[str, str | int | float]) -> bool:

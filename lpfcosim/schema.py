@@ -19,9 +19,10 @@ from pydantic import (
     model_validator,
 )
 
+from lpfcosim.control import Controller
 from lpfcosim.messages import closest, key_problem, problem, quote
 from lpfcosim.parameters import FS, READ_OUT_RANGE, H
-from lpfcosim.run import Controller, HalfCosine, Model, Sine, Target
+from lpfcosim.run import HalfCosine, Model, Sine, Target
 from lpfcosim.units import (
     FORCE,
     LENGTH,
@@ -31,18 +32,27 @@ from lpfcosim.units import (
     AlphaPhi,
     AlphaX,
     Angle,
+    AngleNoise,
+    CrossStiffness,
     Force,
     ForceNoise,
     Frequency,
     LengthNoise,
+    LengthPerAngle,
+    Misalignment,
+    PerLength,
     Quantity,
+    Rate,
+    RateNoise,
     Stiffness,
     Time,
     Torque,
+    TorqueNoise,
 )
 
 LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
+_RATES = (1.0, 2.0, 5.0, 10.0)  # Hz, at which telemetry may be recorded
 
 
 def _usable(name: str) -> str:
@@ -68,6 +78,12 @@ def _below_nyquist(frequency: float) -> float:
     return frequency
 
 
+def _recorded(rate: float) -> float:
+    if rate not in _RATES:
+        raise problem(f"{rate:g} Hz is no rate to record at, choose 1, 2, 5 or 10 Hz")
+    return rate
+
+
 def _utc(raw: object) -> datetime:
     try:
         when = raw if isinstance(raw, datetime) else datetime.fromisoformat(str(raw))
@@ -83,9 +99,6 @@ Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Gain = Annotated[Number, Field(ge=0.01, le=100)]
 DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
 Duration = Annotated[
-    float, Quantity("a time", "s", "6 h", "positive", largest=YEAR), AfterValidator(_whole_samples)
-]
-NoiseDuration = Annotated[
     float, Quantity("a time", "s", "6 h", "not negative", largest=YEAR), AfterValidator(_whole_samples)
 ]
 Delay = Annotated[float, Quantity("a delay coefficient", "s", "0.186 s", "positive", largest=LONGEST_DELAY)]
@@ -176,6 +189,44 @@ class NoiseTable(Table):
     plateau: AccelerationNoise = 0.0
     tail: Annotated[Number, Field(ge=0, le=1e6)] = 0.0
     f_x_1_jitter: AccelerationNoise = 0.0
+    dws: AngleNoise = 0.0
+    grs: LengthNoise = 0.0
+    grs_angle: AngleNoise = 0.0
+    star_tracker_theta: AngleNoise = 0.0
+    star_tracker_eta: AngleNoise = 0.0
+    star_tracker_phi: AngleNoise = 0.0
+    thruster_torque: TorqueNoise = 0.0
+    lateral: AccelerationNoise = 0.0
+    torque: RateNoise = 0.0
+
+
+class MisalignmentTable(Table):
+    """[spacecraft.period.K]: the line through the test masses during inertial period K."""
+
+    delta_phi: Misalignment
+    delta_eta: Misalignment
+
+
+class SpacecraftTable(Table):
+    """[spacecraft]: simulate all its degrees of freedom; left out, there is the x axis alone.
+
+    b_1 … b_6 (eq. bump), the rates of the attitude set points, and the errors of the actuation.
+    """
+
+    b_1: LengthPerAngle = 0.0
+    b_2: LengthPerAngle = 0.0
+    b_3: Number = 0.0
+    b_4: Number = 0.0
+    b_5: CrossStiffness = 0.0
+    b_6: CrossStiffness = 0.0
+    Omega_theta: Rate = 0.0
+    Omega_eta: Rate = 0.0
+    Omega_phi: Rate = 0.0
+    lambda_N: Gain = 1.0
+    leak_phi_1: PerLength = 0.0
+    kappa_phi: PerLength = 0.0
+    kappa_eta: PerLength = 0.0
+    period: dict[Annotated[str, Field(pattern=r"^[1-9]\d{0,3}$")], MisalignmentTable] = {}
 
 
 class AuthorityTable(Table):
@@ -241,13 +292,15 @@ InjectionTable = Annotated[SineTable | HalfCosineTable, Field(discriminator="sha
 
 
 class ExperimentTable(Table):
-    """[[experiments]]: a run with injections, and the noise run just before it."""
+    """[[experiments]]: a run with injections, and the noise run just before it; or the latter alone."""
 
     name: Annotated[Name, Field(examples=['name = "A"'])]
     authority: Annotated[str, Strict(), Field(examples=['authority = "A"'])]
     alignment_epoch: Annotated[int, Strict(), Field(ge=1, le=9999)] = 1
-    duration: Duration
-    noise_duration: NoiseDuration = 0.0
+    inertial_period: Annotated[int, Strict(), Field(ge=1, le=9999)] | None = None
+    sample_rate: Annotated[Frequency, AfterValidator(_recorded)] = FS
+    duration: Duration = 0.0
+    noise_duration: Duration = 0.0
     dc: Acceleration = 0.0
     noise: NoiseTable = NoiseTable()
     sequences: list[Annotated[str, Strict()]] = []
@@ -277,5 +330,6 @@ class CampaignTable(Table):
     noise: NoiseTable = NoiseTable()
     authority: Annotated[dict[Name, AuthorityTable], Field(examples=["[authority.A] …"])]
     sequences: dict[Name, list[InjectionTable]] = {}
+    spacecraft: SpacecraftTable | None = None
     fmus: dict[Model, FmuTable] = {}
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

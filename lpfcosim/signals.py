@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,16 @@ JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (cho
 Array = NDArray[np.float64]
 
 
-NOISES = ("n_1", "n_12", "g_1", "g_2", "F_noise_x_sc", "f_x_1_jitter")
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
+_NOISES = ("n_1", "n_12", "g_1", "g_2", "F_noise_x_sc", "f_x_1_jitter")
+_ATTITUDE = ("attitude_theta", "attitude_eta", "attitude_phi")
+_GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
+
+
+def names(run: Run) -> tuple[str, ...]:
+    """Every signal that drives a run, injections first."""
+    whole = dict.fromkeys(source.into for source in _whole(run))
+    return (*TARGETS, *_NOISES, *(_ATTITUDE if run.spacecraft else ()), *whole)
 
 
 def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, Array]:
@@ -32,7 +41,8 @@ def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, A
     Returns
     -------
     dict
-        ``guidance_o_1``, ``guidance_o_12`` [m], ``F_x_1``, ``F_x_2`` [N], each of shape (stop - start,);
+        ``guidance_o_1``, ``guidance_o_12`` [m], ``F_x_1``, ``F_x_2`` [N], and of the whole spacecraft the set
+        points ``attitude_theta``, ``attitude_eta``, ``attitude_phi`` [rad], each of shape (stop - start,);
         overlapping injections add, a channel without any is exactly zero.
     """
     stop = run.n_samples if stop is None else stop
@@ -49,6 +59,9 @@ def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, A
             ramp = 0.5 - 0.5 * np.cos(np.pi * since / (injection.end - injection.start))
             signal[first - start : last - start] += injection.amplitude * ramp
             signal[last - start :] += injection.amplitude
+    if run.spacecraft:
+        time = np.arange(start, stop) / run.fs
+        signals |= {name: rate * time for name, rate in zip(_ATTITUDE, run.spacecraft.Omega_DC, strict=True)}
     return signals
 
 
@@ -77,23 +90,9 @@ class Noise:
     """
 
     def __init__(self, run: Run) -> None:
-        level = run.noise
-        plateau = level.plateau / np.sqrt(2)
-        tail = level.tail * TAIL_LEVEL * TAIL_FREQUENCY / np.sqrt(2)
-        jitter = level.f_x_1_jitter * JITTER_FREQUENCY
         self._dc = run.dc
-        self._white = {
-            "n_1": _White(run, "n_1", level.oms),
-            "n_12": _White(run, "n_12", level.oms),
-            "g_1": _White(run, "g_1_plateau", plateau),
-            "g_2": _White(run, "g_2_plateau", plateau),
-            "F_noise_x_sc": _White(run, "F_noise_x_sc", level.thruster),
-        }
-        self._red = {
-            "g_1": _Red(run, "g_1_tail", tail, TAIL_CORNER),
-            "g_2": _Red(run, "g_2_tail", tail, TAIL_CORNER),
-            "f_x_1_jitter": _Red(run, "f_x_1_jitter", jitter, JITTER_CORNER),
-        }
+        self._names = [name for name in names(run) if name not in (*TARGETS, *_ATTITUDE)]
+        self._sources = [(source.into, source.start(run)) for source in (*_along_x(run), *_whole(run))]
 
     def take(self, n: int) -> dict[str, Array]:
         """Draw the next ``n`` samples.
@@ -101,15 +100,66 @@ class Noise:
         Returns
         -------
         dict
-            ``n_1``, ``n_12`` [m], ``g_1``, ``g_2`` [m s^-2], ``F_noise_x_sc`` [N], ``f_x_1_jitter``
-            [m s^-2], each of shape (n,).
+            Every signal of `names` that is noise, SI, each of shape (n,).
         """
-        drawn = {name: np.zeros(n) for name in NOISES}
-        for sources in (self._white, self._red):
-            for name, source in sources.items():
-                drawn[name] += source.take(n)
+        drawn = {name: np.zeros(n) for name in self._names}
+        for into, source in self._sources:
+            drawn[into] += source.take(n)
         drawn["g_2"] += self._dc
         return drawn
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A stream of noise: white of ASD ``level``, or with a ``corner`` [Hz] of ASD ``level``/f above it."""
+
+    name: str
+    into: str
+    level: float
+    corner: float = 0.0
+
+    def start(self, run: Run) -> "_White | _Red":
+        if self.corner:
+            return _Red(run, self.name, self.level, self.corner)
+        return _White(run, self.name, self.level)
+
+
+def _along_x(run: Run) -> tuple[_Source, ...]:
+    noise = run.noise
+    plateau = noise.plateau / math.sqrt(2)
+    tail = noise.tail * TAIL_LEVEL * TAIL_FREQUENCY / math.sqrt(2)
+    jitter = noise.f_x_1_jitter * JITTER_FREQUENCY
+    return (
+        _Source("n_1", "n_1", noise.oms),
+        _Source("n_12", "n_12", noise.oms),
+        _Source("g_1_plateau", "g_1", plateau),
+        _Source("g_2_plateau", "g_2", plateau),
+        _Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
+        _Source("g_1_tail", "g_1", tail, TAIL_CORNER),
+        _Source("g_2_tail", "g_2", tail, TAIL_CORNER),
+        _Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
+    )
+
+
+def _whole(run: Run) -> tuple[_Source, ...]:
+    """Noise beyond the x axis; a level with a knee rises as 1/f below it."""
+    if run.spacecraft is None:
+        return ()
+    noise, axes, angles = run.noise, ("x", "y", "z"), ("theta", "eta", "phi")
+    levels = [(f"n_{k}_{j}", noise.dws, 0.0) for k in ("phi", "eta") for j in (1, 12)]
+    levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in axes]
+    levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in angles]
+    levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in angles]
+    levels += [(f"F_noise_{k}_sc", noise.thruster, 0.0) for k in ("y", "z")]
+    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, 0.0) for k in axes]
+    levels += [(f"g_{k}_{j}", noise.lateral, 0.0) for j in (1, 2) for k in ("y", "z")]
+    levels += [(f"gamma_{k}_{j}", noise.torque, _TORQUE_KNEE) for j in (1, 2) for k in angles]
+    sources = []
+    for name, level, knee in levels:
+        sources.append(_Source(name, name, level))
+        if knee:
+            sources.append(_Source(f"{name}_tail", name, level * knee, TAIL_CORNER))
+    return tuple(sources)
 
 
 class _White:

@@ -21,6 +21,7 @@ from lpfcosim.interface import Interface
 from lpfcosim.modelica import build
 from lpfcosim.placement import interfaces
 from lpfcosim.run import Run
+from lpfcosim.wiring import endpoint
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Description", "ParameterValues"))
@@ -147,7 +148,7 @@ def _structure(name: str, run: Run, found: Sequence[Interface]) -> ET.Element:
             used.append(unit)
 
     def connect(source: str, end: dict[str, str]) -> None:
-        model, output = network.endpoint(source)
+        model, output = endpoint(source)
         start = {"startElement": model} if model else {}
         output = by_model[model].name(output) if model else output
         ET.SubElement(connections, f"{_SSD}Connection", {**start, "startConnector": output, **end})
@@ -166,13 +167,13 @@ def _structure(name: str, run: Run, found: Sequence[Interface]) -> ET.Element:
         for variable, source in zip(interface.inputs, component.inputs.values(), strict=True):
             connector(own, variable, "input", interface, variable)
             connect(source, {"endElement": model, "endConnector": variable})
-            if not network.endpoint(source)[0] and source not in signals:
+            if not endpoint(source)[0] and source not in signals:
                 signals.add(source)
                 connector(external, source, "input", interface, variable)
         for variable in interface.outputs:
             connector(own, variable, "output", interface, variable)
-    for channel, source in network.RECORD.items():
-        model, variable = network.endpoint(source)
+    for channel, source in network.record(run).items():
+        model, variable = endpoint(source)
         if model:  # a recorded signal is an input of the system already
             connector(external, channel, "output", by_model[model], by_model[model].name(variable))
             connect(source, {"endConnector": channel})

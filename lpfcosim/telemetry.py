@@ -15,9 +15,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lpfcosim import decimation
 from lpfcosim.errors import RunError
 from lpfcosim.parameters import CHANNELS
 from lpfcosim.run import Run
+from lpfcosim.spacecraft import Spacecraft
 
 SCHEMA = "lpf-telemetry/1"
 
@@ -65,7 +67,7 @@ class Writer:
         provenance: Mapping[str, str | int | float],
         untold: Container[str] = (),
     ) -> None:
-        self._untold = untold
+        self._untold, self._grid = untold, decimation.grid(run)
         self._path, self._run, self._names, self._done = path, run, sorted(names), 0
         self._provenance = provenance
         self._partial = path.with_name(f".{path.name}{_suffix(os.getpid())}")
@@ -83,12 +85,12 @@ class Writer:
     def _lay_out(self) -> None:
         run, file = self._run, self._file
         _annotate(file, {**self._provenance, **_attributes(run)})
-        time = file.create_dataset("time", (run.n_samples,), dtype="f8")
+        time = file.create_dataset("time", (self._grid.n,), dtype="f8")
         _annotate(time, {"units": "s", "long_name": f"time since {run.t0}"})
         time.make_scale("time")
         for name in self._names:
             unit, long_name = CHANNELS[name]
-            channel = file.create_dataset(name, (run.n_samples,), dtype="f8")
+            channel = file.create_dataset(name, (self._grid.n,), dtype="f8")
             _annotate(channel, {"units": unit, "long_name": long_name})
             channel.dims[0].attach_scale(time)
         truth = {name: value for name, value in _truth(run).items() if name not in self._untold}
@@ -101,16 +103,16 @@ class Writer:
         first = self._done
         last = first + max(sizes.values(), default=0)
         for name, values in block.items():
-            whole = (last - first,) if last < run.n_samples else (run.n_samples - first,)
+            whole = (last - first,) if last < self._grid.n else (self._grid.n - first,)
             if values.shape != whole:
                 raise RunError(f"{run.name}: channel {name} has shape {values.shape}, expected {whole}")
             finite = np.isfinite(values)
             if not finite.all():
                 i = int(finite.argmin())
-                time = (first + i) / run.fs
+                time = self._grid.time(first + i, first + i + 1)[0]
                 raise RunError(f"{run.name}: {name} is {values[i]} at t = {time:g} s, nothing is recorded")
         with self._told():
-            self._file["time"][first:last] = np.arange(first, last) / run.fs
+            self._file["time"][first:last] = self._grid.time(first, last)
             for name in self._names:
                 self._file[name][first:last] = block[name]
         self._done = last
@@ -126,8 +128,8 @@ class Writer:
                 self._partial.unlink(missing_ok=True)
 
     def _finish(self) -> None:
-        if self._done != self._run.n_samples:
-            raise RunError(f"{self._run.name}: {self._done} samples came, expected {self._run.n_samples}")
+        if self._done != self._grid.n:
+            raise RunError(f"{self._run.name}: {self._done} samples came, expected {self._grid.n}")
         with self._partial.open("rb+") as file:
             os.fsync(file.fileno())
         self._partial.replace(self._path)
@@ -166,7 +168,7 @@ def _attributes(run: Run) -> dict[str, str | int | float]:
         "run": run.name,
         "experiment": run.experiment,
         "kind": run.kind,
-        "fs": run.fs,
+        "fs": run.sample_rate,
         "t0": run.t0,
         "F_max_1": authority.F_max_1,
         "F_max_2": authority.F_max_2,
@@ -174,12 +176,21 @@ def _attributes(run: Run) -> dict[str, str | int | float]:
         "N_max_2": authority.N_max_2,
         "alignment_epoch": run.alignment_epoch,
         "m_tm": run.m_tm,
+        **(_whole(run.spacecraft) if run.spacecraft else {}),
+        **({"inertial_period": run.inertial_period} if run.inertial_period else {}),
     }
+
+
+def _whole(sc: Spacecraft) -> dict[str, str | int | float]:
+    return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": sc.omega2_phi, "omega2_eta": sc.omega2_eta}
 
 
 def _truth(run: Run) -> dict[str, float]:
     truth = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
     truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
+    if run.spacecraft:
+        truth |= {f"b_{i}": value for i, value in enumerate(run.spacecraft.b, 1)}
+        truth |= {"delta_phi": run.spacecraft.delta_phi, "delta_eta": run.spacecraft.delta_eta}
     return truth | {
         "delta_ifo": run.delta_ifo,
         "omega2_1": run.omega2_1,

@@ -143,6 +143,27 @@ AccelerationNoise = Annotated[
     float,
     Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5", "not negative", largest=1e-3),
 ]
+AngleNoise = Annotated[
+    float, Quantity("an angle noise", "rad Hz^-0.5", "0.13 mrad Hz^-0.5", "not negative", largest=1)
+]
+TorqueNoise = Annotated[
+    float, Quantity("a torque noise", "N m Hz^-0.5", "0.08 uN m Hz^-0.5", "not negative", largest=1)
+]
+RateNoise = Annotated[
+    float,
+    Quantity(
+        "an angular acceleration noise",
+        "rad s^-2 Hz^-0.5",
+        "1.5e-12 rad s^-2 Hz^-0.5",
+        "not negative",
+        largest=1e-3,
+    ),
+]
+Rate = Annotated[float, Quantity("a rate", "rad s^-1", "2e-7 rad/s", largest=1e-3)]
+Misalignment = Annotated[float, Quantity("an angle", "rad", "-0.47 mrad", largest=0.1)]
+LengthPerAngle = Annotated[float, Quantity("a length per angle", "m rad^-1", "12 um/rad", largest=1)]
+CrossStiffness = Annotated[float, Quantity("a stiffness", "s^-2", "1e-7 s^-2", largest=1)]
+PerLength = Annotated[float, Quantity("an inverse length", "m^-1", "0.01 m^-1", largest=1e3)]
 Time = Annotated[float, Quantity("a time", "s", "900 s", "not negative", largest=YEAR)]
 Angle = Annotated[float, Quantity("an angle", "rad", "90 deg", largest=1e6)]
 Acceleration = Annotated[float, Quantity("an acceleration", "m s^-2", "1e-11 m s^-2", largest=1)]

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lpfcosim import campaign, signals
+from lpfcosim.control import DRAG_FREE
 from lpfcosim.errors import InputError
-from lpfcosim.run import DRAG_FREE, Authority, HalfCosine, Noise, Sine, Truth
+from lpfcosim.run import Authority, HalfCosine, Noise, Sine, Truth
 
 TEXT = (Path(__file__).parent / "two_experiments.toml").read_text(encoding="utf-8")
 

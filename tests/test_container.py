@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from lpfcosim import master, network, placement, signals
+from lpfcosim import along_x, master, placement, signals
 from lpfcosim.container import container
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, checks
@@ -16,7 +16,7 @@ from lpfcosim.run import Authority, HalfCosine, Sine
 
 pytestmark = pytest.mark.fmu
 
-CHANNELS = [channel for channel, source in network.RECORD.items() if "." in source]
+CHANNELS = [channel for channel, source in along_x.RECORD.items() if "." in source]
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_interface_is_signals_and_channels_with_their_units(archive, run):
     variables = {v.name: v for v in description.modelVariables}
     inputs = {n for n, v in variables.items() if v.causality == "input"}
     outputs = {n for n, v in variables.items() if v.causality == "output"}
-    assert inputs == {*signals.TARGETS, *signals.NOISES}
+    assert inputs == {*signals.names(run)}
     assert outputs == set(CHANNELS)
     assert {n: variables[n].unit for n in ("o_1", "f_x_2", "F_x_sc", "g_2", "F_x_1", "plant.x_1")} == {
         "o_1": "m",
@@ -139,9 +139,9 @@ def test_unfit_fmus_are_told(run, tmp_path):
 def test_what_the_toolbox_refuses_is_told(run, tmp_path, monkeypatch):
     # An output where an input is due, which our own check would find first.
     monkeypatch.setattr(placement, "_check", lambda *_: None)
-    sensors = network.COMPONENTS[0]
+    sensors = along_x.COMPONENTS[0]
     wrong = replace(sensors, inputs={**sensors.inputs, "o_1": "n_1"})
-    monkeypatch.setattr(network, "COMPONENTS", (wrong, *network.COMPONENTS[1:]))
+    monkeypatch.setattr(along_x, "COMPONENTS", (wrong, *along_x.COMPONENTS[1:]))
     with pytest.raises(InputError, match=r"^the FMUs do not fit into a container: .*o_1.*output"):
         container(run, build.build(fmi="2.0"), tmp_path / "loop.fmu")
 

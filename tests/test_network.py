@@ -7,26 +7,37 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lpfcosim import network
+from lpfcosim import along_x, network, signals
 from lpfcosim.errors import InputError
-from lpfcosim.network import Component, check_feedthrough, in_order
+from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.wiring import Component, check_feedthrough, endpoint, in_order
 
 
 def test_order_of_ours_is_that_of_the_signals(make_run):
     names = [c.model for c in network.components(make_run())]
     assert names[0] == "OpticalMetrology"
     assert names[-2:] == ["Actuation", "Plant"]
-    assert set(names) == {c.model for c in network.COMPONENTS}
+    assert set(names) == {c.model for c in along_x.COMPONENTS}
 
 
-@given(st.permutations(network.COMPONENTS))
+@given(st.permutations(along_x.COMPONENTS))
 def test_order_does_not_depend_on_how_they_are_listed(components):
     done = set()
     for component in in_order(components):
-        sources = {network.endpoint(s)[0] for s in component.inputs.values()} - {""}
+        sources = {endpoint(s)[0] for s in component.inputs.values()} - {""}
         assert sources - done <= {"Plant"}
         done.add(component.model)
     assert component.model == "Plant"
+
+
+def test_whole_spacecraft_is_wired_to_signals_and_outputs_that_exist(make_run):
+    run = make_run(spacecraft=Spacecraft())
+    outputs = {f"{c.model}.{v}" for c in network.every(run) for v in c.outputs}
+    sources = [s for c in network.every(run) for s in c.inputs.values()] + list(network.record(run).values())
+    assert set(sources) <= outputs | set(signals.names(run))
+    assert set(signals.names(run)) <= set(sources)
+    names = [c.model for c in network.components(run)]
+    assert names[-2:] == ["WholeActuation", "WholePlant"]
 
 
 def chain(*links):
@@ -60,8 +71,8 @@ def test_signals_that_pass_each_other_in_two_components_are_no_loop():
 
 
 def test_every_variable_of_the_network_has_one_unit(make_run):
-    names = [n for names in network.UNITS.values() for n in names]
-    assert len(names) == len(set(names))
-    values = network.parameters(make_run())
-    used = {n for c in network.COMPONENTS for n in (*c.inputs, *c.outputs, *values[c.model])}
-    assert used == set(names)
+    used = set()
+    for run in (make_run(), make_run(spacecraft=Spacecraft())):
+        values = network.parameters(run)
+        used |= {n for c in network.every(run) for n in (*c.inputs, *c.outputs, *values[c.model])}
+    assert used == set(network.UNITS)

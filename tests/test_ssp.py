@@ -13,7 +13,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import get_connections, read_ssd, read_ssv
 from lxml import etree
 
-from lpfcosim import campaign, network, signals, ssp
+from lpfcosim import along_x, campaign, network, signals, ssp
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 
@@ -50,11 +50,11 @@ def members(archive):
 def expected_connections():
     """(start element, start connector, end element, end connector), None for the system."""
     wanted = []
-    for component in network.COMPONENTS:
+    for component in along_x.COMPONENTS:
         for variable, source in component.inputs.items():
             start = tuple(source.split(".")) if "." in source else (None, source)
             wanted.append((*start, component.model, variable))
-    for channel, source in network.RECORD.items():
+    for channel, source in along_x.RECORD.items():
         if "." in source:
             wanted.append((*source.split("."), None, channel))
     return wanted
@@ -72,18 +72,18 @@ def test_fits_the_schema(members, kind):
 
 def test_components_stand_in_the_order_of_the_steps(archive):
     system = read_ssd(str(archive)).system
-    assert [e.name for e in system.elements] == [c.model for c in network.COMPONENTS]
-    for element, component in zip(system.elements, network.COMPONENTS, strict=True):
+    assert [e.name for e in system.elements] == [c.model for c in along_x.COMPONENTS]
+    for element, component in zip(system.elements, along_x.COMPONENTS, strict=True):
         kinds = {c.name: c.kind for c in element.connectors}
         assert kinds == dict.fromkeys(component.inputs, "input") | dict.fromkeys(component.outputs, "output")
 
 
-def test_the_outside_is_signals_and_channels(archive):
+def test_the_outside_is_signals_and_channels(plan, archive):
     system = read_ssd(str(archive)).system
     inputs = [c.name for c in system.connectors if c.kind == "input"]
     outputs = [c.name for c in system.connectors if c.kind == "output"]
-    assert sorted(inputs) == sorted([*signals.TARGETS, *signals.NOISES])
-    assert set(inputs) | set(outputs) == {*signals.NOISES, *signals.TARGETS, *network.RECORD}
+    assert sorted(inputs) == sorted(signals.names(plan.runs[0]))
+    assert set(inputs) | set(outputs) == {*signals.names(plan.runs[0]), *along_x.RECORD}
     assert not set(inputs) & set(outputs)
 
 
@@ -177,9 +177,9 @@ def test_experiments_that_share_a_set_share_a_file(fmus, tmp_path):
 
 
 def test_signal_that_feeds_two_components_is_one_connector(fmus, plan, tmp_path, monkeypatch):
-    *others, plant = network.COMPONENTS
+    *others, plant = along_x.COMPONENTS
     plant = replace(plant, inputs={**plant.inputs, "g_2": "g_1"})
-    monkeypatch.setattr(network, "COMPONENTS", (*others, plant))
+    monkeypatch.setattr(along_x, "COMPONENTS", (*others, plant))
     system = read_ssd(str(ssp.export(plan, fmus, tmp_path / "loop.ssp"))).system
     assert [c.name for c in system.connectors].count("g_1") == 1
     assert sum(c.startConnector == "g_1" for c in system.connections) == 2

@@ -7,8 +7,9 @@ import pytest
 
 from lpfcosim import reference, stability
 from lpfcosim.campaign import load
+from lpfcosim.control import DRAG_FREE, SUSPENSION
 from lpfcosim.errors import InputError
-from lpfcosim.run import DRAG_FREE, SUSPENSION, Noise, Truth
+from lpfcosim.run import Noise, Truth
 
 
 def test_every_run_of_the_quick_start_is_stable(quickstart):

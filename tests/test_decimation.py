@@ -1,0 +1,58 @@
+"""Telemetry below 10 Hz: what passes, what does not, and that nothing is delayed."""
+
+import numpy as np
+import pytest
+
+from lpfcosim import decimation, telemetry
+
+
+def thinned(run, values, sizes=(10_000,)):
+    starts = np.cumsum([0, *np.resize(sizes, 1 + run.n_samples // min(sizes))])
+    blocks = [{"o_1": values[a:b]} for a, b in zip(starts, starts[1:], strict=False) if a < run.n_samples]
+    return np.concatenate([b["o_1"] for b in decimation.decimate(run, blocks)])
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
+def test_what_is_slow_passes_undelayed(make_run, rate):
+    run = make_run(n_samples=30_000, sample_rate=rate)
+    grid = decimation.grid(run)
+    for f in (0.001, 0.1, 0.2 * rate):
+        got = thinned(run, np.sin(2 * np.pi * f * run.time))
+        assert got.size == grid.n
+        assert np.abs(got - np.sin(2 * np.pi * f * grid.time(0, grid.n))).max() < 2e-6
+
+
+def test_what_would_fold_into_the_band_does_not_pass(make_run):
+    run = make_run(n_samples=30_000, sample_rate=1.0)
+    for f in (0.5, 0.9, 1.0, 2.7):
+        assert np.abs(thinned(run, np.sin(2 * np.pi * f * run.time))).max() < 3e-6
+
+
+def test_stretches_do_not_matter(make_run):
+    run = make_run(n_samples=5003, sample_rate=1.0)
+    x = np.random.default_rng(1).standard_normal(run.n_samples)
+    whole = thinned(run, x, (run.n_samples,))
+    for sizes in ((1000,), (7, 100, 901), (10,)):
+        np.testing.assert_allclose(thinned(run, x, sizes), whole, atol=1e-13)
+    # by definition
+    taps = decimation.taps(10)
+    assert whole[3] == pytest.approx(taps @ x[30 : 30 + taps.size], rel=1e-9)
+
+
+def test_ten_hertz_stays_as_it_is(make_run):
+    run = make_run(n_samples=500)
+    x = np.arange(500.0)
+    assert np.array_equal(thinned(run, x, (100,)), x)
+    assert decimation.grid(run) == decimation.Grid(500, 10.0, 0.0)
+
+
+def test_file_carries_rate_and_times(make_run, tmp_path):
+    import h5py
+
+    run = make_run(n_samples=3000, sample_rate=1.0)
+    grid = decimation.grid(run)
+    telemetry.write(tmp_path / "run.h5", run, {"o_1": np.zeros(grid.n)}, {})
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert file.attrs["fs"] == 1.0
+        assert file["time"][0] == pytest.approx(decimation.taps(10).size // 2 / 10)
+        np.testing.assert_allclose(np.diff(file["time"]), 1.0)
