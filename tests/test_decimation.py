@@ -1,5 +1,7 @@
 """Telemetry below 10 Hz: what passes, what does not, and that nothing is delayed."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from lpfcosim import decimation, telemetry
 
 def thinned(run, values, sizes=(10_000,)):
     starts = np.cumsum([0, *np.resize(sizes, 1 + run.n_samples // min(sizes))])
-    blocks = [{"o_1": values[a:b]} for a, b in zip(starts, starts[1:], strict=False) if a < run.n_samples]
+    blocks = [{"o_1": values[a:b]} for a, b in pairwise(starts) if a < run.n_samples]
     return np.concatenate([b["o_1"] for b in decimation.decimate(run, blocks)])
 
 
