@@ -12,6 +12,11 @@ settings.register_profile("deterministic", deadline=None, derandomize=True)
 settings.load_profile("deterministic")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the number of runs of the endurance test to the command line."""
+    parser.addoption("--runs", type=int, default=80, help="consecutive runs of the endurance test")
+
+
 @pytest.fixture(scope="session")
 def make_run() -> Callable[..., Run]:
     """Make a noise-free ten-minute run in nominal authority; keywords replace fields of `Run`."""
