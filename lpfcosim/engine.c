@@ -11,6 +11,8 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
+enum { WARNING = 1, ERROR = 3 };
+
 typedef int (*Set2)(void *, const uint32_t *, size_t, const double *);
 typedef int (*Get2)(void *, const uint32_t *, size_t, double *);
 typedef int (*Step2)(void *, double, double, int);
@@ -45,24 +47,28 @@ typedef struct {
     int32_t slave, status; /* who refused a call and how; -1 and 0 if nobody did */
 } Outcome;
 
+static int step_2(const Slave *s, double *bus, double time, double h) {
+    int status = s->n_inputs ? s->set.v2(s->instance, s->inputs, s->n_inputs, s->values) : 0;
+    if (status > WARNING) return status;
+    status = s->step.v2(s->instance, time, h, 1);
+    if (status > WARNING) return status;
+    return s->get.v2(s->instance, s->outputs, s->n_outputs, bus + s->place);
+}
+
+static int step_3(const Slave *s, double *bus, double time, double h) {
+    _Bool event = 0, terminate = 0, early = 0;
+    double last = 0;
+    int status = s->n_inputs ? s->set.v3(s->instance, s->inputs, s->n_inputs, s->values, s->n_values) : 0;
+    if (status > WARNING) return status;
+    status = s->step.v3(s->instance, time, h, 1, &event, &terminate, &early, &last);
+    if (status > WARNING) return status;
+    if (terminate || early) return ERROR; /* a step that ends before its end is no step */
+    return s->get.v3(s->instance, s->outputs, s->n_outputs, bus + s->place, s->n_places);
+}
+
 static int exchange(const Slave *s, double *bus, double time, double h) {
     for (size_t i = 0; i < s->n_values; i++) s->values[i] = bus[s->sources[i]];
-    int status = 0, worst = 0;
-    if (s->version == 2) {
-        if (s->n_inputs) worst = s->set.v2(s->instance, s->inputs, s->n_inputs, s->values);
-        status = s->step.v2(s->instance, time, h, 1);
-        if (status > worst) worst = status;
-        status = s->get.v2(s->instance, s->outputs, s->n_outputs, bus + s->place);
-    } else {
-        _Bool event = 0, terminate = 0, early = 0;
-        double last = 0;
-        if (s->n_inputs) worst = s->set.v3(s->instance, s->inputs, s->n_inputs, s->values, s->n_values);
-        status = s->step.v3(s->instance, time, h, 1, &event, &terminate, &early, &last);
-        if (terminate || early) status = 3; /* a step that ends before its end is no step */
-        if (status > worst) worst = status;
-        status = s->get.v3(s->instance, s->outputs, s->n_outputs, bus + s->place, s->n_places);
-    }
-    return status > worst ? status : worst;
+    return s->version == 2 ? step_2(s, bus, time, h) : step_3(s, bus, time, h);
 }
 
 /* Steps the slaves in their order through samples first … first + n - 1; returns the number of samples done.
@@ -76,7 +82,7 @@ EXPORT int64_t run_block(const Slave *slaves, size_t n_slaves, double *bus, cons
         memcpy(bus, feeds + (size_t)i * n_feeds, n_feeds * sizeof *bus);
         for (size_t j = 0; j < n_slaves; j++) {
             int status = exchange(slaves + j, bus, (double)(first + i) * h, h);
-            if (status > 1) { /* beyond a warning */
+            if (status > WARNING) {
                 outcome->slave = (int32_t)j;
                 outcome->status = status;
                 return i;

@@ -5,6 +5,7 @@ The printed functions work on one array ``v`` of values by value reference; :fun
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from sympy.printing.c import C99CodePrinter
 from lpfcosim.modelica.evaluate import TIME
 from lpfcosim.modelica.system import Scalar, System
 
-# States and sampled variables lie together, so that the core can copy them.
+# The states lie together, so that the core can move them in a loop.
 _ORDER = ("state", "discrete", "input", "parameter", "calculated", "algebraic")
 
 # One helper per opaque function; comparisons are written so that a NaN operand gives NaN.
@@ -75,8 +76,7 @@ def header(system: System, where: Layout, step: float) -> str:
         "NV": 1 + len(where.order),
         "NX": len(system.derivatives),
         "FIRST_STATE": where.first("state"),
-        "ND_STATE": where.count("discrete"),
-        "FIRST_DISCRETE": where.first("discrete"),
+        "NU": where.count("input"),
         "NC": len(system.clocks),
         "ND": len(system.delays),
         "NH": held,
@@ -93,12 +93,13 @@ def source(system: System, where: Layout, token: str) -> str:
     """Text of ``model.c``; ``token`` is the FMU's instantiation token."""
     names = {s: f"v[{i}]" for s, i in where.reference.items()}
     names |= {d.symbol: f"d[{j}]" for j, d in enumerate(system.delays)}
-    first = where.first("discrete")
-    names |= {
-        sp.Symbol(f"pre({s.symbol.name})", real=True): f"pre[{where.reference[s.symbol] - first}]"
+    used = set().union(*(e.value.free_symbols for e in system.events))
+    before = {
+        symbol: where.reference[s.symbol]
         for s in where.order
-        if s.kind == "discrete"
+        if (symbol := sp.Symbol(f"pre({s.symbol.name})", real=True)) in used
     }
+    names |= {symbol: f"pre_{i}" for symbol, i in before.items()}
     c = _Printer(names)
 
     def assign(pairs: Iterable[tuple[sp.Symbol, sp.Expr]]) -> list[str]:
@@ -116,18 +117,28 @@ def source(system: System, where: Layout, token: str) -> str:
     dependent = [
         (s.symbol, s.value) for s in scalars if s.kind in ("state", "discrete") and s.value.free_symbols
     ]
-    guarded = []
-    for event in system.events:
-        guarded.append(f"if (tick[{event.clock}]) {assign([(event.target, event.value)])[0]}")
+    events = [f"const double {names[p]} = v[{i}];" for p, i in before.items()]
+    for clock, together in itertools.groupby(system.events, key=lambda e: e.clock):
+        assigned = assign((e.target, e.value) for e in together)
+        events += [f"if (tick[{clock}]) {{", *(f"    {line}" for line in assigned), "}"]
     settable = ",".join(["0", *(str(settable_until(s)) for s in scalars)])
-    inner = ",".join(["0", *(str(int(s.kind == "algebraic" and not _shown(s))) for s in scalars)])
+    stages = _stages(system)
+    stage_of = {symbol: k for k, stage in enumerate(stages, start=1) for symbol, _ in stage}
+    inputs = [where.first("input") + i for i in range(where.count("input"))]
+    stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in scalars)])
     v, d = "const double *v", "const double *d"
     functions = [
         _function("model_start", "double *v", assign(fixed)),
         _function("model_parameters", "double *v", assign([*system.calculated, *dependent])),
-        _function("model_algebraic", f"double *v, {d}", assign(system.algebraic)),
-        _function("model_outputs", f"double *v, {d}", assign(_needed(system))),
-        _function("model_events", f"double *v, const double *pre, {d}, const unsigned char *tick", guarded),
+        _function(
+            "model_take_inputs",
+            "double *v, const double *u",
+            [f"v[{to}] = u[{i}];" for i, to in enumerate(inputs)],
+        ),
+        _function("model_moved", "double *v", assign(stages[0])),
+        _function("model_outputs", f"double *v, {d}", assign(stages[1])),
+        _function("model_algebraic", f"double *v, {d}", assign(stages[2])),
+        _function("model_events", f"double *v, {d}, const unsigned char *tick", events),
         _function(
             "model_clocks",
             f"{v}, double *start, double *period",
@@ -165,9 +176,10 @@ def source(system: System, where: Layout, token: str) -> str:
         "#include <math.h>",
         "",
         _HELPERS,
-        f"const unsigned char model_settable[NV] = {{{settable}}};",
-        f"const unsigned char model_inner[NV] = {{{inner}}};",
-        f'const char *const model_token = "{token}";',
+        f"static const unsigned char model_settable[NV] = {{{settable}}};",
+        f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
+        f"static const unsigned char model_stage[NV] = {{{stage}}};",
+        f'static const char *const model_token = "{token}";',
         "",
         *functions,
     ])  # fmt: skip
@@ -177,15 +189,30 @@ def _shown(scalar: Scalar) -> bool:
     return scalar.variable.causality == "output"
 
 
-def _needed(system: System) -> list[tuple[sp.Symbol, sp.Expr]]:
-    """Return the algebraic assignments that the outputs depend on, in their order."""
-    wanted = {s.symbol for s in system.scalars if _shown(s)}
-    needed = []
-    for symbol, value in reversed(system.algebraic):
-        if symbol in wanted:
-            wanted |= value.free_symbols
-            needed.append((symbol, value))
-    return needed[::-1]
+def _stages(system: System) -> tuple[list[tuple[sp.Symbol, sp.Expr]], ...]:
+    """Split the algebraic assignments, in their order, by when they are due.
+
+    First what gives outputs that follow from states, sampled variables and parameters alone: setting an input
+    leaves it as it is. Then what the other outputs need, and then the rest.
+    """
+    expressions = dict(system.algebraic)
+    settled = {s.symbol for s in system.scalars if s.kind not in ("input", "algebraic")}
+    for symbol, value in system.algebraic:
+        if value.free_symbols <= settled:
+            settled.add(symbol)
+    shown = {s.symbol for s in system.scalars if _shown(s)} & expressions.keys()
+
+    def needed(wanted: set[sp.Symbol]) -> set[sp.Symbol]:
+        found: set[sp.Symbol] = set()
+        while wanted:
+            found |= wanted
+            wanted = set().union(*(expressions[s].free_symbols for s in wanted)) & expressions.keys()
+        return found
+
+    first = needed(shown & settled)
+    second = needed(shown) - first
+    third = expressions.keys() - first - second
+    return tuple([p for p in system.algebraic if p[0] in due] for due in (first, second, third))
 
 
 def settable_until(scalar: Scalar) -> int:
@@ -201,4 +228,4 @@ def _function(name: str, arguments: str, body: list[str]) -> str:
     # Casting to void keeps -Wunused-parameter quiet where a model has nothing of a kind.
     unused = "".join(f"(void){a.split()[-1].lstrip('*')};" for a in arguments.split(","))
     lines = "".join(f"    {line}\n" for line in body)
-    return f"void {name}({arguments}) {{\n    {unused}\n{lines}}}\n"
+    return f"static void {name}({arguments}) {{\n    {unused}\n{lines}}}\n"

@@ -7,37 +7,57 @@
 
 static double *states(State *s) { return s->v + FIRST_STATE; }
 
-/* Held signal j as it was set at internal step m. */
-static double held_at(const State *s, int j, unsigned long long m) {
-    return m > s->n ? s->before[j] : s->ring[j][m % DELAY_CAPACITY]; /* steps before the first wrap around */
+/* Held signal j as it was set at internal step m; before the first as at the start. */
+static double held_at(const State *s, int j, unsigned long long m) { return s->ring[m % DELAY_CAPACITY][j]; }
+
+/* The delayed signals at this time, with `value` set last. */
+static void delayed(const State *s, const double *value, double *d) {
+    for (int j = 0; j < ND; j++) {
+        unsigned long long back = s->whole[j] + (s->part[j] > 0);
+        d[j] = back ? held_at(s, j, s->n - back) : value[j];
+    }
 }
 
-void core_reset(State *s) {
+static void core_reset(State *s) {
     memset(s, 0, sizeof *s);
+    s->communication_step = NAN;
     model_start(s->v);
 }
 
-void core_touch(State *s) { s->fresh = 0; }
+static void core_start(State *s, double time) {
+    s->start_time = s->v[0] = time;
+    s->fresh = 0;
+}
 
-void core_refresh(State *s, int to) {
-    if (s->fresh >= to) return;
-    s->v[0] = s->time;
-    if (!s->initialized) {
-        model_parameters(s->v);
-        model_delay_values(s->v, s->d); /* delay(u, T) is u until T has passed */
+/* Before the end of initialization anything can be set, after it only inputs: they leave stage 1 as it is. */
+static void core_touch(State *s) {
+    if (s->fresh > s->initialized) s->fresh = s->initialized;
+}
+
+static void core_refresh(State *s, int to) {
+    if (s->fresh < 1) {
+        if (!s->initialized) model_parameters(s->v);
+        model_moved(s->v);
     }
-    if (to == 1)
-        model_outputs(s->v, s->d);
-    else
-        model_algebraic(s->v, s->d);
+    if (to > 1) {
+        double d[AT_LEAST_ONE(ND)];
+        if (!s->initialized)
+            model_delay_values(s->v, d); /* delay(u, T) is u until T has passed */
+        else
+            delayed(s, s->ring[(s->n - 1) % DELAY_CAPACITY], d);
+        if (s->fresh < 2) model_outputs(s->v, d);
+        if (to > 2) model_algebraic(s->v, d);
+    }
     s->fresh = to;
 }
 
-void core_initialize(State *s, double start_time) {
-    s->start_time = s->time = start_time;
+static void core_initialize(State *s) {
+    double value[AT_LEAST_ONE(ND)];
     s->fresh = 0;
-    core_refresh(s, 2);
-    memcpy(s->before, s->d, sizeof s->before);
+    core_refresh(s, 3);
+    model_delay_values(s->v, value);
+    for (int k = 0; k < DELAY_CAPACITY; k++)
+        for (int j = 0; j < ND; j++) s->ring[k][j] = value[j];
     s->initialized = 1;
 }
 
@@ -91,13 +111,13 @@ static double next_switch(const State *s, double t) {
    exponentials of the subintervals is still one matrix, exact for any switch. */
 static const char *discretise(State *s) {
 #if AFFINE
-    double a[NX * NX], b[NX * (NH + ND + 1)], wide[NX * NW], g[NX * NZ], product[NX * NZ];
+    double a[NX * NX], b[NX * (NH + ND + 1)], wide[NX * NW], g[NX * NZ], e[NX * NZ], product[NX * NZ];
     model_affine(s->v, a, b);
     for (int i = 0; i < NX * NX; i++)
         if (!isfinite(a[i])) return "the parameters make the model singular";
     for (int i = 0; i < NX * (NH + ND + 1); i++)
         if (!isfinite(b[i])) return "the parameters make the model singular";
-    memset(s->e, 0, sizeof s->e);
+    memset(e, 0, sizeof e);
     for (double t = 0, end; t < s->h; t = end) {
         end = next_switch(s, t);
         memset(wide, 0, sizeof wide);
@@ -111,14 +131,14 @@ static const char *discretise(State *s) {
         exponential(a, wide, end - t, g);
         for (int i = 0; i < NX; i++)
             for (int j = 0; j < NZ; j++) {
-                double sum = s->e[i * NZ + j] + g[i * NZ + j];
-                for (int l = 0; l < NX; l++) sum += g[i * NZ + l] * s->e[l * NZ + j];
+                double sum = e[i * NZ + j] + g[i * NZ + j];
+                for (int l = 0; l < NX; l++) sum += g[i * NZ + l] * e[l * NZ + j];
                 product[i * NZ + j] = sum;
             }
-        memcpy(s->e, product, sizeof s->e);
+        memcpy(e, product, sizeof e);
     }
     for (int i = 0; i < NX; i++)
-        for (int j = 0; j < NZ; j++) s->e[j * NX + i] = product[i * NZ + j];
+        for (int j = 0; j < NZ; j++) s->e[j][i] = e[i * NZ + j];
 #else
     (void)s;
 #endif
@@ -154,19 +174,19 @@ static const char *prepare(State *s, double step) {
 
 #if NX > 0 && !AFFINE
 /* One Runge-Kutta step of fourth order; delayed signals are constant in it. */
-static void runge_kutta(State *s, double t, double dt) {
+static void runge_kutta(State *s, double t, const double *d, double dt) {
     double x[NX], k1[NX], k2[NX], k3[NX], k4[NX];
     memcpy(x, states(s), sizeof x);
     s->v[0] = t;
-    model_rates(s->v, s->d, k1);
+    model_rates(s->v, d, k1);
     s->v[0] = t + 0.5 * dt;
     for (int i = 0; i < NX; i++) states(s)[i] = x[i] + 0.5 * dt * k1[i];
-    model_rates(s->v, s->d, k2);
+    model_rates(s->v, d, k2);
     for (int i = 0; i < NX; i++) states(s)[i] = x[i] + 0.5 * dt * k2[i];
-    model_rates(s->v, s->d, k3);
+    model_rates(s->v, d, k3);
     s->v[0] = t + dt;
     for (int i = 0; i < NX; i++) states(s)[i] = x[i] + dt * k3[i];
-    model_rates(s->v, s->d, k4);
+    model_rates(s->v, d, k4);
     for (int i = 0; i < NX; i++) states(s)[i] = x[i] + dt / 6 * (k1[i] + 2 * (k2[i] + k3[i]) + k4[i]);
 }
 #endif
@@ -174,7 +194,7 @@ static void runge_kutta(State *s, double t, double dt) {
 static void move_states(State *s) {
 #if AFFINE
     double z[NZ], dx[NX];
-    memcpy(z, states(s), NX * sizeof(double));
+    for (int i = 0; i < NX; i++) z[i] = states(s)[i];
     model_held(s->v, z + NX);
     for (int j = 0; j < ND; j++) {
         z[NX + NH + j] = held_at(s, j, s->n - s->whole[j] - 1);
@@ -183,13 +203,15 @@ static void move_states(State *s) {
     z[NZ - 1] = 1;
     for (int i = 0; i < NX; i++) dx[i] = 0;
     for (int j = 0; j < NZ; j++) /* by columns: the sums of all states grow side by side */
-        for (int i = 0; i < NX; i++) dx[i] += s->e[j * NX + i] * z[j];
+        for (int i = 0; i < NX; i++) dx[i] += s->e[j][i] * z[j];
     for (int i = 0; i < NX; i++) states(s)[i] = z[i] + dx[i];
 #elif NX > 0
+    const double time = s->v[0];
+    double d[AT_LEAST_ONE(ND)];
     for (double t = 0, end; t < s->h; t = end) {
         end = next_switch(s, t);
-        for (int j = 0; j < ND; j++) s->d[j] = held_at(s, j, s->n - s->whole[j] - (t >= s->part[j] ? 0 : 1));
-        runge_kutta(s, s->time + t, end - t);
+        for (int j = 0; j < ND; j++) d[j] = held_at(s, j, s->n - s->whole[j] - (t >= s->part[j] ? 0 : 1));
+        runge_kutta(s, time + t, d, end - t);
     }
 #else
     (void)states;
@@ -198,8 +220,8 @@ static void move_states(State *s) {
 }
 
 /* One internal step: sample, hold, move. */
-static void advance(State *s) {
-    double pre[AT_LEAST_ONE(ND_STATE)], value[AT_LEAST_ONE(ND)];
+static APART void advance(State *s) {
+    double value[AT_LEAST_ONE(ND)], d[AT_LEAST_ONE(ND)];
     unsigned char tick[AT_LEAST_ONE(NC)];
     int any = 0;
     for (int c = 0; c < NC; c++) {
@@ -207,41 +229,41 @@ static void advance(State *s) {
         s->wait[c] = (tick[c] ? s->period[c] : s->wait[c]) - 1;
         any |= tick[c];
     }
-    s->v[0] = s->time;
     model_delay_values(s->v, value);
-    for (int j = 0; j < ND; j++)
-        if (s->whole[j] == 0 && s->part[j] == 0) s->d[j] = value[j];
     if (any) {
-        memcpy(pre, s->v + FIRST_DISCRETE, ND_STATE * sizeof(double));
-        model_events(s->v, pre, s->d, tick);
+        delayed(s, value, d);
+        model_events(s->v, d, tick);
         model_delay_values(s->v, value);
     }
-    for (int j = 0; j < ND; j++) s->ring[j][s->n % DELAY_CAPACITY] = value[j];
+    for (int j = 0; j < ND; j++) s->ring[s->n % DELAY_CAPACITY][j] = value[j];
     move_states(s);
     s->n++;
-    s->time = s->start_time + (double)s->n * s->h;
-    for (int j = 0; j < ND; j++) {
-        unsigned long long back = s->whole[j] + (s->part[j] > 0 ? 1 : 0);
-        s->d[j] = back ? held_at(s, j, s->n - back) : value[j];
-    }
+    s->v[0] = s->start_time + (double)(long long)s->n * s->h;
 }
 
-const char *core_step(State *s, double time, double step) {
+/* What a step other than the last one, or elsewhere than at its end, has to fulfil. */
+static COLD const char *admit(State *s, double time, double step) {
     if (!(step > 0)) return "the communication step is not positive";
     if (s->h == 0) {
         const char *problem = prepare(s, step);
         if (problem) return s->h = 0, problem;
     }
-    if (step != s->communication_step) {
-        double count = step / s->h, steps = floor(count + 0.5);
-        if (steps < 1 || fabs(count - steps) > 1e-6 * count)
-            return "the communication step is not a multiple of the internal step";
-        s->communication_step = step;
-        s->internal_steps = (unsigned long long)steps;
-    }
-    if (fabs(time - s->time) > 1e-6 * s->h + 1e-12 * fabs(time))
+    double count = step / s->h, steps = floor(count + 0.5);
+    if (steps < 1 || fabs(count - steps) > 1e-6 * count)
+        return "the communication step is not a multiple of the internal step";
+    s->communication_step = step;
+    s->internal_steps = (unsigned long long)steps;
+    if (fabs(time - s->v[0]) > 1e-6 * s->h + 1e-12 * fabs(time))
         return "the communication point is not where the last step ended";
-    for (unsigned long long i = 0; i < s->internal_steps; i++) advance(s);
+    return NULL;
+}
+
+static const char *core_step(State *s, double time, double step) {
+    if (step != s->communication_step || time != s->v[0]) {
+        const char *problem = admit(s, time, step);
+        if (problem) return problem;
+    }
+    for (unsigned long long i = s->internal_steps; i > 0; i--) advance(s);
     s->fresh = 0;
     return NULL;
 }

@@ -11,7 +11,7 @@ typedef struct {
     char name[128];
 } Component;
 
-static fmi2Status fail(const Component *c, const char *message) {
+static COLD fmi2Status fail(const Component *c, const char *message) {
     if (c && c->log) c->log(c->instance.environment, c->name, fmi2Error, "logStatusError", "%s", message);
     return fmi2Error;
 }

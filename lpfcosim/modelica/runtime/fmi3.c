@@ -10,7 +10,7 @@ typedef struct {
     fmi3LogMessageCallback log;
 } Component;
 
-static fmi3Status fail(const Component *m, const char *message) {
+static COLD fmi3Status fail(const Component *m, const char *message) {
     if (m && m->log) m->log(m->instance.environment, fmi3Error, "logStatusError", message);
     return fmi3Error;
 }
@@ -92,11 +92,11 @@ fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Bo
                       fmi3Boolean *event_needed, fmi3Boolean *terminate, fmi3Boolean *early_return,
                       fmi3Float64 *last_time) {
     (void)no_rollback;
-    const char *problem = instance_step(m, time, step);
     if (event_needed) *event_needed = fmi3False;
     if (terminate) *terminate = fmi3False;
     if (early_return) *early_return = fmi3False;
-    if (last_time) *last_time = ((Instance *)m)->now.state.time;
+    const char *problem = instance_step(m, time, step);
+    if (last_time) *last_time = ((Instance *)m)->now.state.v[0];
     return done(m, problem);
 }
 

@@ -22,16 +22,16 @@ typedef struct {
 } Instance;
 
 /* Each returns NULL, or what went wrong. */
-const char *instance_enter(Instance *m, double start);
-const char *instance_exit(Instance *m);
-const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values);
-const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const double *values);
-const char *instance_step(Instance *m, double time, double step);
-const char *instance_end(Instance *m);
-const char *snapshot_save(const Instance *m, void **state);
-const char *snapshot_restore(Instance *m, const void *state);
-const char *snapshot_write(const void *state, void *bytes, size_t size);
-const char *snapshot_read(const void *bytes, size_t size, void **state);
-void instance_reset(Instance *m);
+static const char *instance_enter(Instance *m, double start);
+static const char *instance_exit(Instance *m);
+static const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values);
+static const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const double *values);
+static const char *instance_step(Instance *m, double time, double step);
+static const char *instance_end(Instance *m);
+static const char *snapshot_save(const Instance *m, void **state);
+static const char *snapshot_restore(Instance *m, const void *state);
+static const char *snapshot_write(const void *state, void *bytes, size_t size);
+static const char *snapshot_read(const void *bytes, size_t size, void **state);
+static void instance_reset(Instance *m);
 
 #endif
