@@ -3,14 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim import reference
+from lpfcosim import loops, reference
 from lpfcosim.errors import InputError
 from lpfcosim.run import Run
 
 
 def poles(run: Run) -> NDArray[np.complex128]:
     """Poles z of the sampled closed loop, largest magnitude first, as long as no command is at its limit."""
-    z = np.linalg.eigvals(reference.loop(run).closed).astype(np.complex128)
+    loop = loops.loop(run) if run.spacecraft else reference.loop(run)
+    z = np.linalg.eigvals(loop.closed).astype(np.complex128)
     return np.asarray(z[np.argsort(-np.abs(z))])
 
 
