@@ -11,12 +11,13 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim import campaign, master, placement, runner
+from lpfcosim import campaign, master, network, placement, runner
 from lpfcosim.errors import InputError
 from lpfcosim.interface import resolve
 from lpfcosim.modelica import build
 from lpfcosim.placement import _exponents
 from lpfcosim.run import Noise, Replacement, Sine
+from lpfcosim.spacecraft import Spacecraft
 from tests.foreign import edited, renamed
 
 pytestmark = pytest.mark.fmu
@@ -69,11 +70,10 @@ def test_map_of_names_gives_the_same_bits(run, fmus, tmp_path, fmi, engine):
 
 @pytest.mark.parametrize("model", build.MODELS)
 def test_every_place_can_be_taken(run, fmus, tmp_path, model):
-    description = fmpy.read_model_description(fmus[model])
-    names = {
-        v.name: f"{v.name}_theirs" for v in description.modelVariables if v.causality in ("input", "output")
-    }
-    names.pop("a_SC", None)
+    if model not in {c.model for c in network.every(run)}:
+        run = replace(run, spacecraft=Spacecraft())
+    component = next(c for c in network.every(run) if c.model == model)
+    names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
     archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
     wanted = master.simulate(run, fmus)
     got = simulate(run, fmus, Replacement(model, archive, names))

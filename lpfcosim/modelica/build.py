@@ -32,7 +32,11 @@ from lpfcosim.modelica.compiler import (
 from lpfcosim.modelica.flat import flatten, package_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
-MODELS = ("Plant", "Actuation", "OpticalMetrology", "DragFreeControl", "SuspensionControl")
+MODELS = (
+    *("Plant", "Actuation", "OpticalMetrology", "DragFreeControl", "SuspensionControl"),
+    *("WholePlant", "WholeActuation", "WholeMetrology", "InertialSensor", "StarTracker"),
+    *("WholeDragFreeControl", "WholeSuspensionControl", "AttitudeControl"),
+)
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "engine.c"
