@@ -1,0 +1,75 @@
+"""The whole spacecraft through its eight FMUs, against the reference plant."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim import master, network, whole
+from lpfcosim.modelica import build
+from lpfcosim.run import Authority, Noise, Sine
+from lpfcosim.spacecraft import Spacecraft
+
+pytestmark = pytest.mark.fmu
+
+EVERYTHING = Spacecraft(
+    delta_phi=-0.47e-3, delta_eta=-0.066e-3, b=(1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7),
+    Omega_DC=(1e-7, 4e-8, 2e-7), lambda_N=1.01, leak_phi_1=0.01, kappa_phi=1e-3, kappa_eta=-2e-3,
+)  # fmt: skip
+NOISE = Noise(
+    oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5, f_x_1_jitter=1e-14, dws=150e-12, grs=1.8e-9,
+    grs_angle=120e-9, star_tracker_theta=0.6e-3, star_tracker_eta=0.6e-3, star_tracker_phi=0.13e-3,
+    thruster_torque=0.08e-6, lateral=1e-14, torque=1.5e-12,
+)  # fmt: skip
+
+
+@pytest.fixture
+def run(make_run):
+    return make_run(
+        n_samples=20_000,
+        spacecraft=EVERYTHING,
+        noise=NOISE,
+        dc=4e-12,
+        authority=Authority("G", F_max_1=4400e-12, F_max_2=5000e-12, N_max_1=1.5e-12, N_max_2=10.4e-12),
+        injections=(
+            Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=10, start=100),
+            Sine("guidance_o_1", amplitude=5e-9, frequency=0.03, cycles=10, start=300),
+            Sine("F_x_1", amplitude=0.6e-12, frequency=0.02, cycles=20, start=500),
+        ),
+    )
+
+
+def built(run, fmi):
+    return build.build([c.model for c in network.every(run)], fmi=fmi)
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_agrees_with_the_reference_plant(run, fmi):
+    got, wanted = master.simulate(run, built(run, fmi)), whole.simulate(run)
+    assert set(got) == set(network.record(run))
+    for channel, values in got.items():
+        expected = wanted[channel]
+        assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel
+    assert np.abs(got["f_x_1"]).max() > 0
+
+
+def test_authority_agrees_with_the_reference_plant(run):
+    # Star tracker far off at first: the lateral forces and the torque about x stay at their limits.
+    shaken = replace(run, noise=replace(NOISE, star_tracker_eta=0.2, star_tracker_theta=2.0), n_samples=6000)
+    got, wanted = master.simulate(shaken, built(run, "3.0")), whole.simulate(shaken)
+    assert np.abs(got["F_z_1"]).max() == pytest.approx(EVERYTHING.F_max_yz, rel=1e-12)
+    for channel, values in got.items():
+        expected = wanted[channel]
+        assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel
+
+
+def test_engines_and_versions_give_the_same_bits(run):
+    run = replace(run, n_samples=1500)
+    wanted = master.simulate(run, built(run, "3.0"))
+    others = [
+        master.simulate(run, built(run, "2.0")),
+        master.simulate(run, built(run, "3.0"), engine="fmpy"),
+        master.simulate(run, {**built(run, "3.0"), **build.build(["WholePlant"], fmi="2.0")}),
+    ]
+    for other in others:
+        assert all(np.array_equal(other[channel], values) for channel, values in wanted.items())
