@@ -3,6 +3,7 @@
 Every function raises `fit.errors.InputError`; its message names the file, the place and what was expected.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
@@ -26,18 +27,20 @@ def plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def read_time(file: h5py.File, path: Path, fs: float) -> NDArray[np.float64]:
-    """Return the time axis [s], checked to be uniform with steps of 1/fs."""
+def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np.float64]:
+    """Return a part of the time axis [s], checked to be uniform with steps of 1/fs."""
     dataset = file.get("time")
     if not isinstance(dataset, h5py.Dataset):
         raise InputError(f"{path}: time: missing, expected the seconds since t0")
     units = plain(dataset.attrs.get("units", "s"))
     if units not in ("s", "sec", "second", "seconds"):
         raise InputError(f"{path}: time: units {units!r}, expected 's'")
-    time = _values(dataset, path, "time", None)
+    _check_size(dataset, path, "time", None)
+    time = np.asarray(dataset[part], dtype=np.float64)
+    start = part.start or 0
     if not np.isfinite(time).all():
         n = int(np.argmin(np.isfinite(time)))
-        raise InputError(f"{path}: time: {time[n]} at sample {n}, expected a finite value")
+        raise InputError(f"{path}: time: {time[n]} at sample {start + n}, expected a finite value")
     step = np.diff(time)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
     uneven = np.flatnonzero(np.abs(step * fs - 1) > 1e-3)
@@ -46,7 +49,7 @@ def read_time(file: h5py.File, path: Path, fs: float) -> NDArray[np.float64]:
     if uneven.size:
         n = int(uneven[0])
         raise InputError(
-            f"{path}: time: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {n + 1}, "
+            f"{path}: time: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
         )
     span = (time.size - 1) / fs
@@ -57,11 +60,11 @@ def read_time(file: h5py.File, path: Path, fs: float) -> NDArray[np.float64]:
     return time
 
 
-def read_channels(
-    file: h5py.File, path: Path, time: NDArray[np.float64], fs: float
-) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
-    """Return every channel on the time axis, and the units as written; what the contract knows is checked."""
-    channels: dict[str, NDArray[np.float64]] = {}
+def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
+    """Return the channels on a time axis of `size` samples and their units as written.
+
+    What the contract knows is checked, but for the values.
+    """
     units: dict[str, str] = {}
     for name in (*REQUIRED, *(key for key in file if key not in {"time", *REQUIRED})):
         dataset = file.get(name)
@@ -76,20 +79,25 @@ def read_channels(
         if expected is not None and not (isinstance(found, str) and same_unit(found, expected)):
             stated = f"units {found!r}" if "units" in dataset.attrs else "without units"
             raise InputError(f"{path}: channel {name}: {stated}, expected {expected!r}")
-        values = _values(dataset, path, f"channel {name}", time.size)
-        if np.isinf(values).any():
-            n = int(np.argmax(np.isinf(values)))
-            raise InputError(
-                f"{path}: channel {name}: {values[n]} at sample {n} (t = {time[n]:.10g} s), "
-                "expected a finite value"
-            )
-        channels[name] = values
+        _check_size(dataset, path, f"channel {name}", size)
         units[name] = str(found)
-    _check_missing(path, channels, fs)
-    return channels, units
+    return units
 
 
-def _check_missing(path: Path, channels: dict[str, NDArray[np.float64]], fs: float) -> None:
+def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
+    """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
+    values = np.asarray(file[name][part], dtype=np.float64)
+    if np.isinf(values).any():
+        n = int(np.argmax(np.isinf(values)))
+        first = n + (part.start or 0)
+        raise InputError(
+            f"{path}: channel {name}: {values[n]} at sample {first} (t = {first / fs:.10g} s), "
+            "expected a finite value"
+        )
+    return values
+
+
+def check_missing(path: Path, channels: Mapping[str, NDArray[np.float64]], fs: float) -> None:
     """Refuse more missing samples (NaN) in what a calibration needs than may be masked."""
     missing = {name: np.isnan(channels[name]) for name in REQUIRED}
     together = np.any(list(missing.values()), axis=0)
@@ -115,8 +123,8 @@ def _is_channel(dataset: h5py.Dataset) -> bool:
     return not axes or "/time" in axes
 
 
-def _values(dataset: h5py.Dataset, path: Path, place: str, size: int | None) -> NDArray[np.float64]:
-    """Return a checked 1-D dataset as float64; its declared size is looked at before memory is taken."""
+def _check_size(dataset: h5py.Dataset, path: Path, place: str, size: int | None) -> None:
+    """Refuse what is no row of numbers of the right length, before memory is taken for it."""
     if dataset.ndim != 1 or dataset.dtype.kind not in "iufb":
         raise InputError(
             f"{path}: {place}: {dataset.dtype} of shape {dataset.shape}, expected a row of float64"
@@ -127,4 +135,3 @@ def _values(dataset: h5py.Dataset, path: Path, place: str, size: int | None) -> 
         raise InputError(f"{path}: {place}: {dataset.shape[0]} samples, expected 2 to {MAX_SAMPLES}")
     if dataset.id.get_storage_size() == 0:
         raise InputError(f"{path}: {place}: declared but never written, expected {dataset.shape[0]} samples")
-    return np.asarray(dataset[()], dtype=np.float64)

@@ -12,15 +12,22 @@ are delayed exactly by a reference tau_0, only the rest is linearised,
     lambda f(t - tau) = lambda f_0 - (C - lambda tau_0) f_0' ,             f_0 = f(t - tau_0)
 
 so that nothing is approximated once tau_0 has been moved to C / lambda.
+
+That is Delta g_x. Where a run has the read-outs, the cross-talk of spacecraft motion joins (eqs bump and
+deltagfull2), bars being means over the two test masses,
+
+    Delta g = Delta g_x + delta_g_SC,
+    delta_g_SC = b_1 phibar'' + b_2 etabar'' + b_3 ybar'' + b_4 zbar'' + b_5 ybar + b_6 zbar
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit import spectra
+from fit.datasets import MAX_MISSING
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -29,6 +36,39 @@ LOOP_PERIOD = 0.1  # s: commands are held this long, however coarsely they were 
 COLUMNS = ("ddo_12", "f_2", "df_2", "f_1", "df_1", "o_12", "o_1", "ddo_1")
 PARAMETERS = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
+#: The means of eq. bump, as sums of channels; o_phi_12 is the angle of test mass 2 less that of test mass 1.
+MEANS: Mapping[str, Mapping[str, float]] = {
+    "phi": {"o_phi_1": 1.0, "o_phi_12": 0.5},
+    "eta": {"o_eta_1": 1.0, "o_eta_12": 0.5},
+    "y": {"grs_y_1": 0.5, "grs_y_2": 0.5},
+    "z": {"grs_z_1": 0.5, "grs_z_2": 0.5},
+}
+#: The coefficients of eq. bump: which mean each multiplies, differentiated how often.
+CROSS_TALK: Mapping[str, tuple[str, int]] = {
+    "b_1": ("phi", 2),
+    "b_2": ("eta", 2),
+    "b_3": ("y", 2),
+    "b_4": ("z", 2),
+    "b_5": ("y", 0),
+    "b_6": ("z", 0),
+}
+
+
+def means(telemetry: Telemetry) -> dict[str, Array]:
+    """Return those of the `MEANS` whose channels the run has, hardly a sample missing, each of shape (N,)."""
+    found = {}
+    for name, parts in MEANS.items():
+        if parts.keys() <= telemetry.channels.keys():
+            mean = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
+            if np.mean(np.isnan(mean)) <= MAX_MISSING:
+                found[name] = np.asarray(mean, dtype=np.float64)
+    return found
+
+
+def run_parameters(available: Iterable[str]) -> tuple[str, ...]:
+    """Return the parameters of a run: `PARAMETERS`, then those of `CROSS_TALK` whose mean is available."""
+    known = set(available)
+    return (*PARAMETERS, *(name for name, (mean, _) in CROSS_TALK.items() if mean in known))
 
 
 @dataclass(frozen=True)
@@ -45,6 +85,8 @@ class Channels:
         Read-outs [m].
     f_x_1, f_x_2 : ndarray, shape (N,)
         Commanded force per unit mass [m s^-2].
+    means : mapping of str to ndarray, each of shape (N,)
+        Those of `MEANS` that the run has [rad] or [m].
     valid : ndarray of bool, shape (N,)
         False where missing samples reach.
     missing : int
@@ -57,23 +99,30 @@ class Channels:
     o_12: Array
     f_x_1: Array
     f_x_2: Array
+    means: Mapping[str, Array]
     valid: NDArray[np.bool_]
     missing: int
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the P parameters of the run, see `run_parameters`."""
+        return run_parameters(self.means)
 
 
 def channels(telemetry: Telemetry) -> Channels:
     """Low-pass and decimate what the equation needs."""
     taps, factor = spectra.low_pass(telemetry.fs)
-    raw = [telemetry.channels[name] for name in CHANNELS]
-    filled, masked = zip(*(spectra.bridge(x, telemetry.fs) for x in raw), strict=True)
+    raw = {name: telemetry.channels[name] for name in CHANNELS} | means(telemetry)
+    filled, masked = zip(*(spectra.bridge(x, telemetry.fs) for x in raw.values()), strict=True)
     touched = spectra.decimate(np.any(masked, axis=0).astype(float), np.ones_like(taps), factor)
-    kept = {name: spectra.decimate(x, taps, factor) for name, x in zip(CHANNELS, filled, strict=True)}
+    kept = {name: spectra.decimate(x, taps, factor) for name, x in zip(raw, filled, strict=True)}
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.time[taps.size // 2 :: factor][: touched.size],
-        **kept,
+        **{name: kept.pop(name) for name in CHANNELS},
+        means=kept,
         valid=touched < 0.5,
-        missing=int(np.any(np.isnan(raw), axis=0).sum()),
+        missing=int(np.any(np.isnan(list(raw.values())), axis=0).sum()),
     )
 
 
@@ -89,8 +138,8 @@ class Columns:
         Sample rate [Hz].
     time : ndarray, shape (N,)
         Seconds since the start of the run.
-    values : ndarray, shape (N, 8)
-        In the order of `COLUMNS`; SI.
+    values : ndarray, shape (N, P + 1)
+        In the order of `COLUMNS`, then the terms of eq. bump that the run has; SI.
     valid : ndarray of bool, shape (N,)
         False where missing samples reach.
     """
@@ -113,6 +162,7 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
         # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
         return derivative(x, 0, delay) + LOOP_PERIOD**2 / 24 * derivative(x, 2, delay)
 
+    cross_talk = (CROSS_TALK[name] for name in run.parameters[len(PARAMETERS) :])
     values = (
         derivative(run.o_12, 2),
         force(run.f_x_2, tau[1]),
@@ -122,6 +172,7 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
         run.o_12[inner],
         run.o_1[inner],
         derivative(run.o_1, 2),
+        *(derivative(run.means[mean], 2) if order else run.means[mean][inner] for mean, order in cross_talk),
     )
     reach = np.ones(2 * spectra.HALF + 1)
     valid = spectra.apply(reach, (~run.valid).astype(float)) < 0.5
@@ -129,14 +180,14 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
 
 
 def delays(theta: Array) -> tuple[float, float]:
-    """Return the effective delays tau_j = C_j / lambda_j [s] for `PARAMETERS` theta, 0 without a gain."""
+    """Return the effective delays tau_j = C_j / lambda_j [s] for theta of a run, 0 without a gain."""
     lambda_1, lambda_2, C_1, C_2 = (float(value) for value in theta[:4])
     return (C_1 / lambda_1 if lambda_1 else 0.0, C_2 / lambda_2 if lambda_2 else 0.0)
 
 
 def coefficients(theta: Array, tau: tuple[float, float]) -> Array:
-    """Return the coefficients of `COLUMNS` in Delta g, shape (8,), for `PARAMETERS` theta, shape (7,)."""
-    lambda_1, lambda_2, C_1, C_2, omega2_2, domega2_12, delta_ifo = theta
+    """Return the coefficients of the columns in Delta g, shape (P + 1,), for theta, shape (P,)."""
+    lambda_1, lambda_2, C_1, C_2, omega2_2, domega2_12, delta_ifo = theta[: len(PARAMETERS)]
     return np.array(
         [
             1.0,
@@ -147,14 +198,16 @@ def coefficients(theta: Array, tau: tuple[float, float]) -> Array:
             omega2_2,
             domega2_12 - delta_ifo * omega2_2,
             -delta_ifo,
+            *theta[len(PARAMETERS) :],
         ]
     )
 
 
 def gradient(theta: Array, tau: tuple[float, float]) -> Array:
-    """Return the derivatives of `coefficients` by theta, shape (8, 7)."""
+    """Return the derivatives of `coefficients` by theta, shape (P + 1, P)."""
     omega2_2, delta_ifo = theta[4], theta[6]
-    d = np.zeros((len(COLUMNS), len(PARAMETERS)))
+    d = np.eye(theta.size + 1, theta.size, k=-1)  # as it is for the coefficients of eq. bump
+    d[: len(COLUMNS), : len(PARAMETERS)] = 0
     d[[1, 2], 1] = -1, -tau[1]
     d[2, 3] = 1
     d[[3, 4], 0] = 1, tau[0]
@@ -166,14 +219,15 @@ def gradient(theta: Array, tau: tuple[float, float]) -> Array:
 
 
 def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return the calibrated differential acceleration of a run (eq. deltagjointfit).
+    """Return the calibrated differential acceleration of a run (eqs deltagjointfit and bump).
 
     Parameters
     ----------
     telemetry : Telemetry
         The run.
     parameters : mapping
-        Values of `PARAMETERS`, SI; a force that is not commanded needs no lambda_1 and C_1.
+        Values of `PARAMETERS` and of `CROSS_TALK`, SI; what is not in it counts as zero, so that a force that
+        is not commanded needs no lambda_1 and C_1.
 
     Returns
     -------
@@ -182,7 +236,33 @@ def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Arr
     delta_g : ndarray, shape (N,)
         Low-passed, flat up to 0.1 Hz [m s^-2]; NaN where samples are missing.
     """
-    theta = np.array([parameters.get(name, 0.0) for name in PARAMETERS])
-    terms = columns(channels(telemetry), delays(theta))
-    delta_g = terms.values @ coefficients(theta, terms.tau)
-    return terms.time, np.where(terms.valid, delta_g, np.nan)
+    run = channels(telemetry)
+    theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
+    terms = columns(run, delays(theta))
+    return terms.time, _known(terms, coefficients(theta, terms.tau))
+
+
+def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return the cross-talk of spacecraft motion (eq. bump) that makes Delta g of Delta g_x.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        The run.
+    cross_talk : mapping
+        Values of `CROSS_TALK`, SI; what is not in it, or lacks its channels, counts as zero.
+
+    Returns
+    -------
+    time, values : ndarray, shape (N,)
+        As `residual` returns them.
+    """
+    run = channels(telemetry)
+    terms = columns(run, (0.0, 0.0))
+    b = [cross_talk.get(name, 0.0) for name in run.parameters[len(PARAMETERS) :]]
+    return terms.time, _known(terms, np.array([*np.zeros(len(COLUMNS)), *b]))
+
+
+def _known(terms: Columns, weights: Array) -> Array:
+    """Return the sum of the columns times `weights`, NaN where samples are missing."""
+    return np.where(terms.valid, terms.values @ weights, np.nan)

@@ -31,9 +31,9 @@ class Known:
 
     Attributes
     ----------
-    theta : ndarray, shape (7,)
-        Values of `dynamics.PARAMETERS`.
-    covariance : ndarray, shape (7, 7)
+    theta : ndarray, shape (K,)
+        Values.
+    covariance : ndarray, shape (K, K)
         Theirs.
     """
 
@@ -81,7 +81,7 @@ def reweight(
     ----------
     experiments : sequence of Experiment
         To be fitted together.
-    shares : sequence of ndarray, shape (7, P)
+    shares : sequence of ndarray, shape (K, P)
         For each experiment, see `linear.Block`.
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their flight values.
@@ -156,6 +156,6 @@ def _beyond(tone: float, share: Array) -> NDArray[np.bool_]:
 
 def _all_but_lambda_2(known: Known, share: Array) -> tuple[linear.Prior, NDArray[np.bool_]]:
     """Return what is known of a run, its gain excepted, as prior in the order of its own parameters."""
-    others = np.arange(len(dynamics.PARAMETERS)) != dynamics.PARAMETERS.index("lambda_2")
+    others = np.arange(len(share)) != dynamics.PARAMETERS.index("lambda_2")
     root = np.linalg.cholesky(known.covariance[np.ix_(others, others)])
     return linear.Prior(share.T @ known.theta, np.linalg.inv(root) @ share[others]), share[others].any(axis=0)

@@ -1,7 +1,7 @@
 """Weighted least squares on compressed runs: whitening, true sigmas, blind directions, minimisation.
 
 Whitened by a smooth PSD, a windowed run is 2 B real numbers per column. Its QR factor holds all of chi^2 in
-an 8 x 8 triangle, so that a joint minimisation costs milliseconds however long the runs are.
+a triangle of one row per column, so that a joint minimisation costs milliseconds however long the runs are.
 
 The fitted band starts at the first bin. In closed loop the commands answer to the noise; the least-squares
 conditions stay free of bias because that answer is causal, so that its transfer sums to zero over the *whole*
@@ -35,16 +35,16 @@ class Block:
     ----------
     tau : tuple of float
         The delays [s] about which its columns are expanded.
-    R : ndarray, shape (8, 8)
-        ``|R c|^2`` is chi^2 for the coefficients c of `dynamics.COLUMNS`.
-    M : ndarray, shape (8, 8)
+    R : ndarray, shape (K, K)
+        ``|R c|^2`` is chi^2 for the coefficients c of the K columns, see `dynamics.Columns`.
+    M : ndarray, shape (K, K)
         Covariance of the scores ``columns^T residual`` under noise of the estimated PSD.
     size : int
         Number of real data.
     tone : float or None
         Frequency [Hz] of the signal in ``o_12''`` where there is just one, 0 without any, else None.
-    share : ndarray, shape (7, P)
-        Linear map from the fitted parameters to `dynamics.PARAMETERS`.
+    share : ndarray, shape (K - 1, P)
+        Linear map from the fitted parameters to those of the run.
     """
 
     tau: tuple[float, float]
@@ -249,5 +249,5 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
         raise FitError("the data and the weak priors leave a direction free") from error
     covariance = width[:, None] * (inverse @ (M + known) @ inverse) * width
     determined = round(float(np.trace(inverse @ H)))
-    chi2 = float(np.sum(residuals(found.params)[: 8 * len(blocks)] ** 2))
+    chi2 = float(np.sum(residuals(found.params)[: sum(len(block.R) for block in blocks)] ** 2))
     return Solution(theta, covariance, chi2, sum(block.size for block in blocks) - determined)

@@ -102,6 +102,17 @@ _READ_OUT = (
     _delta_ifo(4, 1.91e-5, 0.08e-5),
 )
 
+# Width of the weak prior about zero, and unit. The paper gives no values; ours are of the size of a bump of
+# 10 fm s^-2 Hz^-0.5 at 50 mHz each (b_1 to b_4) and of a share of the stiffness (b_5, b_6).
+_CROSS_TALK = {
+    "b_1": (2e-5, "m rad-1", "phi", 2),
+    "b_2": (2e-5, "m rad-1", "eta", 2),
+    "b_3": (5e-5, "1", "y", 2),
+    "b_4": (5e-5, "1", "z", 2),
+    "b_5": (1e-7, "s-2", "y", 0),
+    "b_6": (1e-7, "s-2", "z", 0),
+}
+
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
 
@@ -135,6 +146,22 @@ def joint_parameter(name: str) -> Parameter:
         return FLIGHT[name]
     rms = math.sqrt(sum(p.value**2 for p in _READ_OUT) / len(_READ_OUT))
     return _delta_ifo(int(match[1]), rms, rms, flown=False)
+
+
+def cross_talk_parameter(name: str, epoch: int | None = None) -> Parameter:
+    """Return a coefficient of eq. bump, named ``b_i_k`` for alignment epoch k, ``b_i`` without one.
+
+    Raises
+    ------
+    KeyError
+        If `name` is none of ``b_1`` to ``b_6``.
+    """
+    width, unit, mean, order = _CROSS_TALK[name]
+    what = f"mean {mean}" + (" acceleration" if order else "")
+    description = f"cross-talk of the test masses' {what} into Delta g"
+    symbols = (f"b<sub>{name[2:]}</sub>", f"b_{name[2:]}")
+    own = name if epoch is None else f"{name}_{epoch}"
+    return Parameter(own, 0.0, width, unit, width, "bump", *symbols, description, flown=False)
 
 
 def stiffness(j: int, values: Mapping[str, float], F_max: float, N_max: float) -> float:

@@ -1,16 +1,16 @@
-"""From telemetry to results: pair the runs, fit each experiment, fit them jointly."""
+"""From telemetry to results: pair the runs, fit each experiment, all jointly, then the inertial periods."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fit import spectra
+from fit import bump, inertial, spectra
 from fit.errors import InputError
 from fit.irls import Outcome
 from fit.joint import fit_experiment, fit_joint, known_of
 from fit.results import Fit, FitWarning, Results
 from fit.runs import Experiment, Run
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, inertial_period
 from fit.verdict import as_fit
 
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
@@ -19,7 +19,7 @@ TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
 
 def calibrate(telemetries: Sequence[Telemetry], *, include_short: bool = False) -> Results:
-    """Calibrate the dynamics.
+    """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
     Parameters
     ----------
@@ -38,8 +38,66 @@ def calibrate(telemetries: Sequence[Telemetry], *, include_short: bool = False) 
     _check_names(telemetries)
     experiments = [_experiment(run, telemetries) for run in telemetries if run.kind == "sysid"]
     if not experiments:
-        where = ", ".join(str(t.path) for t in telemetries) or "no telemetry"
-        raise InputError(f"{where}: no run of kind 'sysid', expected at least one to calibrate with")
+        raise InputError(
+            f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
+            "or an earlier calibration"
+        )
+    return _with_inertial(_dynamics(experiments, include_short=include_short), telemetries)
+
+
+def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -> Results:
+    """Calibrate the inertial forces alone; everything else is carried over.
+
+    Parameters
+    ----------
+    telemetries : sequence of Telemetry
+        Noise runs of any sample rates.
+    calibration : Results
+        Of the dynamics, with a joint fit.
+
+    Raises
+    ------
+    InputError
+        If there is a sysid run, or no run that lets the inertial forces be fitted.
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    for run in telemetries:
+        if run.kind == "sysid":
+            raise InputError(
+                f"{run.path}: a sysid run, expected noise runs only beside an earlier calibration"
+            )
+    if not any(map(inertial.takes_part, telemetries)):
+        raise InputError(
+            f"{_where(telemetries)}: no noise run of {inertial.SHORTEST / 3600:g} h or more with torques "
+            "about phi and eta (N_phi_1, N_eta_1), expected at least one"
+        )
+    return _with_inertial(calibration, telemetries)
+
+
+def _where(telemetries: Sequence[Telemetry]) -> str:
+    return ", ".join(str(t.path) for t in telemetries) or "no telemetry"
+
+
+def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Results:
+    """Fit the inertial periods that the runs belong to; they need the dynamics of a joint fit."""
+    periods: dict[str, list[Telemetry]] = {}
+    for run in telemetries if results.joint else ():
+        if inertial.takes_part(run):
+            periods.setdefault(inertial_period(run), []).append(run)
+    fits = {name: inertial.fit_period(runs, results.joint) for name, runs in periods.items() if results.joint}
+    if not fits:
+        return results
+    runs = {name: [run.run for run in runs] for name, runs in periods.items()}
+    return replace(
+        results,
+        inertial={**results.inertial, **fits},
+        provenance={**results.provenance, "inertial_runs": runs, "inertial_band": list(inertial.BAND)},
+    )
+
+
+def _dynamics(experiments: Sequence[Experiment], *, include_short: bool) -> Results:
+    """Fit the experiments, each on its own and jointly."""
     taking_part = [e for e in experiments if include_short or not _is_short(e.sysid.telemetry)]
     outcome = fit_joint(taking_part) if taking_part else None
     joint = as_fit(outcome, taking_part) if outcome else None
@@ -51,7 +109,8 @@ def calibrate(telemetries: Sequence[Telemetry], *, include_short: bool = False) 
         joint = joint and replace(joint, warnings=(*joint.warnings, warning))
         for e in left_out:
             fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
-    return Results(joint, fits, {}, {}, _provenance(experiments, taking_part))
+    cross_talk = bump.cross_talk(outcome, taking_part) if outcome else {}
+    return Results(joint, fits, cross_talk, {}, _provenance(experiments, taking_part))
 
 
 def _fit_alone(experiment: Experiment, joint: Outcome | None) -> Fit:
@@ -62,10 +121,12 @@ def _fit_alone(experiment: Experiment, joint: Outcome | None) -> Fit:
 
 
 def _check_names(telemetries: Sequence[Telemetry]) -> None:
+    """Refuse two sysid runs of one experiment, and two noise runs of one that has a sysid run."""
+    driven = {run.experiment for run in telemetries if run.kind == "sysid"}
     seen: dict[tuple[str, str], Telemetry] = {}
     for run in telemetries:
         twin = seen.setdefault((run.experiment, run.kind), run)
-        if twin is not run:
+        if twin is not run and run.experiment in driven:
             raise InputError(
                 f"{run.path}: a second {run.kind} run of experiment {run.experiment!r} beside {twin.path}, "
                 "expected one"

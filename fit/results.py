@@ -12,9 +12,10 @@ from pydantic import BaseModel, ValidationError
 
 from fit.errors import FitError, InputError
 from fit.parameters import stiffness
-from fit.telemetry import Telemetry, read_truth
+from fit.telemetry import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-results/1"
+_Truths = Sequence[tuple[Telemetry, dict[str, float]]]
 _SECTIONS = ("experiments", "cross_talk", "inertial")
 
 
@@ -116,7 +117,8 @@ class Results:
 def with_truth(results: Results, telemetries: Sequence[Telemetry]) -> Results:
     """Return `results` with truth and pull wherever the telemetry files carry ``/truth``.
 
-    A value that differs between the runs of a fit (a jittered gain, say) is no truth of that fit.
+    A value that differs between the runs of a fit (a jittered gain, say) is no truth of that fit. Only runs
+    that a section was fitted to count: what was carried over from an earlier calibration stays as it is.
 
     Parameters
     ----------
@@ -124,21 +126,20 @@ def with_truth(results: Results, telemetries: Sequence[Telemetry]) -> Results:
         As fitted.
     telemetries : sequence of Telemetry
         The runs that were fitted; each file's ``/truth`` is read.
-
     """
-    fitted = [t for t in telemetries if t.kind == "sysid"] or telemetries
-    runs = [(t, _derived_truth(read_truth(t.path), t)) for t in fitted]
+    runs = [(t, _derived_truth(read_truth(t.path), t)) for t in telemetries]
+    driven, noise = ([run for run in runs if run[0].kind == kind] for kind in ("sysid", "noise"))
 
-    def section(fits: dict[str, Fit], key: Callable[[Telemetry], str]) -> dict[str, Fit]:
-        truths = {name: [truth for t, truth in runs if key(t) == name] for name in fits}
+    def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
+        truths = {name: [truth for t, truth in among if key(t) == name] for name in fits}
         return {name: _fit_with_truth(fit, truths[name]) for name, fit in fits.items()}
 
     return replace(
         results,
-        joint=results.joint and _fit_with_truth(results.joint, [truth for _, truth in runs]),
-        experiments=section(results.experiments, lambda t: t.experiment),
-        cross_talk=section(results.cross_talk, lambda t: str(t.alignment_epoch)),
-        inertial=section(results.inertial, lambda t: str(t.attributes.get("inertial_period", 0))),
+        joint=results.joint and _fit_with_truth(results.joint, [truth for _, truth in driven]),
+        experiments=section(results.experiments, driven, lambda t: t.experiment),
+        cross_talk=section(results.cross_talk, driven, lambda t: str(t.alignment_epoch)),
+        inertial=section(results.inertial, noise, inertial_period),
     )
 
 

@@ -57,6 +57,11 @@ class Experiment:
     noise: Run | None
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the K parameters of the experiment: those its sysid run can be fitted for."""
+        return self.sysid.channels.parameters
+
+    @property
     def name(self) -> str:
         """Name that pairs the two."""
         return self.sysid.telemetry.experiment
@@ -71,18 +76,21 @@ def noise_model(
     ----------
     experiment : Experiment
         The runs.
-    theta : ndarray, shape (7,)
-        Values of `dynamics.PARAMETERS`.
-    covariance : ndarray, shape (7, 7)
+    theta : ndarray, shape (K,)
+        Values of the parameters of the experiment.
+    covariance : ndarray, shape (K, K)
         Of `theta`: what the fit takes out of its own residual.
     previous : NoiseModel or None
         Weights of the projection of constant and ramp; None to begin with.
     """
     run = experiment.noise or experiment.sysid
     terms = run.spectra(dynamics.delays(theta))
+    # a noise run may carry other read-outs of spacecraft motion than the sysid run
+    values = dict(zip(experiment.parameters, theta, strict=True))
+    of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
     S = previous(terms.f) if previous else np.ones(terms.f.size)
     U, left = linear.whiten(terms, S)
-    power = np.abs(U @ dynamics.coefficients(theta, run.tau)) ** 2 * S / 2
+    power = np.abs(U @ dynamics.coefficients(of_run, run.tau)) ** 2 * S / 2
     if experiment.noise is None:
         rows = U @ dynamics.gradient(theta, run.tau)
         left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2

@@ -71,6 +71,8 @@ def bridge(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
     missing = np.isnan(x)
     if not missing.any():
         return x, missing
+    if np.count_nonzero(~missing) < 2:
+        return np.zeros_like(x), np.ones_like(missing)
     masked = np.zeros_like(missing)
     for start, stop in stretches(missing):
         masked[start:stop] = stop - start > max(1.0, BRIDGE * fs)

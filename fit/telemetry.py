@@ -4,7 +4,7 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
-from fit.datasets import plain, read_channels, read_time
+from fit.datasets import channel_units, check_missing, plain, read_channel, read_time
 from fit.errors import InputError
+from fit.units import REQUIRED
 
 SCHEMA = "lpf-telemetry/1"
 
@@ -48,8 +49,9 @@ class Telemetry:
         Mass of a test mass [kg].
     time : ndarray, shape (N,)
         Seconds since `t0`, uniform.
-    channels : dict of str to ndarray, each of shape (N,)
-        Every channel of the file, known or not, in the unit of `units`; a missing sample is NaN.
+    channels : mapping of str to ndarray, each of shape (N,)
+        Every channel of the file, known or not, in the unit of `units`; a missing sample is NaN. Those of a
+        file are read whenever one is asked for: a campaign of weeks does not fit into memory.
     units : dict of str to str
         As written in the file; ``""`` where an unknown channel has none.
     attributes : dict of str to object
@@ -69,7 +71,7 @@ class Telemetry:
     alignment_epoch: int
     m_tm: float
     time: NDArray[np.float64]
-    channels: dict[str, NDArray[np.float64]]
+    channels: Mapping[str, NDArray[np.float64]]
     units: dict[str, str]
     attributes: dict[str, object]
 
@@ -87,8 +89,35 @@ def read(path: Path) -> Telemetry:
     InputError
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
+    telemetry = read_stretch(path, 0, None)
+    check_missing(path, {name: telemetry.channels[name] for name in REQUIRED}, telemetry.fs)
+    for name in telemetry.channels.keys() - REQUIRED.keys():
+        telemetry.channels[name]  # its values are checked here, not in the middle of a fit
+    return telemetry
+
+
+def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
+    """Read samples `start` to `stop` of a file; the values of a channel are checked when it is asked for.
+
+    Raises
+    ------
+    InputError
+        As `read`.
+    """
     with _opened(path) as file:
-        return _read(file, path)
+        return _read(file, path, slice(start, stop))
+
+
+def samples(path: Path) -> int:
+    """Return the number of samples of a file that `read_stretch` accepts.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    with _opened(path) as file:
+        return int(file["time"].shape[0])
 
 
 def read_all(paths: Sequence[Path]) -> list[Telemetry]:
@@ -101,15 +130,8 @@ def read_all(paths: Sequence[Path]) -> list[Telemetry]:
     InputError
         If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
     """
-    files: dict[Path, Path] = {}
-    for path in paths:
-        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-        if not found:
-            raise InputError(f"{path}: folder without telemetry, expected files *.h5 in it")
-        for file in found:
-            files.setdefault(file.resolve(), file)
     runs: dict[str, Telemetry] = {}
-    for telemetry in map(read, files.values()):
+    for telemetry in map(read, files(paths)):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -117,6 +139,43 @@ def read_all(paths: Sequence[Path]) -> list[Telemetry]:
                 "expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (_utc(t.t0), t.run))
+
+
+def inertial_period(telemetry: Telemetry) -> str:
+    """Return the period of the Euler fit that a run belongs to, ``"0"`` where it says nothing.
+
+    Raises
+    ------
+    InputError
+        If the attribute is neither a whole number, zero or more, nor a word.
+    """
+    value = telemetry.attributes.get("inertial_period", 0)
+    number = _whole(value)
+    if isinstance(number, int) and not isinstance(value, bool) and number >= 0:
+        return str(number)
+    if isinstance(value, str) and value.strip():
+        return value.strip()
+    raise InputError(
+        f"{telemetry.path}: attribute inertial_period: {value!r}, expected a whole number, zero or more"
+    )
+
+
+def files(paths: Sequence[Path]) -> list[Path]:
+    """Return files, and the ``*.h5`` of folders, each once.
+
+    Raises
+    ------
+    InputError
+        If a folder holds none.
+    """
+    unique: dict[Path, Path] = {}
+    for path in paths:
+        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: folder without telemetry, expected files *.h5 in it")
+        for file in found:
+            unique.setdefault(file.resolve(), file)
+    return list(unique.values())
 
 
 def read_truth(path: Path) -> dict[str, float]:
@@ -137,6 +196,25 @@ def read_truth(path: Path) -> dict[str, float]:
         for name, value in values.items()
         if isinstance(value, int | float) and math.isfinite(value)
     }
+
+
+class _OnDemand(Mapping[str, NDArray[np.float64]]):
+    """A part of the channels of a file, each read anew whenever it is asked for."""
+
+    def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
+        self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        if name not in self._names:
+            raise KeyError(name)
+        with _opened(self._path) as file:
+            return read_channel(file, self._path, name, self._part, self._fs)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 @contextmanager
@@ -183,7 +261,7 @@ class _Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     m_tm: Annotated[float, Field(gt=0)]
 
 
-def _read(file: h5py.File, path: Path) -> Telemetry:
+def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     attributes = {name: plain(value) for name, value in file.attrs.items()}
     schema = attributes.pop("schema", None)
     if schema != SCHEMA:
@@ -196,13 +274,13 @@ def _read(file: h5py.File, path: Path) -> Telemetry:
         name = str(fault["loc"][0])
         found = repr(attributes[name]) if name in attributes else "missing"
         raise InputError(f"{path}: attribute {name}: {found}, expected: {fault['msg']}") from error
-    time = read_time(file, path, root.fs)
-    channels, units = read_channels(file, path, time, root.fs)
+    time = read_time(file, path, root.fs, part)
+    units = channel_units(file, path, file["time"].shape[0])
     return Telemetry(
         path=path,
         **root.model_dump(include=set(_Root.model_fields)),
         time=time,
-        channels=channels,
+        channels=_OnDemand(path, list(units), part, root.fs),
         units=units,
         attributes=dict(root.model_extra or {}),
     )

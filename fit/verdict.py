@@ -1,6 +1,7 @@
 """From the end of an iteration to a `Fit`: what is determined, what is not and why, what else to doubt."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,9 @@ DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
 
 
 def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: bool = False) -> Fit:
-    """Report the determinable parameters; everything else becomes warnings.
+    """Report the determinable parameters of the dynamics; everything else becomes warnings.
+
+    Cross-talk (eq. bump) was fitted along but is not reported, see `fit.bump`.
 
     Parameters
     ----------
@@ -31,15 +34,43 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     FitError
         If a sigma is no positive number.
     """
-    solution, kept = outcome.solution, np.flatnonzero(~outcome.lost)
+    names = {p.name: p.name for p in outcome.parameters if p.equation != "bump"}
+    lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
+    return report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments)])
+
+
+def report(
+    outcome: Outcome,
+    experiments: Sequence[Experiment],
+    names: Mapping[str, str],
+    warnings: Sequence[FitWarning],
+) -> Fit:
+    """Report those of the named parameters that are determinable.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the fit; chi2 and dof are its own, whatever part of its parameters is named.
+    experiments : sequence of Experiment
+        What was fitted.
+    names : mapping of str to str
+        Of the parameters, in the outcome and in the report.
+    warnings : sequence of FitWarning
+        To go with it.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    solution = outcome.solution
     sigma = np.sqrt(np.diag(solution.covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("a sigma is not a positive number")
-    runs = [experiment.sysid.telemetry for experiment in experiments]
-    lost = [_taken_over(outcome)] if from_joint else _indeterminable(outcome, runs)
+    kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.lost[i]]
     return Fit(
         parameters={
-            outcome.parameters[i].name: Estimate(
+            names[outcome.parameters[i].name]: Estimate(
                 float(solution.theta[i]), float(sigma[i]), outcome.parameters[i].unit
             )
             for i in kept
@@ -48,7 +79,7 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
         chi2=solution.chi2,
         dof=solution.dof,
         converged=outcome.converged,
-        warnings=(*lost, *_doubts(outcome, experiments)),
+        warnings=tuple(warnings),
         masked_samples=sum(run.channels.missing for e in experiments for run in (e.sysid, e.noise) if run),
     )
 
@@ -62,15 +93,19 @@ def _taken_over(outcome: Outcome) -> FitWarning:
     return FitWarning("single_tone", names, message)
 
 
-def _indeterminable(outcome: Outcome, runs: Sequence[Telemetry]) -> list[FitWarning]:
-    """Name every blind direction, then what is lost without belonging to one."""
-    parameters, found = outcome.parameters, []
+def indeterminable(
+    outcome: Outcome, experiments: Sequence[Experiment], reported: Mapping[str, str]
+) -> list[FitWarning]:
+    """Name every blind direction of what is reported, then what is lost without belonging to one."""
+    runs = [experiment.sysid.telemetry for experiment in experiments]
+    parameters, found = [replace(p, name=reported.get(p.name, p.name)) for p in outcome.parameters], []
     told: set[str] = set()
     width = np.array([p.prior_sigma for p in parameters])
+    mine = np.array([p.name in reported for p in outcome.parameters])
     for direction in (*outcome.directions, *np.eye(width.size)[outcome.lost]):
         part = np.abs(direction) > NEGLIGIBLE
         names = tuple(parameters[i].name for i in np.flatnonzero(part & outcome.lost))
-        if set(names) <= told:
+        if set(names) <= told or not (part & outcome.lost & mine).any():
             continue
         told |= set(names)
         natural = direction * width / width[np.argmax(np.abs(direction))]
@@ -88,6 +123,8 @@ def _indeterminable(outcome: Outcome, runs: Sequence[Telemetry]) -> list[FitWarn
 
 def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None) -> str:
     """Say in plain words why a combination is blind and what would determine it."""
+    if all(name.startswith("b_") for name in names):
+        return "what the spacecraft's motion adds through it drowns in the noise"
     if {"lambda_1", "C_1"} & set(names):
         if not any(np.any(run.channels["f_x_1"]) for run in runs):
             return "no run drives test mass 1, one with an injection into F_x_1 would determine it"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import sys
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,13 +21,15 @@ import fit.errors
 from fit import report as fit_report
 from fit import results as fit_results
 from fit import telemetry as fit_telemetry
-from fit.pipeline import calibrate
+from fit.deltag import write_delta_g
+from fit.pipeline import calibrate, calibrate_inertial
 from lpfcosim import campaign as campaigns
-from lpfcosim import container, master, network, placement, runner, ssp, stability
+from lpfcosim import container, margins, master, network, placement, runner, ssp, stability
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import build as fmu_build
 from lpfcosim.modelica import checks
+from lpfcosim.spacecraft import Spacecraft
 
 
 class _Commands(TyperGroup):
@@ -124,14 +128,67 @@ def fit_command(
     include_short: Annotated[
         bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
     ] = False,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            "--calibration",
+            metavar="RESULTS.json",
+            help="Take the dynamics from an earlier result; PATH holds noise runs only.",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Fit telemetry files from anywhere; needs no FMU."""
+    """Fit telemetry files from anywhere; needs no FMU.
+
+    Sysid runs calibrate the dynamics, noise runs of 12 h or more with torques the inertial forces.
+    """
     directory = out or _default_folder(paths[0])
     _check_folder(directory)
     _calibrate(
-        Console(quiet=quiet), directory, [_telemetry_folder(p) for p in paths], include_short=include_short
+        Console(quiet=quiet),
+        directory,
+        [_telemetry_folder(p) for p in paths],
+        include_short=include_short,
+        calibration=calibration,
     )
+
+
+@app.command()
+def deltag(
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH...", help="Telemetry files, or folders of them.")
+    ],
+    calibration: Annotated[
+        Path, typer.Option("--calibration", metavar="RESULTS.json", help="Result of an earlier run or fit.")
+    ],
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the calibrated Delta g of telemetry files as telemetry, every term of it a channel.
+
+    NAME.h5 becomes NAME-deltag.h5: delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega, at 1 to 2 Hz.
+    """
+    console = Console(quiet=quiet)
+    directory = out or _default_folder(paths[0], "deltag")
+    _check_folder(directory)
+    results = fit_results.load(calibration)
+    joint = _joint(results, calibration)
+    inputs = fit_telemetry.files([_telemetry_folder(p) for p in paths])
+    outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
+    for path in inputs:
+        if outputs[f"{path.stem}-deltag.h5"] is not path:
+            raise InputError(f"{path}: a second file of that name, expected different names")
+    origin = {
+        "lpfcosim_version": metadata.version("lpfcosim"),
+        "calibration_sha256": _digest(calibration),
+    }
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, path in outputs.items():
+        with console.stage(str(path)):
+            notes = write_delta_g(path, directory / name, results, joint, {**origin, "source": path.name})
+        for note in notes:
+            console.note(f"warning: {note}")
+        console.say(str(directory / name))
 
 
 @app.command()
@@ -149,6 +206,21 @@ def report(
     with console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")
+
+
+@app.command(name="margins")
+def margins_command(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="Gives plant and controllers.")],
+) -> None:
+    """Print unity gain, phase and gain margin of every control loop, the others being closed."""
+    run = campaigns.load(campaign).runs[0]
+    with _about(campaign):
+        stability.check(run)
+    whole = replace(run, spacecraft=run.spacecraft or Spacecraft())
+    rows = [m for m in margins.margins(whole) if run.spacecraft or m.loop in ("drag_free_x", "suspension_x")]
+    print(f"{'loop':18s} {'unity gain':>12s} {'phase margin':>13s} {'gain margin':>12s}")
+    for m in rows:
+        print(f"{m.loop:18s} {1e3 * m.unity_gain:8.4g} mHz {m.phase_margin:9.1f} deg {m.gain_margin:9.1f} dB")
 
 
 @fmu_app.command(name="build")
@@ -233,7 +305,8 @@ def fmu_container(
 def _fmus(plan: campaigns.Campaign, fmi: str = "3.0") -> dict[str, Path]:
     """FMUs of a campaign: the user's, and ours in the other places."""
     theirs = {r.model: r.archive for r in plan.replacements}
-    return {**fmu_build.build([m for m in fmu_build.MODELS if m not in theirs], fmi=fmi), **theirs}
+    ours = [c.model for c in network.every(plan.runs[0]) if c.model not in theirs]
+    return {**fmu_build.build(ours, fmi=fmi), **theirs}
 
 
 @contextmanager
@@ -276,11 +349,22 @@ def _telemetry_folder(path: Path) -> Path:
     return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
 
 
-def _default_folder(path: Path) -> Path:
+def _default_folder(path: Path, suffix: str = "fit") -> Path:
     name = path.resolve().stem if path.is_file() else path.resolve().name
     folder = Path(name)
     # Never beside or over the input.
-    return Path(f"{name}-fit") if folder.exists() and folder.resolve() == path.resolve() else folder
+    return Path(f"{name}-{suffix}") if folder.exists() and folder.resolve() == path.resolve() else folder
+
+
+def _joint(results: fit_results.Results, path: Path) -> fit_results.Fit:
+    """Return the joint fit of earlier results, which must hold it."""
+    if results.joint is None:
+        raise InputError(f"{path}: joint: missing, expected the joint fit of a calibration")
+    return results.joint
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _calibrate(
@@ -289,13 +373,21 @@ def _calibrate(
     paths: Sequence[Path],
     *,
     include_short: bool,
+    calibration: Path | None = None,
     origin: dict[str, str | int | float] | None = None,
 ) -> None:
     started = time.perf_counter()
+    if calibration is not None:
+        known = fit_results.load(calibration)
+        _joint(known, calibration)
+        origin = {"calibration": str(calibration), "calibration_sha256": _digest(calibration)}
     with console.stage("reading"):
         telemetries = fit_telemetry.read_all(paths)
     with console.stage("fit"):
-        results = calibrate(telemetries, include_short=include_short)
+        if calibration is not None:
+            results = calibrate_inertial(telemetries, known)
+        else:
+            results = calibrate(telemetries, include_short=include_short)
     directory.mkdir(parents=True, exist_ok=True)
     results = replace(
         results,

@@ -81,20 +81,22 @@ class Console:
         self.note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
 
     def table(self, results: Results) -> None:
-        """Show the joint parameters."""
+        """Show the parameters of the joint fit and of the inertial periods."""
         if self._quiet or results.joint is None:
             return
         table = Table("parameter", "unit", "estimate", "sigma", "truth", "pull", box=None)
-        for name, estimate in results.joint.parameters.items():
-            known = estimate.truth is not None
-            table.add_row(
-                name,
-                estimate.unit,
-                f"{estimate.value:.6g}",
-                f"{estimate.sigma:.2g}",
-                f"{estimate.truth:.6g}" if known else "",
-                f"{estimate.pull:+.2f}" if estimate.pull is not None else "",
-            )
+        fits = {"": results.joint} | {f" ({period})": fit for period, fit in results.inertial.items()}
+        for period, fit in fits.items():
+            for name, estimate in fit.parameters.items():
+                known = estimate.truth is not None
+                table.add_row(
+                    name + period,
+                    estimate.unit,
+                    f"{estimate.value:.6g}",
+                    f"{estimate.sigma:.2g}",
+                    f"{estimate.truth:.6g}" if known else "",
+                    f"{estimate.pull:+.2f}" if estimate.pull is not None else "",
+                )
         rich.console.Console().print(table)
-        for warning in results.joint.warnings:
-            self.note(f"warning: {warning.message}")
+        for message in dict.fromkeys(w.message for fit in fits.values() for w in fit.warnings):
+            self.note(f"warning: {message}")

@@ -8,6 +8,7 @@ import fit.units
 from fit.parameters import (
     EXPERIMENT_NAMES,
     FLIGHT,
+    cross_talk_parameter,
     experiment_parameter,
     joint_names,
     joint_parameter,
@@ -83,6 +84,14 @@ def test_experiment_parameters_at_nominal_authority():
         assert experiment_parameter(name, **NOMINAL, epoch=2).name == name
     with pytest.raises(KeyError):
         experiment_parameter("alpha_x_2", **NOMINAL, epoch=1)
+
+
+def test_cross_talk_has_one_set_per_epoch():
+    parameter = cross_talk_parameter("b_3", 2)
+    assert (parameter.name, parameter.unit, parameter.value, parameter.flown) == ("b_3_2", "1", 0.0, False)
+    assert cross_talk_parameter("b_5").name == "b_5"
+    with pytest.raises(KeyError):
+        cross_talk_parameter("b_7")
 
 
 @given(st.floats(0, 5e-9), st.floats(0, 5e-9), st.floats(0, 2e-11))

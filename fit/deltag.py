@@ -1,0 +1,240 @@
+"""The calibrated differential acceleration Delta g(t) of a run, every term of it a channel.
+
+    Delta g   = Delta g_x + delta_g_SC + g_Omega + g_dOmega                               (eq. deltagfull2)
+    Delta g_x = o_12'' - g_c + omega2_2 o_12 + domega2_12 o_1 - delta_ifo o_1''        (eq. deltagjointfit)
+
+Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi, and the Euler term is
+d delta_phi phi'' and -d delta_eta eta'', the shape of b_1 and b_2. What is fitted to Delta g_x as b_1 and b_2
+holds it there. Lest it be counted twice or not at all, g_dOmega is taken below `SPLIT`, where delta_phi and
+delta_eta were fitted, and delta_g_SC above, where b_1 to b_6 were; the two filters add up to one. What that
+leaves out below, true b_1 and b_2 times phi'' and eta'', is some 3 % of the Euler term.
+
+The run goes through twice, piece by piece: once for the slow part of Omega, which needs all of the star
+tracker, once for the terms. Memory does not grow with the run, and the numbers do not depend on the pieces.
+However much of a run is missing, what can be had of it is had: missing samples become NaN.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin, kaiser_beta, oaconvolve
+
+from fit import dynamics, inertial, rate, rotation
+from fit.errors import InputError
+from fit.known import Dynamics, dynamics_of
+from fit.results import Fit, Results
+from fit.stretches import Stretch, differentiated, grid, reduced, stretches
+from fit.telemetry import SCHEMA, Telemetry, inertial_period, read_stretch, samples
+from fit.writer import Writer
+
+Array = NDArray[np.float64]
+
+UNIT = "m s-2"
+SPLIT = (3e-3, 12e-3)  # Hz, where the low-pass of g_dOmega begins to fall and where it has fallen
+RIPPLE = 60.0  # dB, what it leaves
+#: The terms of eq. deltagjointfit: which of `dynamics.COLUMNS` add up to each, and its sign in Delta g_x.
+TERMS: Mapping[str, tuple[tuple[str, ...], int, str]] = {
+    "ddo_12": (("ddo_12",), 1, "second derivative of o_12"),
+    "g_c": (("f_2", "df_2", "f_1", "df_1"), -1, "commanded forces, calibrated and delayed"),
+    "omega2_2_o_12": (("o_12",), 1, "stiffness of test mass 2 times o_12"),
+    "domega2_12_o_1": (("o_1",), 1, "differential stiffness times o_1"),
+    "delta_ifo_ddo_1": (("ddo_1",), -1, "leakage of o_1 into o_12, second derivative"),
+}
+SUMS: Mapping[str, str] = {
+    "delta_g_x": "differential acceleration, dynamics calibrated",
+    "delta_g_SC": "minus the cross-talk of spacecraft motion, above 3 to 12 mHz",
+    "g_Omega": "minus the centrifugal acceleration",
+    "g_dOmega": "minus the Euler acceleration, below 3 to 12 mHz",
+    "delta_g": "differential acceleration, all corrections made",
+}
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """What tells the rotation of a run: channels, first quaternion if there is one, slow part of Omega."""
+
+    sources: rotation.Sources
+    reference: Array | None
+    slow: rate.Slow
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """What turns the channels of a run into Delta g; None where a term cannot be had."""
+
+    known: Dynamics
+    cross_talk: Mapping[str, float] | None
+    turning: _Turning | None
+    euler: tuple[float, float] | None
+    notes: tuple[str, ...]
+
+
+def write_delta_g(
+    path: Path, out: Path, results: Results, joint: Fit, provenance: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Write Delta g of a telemetry file.
+
+    Parameters
+    ----------
+    path, out : Path
+        Telemetry file, and the file to write, at 1 to 2 Hz.
+    results : Results
+        The calibration: `cross_talk` of the run's epoch and `inertial` of its period are used if there.
+    joint : Fit
+        The joint fit of `results`.
+    provenance : mapping
+        Further root attributes.
+
+    Returns
+    -------
+    tuple of str
+        What was left out or is doubtful; the attribute ``notes`` of the file says it too.
+
+    Raises
+    ------
+    InputError
+        If the file breaks the contract, or is shorter than the filters.
+    FitError
+        If the product cannot be written.
+    """
+    head = read_stretch(path, 0, 2)
+    size = grid(samples(path), head.fs)
+    if not size.outputs:
+        raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")
+    recipe = _recipe(head, results, joint)
+    names = [*TERMS, *(name for name in SUMS if name not in _missing(recipe))]
+    described = {name: (UNIT, SUMS[name] if name in SUMS else TERMS[name][2]) for name in names}
+    attributes = {
+        **head.attributes,
+        **{name: getattr(head, name) for name in ("run", "experiment", "kind", "t0", "m_tm")},
+        **{f"{kind}_max_{j}": getattr(head, f"{kind}_max_{j}") for kind in "FN" for j in (1, 2)},
+        **provenance,
+        "schema": SCHEMA,
+        "fs": head.fs / size.factor,
+        "alignment_epoch": head.alignment_epoch,
+        "notes": "\n".join(recipe.notes),
+    }
+    with Writer(out, size.outputs, described, attributes) as writer:
+        for time, channels in _series(path, head.fs, recipe):
+            writer.append(time, {name: channels[name] for name in names})
+    return recipe.notes
+
+
+def _missing(recipe: _Recipe) -> set[str]:
+    have = {
+        "delta_g_SC": recipe.cross_talk,
+        "g_Omega": recipe.turning,
+        "g_dOmega": recipe.euler,
+    }
+    return {name for name, what in have.items() if what is None}
+
+
+def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
+    known = dynamics_of(head, joint)
+    notes = [warning.message for warning in known.warnings]
+    epoch, period = str(head.alignment_epoch), inertial_period(head)
+    fitted = results.cross_talk.get(epoch)
+    cross_talk = {name: e.value for name, e in fitted.parameters.items()} if fitted else {}
+    if not cross_talk:
+        notes.append(f"delta_g_SC is left out: the calibration has no cross_talk of alignment epoch {epoch}")
+    elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):
+        notes.append(f"delta_g_SC is left out: no channel {', '.join(lacking)}")
+        cross_talk = {}
+    turning = _turning(head)
+    euler = None
+    if turning is None:
+        notes.append("g_Omega and g_dOmega are left out: no torques about phi and eta (N_phi_1, N_eta_1)")
+    else:
+        notes += [w.message for w in (*turning.sources.warnings, *turning.slow.warnings)]
+        fit = results.inertial.get(period)
+        if fit is not None and fit.parameters.keys() >= set(inertial.NAMES):
+            euler = (fit.parameters["delta_phi"].value, fit.parameters["delta_eta"].value)
+        else:
+            notes.append(f"g_dOmega is left out: the calibration has no inertial period {period}")
+    return _Recipe(known, cross_talk or None, turning, euler, tuple(notes))
+
+
+def _read_outs(cross_talk: Mapping[str, float]) -> set[str]:
+    """Return the channels that coefficients of eq. bump multiply."""
+    return {channel for name in cross_talk for channel in dynamics.MEANS[dynamics.CROSS_TALK[name][0]]}
+
+
+def _turning(head: Telemetry) -> _Turning | None:
+    """Go through the run for the slow part of Omega."""
+    path, fs, sources = head.path, head.fs, rotation.sources(head)
+    if sources is None:
+        return None
+    reference = None
+    if len(sources.star_tracker) == 4:
+        each = (rotation.first_quaternion(stretch.telemetry) for stretch in stretches(path, fs))
+        reference = next((q for q in each if q is not None), None)
+    motions = (rotation.motion(s.telemetry, sources, reference).part(s.keep) for s in stretches(path, fs))
+    whole = grid(samples(path), fs)
+    start = head.time[0] + whole.reach / 2 / fs
+    slow = rate.slow_rate(path, motions, start, start + (whole.outputs - 1) * whole.factor / fs)
+    return _Turning(sources, reference, slow)
+
+
+def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dict[str, Array]]]:
+    """Yield time and channels, stretch by stretch."""
+    turning, integral = recipe.turning, None
+    for stretch in stretches(path, fs):
+        time, channels = _delta_g_x(stretch, recipe.known)
+        if recipe.cross_talk is not None:
+            channels["delta_g_SC"] = _delta_g_SC(stretch, recipe.cross_talk)
+        if turning is not None:
+            motion = rotation.motion(stretch.telemetry, turning.sources, turning.reference)
+            kept = motion.part(stretch.keep)
+            integral = integral or rate.Integral(motion.fs)
+            g_Omega = inertial.g_Omega(rate.rate(kept, turning.slow, integral))
+            channels["g_Omega"] = np.where(kept.valid, g_Omega, np.nan)
+            if recipe.euler is not None:
+                g_dOmega = slow_part(inertial.euler(motion.dOmega) @ recipe.euler, motion.fs)
+                channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[stretch.keep]
+        channels["delta_g"] = np.sum([channels[name] for name in SUMS if name in channels], axis=0)
+        yield time, channels
+
+
+def _delta_g_x(stretch: Stretch, known: Dynamics) -> tuple[Array, dict[str, Array]]:
+    """Return time and the terms of eq. deltagjointfit with their sum."""
+    telemetry = stretch.telemetry
+    read = {name: telemetry.channels[name] for name in dynamics.CHANNELS}
+    terms = dynamics.columns(
+        dynamics.channels(replace(telemetry, channels=read)), dynamics.delays(known.theta)
+    )
+    weighted = terms.values[stretch.keep] * dynamics.coefficients(known.theta, terms.tau)
+    weighted[~terms.valid[stretch.keep]] = np.nan
+    channels = {
+        name: sign * weighted[:, [dynamics.COLUMNS.index(column) for column in columns]].sum(axis=1)
+        for name, (columns, sign, _) in TERMS.items()
+    }
+    return terms.time[stretch.keep], {**channels, "delta_g_x": weighted.sum(axis=1)}
+
+
+def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float]) -> Array:
+    """Return eq. bump, its fast part, NaN where one of its read-outs is missing."""
+    telemetry = stretch.telemetry
+    fs = telemetry.fs / grid(telemetry.time.size, telemetry.fs).factor
+    total, lost = np.zeros(1), np.zeros(1, dtype=bool)
+    for mean, parts in dynamics.MEANS.items():
+        b = {
+            order: cross_talk.get(name, 0.0) for name, (m, order) in dynamics.CROSS_TALK.items() if m == mean
+        }
+        if any(b.values()):
+            x = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
+            value, second, masked = differentiated(*reduced(x, telemetry.fs), fs)
+            total = total + b.get(0, 0.0) * value + b.get(2, 0.0) * second
+            lost = lost | masked
+    return np.where(lost, np.nan, total - slow_part(total, fs))[stretch.keep]
+
+
+def slow_part(x: Array, fs: float) -> Array:
+    """Return what is slower than `SPLIT`, shape of `x`; its ends continue as their mirror image would."""
+    half = round((RIPPLE - 7.95) / (2.285 * 2 * np.pi * (SPLIT[1] - SPLIT[0]) / fs) / 2)
+    half = min(half, x.size - 1)
+    taps = firwin(2 * half + 1, sum(SPLIT) / 2, window=("kaiser", kaiser_beta(RIPPLE)), fs=fs)
+    padded = np.pad(x, half, mode="reflect", reflect_type="odd")
+    return np.asarray(oaconvolve(padded, taps, mode="valid"), dtype=np.float64)
