@@ -4,10 +4,11 @@
     Delta g_x = o_12'' - g_c + omega2_2 o_12 + domega2_12 o_1 - delta_ifo o_1''        (eq. deltagjointfit)
 
 Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi, and the Euler term is
-d delta_phi phi'' and -d delta_eta eta'', the shape of b_1 and b_2. What is fitted to Delta g_x as b_1 and b_2
-holds it there. Lest it be counted twice or not at all, g_dOmega is taken below `SPLIT`, where delta_phi and
-delta_eta were fitted, and delta_g_SC above, where b_1 to b_6 were; the two filters add up to one. What that
-leaves out below, true b_1 and b_2 times phi'' and eta'', is some 3 % of the Euler term.
+d delta_phi phi'' and -d delta_eta eta'', the shape of b_1 and b_2. Where the calibration has told the two
+apart (`fit.separation`), both terms count at all frequencies. Where it has not, b_1 and b_2 hold the Euler
+term; lest it be counted twice, g_dOmega is then taken below `SPLIT`, where delta_phi and delta_eta were
+fitted, and delta_g_SC above, where b_1 to b_6 were; the two filters add up to one. What that leaves out
+below, true b_1 and b_2 times phi'' and eta'', is some 3 % of the Euler term.
 
 The run goes through twice, piece by piece: once for the slow part of Omega, which needs all of the star
 tracker, once for the terms. Memory does not grow with the run, and the numbers do not depend on the pieces.
@@ -26,6 +27,7 @@ from fit import dynamics, inertial, rate, rotation
 from fit.errors import InputError
 from fit.known import Dynamics, dynamics_of
 from fit.results import Fit, Results
+from fit.separation import is_separated
 from fit.stretches import Stretch, differentiated, grid, reduced, stretches
 from fit.telemetry import SCHEMA, Telemetry, inertial_period, read_stretch, samples
 from fit.writer import Writer
@@ -45,9 +47,9 @@ TERMS: Mapping[str, tuple[tuple[str, ...], int, str]] = {
 }
 SUMS: Mapping[str, str] = {
     "delta_g_x": "differential acceleration, dynamics calibrated",
-    "delta_g_SC": "minus the cross-talk of spacecraft motion, above 3 to 12 mHz",
+    "delta_g_SC": "minus the cross-talk of spacecraft motion",
     "g_Omega": "minus the centrifugal acceleration",
-    "g_dOmega": "minus the Euler acceleration, below 3 to 12 mHz",
+    "g_dOmega": "minus the Euler acceleration",
     "delta_g": "differential acceleration, all corrections made",
 }
 
@@ -69,6 +71,7 @@ class _Recipe:
     cross_talk: Mapping[str, float] | None
     turning: _Turning | None
     euler: tuple[float, float] | None
+    split: bool
     notes: tuple[str, ...]
 
 
@@ -154,7 +157,8 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
             euler = (fit.parameters["delta_phi"].value, fit.parameters["delta_eta"].value)
         else:
             notes.append(f"g_dOmega is left out: the calibration has no inertial period {period}")
-    return _Recipe(known, cross_talk or None, turning, euler, tuple(notes))
+    split = bool(cross_talk and euler and fitted and not is_separated(fitted))
+    return _Recipe(known, cross_talk or None, turning, euler, split, tuple(notes))
 
 
 def _read_outs(cross_talk: Mapping[str, float]) -> set[str]:
@@ -184,7 +188,7 @@ def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dic
     for stretch in stretches(path, fs):
         time, channels = _delta_g_x(stretch, recipe.known)
         if recipe.cross_talk is not None:
-            channels["delta_g_SC"] = _delta_g_SC(stretch, recipe.cross_talk)
+            channels["delta_g_SC"] = _delta_g_SC(stretch, recipe.cross_talk, fast_only=recipe.split)
         if turning is not None:
             motion = rotation.motion(stretch.telemetry, turning.sources, turning.reference)
             kept = motion.part(stretch.keep)
@@ -192,7 +196,9 @@ def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dic
             g_Omega = inertial.g_Omega(rate.rate(kept, turning.slow, integral))
             channels["g_Omega"] = np.where(kept.valid, g_Omega, np.nan)
             if recipe.euler is not None:
-                g_dOmega = slow_part(inertial.euler(motion.dOmega) @ recipe.euler, motion.fs)
+                g_dOmega = inertial.euler(motion.dOmega) @ recipe.euler
+                if recipe.split:
+                    g_dOmega = slow_part(g_dOmega, motion.fs)
                 channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[stretch.keep]
         channels["delta_g"] = np.sum([channels[name] for name in SUMS if name in channels], axis=0)
         yield time, channels
@@ -214,8 +220,8 @@ def _delta_g_x(stretch: Stretch, known: Dynamics) -> tuple[Array, dict[str, Arra
     return terms.time[stretch.keep], {**channels, "delta_g_x": weighted.sum(axis=1)}
 
 
-def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float]) -> Array:
-    """Return eq. bump, its fast part, NaN where one of its read-outs is missing."""
+def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float], *, fast_only: bool) -> Array:
+    """Return eq. bump, or its fast part, NaN where one of its read-outs is missing."""
     telemetry = stretch.telemetry
     fs = telemetry.fs / grid(telemetry.time.size, telemetry.fs).factor
     total, lost = np.zeros(1), np.zeros(1, dtype=bool)
@@ -228,7 +234,9 @@ def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float]) -> Array:
             value, second, masked = differentiated(*reduced(x, telemetry.fs), fs)
             total = total + b.get(0, 0.0) * value + b.get(2, 0.0) * second
             lost = lost | masked
-    return np.where(lost, np.nan, total - slow_part(total, fs))[stretch.keep]
+    if fast_only:
+        total = total - slow_part(total, fs)
+    return np.where(lost, np.nan, total)[stretch.keep]
 
 
 def slow_part(x: Array, fs: float) -> Array:

@@ -1,10 +1,10 @@
 """From telemetry to results: pair the runs, fit each experiment, all jointly, then the inertial periods."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fit import bump, inertial, spectra
+from fit import bump, inertial, rotation, separation, spectra
 from fit.errors import InputError
 from fit.irls import Outcome
 from fit.joint import fit_experiment, fit_joint, known_of
@@ -92,8 +92,19 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
     return replace(
         results,
         inertial={**results.inertial, **fits},
+        cross_talk=_separated(results, fits),
         provenance={**results.provenance, "inertial_runs": runs, "inertial_band": list(inertial.BAND)},
     )
+
+
+def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
+    """Take the Euler force off the cross-talk of every epoch whose runs lie in one fitted period."""
+    periods = results.provenance.get("cross_talk_periods")
+    found = dict(results.cross_talk)
+    for epoch, period in periods.items() if isinstance(periods, dict) else ():
+        if period in fits and epoch in found and not separation.is_separated(found[epoch]):
+            found[epoch] = separation.separate(found[epoch], fits[period], period)
+    return found
 
 
 def _dynamics(experiments: Sequence[Experiment], *, include_short: bool) -> Results:
@@ -110,7 +121,15 @@ def _dynamics(experiments: Sequence[Experiment], *, include_short: bool) -> Resu
         for e in left_out:
             fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
     cross_talk = bump.cross_talk(outcome, taking_part) if outcome else {}
-    return Results(joint, fits, cross_talk, {}, _provenance(experiments, taking_part))
+    periods: dict[str, set[str]] = {}
+    for e in taking_part:
+        run = e.sysid.telemetry
+        periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
+    alone = {epoch: next(iter(found)) for epoch, found in periods.items() if len(found) == 1}
+    provenance = {**_provenance(experiments, taking_part), "cross_talk_periods": alone}
+    turning = any(rotation.sources(e.sysid.telemetry) for e in taking_part)
+    cross_talk = {k: separation.joined(f) if turning else f for k, f in cross_talk.items()}
+    return Results(joint, fits, cross_talk, {}, provenance)
 
 
 def _fit_alone(experiment: Experiment, joint: Outcome | None) -> Fit:

@@ -198,12 +198,17 @@ def _build(table: CampaignTable, folder: Path) -> Campaign:
         suspension=table.control.suspension.onto(SUSPENSION),
         experiments=tuple(experiments),
     )
+    places = {c.model: c for c in network.every(campaign.runs[0])}
+    for model in table.fmus:
+        if model not in places:
+            have = ", ".join(places)
+            raise _ConflictError(f"fmus.{model}: the loop of this campaign has no such place (it has {have})")
     parameters = network.parameters(campaign.runs[0])
     return replace(
         campaign,
         replacements=tuple(
             _replacement(component, parameters[component.model], table.fmus[component.model], folder)
-            for component in network.every(campaign.runs[0])
+            for component in places.values()
             if component.model in table.fmus
         ),
     )
@@ -218,10 +223,9 @@ def _replacement(
         if name not in known:
             raise _ConflictError(f"{where}.variables: no variable {quote(name)}{closest(name, known)}")
     for k, name in enumerate(entry.unused):
-        if name not in component.inputs:
-            raise _ConflictError(
-                f"{where}.unused[{k}]: no input {quote(name)}{closest(name, component.inputs)}"
-            )
+        if name not in (*component.inputs, *parameters):
+            choices = closest(name, [*component.inputs, *parameters])
+            raise _ConflictError(f"{where}.unused[{k}]: no input or parameter {quote(name)}{choices}")
         if name in entry.variables:
             raise _ConflictError(f"{where}.unused[{k}]: {quote(name)} has a place under variables too")
     fed: dict[str, str] = {}
@@ -232,11 +236,15 @@ def _replacement(
                 f"{where}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}"
             )
     for name in entry.values:
-        if name in entry.variables.values() or name in parameters:
+        if name in entry.variables.values() or (name in parameters and name not in entry.unused):
             raise _ConflictError(f"{where}.values: {quote(name)} is set by the campaign already")
     archive = folder / entry.path
-    if not archive.is_file():
-        raise _ConflictError(f"{where}.path: {archive}: no such file")
+    try:
+        known_as = "no such file" if not archive.exists() else "" if archive.is_file() else "is not a file"
+    except OSError as error:
+        known_as = error.strerror or str(error)
+    if known_as:
+        raise _ConflictError(f"{where}.path: {archive}: {known_as}")
     return Replacement(
         component.model, archive, dict(entry.variables), tuple(entry.unused), dict(entry.values)
     )

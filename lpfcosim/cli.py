@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -110,12 +112,15 @@ def run(
             placement.interfaces(entry, fmus)
     for line in _told_of_replacements(plan, fmus):
         console.note(line)
-    with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
+    with (
+        _held(plan, fmus) as held,
+        console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept),
+    ):
         files = runner.simulate(
-            plan, directory / "telemetry", fmus, jobs=jobs, engine=engine, progress=progress, kept=kept
+            plan, directory / "telemetry", held, jobs=jobs, engine=engine, progress=progress, kept=kept
         )
-    simulated = time.perf_counter() - started
-    origin = {**runner.provenance(plan, fmus), "seconds_simulating": round(simulated, 2)}
+        simulated = time.perf_counter() - started
+        origin = {**runner.provenance(plan, held), "seconds_simulating": round(simulated, 2)}
     _calibrate(console, directory, files, include_short=False, origin=origin)
 
 
@@ -310,6 +315,16 @@ def _fmus(plan: campaigns.Campaign, fmi: str = "3.0") -> dict[str, Path]:
 
 
 @contextmanager
+def _held(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[dict[str, Path]]:
+    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
+        copies = {r.model: Path(folder) / f"{r.model}.fmu" for r in plan.replacements}
+        for model, copy in copies.items():
+            shutil.copyfile(fmus[model], copy)
+        yield {**fmus, **copies}
+
+
+@contextmanager
 def _about(campaign: Path) -> Iterator[None]:
     """Name the campaign file in what is said to be wrong with it."""
     try:
@@ -321,11 +336,15 @@ def _about(campaign: Path) -> Iterator[None]:
 def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[str]:
     run = plan.runs[0]
     ignored = placement.ignored(run, placement.interfaces(run, fmus))
+    parameters = network.parameters(run)
     for replacement in plan.replacements:
         names = ignored[replacement.model]
-        without = f", which does not take {', '.join(names)}" if names else ""
-        yield f"{replacement.model}: {replacement.archive}, code of its own{without}"
-    if untold := sorted(network.untold(run, {n for names in ignored.values() for n in names})):
+        taken = [name for name in parameters[replacement.model] if name not in names]
+        told = f"takes {', '.join(taken) or 'no parameter'}{'; not ' if names else ''}{', '.join(names)}"
+        yield f"{replacement.model}: {replacement.archive}, code of its own; {told}"
+    if plan.replacements:
+        yield "stability is not checked beforehand: the poles are those of our FMUs"
+    if untold := sorted(network.untold(run, ignored)):
         yield f"true values not known, left out of /truth: {', '.join(untold)}"
 
 

@@ -11,7 +11,7 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum { WARNING = 1, ERROR = 3 };
+enum { WARNING = 1, ENDS = 100, EARLY, NOT_FINITE }; /* of FMI, then ours */
 
 typedef int (*Set2)(void *, const uint32_t *, size_t, const double *);
 typedef int (*Get2)(void *, const uint32_t *, size_t, double *);
@@ -41,6 +41,7 @@ typedef struct {
     size_t n_values;
     size_t place, n_places;           /* where the output values go on the bus */
     int32_t version;                  /* of FMI: 2 or 3 */
+    int32_t guarded;                  /* look at every output: it is not one of ours */
 } Slave;
 
 typedef struct {
@@ -62,13 +63,18 @@ static int step_3(const Slave *s, double *bus, double time, double h) {
     if (status > WARNING) return status;
     status = s->step.v3(s->instance, time, h, 1, &event, &terminate, &early, &last);
     if (status > WARNING) return status;
-    if (terminate || early) return ERROR; /* a step that ends before its end is no step */
+    if (terminate) return ENDS;
+    if (early) return EARLY; /* a step that ends before its end is no step */
     return s->get.v3(s->instance, s->outputs, s->n_outputs, bus + s->place, s->n_places);
 }
 
 static int exchange(const Slave *s, double *bus, double time, double h) {
     for (size_t i = 0; i < s->n_values; i++) s->values[i] = bus[s->sources[i]];
-    return s->version == 2 ? step_2(s, bus, time, h) : step_3(s, bus, time, h);
+    int status = s->version == 2 ? step_2(s, bus, time, h) : step_3(s, bus, time, h);
+    if (s->guarded && status <= WARNING)
+        for (size_t i = 0; i < s->n_places; i++)
+            if (!(bus[s->place + i] - bus[s->place + i] == 0)) return NOT_FINITE;
+    return status;
 }
 
 /* Steps the slaves in their order through samples first … first + n - 1; returns the number of samples done.

@@ -72,6 +72,8 @@ class Interface:
         """Tell whether the FMU has a parameter of our name, or one the user names for it."""
         if self.replacement is None or ours in self.replacement.variables:
             return True
+        if ours in (*self.replacement.unused, *self.replacement.variables.values()):
+            return False
         variable = self.variables.get(ours)
         return variable is not None and variable.causality == "parameter"
 
@@ -79,6 +81,11 @@ class Interface:
         """Return what is to be set, by the FMU's names: ours as far as it takes them, then its own."""
         own = self.replacement.values if self.replacement else {}
         return {self.name(n): v for n, v in values.items() if self.takes(n)} | dict(own)
+
+    def place(self, name: str) -> tuple[int, int]:
+        """Return value reference and element, which aliases share, that a name of the FMU means."""
+        variable, element = resolve(self.archive, self.variables, name, self.model)
+        return variable.valueReference, element
 
     def variable(self, name: str) -> Any:
         """Return FMPy's record of the variable that a name of the FMU means; the name may be an element's."""
@@ -118,6 +125,8 @@ class Interface:
 def read(component: Component, archive: Path, replacement: Replacement | None) -> Interface:
     """Read the description of an FMU for its place; InputError if that cannot be done."""
     description = describe(archive)
+    if description.fmiVersion[:2] not in ("2.", "3."):
+        raise InputError(f"{archive}: is FMI {description.fmiVersion}; expected 2.0 or 3.0")
     if description.coSimulation is None:
         raise InputError(f"{archive}: expected an FMU for co-simulation")
     return Interface(

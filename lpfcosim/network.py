@@ -7,7 +7,7 @@ other order would add a sample of delay, comparable to the delays that are to be
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from lpfcosim import along_x, six_axes
@@ -93,23 +93,33 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
     return six_axes.parameters(run) if run.spacecraft else along_x.parameters(run)
 
 
-# Parameter of a component to the names under /truth that hold only if the FMU takes it.
-_TOLD_BY = {
-    "lambda_1": ("lambda_1", "C_1"),
-    "lambda_2": ("lambda_2", "C_2"),
-    "tau_1": ("tau_1", "C_1"),
-    "tau_2": ("tau_2", "C_2"),
-    **{
-        f"{name}_{j}{end}": (f"{name}_{j}{end}", f"omega2_{j}", "domega2_12")
-        for j in (1, 2)
-        for name, end in (("omega2", "_0"), ("alpha_x", ""), ("alpha_phi", ""))
-    },
-}
+def _told_by() -> dict[str, dict[str, tuple[str, ...]]]:
+    """By component: what it takes, and the names under /truth that hold only if it does."""
+    plant: dict[str, tuple[str, ...]] = {"delta_y": ("delta_phi",), "delta_z": ("delta_eta",)}
+    plant |= {"d": ("delta_phi", "delta_eta"), "b_5": ("b_5",), "b_6": ("b_6",)}
+    actuation: dict[str, tuple[str, ...]] = {}
+    for j in (1, 2):
+        stiffness = (f"omega2_{j}", "domega2_12")
+        plant |= {f"tau_{j}": (f"tau_{j}", f"C_{j}"), f"f_applied_{j}": (f"lambda_{j}", f"tau_{j}", f"C_{j}")}
+        plant[f"omega2_{j}_0"] = (f"omega2_{j}_0", *stiffness)
+        plant |= dict.fromkeys((f"alpha_x_{j}", f"F_max_{j}"), (f"alpha_x_{j}", *stiffness))
+        plant |= dict.fromkeys((f"alpha_phi_{j}", f"N_max_{j}"), (f"alpha_phi_{j}", *stiffness))
+        actuation[f"lambda_{j}"] = (f"lambda_{j}", f"C_{j}")
+    metrology: dict[str, tuple[str, ...]] = dict.fromkeys(("delta_ifo", "x_1"), ("delta_ifo",))
+    couplings: dict[str, tuple[str, ...]] = {f"b_{i}": (f"b_{i}",) for i in (1, 2, 3, 4)}
+    return {
+        "Plant": plant, "WholePlant": plant, "Actuation": actuation, "WholeActuation": actuation,
+        "OpticalMetrology": metrology, "WholeMetrology": metrology | couplings,
+    }  # fmt: skip
 
 
-def untold(run: Run, ignored: Iterable[str]) -> set[str]:
-    """Names under /truth that parameters which no FMU takes leave open."""
-    names = {truth for name in ignored for truth in _TOLD_BY.get(name, ())}
-    if "delta_ifo" in ignored:
-        names |= {"delta_ifo", *(f"delta_ifo_{k}" for k in run.truth.delta_ifo)}
-    return names
+def untold(run: Run, ignored: Mapping[str, Iterable[str]]) -> set[str]:
+    """Names under /truth that are left open by what components, by name, do not take."""
+    told_by = _told_by()
+    names = {
+        truth
+        for model, missing in ignored.items()
+        for name in missing
+        for truth in told_by.get(model, {}).get(name, ())
+    }
+    return names | ({f"delta_ifo_{k}" for k in run.truth.delta_ifo} if "delta_ifo" in names else set())

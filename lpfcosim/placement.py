@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import zipfile
 from collections.abc import Iterable, Mapping
@@ -55,9 +56,13 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
 
 
 def ignored(run: Run, found: Iterable[Interface]) -> dict[str, list[str]]:
-    """Of every replaced component, the parameters that the FMU in its place does not take."""
+    """Of every replaced component, inputs and parameters of ours that the FMU in its place does not take."""
     values = network.parameters(run)
-    return {i.model: [n for n in values[i.model] if not i.takes(n)] for i in found if i.replacement}
+    return {
+        i.model: list(dict.fromkeys([*i.replacement.unused, *(n for n in values[i.model] if not i.takes(n))]))
+        for i in found
+        if i.replacement
+    }
 
 
 def _check(interface: Interface, parameters: Iterable[str], h: float) -> None:
@@ -71,15 +76,28 @@ def _check(interface: Interface, parameters: Iterable[str], h: float) -> None:
             _check_unit(interface, name)
     for name in interface.replacement.values if interface.replacement else ():
         _check_variable(interface, name, "parameter", "")
+    _check_once(interface, [interface.name(n) for n in parameters if interface.takes(n)])
     _check_step(interface, h)
     _check_platform(interface)
+
+
+def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
+    """Refuse a variable that would be set from two sides, be it under two names."""
+    own = interface.replacement.values if interface.replacement else ()
+    set_by: dict[tuple[int, int], str] = {}
+    for name in (*interface.inputs, *parameters, *own):
+        other = set_by.setdefault(interface.place(name), name)
+        if other != name:
+            raise InputError(f"{interface.archive}: '{other}' and '{name}' are one variable; expected two")
 
 
 def _check_variable(interface: Interface, name: str, causality: str, purpose: str) -> None:
     try:
         variable = interface.variable(name)
     except InputError as error:
-        hint = f" as its {causality}{purpose}" if interface.replacement and purpose else ""
+        if not purpose:
+            raise InputError(f"{interface.archive}: has no parameter '{name}'") from None
+        hint = f" as its {causality}{purpose}" if interface.replacement else ""
         raise InputError(f"{error}{hint}") from None
     place = f"{interface.archive}: variable '{name}'"
     if variable.causality != causality or variable.variability == "constant":
@@ -108,8 +126,14 @@ def _check_unit(interface: Interface, ours: str) -> None:
     exponents = {n: int(p) for n, p in base.items() if n in BASE_UNITS}
     factor, offset = float(base.get("factor", 1)), float(base.get("offset", 0))
     if exponents != _exponents(wanted) or abs(factor - 1) > 1e-12 or offset:
-        scaled = f" ({factor:g} {wanted})" if exponents == _exponents(wanted) and not offset else ""
-        raise InputError(f"{place}{scaled}; expected {wanted}, for {ours}")
+        told = f"{factor:g} {wanted}" if exponents == _exponents(wanted) else _spelled(exponents, factor)
+        also = f" with an offset of {offset:g}" if offset else ""
+        raise InputError(f"{place}, by which it means {told}{also}; expected {wanted}, for {ours}")
+
+
+def _spelled(exponents: Mapping[str, int], factor: float) -> str:
+    product = ".".join(f"{base}{power if power != 1 else ''}" for base, power in exponents.items()) or "1"
+    return product if factor == 1 else f"{factor:g} {product}"
 
 
 def _exponents(unit: str) -> dict[str, int] | None:
@@ -133,8 +157,8 @@ def _check_step(interface: Interface, h: float) -> None:
         needed = experiment.stepSize
     if needed is None:
         return
-    steps = h / float(needed)
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+    steps = h / float(needed) if float(needed) > h * 1e-9 else math.nan
+    if not steps >= 0.5 or abs(steps - round(steps)) > 1e-6:
         raise InputError(
             f"{interface.archive}: steps by {float(needed):g} s; expected a step that divides that of the "
             f"loop, {h:g} s"

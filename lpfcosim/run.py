@@ -126,7 +126,7 @@ class Replacement:
     variables : mapping of str to str
         Our name of an input, output or parameter to the FMU's name; what is left out has our name.
     unused : tuple of str
-        Inputs of the place that the FMU does without.
+        Inputs and parameters of the place that the FMU does without.
     values : mapping of str to float
         Values of the FMU's own parameters, in their own units.
     """

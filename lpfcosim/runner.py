@@ -34,7 +34,10 @@ Progress = Callable[[str, int], None]  # name of a run, number of its samples do
 _Task = tuple[Run, dict[str, Path], Path, dict[str, str | int | float], master.Engine]
 
 _POLL = 0.2  # s between two looks at the progress of the workers
-_KILLED = "a worker process was killed (out of memory?); what is finished is kept, the same command continues"
+_KILLED = (
+    "a worker process was killed (out of memory, or by an FMU that crashed?); what is finished is kept, the "
+    "same command continues"
+)
 
 
 def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
@@ -127,8 +130,7 @@ def record(
 ) -> None:
     """Simulate one run into a telemetry file, block by block."""
     done = 0
-    ignored = placement.ignored(run, placement.interfaces(run, fmus))
-    untold = network.untold(run, {name for names in ignored.values() for name in names})
+    untold = network.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
     with telemetry.Writer(path, run, network.record(run), origin, untold) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from fmpy.fmi3 import FMU3Slave
 
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.interface import describe, resolve, size
+
+ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,9 @@ class Slave:
         Names of the variables to set and to read; ``x[2]`` is the second element of an array
         ``x``.
 
+    guarded : bool
+        Look at every output of a step: it must be finite.
+
     Attributes
     ----------
     said : str
@@ -78,8 +84,11 @@ class Slave:
         parameters: Mapping[str, float],
         inputs: Sequence[str],
         outputs: Sequence[str],
+        *,
+        guarded: bool = False,
     ) -> None:
         self.name = name
+        self.guarded = guarded
         self.said = ""
         self._archive = archive
         description = describe(archive)
@@ -172,11 +181,21 @@ class Slave:
         """Begin to step."""
         self.fmu.exitInitializationMode()
 
-    def step(self, time: float, h: float) -> None:
-        """Set the inputs, step from ``time`` to ``time + h``, read the outputs."""
-        self._set(self.inputs)
-        self.fmu.doStep(time, h)
-        self._get(self.outputs)
+    def step(self, time: float, h: float) -> int:
+        """Set the inputs, step from ``time`` to ``time + h``, read the outputs; return the status."""
+        try:
+            self._set(self.inputs)
+            told = self.fmu.doStep(time, h)
+            if self.version == 3:
+                _, terminate, early, _ = told
+                if terminate or early:
+                    return ENDS if terminate else EARLY
+            self._get(self.outputs)
+        except FMICallException as error:
+            return int(error.status)
+        if self.guarded and not all(map(math.isfinite, self.outputs.values)):
+            return NOT_FINITE
+        return 0
 
     def _set(self, port: Port) -> None:
         n = len(port.references)

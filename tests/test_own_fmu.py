@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lpfcosim import campaign, master, network, placement, runner
-from lpfcosim.errors import InputError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.interface import resolve
 from lpfcosim.modelica import build
 from lpfcosim.placement import _exponents
@@ -107,11 +107,11 @@ UNFIT = {
     ),
     "nanometres": (
         (r'<BaseUnit m="1" ?/>', '<BaseUnit m="1" factor="1e-9"/>'),
-        "variable 'o_12' is in m (1e-09 m); expected m, for o_12",
+        "variable 'o_12' is in m, by which it means 1e-09 m; expected m, for o_12",
     ),
     "dimension": (
         (r'<BaseUnit m="1" ?/>', '<BaseUnit rad="1"/>'),
-        "variable 'o_12' is in m; expected m, for o_12",
+        "variable 'o_12' is in m, by which it means rad; expected m, for o_12",
     ),
     "unit without base units": (
         (r'(?s)<Unit name="m">.*?</Unit>(.*name="\w*o_12" [^>]*unit=)"m"(.*o_12" [^>]*unit=)"m"',
@@ -152,6 +152,30 @@ def test_other_platforms_are_named(run, fmus, tmp_path):
     assert f"has no binary; expected one for {fmpy.platform_tuple}" in refusal(
         run, fmus, Replacement(SUSPENSION, archive)
     )
+
+
+@pytest.mark.parametrize("step", ["0", "NaN", "1e-320", "-0.1", "INF"])
+def test_steps_that_are_none(run, fmus, tmp_path, step):
+    change = ('fixedInternalStepSize="0.1"', f'fixedInternalStepSize="{step}"')
+    archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", change)
+    assert "mine.fmu: " in refusal(run, fmus, Replacement(SUSPENSION, archive))
+
+
+def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
+    ours = fmus[SUSPENSION]
+    twin = (r'(<Float64 name="o_12" [^>]*)/>', r'\1><Alias name="twin"/></Float64>')
+    alias = edited(ours, tmp_path / "alias.fmu", twin)
+    told = refusal(run, fmus, Replacement(SUSPENSION, alias, {"guidance_o_12": "twin"}))
+    assert "'o_12' and 'twin' are one variable; expected two" in told
+    # The name of another parameter of ours: that one is then not set.
+    mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
+    assert "f_z" in placement.ignored(mine, placement.interfaces(mine, fmus))[SUSPENSION]
+
+
+def test_our_parameter_can_be_declined(run, fmus):
+    mine = Replacement(SUSPENSION, fmus[SUSPENSION], unused=("f_u",), values={"f_u": 2e-3})
+    wanted = master.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
+    assert np.array_equal(simulate(run, fmus, mine)["o_12"], wanted["o_12"])
 
 
 def test_type_is_checked(run, fmus, tmp_path):
@@ -242,7 +266,7 @@ duration = "60 s"
         ("variables = {o_13 = 'y'}", '.variables: no variable "o_13", did you mean "o_12"?'),
         ("variables = {o_12 = 3}", "fmus.SuspensionControl.variables.o_12: "),
         ("variables = {o_12 = 'y', guidance_o_12 = 'y'}", '"y" stands for o_12 and for guidance_o_12'),
-        ("unused = ['f_control_2']", 'fmus.SuspensionControl.unused[0]: no input "f_control_2"'),
+        ("unused = ['f_control_2']", 'fmus.SuspensionControl.unused[0]: no input or parameter "f_control_2"'),
         ("unused = ['o_12']\nvariables = {o_12 = 'y'}", '"o_12" has a place under variables too'),
         ("values = {f_u = 2e-3}", 'fmus.SuspensionControl.values: "f_u" is set by the campaign already'),
         ("values = {gain = '2'}", "fmus.SuspensionControl.values.gain: "),
@@ -257,6 +281,22 @@ def test_what_is_wrong_in_the_campaign_file_is_told(tmp_path, keys, told):
         campaign.load(file)
     assert str(refused.value).startswith(f"{file}: ")
     assert told in str(refused.value)
+
+
+def test_place_of_another_loop_is_told(tmp_path):
+    (tmp_path / "mine.fmu").write_bytes(b"")
+    file = tmp_path / "own.toml"
+    file.write_text(TOML.format(keys="") + "\n[spacecraft]\n")
+    with pytest.raises(InputError, match=r"fmus\.SuspensionControl: the loop of this campaign has no such"):
+        campaign.load(file)
+
+
+def test_folder_in_the_place_of_an_fmu_is_told(tmp_path):
+    (tmp_path / "mine.fmu").mkdir()
+    file = tmp_path / "own.toml"
+    file.write_text(TOML.format(keys=""))
+    with pytest.raises(InputError, match=r"fmus\.SuspensionControl\.path: .*mine\.fmu: is not a file$"):
+        campaign.load(file)
 
 
 def test_missing_file_and_unknown_place_are_told(tmp_path):
@@ -303,6 +343,65 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     with h5py.File(tmp_path / "ours.h5") as written:
         all_of_it = set(written["truth"].attrs)
     assert all_of_it - told == {"omega2_2_0", "omega2_2", "domega2_12", "tau_1", "C_1"}
+
+
+@pytest.mark.parametrize(
+    ("model", "missing", "gone"),
+    [
+        ("Plant", {"F_max_2"}, {"alpha_x_2", "omega2_2", "domega2_12"}),
+        ("Plant", {"N_max_1"}, {"alpha_phi_1", "omega2_1", "domega2_12"}),
+        ("Plant", {"f_applied_1"}, {"lambda_1", "C_1", "tau_1"}),
+        ("Actuation", {"F_max_2"}, set()),
+        ("Actuation", {"lambda_2"}, {"lambda_2", "C_2"}),
+        ("OpticalMetrology", {"x_1"}, {"delta_ifo", *(f"delta_ifo_{k}" for k in (1, 2, 3, 4))}),
+        ("SuspensionControl", {"f_u", "h"}, set()),
+    ],
+)
+def test_truths_that_hang_on_what_is_taken(run, model, missing, gone):
+    assert network.untold(run, {model: missing}) == gone
+
+
+MISBEHAVING = """
+from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Float64
+
+class Odd(Fmi3Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.time = self.o_12 = self.guidance_o_12 = self.f_control_2 = 0.0
+        for name, causality in (("time", "independent"), ("o_12", "input"), ("guidance_o_12", "input"),
+                                ("f_control_2", "output")):
+            self.register_variable(Float64(name, causality=getattr(Fmi3Causality, causality),
+                                           variability=Fmi3Variability.continuous))
+
+    def do_step(self, current_time, step_size):
+        late = current_time > 4.95
+        WHAT
+"""
+
+
+@ENGINE
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        (
+            "return Fmi3StepResult(status=Fmi3Status.ok, terminateSimulation=late)",
+            "asks to end the simulation",
+        ),
+        (
+            "self.f_control_2 = float('inf') if late else 0.0; return Fmi3StepResult(status=Fmi3Status.ok)",
+            "puts out a value that is not finite",
+        ),
+        ("return Fmi3StepResult(status=Fmi3Status.discard if late else Fmi3Status.ok)", "reports 'discard'"),
+    ],
+    ids=["ends", "infinite", "discards"],
+)
+def test_fmu_that_misbehaves_is_named_with_the_time(run, fmus, tmp_path, engine, what, told, request):
+    pythonfmu3 = pytest.importorskip("pythonfmu3")
+    source = tmp_path / f"odd_{request.node.callspec.id.replace('-', '_')}.py"  # Python keeps modules by name
+    source.write_text(MISBEHAVING.replace("WHAT", what))
+    archive = pythonfmu3.FmuBuilder.build_FMU(source, dest=tmp_path)
+    with pytest.raises(RunError, match=rf"^run 'run': the SuspensionControl FMU {told} at 5\.0 s"):
+        simulate(run, fmus, Replacement(SUSPENSION, Path(archive)), engine=engine)
 
 
 @ENGINE
