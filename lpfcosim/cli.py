@@ -119,6 +119,8 @@ def run(
         files = runner.simulate(
             plan, directory / "telemetry", held, jobs=jobs, engine=engine, progress=progress, kept=kept
         )
+        for name, n in runner.saturated(files).items():
+            console.note(f"run {name}: a command is at its limit in {n} samples, where the fit does not hold")
         simulated = time.perf_counter() - started
         origin = {**runner.provenance(plan, held), "seconds_simulating": round(simulated, 2)}
     _calibrate(console, directory, files, include_short=False, origin=origin)

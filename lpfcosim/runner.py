@@ -11,7 +11,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import h5py
 
-from lpfcosim import decimation, master, network, placement, telemetry
+from lpfcosim import decimation, master, network, placement, saturation, telemetry
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica.build import engine_library
 from lpfcosim.run import Run
@@ -128,20 +128,36 @@ def record(
     engine: master.Engine = "compiled",
     progress: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Simulate one run into a telemetry file, block by block."""
-    done = 0
+    """Simulate one run into a telemetry file, block by block.
+
+    The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
+    """
+    done = saturated = 0
     untold = network.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
     with telemetry.Writer(path, run, network.record(run), origin, untold) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:
-            nonlocal done
+            nonlocal done, saturated
             for block in master.blocks(run, fmus, engine):
+                saturated += saturation.count(run, block)
                 yield block
                 done += len(block["o_1"])
                 progress(done)
 
         for block in decimation.decimate(run, told()):
             writer.append(block)
+        if saturated:
+            writer.annotate("saturated_samples", saturated)
+
+
+def saturated(files: Iterable[Path]) -> dict[str, int]:
+    """Return the number of samples with a command at its limit, by run, of the files that have some."""
+    found = {}
+    for path in files:
+        with h5py.File(path) as file:
+            if "saturated_samples" in file.attrs:
+                found[str(file.attrs["run"])] = int(file.attrs["saturated_samples"])
+    return found
 
 
 def _is_there(path: Path, origin: Mapping[str, str | int | float]) -> bool:

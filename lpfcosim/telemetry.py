@@ -117,6 +117,11 @@ class Writer:
                 self._file[name][first:last] = block[name]
         self._done = last
 
+    def annotate(self, name: str, value: str | int | float) -> None:
+        """Add a root attribute."""
+        with self._told():
+            _annotate(self._file, {name: value})
+
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             with self._told():

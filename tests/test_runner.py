@@ -18,7 +18,7 @@ import pytest
 from lpfcosim import campaign, reference, runner
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.run import Authority
+from lpfcosim.run import Authority, Sine
 from tests.campaign_text import ONE_EXPERIMENT
 
 pytestmark = pytest.mark.fmu
@@ -225,3 +225,18 @@ def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_saturation_is_counted(fmus, make_run, tmp_path):
+    quiet = make_run(n_samples=600)
+    shaken = make_run(
+        n_samples=3000,
+        authority=Authority("tight", F_max_1=0, F_max_2=2e-12, N_max_1=0, N_max_2=0),
+        injections=(Sine("guidance_o_12", amplitude=20e-9, frequency=0.01, cycles=2, start=10),),
+    )
+    runner.record(quiet, fmus, tmp_path / "quiet.h5", {})
+    runner.record(shaken, fmus, tmp_path / "shaken.h5", {})
+    with h5py.File(tmp_path / "shaken.h5") as file:
+        expected = int(np.sum(np.abs(file["f_x_2"][:]) >= 2e-12 / shaken.m_tm * (1 - 1e-9)))
+    assert expected > 100
+    assert runner.saturated([tmp_path / "quiet.h5", tmp_path / "shaken.h5"]) == {"run": expected}
