@@ -136,7 +136,7 @@ def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) 
     root = ET.fromstring(text)
     for name in ("author", "generationDateAndTime", "license", "guid"):
         root.attrib.pop(name, None)
-    root.set("description", f"Closed loop of LISA Pathfinder along x with the parameters of run {run.name}")
+    root.set("description", f"Closed loop of LISA Pathfinder with the parameters of run {run.name}")
     _add_units(root, run, found)
     variables = root.findall("ModelVariables/ScalarVariable")
     unknowns = root.find("ModelStructure/InitialUnknowns")

@@ -126,7 +126,7 @@ def _structure(name: str, run: Run, found: Sequence[Interface]) -> ET.Element:
     system = ET.SubElement(root, f"{_SSD}System", name=name)
     system.set(
         "description",
-        f"Closed loop along x; step {run.h} s, Gauss-Seidel in the order of the components; in the same "
+        f"Closed loop; step {run.h} s, Gauss-Seidel in the order of the components; in the same "
         "order outputs are passed on once during initialization",
     )
     external = ET.SubElement(system, f"{_SSD}Connectors")
