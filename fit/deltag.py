@@ -126,6 +126,23 @@ def write_delta_g(
     return recipe.notes
 
 
+def series(path: Path, results: Results, joint: Fit) -> tuple[Array, dict[str, Array]]:
+    """Return time [s] and every channel of the product [m s^-2] of a file, all of it in memory.
+
+    Raises
+    ------
+    InputError
+        As `write_delta_g`.
+    """
+    head = read_stretch(path, 0, 2)
+    pieces = list(_series(path, head.fs, _recipe(head, results, joint)))
+    names = pieces[0][1]
+    return (
+        np.concatenate([time for time, _ in pieces]),
+        {name: np.concatenate([channels[name] for _, channels in pieces]) for name in names},
+    )
+
+
 def _missing(recipe: _Recipe) -> set[str]:
     have = {
         "delta_g_SC": recipe.cross_talk,

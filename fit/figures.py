@@ -62,7 +62,7 @@ _STYLE: Any = {  # rc parameters
     "ytick.color": COLOURS["muted"],
 }
 _BAND = {"fmt": "none", "color": COLOURS["grid"], "elinewidth": 7}
-_WIDTH = 5.0  # inch: letters stay readable when the figure shrinks to the width of a telephone
+WIDTH = 5.0  # inch: letters stay readable when the figure shrinks to the width of a telephone
 _BUCKETS = 500  # per curve over time
 _BINS_PER_DECADE = 24
 
@@ -119,7 +119,7 @@ def responses(run: Telemetry) -> Figure:
     panels = [("o_1", "drag-free loop", 1e9, "nm"), ("o_12", "suspension loop", 1e9, "nm")]
     if np.nanmax(np.abs(run.channels["f_x_1"])) > 0:
         panels.append(("f_x_1", "force on test mass 1", 1e12, "pm s$^{-2}$"))
-    figure = Figure(figsize=(_WIDTH, 1.65 * len(panels) + 0.2))
+    figure = Figure(figsize=(WIDTH, 1.65 * len(panels) + 0.2))
     axes: list[Axes] = list(figure.subplots(len(panels), 1, sharex=True))
     hours = (run.time - run.time[0]) / 3600
     for ax, (channel, title, scale, unit) in zip(axes, panels, strict=True):
@@ -134,13 +134,14 @@ def responses(run: Telemetry) -> Figure:
             ax.plot(*curve, color=colour, label=label, linewidth=1.0, zorder=3 - amount / max(*ink, 1e-300))
         ax.set_title(title)
         ax.set_ylabel(f"{symbol}  [{unit}]")
-        _legend_above(ax, columns=2)
+        legend_above(ax, columns=2)
     axes[-1].set_xlabel("time since start of run  [h]")
     axes[-1].set_xlim(0, run.duration / 3600)
     return figure
 
 
-def _legend_above(ax: Axes, columns: int) -> None:
+def legend_above(ax: Axes, columns: int) -> None:
+    """Put the legend of an axis above its right end, clear of the curves."""
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1.0), ncols=columns, borderaxespad=0.1, columnspacing=1.4)
 
 
@@ -183,7 +184,7 @@ def acceleration(run: Telemetry, noise: Telemetry | None, parameters: Mapping[st
     parameters : mapping
         Those of `fit.dynamics.residual`.
     """
-    figure = Figure(figsize=(_WIDTH, 3.5))
+    figure = Figure(figsize=(WIDTH, 3.5))
     ax = figure.subplots()
     # With every parameter zero nothing but the second derivative of the read-out is left.
     curves = [("blue", r"signal $\ddot o_{12}$", dynamics.residual(run, {}), 1.4)]
@@ -197,7 +198,7 @@ def acceleration(run: Telemetry, noise: Telemetry | None, parameters: Mapping[st
     ax.set_xlabel("frequency  [Hz]")
     ax.set_ylabel(r"ASD  [m s$^{-2}$ Hz$^{-1/2}$]")
     ax.grid(visible=True, which="minor", linewidth=0.35)
-    _legend_above(ax, columns=3)
+    legend_above(ax, columns=3)
     return figure
 
 
@@ -226,7 +227,7 @@ def reconstruction(joint: Fit | None, F_max: float, N_max: float) -> tuple[float
 def stiffness_against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Figure:
     """Draw omega2_2 against F_max_2, one colour for each N_max_2, with the joint fit's stiffness model."""
     modelled = reconstruction(joint, 0.0, 0.0) is not None
-    figure = Figure(figsize=(_WIDTH, 4.2 if modelled else 3.0))
+    figure = Figure(figsize=(WIDTH, 4.2 if modelled else 3.0))
     ratios = (2, 1) if modelled else (1,)
     axes = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
     reach = 1.06 * max(*(p.F_max_2 for p in points), 1e-12)
@@ -254,7 +255,7 @@ def stiffness_against_authority(points: Sequence[StiffnessPoint], joint: Fit | N
         axes[0].plot([], [], "s", color=COLOURS["ink"], markersize=8, fillstyle="none", label="joint fit")
         axes[1].axhline(0, color=COLOURS["muted"], linewidth=0.8)
         axes[1].set_ylabel("fit − model\n[$10^{-9}$ s$^{-2}$]")
-    _legend_above(axes[0], columns=min(len(levels) + modelled, 3))
+    legend_above(axes[0], columns=min(len(levels) + modelled, 3))
     axes[-1].set_xlabel(r"force authority $F_{\rm max,2}$  [pN]")
     axes[-1].set_xlim(-0.04e12 * reach, 1e12 * reach)
     return figure

@@ -2,25 +2,18 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from fit import figures, tables
+from fit import figures, report_motion, separation, tables
+from fit.drawings import Drawing, drawing
 from fit.parameters import EXPERIMENT_NAMES, experiment_parameter, joint_names, joint_parameter
 from fit.results import Fit, Results, with_truth
 from fit.telemetry import Telemetry
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure of the page: an SVG element and what to see in it."""
-
-    svg: Markup
-    caption: str
 
 
 @dataclass(frozen=True)
@@ -79,7 +72,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         lstrip_blocks=True,
     )
     sections = [
-        _section(folder, i, name, fit, telemetries)
+        _section(folder, i, name, fit, telemetries, _cross_talk(results, name, telemetries))
         for i, (name, fit) in enumerate(results.experiments.items(), start=1)
     ]
     page = environment.get_template("report.html.jinja").render(
@@ -92,6 +85,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         correlation=joint and tables.correlation(joint),
         stiffness=_stiffness(folder, results, telemetries),
         sections=sections,
+        motion=report_motion.parts(results, telemetries, folder),
         runs=telemetries,
         provenance=_provenance(results, telemetries),
         colours=figures.COLOURS,
@@ -101,11 +95,6 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     path = directory / "report.html"
     path.write_text(page, encoding="utf-8")
     return path
-
-
-def _drawing(folder: Path, name: str, description: str, caption: str, document: str) -> Drawing:
-    (folder / f"{name}.svg").write_text(document, encoding="utf-8")
-    return Drawing(Markup(figures.inline(document, name.split("-")[0], description)), caption)
 
 
 def _title(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> str:
@@ -151,6 +140,8 @@ def _warnings(results: Results) -> list[Notice]:
     fits = {f"experiment {name}": fit for name, fit in results.experiments.items()}
     if results.joint is not None:
         fits = {"joint fit": results.joint} | fits
+    fits |= {f"cross-talk of epoch {epoch}": fit for epoch, fit in results.cross_talk.items()}
+    fits |= {f"inertial period {period}": fit for period, fit in results.inertial.items()}
     scopes: dict[tuple[str, Markup | None], list[str]] = {}
     for scope, fit in fits.items():
         for w in fit.warnings:
@@ -172,7 +163,7 @@ def _stiffness(folder: Path, results: Results, telemetries: Sequence[Telemetry])
     ]
     if len(points) < 2:
         return None
-    return _drawing(
+    return drawing(
         folder,
         "stiffness",
         "Stiffness of test mass 2 against its force authority, one point per experiment",
@@ -184,7 +175,28 @@ def _stiffness(folder: Path, results: Results, telemetries: Sequence[Telemetry])
     )
 
 
-def _section(folder: Path, i: int, name: str, fit: Fit, telemetries: Sequence[Telemetry]) -> Section:
+def _cross_talk(results: Results, name: str, telemetries: Sequence[Telemetry]) -> dict[str, float]:
+    """Return the coefficients of eq. bump that correct an experiment, with the Euler force of its period."""
+    epoch = next((str(t.alignment_epoch) for t in telemetries if t.experiment == name), "")
+    fit = results.cross_talk.get(epoch)
+    if fit is None:
+        return {}
+    values = {key: e.value for key, e in fit.parameters.items()}
+    periods = results.provenance.get("cross_talk_periods")
+    period = periods.get(epoch) if isinstance(periods, dict) else None
+    return (
+        separation.sums(values, results.inertial.get(str(period))) if separation.is_separated(fit) else values
+    )
+
+
+def _section(
+    folder: Path,
+    i: int,
+    name: str,
+    fit: Fit,
+    telemetries: Sequence[Telemetry],
+    cross_talk: Mapping[str, float],
+) -> Section:
     runs = {t.kind: t for t in telemetries if t.experiment == name}
     run, noise = runs.get("sysid"), runs.get("noise")
     facts = {"χ² / degrees of freedom": f"{fit.chi2:.1f} / {fit.dof}"}
@@ -206,8 +218,9 @@ def _section(folder: Path, i: int, name: str, fit: Fit, telemetries: Sequence[Te
     } | facts
     # What the data do not determine was held near its flight value in the fit, and is so here.
     values = {key: p.value for key, p in known.items()} | {key: e.value for key, e in fit.parameters.items()}
+    values |= cross_talk
     slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-    injections = _drawing(
+    injections = drawing(
         folder,
         f"e{i}r-{slug}-responses",
         "Guidance injections and read-outs of both loops against time",
@@ -215,7 +228,7 @@ def _section(folder: Path, i: int, name: str, fit: Fit, telemetries: Sequence[Te
         "scatter of o₁ is the jitter of the spacecraft. Every stroke spans the extremes of its samples.",
         figures.svg(figures.responses, run),
     )
-    spectra = _drawing(
+    spectra = drawing(
         folder,
         f"e{i}s-{slug}-spectra",
         "Amplitude spectral densities of signal, residual and noise run",

@@ -26,6 +26,17 @@ def is_separated(cross_talk: Fit) -> bool:
     return any(warning.code == SEPARATED for warning in cross_talk.warnings)
 
 
+def sums(values: Mapping[str, float], inertial: Fit | None) -> dict[str, float]:
+    """Put back what `separate` took off: the coefficients that correct Delta g_x of runs of that period."""
+    if inertial is None:
+        return dict(values)
+    deltas = {name: e.value for name, e in inertial.parameters.items()}
+    return {
+        name: value + _PARTS[name][1] * BASELINE * deltas[_PARTS[name][0]] if name in _PARTS else value
+        for name, value in values.items()
+    }
+
+
 def joined(cross_talk: Fit) -> Fit:
     """Say that b_1 and b_2 hold the Euler force of the runs they were fitted to."""
     names = tuple(name for name in _PARTS if name in cross_talk.parameters)

@@ -71,7 +71,7 @@ def test_reference_plants_are_free_of_fmus():
 
 def test_only_the_report_uses_matplotlib():
     users = {name(p) for p in SOURCES if "matplotlib" in p.read_text(encoding="utf-8")}
-    assert users <= {"fit.figures", "fit.report"}
+    assert users <= {"fit.figures", "fit.figures_motion", "fit.report"}
 
 
 @pytest.mark.parametrize(
