@@ -13,6 +13,7 @@ from lpfcosim.spacecraft import Spacecraft
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
 Kind = Literal["sysid", "noise"]
+Thrusters = Literal["cold gas", "colloid"]
 Model = Literal[
     "OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant",
     "WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl", "WholeSuspensionControl",
@@ -60,6 +61,9 @@ class Noise:
     [m s^-2 Hz^-0.5], white part of Delta g; ``tail`` [1], its 1/f part relative to 60 fm s^-2 Hz^-0.5 at
     20 uHz; ``f_x_1_jitter`` [m s^-2 Hz^-0.5], level at 1 mHz of the force leaking onto test mass 1.
 
+    ``thrusters``: those with cold gas are white; those with a colloid rise as 1/f below 1 mHz, where the band
+    of their specification begins (choice).
+
     The others drive the whole spacecraft only: ``dws`` [rad Hz^-0.5], each angle of the wavefront sensors;
     ``grs`` [m Hz^-0.5] and ``grs_angle`` [rad Hz^-0.5], each read-out of the inertial sensors, 1/f below
     1 mHz; ``star_tracker_theta``, ``_eta``, ``_phi`` [rad Hz^-0.5]; ``thruster_torque`` [N m Hz^-0.5], each
@@ -72,6 +76,7 @@ class Noise:
     plateau: float = 0.0
     tail: float = 0.0
     f_x_1_jitter: float = 0.0
+    thrusters: Thrusters = "cold gas"
     dws: float = 0.0
     grs: float = 0.0
     grs_angle: float = 0.0

@@ -22,7 +22,7 @@ from pydantic import (
 from lpfcosim.control import Controller
 from lpfcosim.messages import closest, key_problem, problem, quote
 from lpfcosim.parameters import FS, READ_OUT_RANGE, H
-from lpfcosim.run import HalfCosine, Model, Sine, Target
+from lpfcosim.run import HalfCosine, Model, Sine, Target, Thrusters
 from lpfcosim.units import (
     FORCE,
     LENGTH,
@@ -182,13 +182,17 @@ class ControlTable(Table):
 
 
 class NoiseTable(Table):
-    """[noise]: one-sided amplitude spectral densities; a level that is given nowhere is zero."""
+    """[noise]: one-sided amplitude spectral densities; a level that is given nowhere is zero.
+
+    Thrusters: cold gas is white, a colloid rises as 1/f below 1 mHz.
+    """
 
     oms: LengthNoise = 0.0
     thruster: ForceNoise = 0.0
     plateau: AccelerationNoise = 0.0
     tail: Annotated[Number, Field(ge=0, le=1e6)] = 0.0
     f_x_1_jitter: AccelerationNoise = 0.0
+    thrusters: Thrusters = "cold gas"
     dws: AngleNoise = 0.0
     grs: LengthNoise = 0.0
     grs_angle: AngleNoise = 0.0

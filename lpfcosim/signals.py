@@ -20,6 +20,7 @@ TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 _NOISES = ("n_1", "n_12", "g_1", "g_2", "F_noise_x_sc", "f_x_1_jitter")
 _ATTITUDE = ("attitude_theta", "attitude_eta", "attitude_phi")
 _GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
+_THRUSTER_KNEE = {"cold gas": 0.0, "colloid": 1e-3}  # Hz
 
 
 def names(run: Run) -> tuple[str, ...]:
@@ -135,6 +136,7 @@ def _along_x(run: Run) -> tuple[_Source, ...]:
         _Source("g_1_plateau", "g_1", plateau),
         _Source("g_2_plateau", "g_2", plateau),
         _Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
+        *_tail("F_noise_x_sc", noise.thruster, _THRUSTER_KNEE[noise.thrusters]),
         _Source("g_1_tail", "g_1", tail, TAIL_CORNER),
         _Source("g_2_tail", "g_2", tail, TAIL_CORNER),
         _Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
@@ -150,16 +152,20 @@ def _whole(run: Run) -> tuple[_Source, ...]:
     levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in axes]
     levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in angles]
     levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in angles]
-    levels += [(f"F_noise_{k}_sc", noise.thruster, 0.0) for k in ("y", "z")]
-    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, 0.0) for k in axes]
+    knee = _THRUSTER_KNEE[noise.thrusters]
+    levels += [(f"F_noise_{k}_sc", noise.thruster, knee) for k in ("y", "z")]
+    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, knee) for k in axes]
     levels += [(f"g_{k}_{j}", noise.lateral, 0.0) for j in (1, 2) for k in ("y", "z")]
     levels += [(f"gamma_{k}_{j}", noise.torque, _TORQUE_KNEE) for j in (1, 2) for k in angles]
     sources = []
     for name, level, knee in levels:
-        sources.append(_Source(name, name, level))
-        if knee:
-            sources.append(_Source(f"{name}_tail", name, level * knee, TAIL_CORNER))
+        sources += [_Source(name, name, level), *_tail(name, level, knee)]
     return tuple(sources)
+
+
+def _tail(name: str, level: float, knee: float) -> tuple[_Source, ...]:
+    """1/f noise that meets a white level at the knee [Hz]; none without one."""
+    return (_Source(f"{name}_tail", name, level * knee, TAIL_CORNER),) if knee else ()
 
 
 class _White:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import welch
 
 from lpfcosim import signals
 from lpfcosim.run import HalfCosine, Noise, Sine
@@ -182,3 +183,15 @@ def test_jitter_falls_as_1_over_f_above_a_flat_part(make_run):
         assert_ratio_is_one(power * (f / 1e-3) ** 2 / 1e-28 * (1 + (1e-4 / f) ** 2))
     f, power = density(jitter, 5e-6, 3e-5)
     assert_ratio_is_one(power / 1e-26 * (1 + (f / 1e-4) ** 2))
+
+
+def test_colloid_thrusters_rise_below_their_knee(make_run):
+    level = 0.1e-6
+    run = make_run(n_samples=2**20, noise=Noise(thruster=level, thrusters="colloid"))
+    cold = make_run(n_samples=2**20, noise=Noise(thruster=level))
+    f, psd = welch(signals.noise(run)["F_noise_x_sc"], fs=run.fs, nperseg=2**17)
+    _, white = welch(signals.noise(cold)["F_noise_x_sc"], fs=run.fs, nperseg=2**17)
+    high, low = (f > 0.1) & (f < 4), (f > 1.5e-4) & (f < 3e-4)
+    assert np.mean(psd[high]) == pytest.approx(level**2, rel=0.02)
+    assert np.mean(psd[low] / (1 + (1e-3 / f[low]) ** 2)) == pytest.approx(level**2, rel=0.5)
+    assert np.mean(white[low]) == pytest.approx(level**2, rel=0.5)
