@@ -18,6 +18,7 @@ from lpfcosim.modelica import build
 from lpfcosim.placement import _exponents
 from lpfcosim.run import Noise, Replacement, Sine
 from lpfcosim.spacecraft import Spacecraft
+from tests.campaign_text import ONE_EXPERIMENT
 from tests.foreign import edited, renamed
 
 pytestmark = pytest.mark.fmu
@@ -239,23 +240,15 @@ def test_elements_that_are_not_there(name):
         resolve(Path("own.fmu"), variables, name, "Plant")
 
 
-TOML = """
+TOML = f"""
 schema = "lpf-campaign/1"
 name = "own"
 seed = 3
 
 [fmus.SuspensionControl]
 path = "mine.fmu"
-{keys}
-[authority.A]
-F_max_1 = "0 pN"
-F_max_2 = "2200 pN"
-N_max_1 = "10.4 pN m"
-N_max_2 = "10.4 pN m"
-
-[[experiments]]
-name = "one"
-authority = "A"
+{{keys}}
+{ONE_EXPERIMENT}
 duration = "60 s"
 """
 
