@@ -8,9 +8,10 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,10 @@ _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
 
 @dataclass(frozen=True)
 class Experiment:
-    """A sysid run of ``n_samples`` samples, preceded by a noise run of ``n_noise_samples``; 0: none. SI."""
+    """A sysid run of ``n_samples`` samples, preceded by a noise run of ``n_noise_samples``; 0: none. SI.
+
+    Without a start ``t0`` of its own it follows the experiment before it.
+    """
 
     name: str
     authority: Authority
@@ -54,6 +58,7 @@ class Experiment:
     sample_rate: float = FS
     inertial_period: int = 0
     spacecraft: Spacecraft | None = None
+    t0: str | None = None
 
     @property
     def run_names(self) -> tuple[str, ...]:
@@ -64,7 +69,10 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC."""
+    """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC.
+
+    ``fit`` is what the file says about the fit, as written.
+    """
 
     name: str
     seed: int
@@ -74,13 +82,15 @@ class Campaign:
     suspension: Controller
     experiments: tuple[Experiment, ...]
     replacements: tuple[Replacement, ...] = ()
+    fit: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Every run in the order they take place, one after the other without a gap."""
+        """Every run in the order they take place."""
         runs: list[Run] = []
         start = datetime.fromisoformat(self.t0)
         for experiment in self.experiments:
+            start = datetime.fromisoformat(experiment.t0) if experiment.t0 else start
             for name in experiment.run_names:
                 runs.append(self._run(experiment, name, start))
                 start += timedelta(seconds=runs[-1].n_samples / FS)
@@ -96,7 +106,7 @@ class Campaign:
             authority=experiment.authority,
             alignment_epoch=experiment.alignment_epoch,
             t0=_iso(start),
-            truth=self.truth,
+            truth=self.truth.of_experiment(experiment.name, self.seed),
             noise=experiment.noise,
             dc=experiment.dc,
             injections=experiment.injections if kind == "sysid" else (),
@@ -113,9 +123,11 @@ class Campaign:
     def digest(self) -> str:
         """SHA-256 of what the file says: comments, order of keys and choice of units do not count.
 
-        Nor does where an FMU lies; what it is stands beside this digest in the provenance.
+        Nor does where an FMU lies; what it is stands beside this digest in the provenance. Nor what is said
+        of the fit, which changes nothing in the telemetry.
         """
         said = asdict(self)
+        del said["fit"]
         for replacement in said["replacements"]:
             del replacement["archive"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
@@ -129,8 +141,53 @@ def load(path: Path) -> Campaign:
     InputError
         If the file cannot be read, is not TOML, or is not a campaign; one sentence with the path inside it.
     """
+    raw = _merged(path)
     try:
-        raw = _parse(path.read_bytes().decode("utf-8-sig"))
+        return _build(CampaignTable.model_validate(raw))
+    except ValidationError as error:
+        raise InputError(f"{path}: {_told(error)}") from None
+    except _ConflictError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a campaign file, for editors that complete and check as one types."""
+    return CampaignTable.model_json_schema(by_alias=True)
+
+
+def _merged(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return what a file says, on top of what it extends."""
+    raw = _raw(path)
+    fmus = raw.get("fmus")
+    for entry in fmus.values() if isinstance(fmus, dict) else ():
+        if isinstance(entry, dict) and isinstance(entry.get("path"), str) and entry["path"]:
+            entry["path"] = str(path.parent / entry["path"])  # as seen from the file that says it
+    if "extends" not in raw:
+        return raw
+    base = raw["extends"]
+    if not isinstance(base, str) or not base:
+        raise InputError(f"{path}: extends: {quote(base)} is not the name of a campaign file")
+    beneath = path.parent / base
+    chain = (*below, path.resolve())
+    if beneath.resolve() in chain:
+        raise InputError(f"{path}: extends: {quote(base)} extends this file in turn")
+    if not beneath.is_file():
+        raise InputError(f"{path}: extends: {beneath}: no such file")
+    return _onto(_merged(beneath, chain), raw)
+
+
+def _onto(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    """Add to the tables of `base`; values and lists are replaced."""
+    both = {
+        key: _onto(base[key], value) if isinstance(value, dict) and isinstance(base.get(key), dict) else value
+        for key, value in more.items()
+    }
+    return base | both
+
+
+def _raw(path: Path) -> dict[str, Any]:
+    try:
+        return _parse(path.read_bytes().decode("utf-8-sig"))
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, expected a campaign file") from None
     except FileNotFoundError:
@@ -145,17 +202,6 @@ def load(path: Path) -> Campaign:
         raise InputError(f"{path}: holds a number of too many digits") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
-    try:
-        return _build(CampaignTable.model_validate(raw), path.parent)
-    except ValidationError as error:
-        raise InputError(f"{path}: {_told(error)}") from None
-    except _ConflictError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a campaign file, for editors that complete and check as one types."""
-    return CampaignTable.model_json_schema(by_alias=True)
 
 
 def _parse(text: str) -> dict[str, Any]:
@@ -175,7 +221,7 @@ class _ConflictError(Exception):
     """Two places of a campaign file that do not go together."""
 
 
-def _build(table: CampaignTable, folder: Path) -> Campaign:
+def _build(table: CampaignTable) -> Campaign:
     truth = _truth(table)
     experiments: list[Experiment] = []
     taken: dict[str, int] = {}
@@ -197,7 +243,9 @@ def _build(table: CampaignTable, folder: Path) -> Campaign:
         drag_free=table.control.drag_free.onto(DRAG_FREE),
         suspension=table.control.suspension.onto(SUSPENSION),
         experiments=tuple(experiments),
+        fit=table.fit,
     )
+    _check_order(campaign)
     places = {c.model: c for c in network.every(campaign.runs[0])}
     for model in table.fmus:
         if model not in places:
@@ -207,16 +255,26 @@ def _build(table: CampaignTable, folder: Path) -> Campaign:
     return replace(
         campaign,
         replacements=tuple(
-            _replacement(component, parameters[component.model], table.fmus[component.model], folder)
+            _replacement(component, parameters[component.model], table.fmus[component.model])
             for component in places.values()
             if component.model in table.fmus
         ),
     )
 
 
-def _replacement(
-    component: Component, parameters: Collection[str], entry: FmuTable, folder: Path
-) -> Replacement:
+def _check_order(campaign: Campaign) -> None:
+    """Refuse an experiment that would start before the one before it ends."""
+    place = {name: i for i, e in enumerate(campaign.experiments) for name in e.run_names}
+    for before, run in pairwise(campaign.runs):
+        end = datetime.fromisoformat(before.t0) + timedelta(seconds=before.n_samples / FS)
+        if datetime.fromisoformat(run.t0) < end:
+            raise _ConflictError(
+                f"experiments[{place[run.name]}].t0: {run.t0} is before {quote(before.experiment)} ends, "
+                f"at {_iso(end)}"
+            )
+
+
+def _replacement(component: Component, parameters: Collection[str], entry: FmuTable) -> Replacement:
     where = f"fmus.{component.model}"
     known = [*component.inputs, *component.outputs, *parameters]
     for name in entry.variables:
@@ -238,7 +296,7 @@ def _replacement(
     for name in entry.values:
         if name in entry.variables.values() or (name in parameters and name not in entry.unused):
             raise _ConflictError(f"{where}.values: {quote(name)} is set by the campaign already")
-    archive = folder / entry.path
+    archive = Path(entry.path)
     try:
         known_as = "no such file" if not archive.exists() else "" if archive.is_file() else "is not a file"
     except OSError as error:
@@ -308,16 +366,13 @@ def _experiment(table: CampaignTable, entry: ExperimentTable, where: str, truth:
         injections=tuple(injection for _, injection in placed),
         sample_rate=entry.sample_rate,
         inertial_period=entry.inertial_period or 0,
+        t0=_iso(entry.t0) if entry.t0 else None,
         spacecraft=_spacecraft(table.spacecraft, entry, where),
     )
 
 
 def _spacecraft(table: SpacecraftTable | None, entry: ExperimentTable, where: str) -> Spacecraft | None:
     if table is None:
-        if entry.inertial_period is not None:
-            raise _ConflictError(
-                f"{where}.inertial_period: the x axis alone does not rotate, add [spacecraft]"
-            )
         return None
     aligned = {}
     if entry.inertial_period is not None:

@@ -1,7 +1,7 @@
 """One run of the spacecraft: everything a simulation needs, as plain frozen records in SI units."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -27,7 +27,11 @@ def _flight_delta_ifo() -> dict[int, float]:
 
 @dataclass(frozen=True)
 class Truth:
-    """True dynamics in the units of `parameters.PARAMETERS`; ``delta_ifo`` by alignment epoch."""
+    """True dynamics in the units of `parameters.PARAMETERS`; ``delta_ifo`` by alignment epoch.
+
+    ``lambda_scatter`` [1] is the relative standard deviation of lambda_1 and lambda_2 between experiments (in
+    flight some 0.5 %).
+    """
 
     lambda_1: float = PARAMETERS["lambda_1"].value
     lambda_2: float = PARAMETERS["lambda_2"].value
@@ -40,6 +44,15 @@ class Truth:
     alpha_phi_1: float = PARAMETERS["alpha_phi_1"].value
     alpha_phi_2: float = PARAMETERS["alpha_phi_2"].value
     delta_ifo: Mapping[int, float] = field(default_factory=_flight_delta_ifo)
+    lambda_scatter: float = 0.0
+
+    def of_experiment(self, name: str, seed: int) -> "Truth":
+        """Return the truth with the gains that this experiment has."""
+        if not self.lambda_scatter:
+            return self
+        generator = np.random.default_rng([seed, *name.encode()])
+        factor_1, factor_2 = 1 + self.lambda_scatter * generator.standard_normal(2)
+        return replace(self, lambda_1=self.lambda_1 * factor_1, lambda_2=self.lambda_2 * factor_2)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ What one table can tell on its own is checked here; what needs two of them, in `
 
 import re
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -151,6 +151,7 @@ class TruthTable(Table):
     alpha_x_2: AlphaX | None = None
     alpha_phi_1: AlphaPhi | None = None
     alpha_phi_2: AlphaPhi | None = None
+    lambda_scatter: Annotated[Number, Field(ge=0, le=0.1)] | None = None
 
 
 class ControllerTable(Table):
@@ -302,6 +303,7 @@ class ExperimentTable(Table):
     authority: Annotated[str, Strict(), Field(examples=['authority = "A"'])]
     alignment_epoch: Annotated[int, Strict(), Field(ge=1, le=9999)] = 1
     inertial_period: Annotated[int, Strict(), Field(ge=1, le=9999)] | None = None
+    t0: Annotated[datetime, BeforeValidator(_utc)] | None = None
     sample_rate: Annotated[Frequency, AfterValidator(_recorded)] = FS
     duration: Duration = 0.0
     noise_duration: Duration = 0.0
@@ -321,8 +323,12 @@ class FmuTable(Table):
 
 
 class CampaignTable(Table):
-    """A campaign file."""
+    """A campaign file; one that `extends` another adds to its tables and replaces its values and lists.
 
+    What ``[fit]`` says is for the fit to read.
+    """
+
+    extends: Annotated[str, Strict(), Field(min_length=1)] | None = None
     format: Annotated[
         Literal["lpf-campaign/1"], Field(alias="schema", examples=['schema = "lpf-campaign/1"'])
     ]
@@ -335,5 +341,6 @@ class CampaignTable(Table):
     authority: Annotated[dict[Name, AuthorityTable], Field(examples=["[authority.A] …"])]
     sequences: dict[Name, list[InjectionTable]] = {}
     spacecraft: SpacecraftTable | None = None
+    fit: dict[str, Any] = {}
     fmus: dict[Model, FmuTable] = {}
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

@@ -160,3 +160,60 @@ def test_a_campaign_written_in_si_comes_back_to_the_last_bit(
     second = c.experiments[1]
     assert second.injections == (Sine("guidance_o_1", amplitude, frequency, cycles, 100.0, phase),)
     assert (second.dc, second.noise.oms, c.truth.C_2) == (dc, oms, C_2)
+
+
+def test_a_campaign_adds_to_the_one_it_extends(file):
+    more = file.parent / "more.toml"
+    more.write_text(
+        'extends = "c.toml"\nname = "more"\n[truth]\nlambda_1 = 1.08\n[noise]\nplateau = "4 fm s^-2 Hz^-0.5"\n',
+        encoding="utf-8",
+    )
+    base, c = campaign.load(file), campaign.load(more)
+    assert (c.name, c.truth.lambda_1, c.truth.lambda_2) == ("more", 1.08, base.truth.lambda_2)
+    assert c.experiments[0].noise == replace(base.experiments[0].noise, plateau=4e-15)
+    assert [r.name for r in c.runs] == [r.name for r in base.runs]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('extends = "more.toml"', 'extends: "more.toml" extends this file in turn'),
+        ('extends = "nowhere.toml"', "no such file"),
+        ("extends = 1", "extends: "),
+        ('extends = "c.toml"\nspeed = 1', "speed: unknown key"),
+    ],
+)
+def test_what_cannot_be_extended_is_told(file, text, told):
+    more = file.parent / "more.toml"
+    more.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        campaign.load(more)
+    assert told in str(error.value)
+    assert str(more) in str(error.value)
+
+
+def test_an_experiment_may_have_a_start_of_its_own(file):
+    file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-05-01T00:00:00Z"'))
+    assert [r.t0 for r in campaign.load(file).runs][2] == "2016-05-01T00:00:00Z"
+    file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-04-16T09:00:00Z"'))
+    with pytest.raises(InputError, match=r'experiments\[1\].t0: .* is before "first" ends'):
+        campaign.load(file)
+
+
+def test_gains_scatter_from_experiment_to_experiment_alone(file):
+    file.write_text(TEXT.replace("[truth]", "[truth]\nlambda_scatter = 0.005"), encoding="utf-8")
+    noise, first, second = campaign.load(file).runs
+    assert noise.truth == first.truth
+    assert first.truth.lambda_2 != second.truth.lambda_2
+    assert first.truth.C_2 == second.truth.C_2
+    names = [f"e{i}" for i in range(2000)]
+    gains = [first.truth.of_experiment(name, 1).lambda_2 / first.truth.lambda_2 for name in names]
+    assert np.std(gains) == pytest.approx(0.005, rel=0.1)  # six sigma
+
+
+def test_what_is_said_of_the_fit_leaves_the_digest(file):
+    digest = campaign.load(file).digest
+    file.write_text(TEXT + '\n[fit]\nestimator = "student_t"\n', encoding="utf-8")
+    c = campaign.load(file)
+    assert c.fit == {"estimator": "student_t"}
+    assert c.digest == digest
