@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from fit import dynamics, linear, spectra
 from fit.irls import Outcome
-from fit.joint import cross_talk_names, share
-from fit.parameters import cross_talk_parameter
 from fit.results import Fit, FitWarning
 from fit.runs import Experiment, Run, noise_model
+from fit.sharing import Sharing
 from fit.verdict import indeterminable, report
 
 Array = NDArray[np.float64]
@@ -35,7 +34,7 @@ DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
 }
 
 
-def cross_talk(outcome: Outcome, experiments: Sequence[Experiment]) -> dict[str, Fit]:
+def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> dict[str, Fit]:
     """Return the coefficients of eq. bump by alignment epoch, as the joint fit found them.
 
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
@@ -48,27 +47,34 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment]) -> dict[str,
         Of the joint fit.
     experiments : sequence of Experiment
         What was fitted.
+    sharing : Sharing
+        What they share.
 
     Raises
     ------
     FitError
         If a sigma is no positive number, or a noise PSD cannot be fitted.
     """
-    found = cross_talk_names(experiments)
-    if not found:
+    of_epoch: dict[int, dict[str, str]] = {}
+    delta_ifo: dict[int, str] = {}
+    for experiment in experiments:
+        run = experiment.sysid.telemetry
+        delta_ifo[run.alignment_epoch] = sharing.name("delta_ifo", run)
+        for name in experiment.parameters[len(dynamics.PARAMETERS) :]:
+            of_epoch.setdefault(run.alignment_epoch, {})[sharing.name(name, run)] = name
+    if not of_epoch:
         return {}
     shift = expected_shift(outcome, experiments)
     fits = {}
-    for epoch in sorted({epoch for epoch, _ in found}):
-        names = {cross_talk_parameter(name, epoch).name: name for k, name in found if k == epoch}
+    for epoch, names in sorted(of_epoch.items()):
         fits[str(epoch)] = report(
             outcome,
             experiments,
             names,
             [
                 *indeterminable(outcome, experiments, names),
-                *_attenuated(outcome, shift, names, f"delta_ifo_{epoch}"),
-                _correlation(outcome, names, f"delta_ifo_{epoch}"),
+                *_attenuated(outcome, shift, names, delta_ifo[epoch]),
+                _correlation(outcome, names, delta_ifo[epoch]),
             ],
         )
     return fits
@@ -130,16 +136,15 @@ def expected_shift(outcome: Outcome, experiments: Sequence[Experiment]) -> Array
     ndarray, shape (P,)
         Expected error of the parameters, SI; NaN where the regressors hold too much noise to tell.
     """
-    names = [p.name for p in outcome.parameters]
     theta, covariance = outcome.solution.theta, outcome.solution.covariance
     width = np.array([p.prior_sigma for p in outcome.parameters])
     H, H_n = np.diag(outcome.lost / width**2), np.zeros((theta.size, theta.size))
-    for experiment in experiments:
-        run, to_run = experiment.sysid, share(experiment.sysid.telemetry, names)
+    for experiment, block in zip(experiments, outcome.blocks, strict=True):
+        run, to_run = experiment.sysid, block.share
         of_run = to_run @ theta
         noise = noise_model(experiment, of_run, to_run @ covariance @ to_run.T, None)
         terms = run.spectra(dynamics.delays(of_run))
-        H += linear.information([linear.compress(terms, noise, run.tau, to_run)], theta)[0]
+        H += linear.information([linear.block(terms, noise, run.tau, to_run)], theta)
         weight, floor = 2 / noise.expected(terms.f), read_out_noise(run)
         for mean, S_n in floor.items():
             rows = np.zeros((terms.f.size, len(to_run)))

@@ -37,27 +37,34 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np
         raise InputError(f"{path}: time: units {units!r}, expected 's'")
     _check_size(dataset, path, "time", None)
     time = np.asarray(dataset[part], dtype=np.float64)
-    start = part.start or 0
-    if not np.isfinite(time).all():
-        n = int(np.argmin(np.isfinite(time)))
-        raise InputError(f"{path}: time: {time[n]} at sample {start + n}, expected a finite value")
+    check_time(f"{path}: time", time, fs, part.start or 0)
+    return time
+
+
+def check_time(place: str, time: NDArray[np.float64], fs: float, start: int = 0) -> None:
+    """Refuse a time axis [s] that is not uniform with steps of 1/fs; its first sample has number `start`."""
+    check_finite(place, time, start)
     step = np.diff(time)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
     uneven = np.flatnonzero(np.abs(step * fs - 1) > 1e-3)
     if uneven.size and np.ptp(step) * fs <= 2e-3:
-        raise InputError(f"{path}: time: steps of {step[0]:g} s, expected 1/fs = {1 / fs:g} s")
+        raise InputError(f"{place}: steps of {step[0]:g} s, expected 1/fs = {1 / fs:g} s")
     if uneven.size:
         n = int(uneven[0])
         raise InputError(
-            f"{path}: time: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
+            f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
         )
     span = (time.size - 1) / fs
     if abs(time[-1] - time[0] - span) > 1e-6 * span + 1e-3 / fs:
-        raise InputError(
-            f"{path}: time: spans {time[-1] - time[0]:.10g} s, expected (N-1)/fs = {span:.10g} s"
-        )
-    return time
+        raise InputError(f"{place}: spans {time[-1] - time[0]:.10g} s, expected (N-1)/fs = {span:.10g} s")
+
+
+def check_finite(place: str, values: NDArray[np.float64], start: int = 0) -> None:
+    """Refuse a value that is missing or infinite; the first one has number `start`."""
+    if not np.isfinite(values).all():
+        n = int(np.argmin(np.isfinite(values)))
+        raise InputError(f"{place}: {values[n]} at sample {start + n}, expected a finite value")
 
 
 def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
@@ -87,29 +94,32 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
 def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
     """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
     values = np.asarray(file[name][part], dtype=np.float64)
-    if np.isinf(values).any():
-        n = int(np.argmax(np.isinf(values)))
-        first = n + (part.start or 0)
-        raise InputError(
-            f"{path}: channel {name}: {values[n]} at sample {first} (t = {first / fs:.10g} s), "
-            "expected a finite value"
-        )
+    check_values(f"{path}: channel {name}", values, fs, part.start or 0)
     return values
 
 
-def check_missing(path: Path, channels: Mapping[str, NDArray[np.float64]], fs: float) -> None:
-    """Refuse more missing samples (NaN) in what a calibration needs than may be masked."""
-    missing = {name: np.isnan(channels[name]) for name in REQUIRED}
+def check_values(place: str, values: NDArray[np.float64], fs: float, start: int = 0) -> None:
+    """Refuse an infinite value; the first one has number `start`."""
+    if np.isinf(values).any():
+        n = int(np.argmax(np.isinf(values)))
+        raise InputError(
+            f"{place}: {values[n]} at sample {start + n} (t = {(start + n) / fs:.10g} s), "
+            "expected a finite value"
+        )
+
+
+def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
+    """Refuse more missing samples than may be masked in what a calibration needs, given by place."""
     together = np.any(list(missing.values()), axis=0)
     present = np.flatnonzero(~together)
     longest = int(np.diff(present, prepend=-1, append=together.size).max()) - 1
     share = float(together.mean())
     if share <= MAX_MISSING and longest <= MAX_GAP * fs:
         return
-    worst = max(missing, key=lambda name: int(missing[name].sum()))
+    worst = max(missing, key=lambda place: int(missing[place].sum()))
     first = int(np.argmax(missing[worst]))
     raise InputError(
-        f"{path}: channel {worst}: nan from sample {first} (t = {first / fs:.10g} s) on, "
+        f"{worst}: nan from sample {first} (t = {first / fs:.10g} s) on, "
         f"{100 * share:.3g} % of the samples are missing with gaps of up to {longest / fs:.6g} s, "
         f"expected at most {100 * MAX_MISSING:g} % and {MAX_GAP:g} s"
     )

@@ -186,11 +186,11 @@ def delays(theta: Array) -> tuple[float, float]:
 
 
 def coefficients(theta: Array, tau: tuple[float, float]) -> Array:
-    """Return the coefficients of the columns in Delta g, shape (P + 1,), for theta, shape (P,)."""
+    """Return the coefficients of the columns in Delta g, shape (P + 1, ...), for theta, shape (P, ...)."""
     lambda_1, lambda_2, C_1, C_2, omega2_2, domega2_12, delta_ifo = theta[: len(PARAMETERS)]
     return np.array(
         [
-            1.0,
+            np.ones_like(lambda_2),
             -lambda_2,
             C_2 - lambda_2 * tau[1],
             lambda_1,

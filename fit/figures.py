@@ -32,7 +32,6 @@ COLOURS: Mapping[str, str] = {
     "green": "#1d8a6b",
     "violet": "#8457b8",
 }
-_LEVELS = (("blue", "o"), ("orange", "s"), ("green", "^"), ("violet", "D"))
 _STYLE: Any = {  # rc parameters
     "axes.edgecolor": COLOURS["muted"],
     "axes.facecolor": "none",
@@ -61,7 +60,6 @@ _STYLE: Any = {  # rc parameters
     "xtick.color": COLOURS["muted"],
     "ytick.color": COLOURS["muted"],
 }
-_BAND = {"fmt": "none", "color": COLOURS["grid"], "elinewidth": 7}
 WIDTH = 5.0  # inch: letters stay readable when the figure shrinks to the width of a telephone
 _BUCKETS = 500  # per curve over time
 _BINS_PER_DECADE = 24
@@ -204,11 +202,15 @@ def acceleration(run: Telemetry, noise: Telemetry | None, parameters: Mapping[st
 
 @dataclass(frozen=True)
 class StiffnessPoint:
-    """omega2_2 [s-2] as one experiment alone found it, and its authority F_max_2 [N], N_max_2 [N m]."""
+    """omega2_2 [s-2] as one experiment alone found it, and its authority F_max_2 [N], N_max_2 [N m].
+
+    `in_joint` tells whether the experiment took part in the joint fit.
+    """
 
     F_max_2: float
     N_max_2: float
     omega2_2: Estimate
+    in_joint: bool = True
 
 
 def reconstruction(joint: Fit | None, F_max: float, N_max: float) -> tuple[float, float] | None:
@@ -224,38 +226,63 @@ def reconstruction(joint: Fit | None, F_max: float, N_max: float) -> tuple[float
     return stiffness(2, values, F_max, N_max), math.sqrt(max(float(variance), 0.0))
 
 
+def stiffness_pull(point: StiffnessPoint, joint: Fit | None) -> float | None:
+    """Return in how many sigma an experiment alone differs from the joint fit's model, None without one.
+
+    The joint fit has seen the experiment: an efficient estimate correlates with any other of the same
+    quantity just so that the variance of their difference is the difference of their variances.
+    """
+    model = reconstruction(joint, point.F_max_2, point.N_max_2)
+    if model is None:
+        return None
+    sign = -1 if point.in_joint else 1
+    variance = point.omega2_2.sigma**2 + sign * model[1] ** 2
+    return (point.omega2_2.value - model[0]) / math.sqrt(variance) if variance > 0 else None
+
+
 def stiffness_against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Figure:
-    """Draw omega2_2 against F_max_2, one colour for each N_max_2, with the joint fit's stiffness model."""
-    modelled = reconstruction(joint, 0.0, 0.0) is not None
-    figure = Figure(figsize=(WIDTH, 4.2 if modelled else 3.0))
-    ratios = (2, 1) if modelled else (1,)
+    """Draw omega2_2 against F_max_2: each experiment alone, the joint fit's model, and their distance."""
+    points = sorted(points, key=lambda p: (p.F_max_2, p.N_max_2))
+    F = 1e12 * np.array([p.F_max_2 for p in points])
+    reach = 1.06 * max(*F, 1.0)
+    models = [found for p in points if (found := reconstruction(joint, p.F_max_2, p.N_max_2))]
+    figure = Figure(figsize=(WIDTH, 4.2 if models else 3.0))
+    ratios = (2, 1) if models else (1,)
     axes = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
-    reach = 1.06 * max(*(p.F_max_2 for p in points), 1e-12)
-    levels = sorted({p.N_max_2 for p in points})
-    for i, N_max in enumerate(levels):
-        role, marker = _LEVELS[i % len(_LEVELS)]
-        style = {"fmt": marker, "color": COLOURS[role], "markersize": 5, "capsize": 3}
-        level = [p for p in points if p.N_max_2 == N_max]
-        F = np.array([p.F_max_2 for p in level])
-        omega2_2 = np.array([p.omega2_2.value for p in level])
-        sigma = np.array([p.omega2_2.sigma for p in level])
-        label = rf"$N_{{\rm max,2}}$ = {1e12 * N_max:.3g} pN m"
-        axes[0].errorbar(1e12 * F, 1e7 * omega2_2, 1e7 * sigma, label=label, **style)
-        if modelled:
-            model, model_sigma = np.array([reconstruction(joint, f, N_max) for f in (0.0, reach, *F)]).T
-            axes[0].plot([0, 1e12 * reach], 1e7 * model[:2], color=COLOURS[role], linewidth=0.9)
-            axes[0].plot(
-                1e12 * F, 1e7 * model[2:], "s", color=COLOURS["ink"], markersize=10, fillstyle="none"
-            )
-            aside = 1e12 * (F + 0.012 * reach * (i - (len(levels) - 1) / 2))  # equal F_max_2 side by side
-            axes[1].errorbar(aside, np.zeros(F.size), 1e9 * model_sigma[2:], **_BAND)
-            axes[1].errorbar(aside, 1e9 * (omega2_2 - model[2:]), 1e9 * sigma, **style)
+    alone = 1e7 * np.array([(p.omega2_2.value, p.omega2_2.sigma) for p in points])
+    dots = {"fmt": "o", "color": COLOURS["ink"], "markersize": 4, "elinewidth": 1.0, "zorder": 3}
+    axes[0].errorbar(F, *alone.T, capsize=2.5, label="each experiment alone", **dots)
     axes[0].set_ylabel(r"$\omega^2_2$  [$10^{-7}$ s$^{-2}$]")
-    if modelled:
-        axes[0].plot([], [], "s", color=COLOURS["ink"], markersize=8, fillstyle="none", label="joint fit")
-        axes[1].axhline(0, color=COLOURS["muted"], linewidth=0.8)
-        axes[1].set_ylabel("fit − model\n[$10^{-9}$ s$^{-2}$]")
-    legend_above(axes[0], columns=min(len(levels) + modelled, 3))
+    if models:
+        squares = {"fmt": "s", "color": COLOURS["orange"], "markersize": 8, "markerfacecolor": "none"}
+        axes[0].errorbar(
+            F, *1e7 * np.array(models).T, capsize=5, label="joint fit (eq. stiff_model)", **squares
+        )
+        for N_max in sorted({p.N_max_2 for p in points}):
+            along = np.array([0.0, 0.62, 1.0]) * reach
+            ends = [found[0] for f in along if (found := reconstruction(joint, 1e-12 * f, N_max))]
+            axes[0].plot(along, 1e7 * np.array(ends), color=COLOURS["orange"], linewidth=0.7, alpha=0.6)
+            at = {"textcoords": "offset points", "color": COLOURS["muted"], "fontsize": 8}
+            text = rf"$N_{{\rm max,2}}$ = {1e12 * N_max:.3g} pN m"
+            axes[0].annotate(text, (along[1], 1e7 * ends[1]), (3, 3), **at)
+        _pulls(axes[1], points, joint, F, reach)
+    legend_above(axes[0], columns=2)
     axes[-1].set_xlabel(r"force authority $F_{\rm max,2}$  [pN]")
-    axes[-1].set_xlim(-0.04e12 * reach, 1e12 * reach)
+    axes[-1].set_xlim(-0.05 * reach, reach)
     return figure
+
+
+def _pulls(ax: Axes, points: Sequence[StiffnessPoint], joint: Fit | None, F: Array, reach: float) -> None:
+    """Draw how many sigma each experiment lies off the model, those of equal authority side by side."""
+    for i, point in enumerate(points):
+        pull = stiffness_pull(point, joint)
+        if pull is not None:
+            twins = np.flatnonzero(F[i] == F)
+            x = F[i] + 0.014 * reach * (i - twins.mean())
+            ax.plot([x, x], [0, pull], color=COLOURS["ink"], linewidth=1.0, zorder=3)
+            ax.plot(x, pull, "o", color=COLOURS["ink"], markersize=4, zorder=3)
+    ax.axhspan(-1, 1, color=COLOURS["grid"], alpha=0.7, linewidth=0)
+    ax.axhline(0, color=COLOURS["muted"], linewidth=0.8)
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, -2.5), max(high, 2.5))
+    ax.set_ylabel("alone − joint\n[σ]")

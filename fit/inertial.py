@@ -193,7 +193,7 @@ def _solve(stretches: Sequence[_Stretch], models: Sequence[spectra.NoiseModel]) 
         A, w = U[:, 1:5], stretch.terms.window
         H += (A.conj().T @ A).real
         right -= (A.conj().T @ U[:, 0]).real
-        # The window makes neighbouring bins one noise: covariance of the scores, as in linear.compress.
+        # The window makes neighbouring bins one noise: covariance of the scores, as in linear.Block.
         padded = np.zeros((w.size // 2 + 1, 4), dtype=np.complex128)
         padded[stretch.first : stretch.first + len(A)] = A
         z = irfft(padded, w.size, axis=0) * (w.size / 2) * w[:, None] * np.sqrt(2 / (w @ w))

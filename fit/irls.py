@@ -5,23 +5,28 @@ weights here are a smooth PSD, fitted by likelihood to the residual of the adjac
 estimate. The delays about which the commands are expanded move along, until nothing moves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit import dynamics, linear
+from fit import dynamics, flscov, linear
 from fit.errors import FitError
+from fit.likelihood import Likelihood
 from fit.parameters import Parameter
 from fit.runs import Experiment, noise_model
+from fit.scatter import Scatter, rows
 from fit.spectra import NoiseModel
 
 Array = NDArray[np.float64]
+Estimator = Literal["flscov"] | Likelihood
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
+_WARM_UP = 1  # iteration up to which the signal may still be in the residual
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
 
 
@@ -59,6 +64,12 @@ class Outcome:
         Frequency [Hz] of the only signal, if all runs hold the same single tone; 0 if none holds a signal.
     converged : bool
         Whether the last move was within TOLERANCE.
+    blocks : tuple of linear.Block
+        The data as they were weighed last.
+    prior : linear.Prior
+        What was known beside them.
+    scatter : mapping of str to tuple of float
+        Width, and its sigma, by which a parameter scatters between experiments.
     """
 
     parameters: tuple[Parameter, ...]
@@ -67,6 +78,9 @@ class Outcome:
     directions: Array
     tone: float | None
     converged: bool
+    blocks: tuple[linear.Block, ...]
+    prior: linear.Prior
+    scatter: Mapping[str, tuple[float, float]]
 
 
 def reweight(
@@ -74,6 +88,9 @@ def reweight(
     shares: Sequence[Array],
     parameters: Sequence[Parameter],
     known: Known | None = None,
+    *,
+    estimator: Estimator = "gaussian",
+    scatter: Sequence[Scatter] = (),
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves by TOLERANCE sigma.
 
@@ -87,6 +104,10 @@ def reweight(
         The P parameters; the iteration starts at their flight values.
     known : Known, optional
         Used if the runs hold a single tone: then of all parameters of a run only lambda_2 is fitted.
+    estimator : str
+        ``flscov``, or the likelihood of the residual, see `fit.likelihood`.
+    scatter : sequence of Scatter
+        Departures of experiments from their common value, whose width is estimated along.
 
     Raises
     ------
@@ -94,7 +115,7 @@ def reweight(
         If it does not settle, or a step of it fails.
     """
     try:
-        return _iterate(experiments, shares, parameters, known)
+        return _iterate(experiments, shares, parameters, known, estimator, scatter)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -105,39 +126,88 @@ def _iterate(
     shares: Sequence[Array],
     parameters: Sequence[Parameter],
     known: Known | None,
+    estimator: Estimator,
+    scatter: Sequence[Scatter],
 ) -> Outcome:
     centre = np.array([p.value for p in parameters])
     width = np.array([p.prior_sigma for p in parameters])
     theta, covariance = centre, np.zeros((centre.size, centre.size))
-    models: list[NoiseModel | None] = [None] * len(experiments)
+    weighings = [
+        _Flscov(e, share) if estimator == "flscov" else _Smooth(e, share, estimator)
+        for e, share in zip(experiments, shares, strict=True)
+    ]
     for iteration in range(MAX_ITERATIONS):
-        blocks, fitted = [], []
-        for experiment, share, model in zip(experiments, shares, models, strict=True):
-            of_run = share @ theta
-            fitted.append(noise_model(experiment, of_run, share @ covariance @ share.T, model))
-            sysid = experiment.sysid.spectra(dynamics.delays(of_run))
-            blocks.append(linear.compress(sysid, fitted[-1], experiment.sysid.tau, share))
+        blocks = [w.block(theta, covariance, iteration) for w in weighings]
+        of_scatter = rows(scatter, theta, covariance)
         if iteration < SETTLED:
-            tone = _common_tone(blocks)
-            lost, directions = linear.blind(linear.information(blocks, theta)[0], width)
+            tone = common_tone(blocks)
+            H = linear.information(blocks, theta) + of_scatter.T @ of_scatter
+            lost, directions = linear.blind(H, width)
             if tone is not None:
-                lost |= _beyond(tone, shares[0])
+                lost |= beyond(tone, shares[0])
             prior = linear.Prior(centre, np.diag(1 / width)[lost])
             if tone and known:
                 prior, lost = _all_but_lambda_2(known, shares[0])
-        solution = linear.minimise(blocks, prior, theta, width)
-        sigma = np.sqrt(np.diag(solution.covariance))
-        moved = float(np.max(np.abs(solution.theta - theta)[~lost] / sigma[~lost], initial=0.0))
+        known_rows = linear.Prior(prior.centre, np.concatenate([prior.rows, of_scatter]))
+        found = linear.minimise(blocks, known_rows, theta, width)
+        spread = linear.curvature_covariance(linear.information(blocks, found), known_rows, width)
+        moved = float(np.max(np.abs(found - theta)[~lost] / np.sqrt(np.diag(spread))[~lost], initial=0.0))
+        settled = moved < TOLERANCE and all(w.settled for w in weighings)
         last = iteration == MAX_ITERATIONS - 1
-        if iteration > 1 and moved < (HARMLESS if last else TOLERANCE):
-            return Outcome(tuple(parameters), solution, lost, directions, tone, moved < TOLERANCE)
+        if iteration > _WARM_UP and (settled or (last and moved < HARMLESS)):
+            return Outcome(
+                parameters=tuple(parameters),
+                solution=linear.solution(blocks, known_rows, found, width),
+                lost=lost,
+                directions=directions,
+                tone=tone,
+                converged=settled,
+                blocks=tuple(blocks),
+                prior=known_rows,
+                scatter={s.name: s.estimate(found, spread) for s in scatter},
+            )
         step = 1.0 if iteration < SETTLED else 0.5  # lest weights and parameters swing against each other
-        theta = theta + step * (solution.theta - theta)
-        covariance, models = solution.covariance, list(fitted)
+        theta = theta + step * (found - theta)
+        covariance = spread
     raise FitError(f"parameters still move by {moved:.2g} sigma after {MAX_ITERATIONS} iterations")
 
 
-def _common_tone(blocks: Sequence[linear.Block]) -> float | None:
+class _Smooth:
+    """Weighs a run by the smooth PSD of its noise run, and by what its own residual then is like."""
+
+    def __init__(self, experiment: Experiment, share: Array, likelihood: Likelihood) -> None:
+        self._experiment, self._share, self._likelihood = experiment, share, likelihood
+        self._model: NoiseModel | None = None
+        self.settled = True
+
+    def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
+        share, of_run, run = self._share, self._share @ theta, self._experiment.sysid
+        self._model = noise_model(self._experiment, of_run, share @ covariance @ share.T, self._model)
+        terms = run.spectra(dynamics.delays(of_run))
+        # before the signal is subtracted, no residual can tell an outlier
+        c = dynamics.coefficients(of_run, run.tau) if iteration > _WARM_UP else None
+        return linear.block(terms, self._model, run.tau, share, likelihood=self._likelihood, c=c)
+
+
+class _Flscov:
+    """Weighs a run as LTPDA does."""
+
+    def __init__(self, experiment: Experiment, share: Array) -> None:
+        self._experiment, self._share = experiment, share
+        self._total = 0.0
+        self.settled = False
+
+    def block(self, theta: Array, _: Array, iteration: int) -> linear.Block:
+        of_run = self._share @ theta
+        terms = self._experiment.sysid.columns(dynamics.delays(of_run))
+        c = dynamics.coefficients(of_run, terms.tau) if iteration else None
+        block, total = flscov.block(terms, self._share, c)
+        self.settled = abs(total - self._total) < flscov.TOLERANCE * total
+        self._total = total
+        return block
+
+
+def common_tone(blocks: Sequence[linear.Block]) -> float | None:
     """Return the one frequency of all signals, 0 if there are none, else None."""
     if any(block.tone is None for block in blocks):
         return None
@@ -147,7 +217,7 @@ def _common_tone(blocks: Sequence[linear.Block]) -> float | None:
     return tones[0] if max(tones) < np.sqrt(2) * min(tones) else None
 
 
-def _beyond(tone: float, share: Array) -> NDArray[np.bool_]:
+def beyond(tone: float, share: Array) -> NDArray[np.bool_]:
     """Tell which parameters a single tone, or no signal at all, leaves undetermined."""
     names = ("lambda_2", "omega2_2") if tone else ("lambda_2", "C_2", "omega2_2")
     rows = [dynamics.PARAMETERS.index(name) for name in names]

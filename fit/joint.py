@@ -1,24 +1,29 @@
 """The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fit import dynamics
-from fit.irls import Known, Outcome, reweight
+from fit.irls import Estimator, Known, Outcome, reweight
 from fit.parameters import (
     EXPERIMENT_NAMES,
+    FLIGHT,
+    Parameter,
     cross_talk_parameter,
     experiment_parameter,
-    joint_names,
-    joint_parameter,
 )
 from fit.runs import Experiment
+from fit.scatter import START, Scatter
+from fit.settings import Settings
+from fit.sharing import Sharing
 from fit.telemetry import Telemetry
 
 
-def fit_experiment(experiment: Experiment, known: Known | None = None) -> Outcome:
+def fit_experiment(
+    experiment: Experiment, known: Known | None = None, estimator: Estimator = "gaussian"
+) -> Outcome:
     """Fit one experiment on its own.
 
     Parameters
@@ -27,6 +32,8 @@ def fit_experiment(experiment: Experiment, known: Known | None = None) -> Outcom
         The runs.
     known : Known, optional
         Of the joint fit, for a run that holds a single tone.
+    estimator : str
+        See `irls.reweight`.
 
     Raises
     ------
@@ -41,13 +48,11 @@ def fit_experiment(experiment: Experiment, known: Known | None = None) -> Outcom
         experiment_parameter(name, F_max=F_max, N_max=N_max, epoch=run.alignment_epoch) for name in names
     ] + [cross_talk_parameter(name) for name in cross_talk]
     share = np.array([[float(own == p.name) for p in parameters] for own in experiment.parameters])
-    return reweight([experiment], [share], parameters, known)
+    return reweight([experiment], [share], parameters, known, estimator=estimator)
 
 
-def fit_joint(experiments: Sequence[Experiment]) -> Outcome:
-    """Fit all experiments together: common gains, delays and stiffness model.
-
-    Of delta_ifo and of the coefficients of eq. bump there is one set per alignment epoch.
+def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
+    """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
 
     Raises
     ------
@@ -55,40 +60,40 @@ def fit_joint(experiments: Sequence[Experiment]) -> Outcome:
         If no trustworthy estimate comes out.
     """
     runs = [experiment.sysid.telemetry for experiment in experiments]
-    parameters = [joint_parameter(name) for name in joint_names(run.alignment_epoch for run in runs)]
-    parameters += [cross_talk_parameter(name, epoch) for epoch, name in cross_talk_names(experiments)]
+    sharing = Sharing(chosen.shared)
+    parameters = sharing.parameters(runs)
+    departures, scatter = _departures(chosen.scatter, runs, len(parameters))
     names = [p.name for p in parameters]
-    return reweight(experiments, [share(run, names) for run in runs], parameters)
+    shares = []
+    for n, run in enumerate(runs):
+        share = sharing.matrix(run, names)
+        own = np.zeros((len(share), len(departures)))
+        for i, name in enumerate(chosen.scatter):
+            own[dynamics.PARAMETERS.index(name), i * len(runs) + n] = 1.0
+        shares.append(np.hstack([share, own]))
+    return reweight(
+        experiments, shares, [*parameters, *departures], estimator=chosen.estimator, scatter=scatter
+    )
 
 
-def cross_talk_names(experiments: Sequence[Experiment]) -> list[tuple[int, str]]:
-    """Return the coefficients of eq. bump that the runs can be fitted for: alignment epoch and name."""
-    found = {
-        (experiment.sysid.telemetry.alignment_epoch, name)
-        for experiment in experiments
-        for name in experiment.parameters[len(dynamics.PARAMETERS) :]
-    }
-    return sorted(found)
+def _departures(
+    names: Sequence[str], runs: Sequence[Telemetry], first: int
+) -> tuple[list[Parameter], list[Scatter]]:
+    """Return the departures of every run from what scatters, and where they stand among the parameters."""
+    departures: list[Parameter] = []
+    scatter: list[Scatter] = []
+    for name in names:
+        start = START * FLIGHT[name].value
+        at = first + len(departures)
+        departure = replace(FLIGHT[name], value=0.0, prior_sigma=start, equation="scatter")
+        departures += [replace(departure, name=f"d{name}_{run.experiment}") for run in runs]
+        scatter.append(Scatter(name, tuple(range(at, at + len(runs))), start))
+    return departures, scatter
 
 
-def share(run: Telemetry, names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the map from the P joint parameters to the K of one run, shape (K, P)."""
-    epoch = run.alignment_epoch
-    omega2_1 = {"omega2_1_0": 1.0, "alpha_x_1": run.F_max_1, "alpha_phi_1": run.N_max_1}  # eq. stiff_model
-    omega2_2 = {"omega2_2_0": 1.0, "alpha_x_2": run.F_max_2, "alpha_phi_2": run.N_max_2}
-    of_run = {
-        "omega2_2": omega2_2,
-        "domega2_12": omega2_2 | {name: -factor for name, factor in omega2_1.items()},
-        "delta_ifo": {f"delta_ifo_{epoch}": 1.0},
-        **{name: {f"{name}_{epoch}": 1.0} for name in dynamics.CROSS_TALK},
-    }
-    rows = [of_run.get(own, {own: 1.0}) for own in dynamics.run_parameters(dynamics.means(run))]
-    return np.array([[row.get(name, 0.0) for name in names] for row in rows])
-
-
-def known_of(outcome: Outcome, run: Telemetry) -> Known | None:
+def known_of(outcome: Outcome, run: Telemetry, sharing: Sharing) -> Known | None:
     """Return what the joint fit says of the parameters of one run; None where it cannot say."""
-    to_run = share(run, [p.name for p in outcome.parameters])
+    to_run = sharing.matrix(run, [p.name for p in outcome.parameters])
     if outcome.tone is not None or not to_run.any(axis=1).all():
         return None
     return Known(to_run @ outcome.solution.theta, to_run @ outcome.solution.covariance @ to_run.T)

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.joint import share
 from fit.parameters import joint_names, joint_parameter
 from fit.results import Fit, FitWarning
+from fit.settings import settings
+from fit.sharing import Sharing
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -53,7 +54,8 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     among = [order.index(name) for name in known]
     covariance[np.ix_(at, at)] = joint.covariance[np.ix_(among, among)]
     sigma = np.sqrt(np.diag(covariance))
-    of_run = share(replace(run, channels={}), names)  # without the rows of eq. bump
+    sharing = Sharing(settings().shared)
+    of_run = sharing.matrix(replace(run, channels={}), names)  # without the rows of eq. bump
     return Dynamics(
         theta=of_run @ [values[name] for name in names],
         share=of_run * sigma,

@@ -10,6 +10,7 @@ band. Leaving out the lowest bins would break the sum.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import lmfit
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.fft import irfft
 
 from fit import dynamics
 from fit.errors import FitError
+from fit.likelihood import Likelihood, Weights, weights
 from fit.spectra import NoiseModel, Spectra, Spectrum
 
 Array = NDArray[np.float64]
@@ -29,18 +31,18 @@ STRAY = 0.02  # share of the signal that switching a tone on and off scatters ov
 
 @dataclass(frozen=True)
 class Block:
-    """One whitened run, compressed.
+    """One whitened run.
 
     Attributes
     ----------
     tau : tuple of float
         The delays [s] about which its columns are expanded.
-    R : ndarray, shape (K, K)
-        ``|R c|^2`` is chi^2 for the coefficients c of the K columns, see `dynamics.Columns`.
-    M : ndarray, shape (K, K)
-        Covariance of the scores ``columns^T residual`` under noise of the estimated PSD.
-    size : int
-        Number of real data.
+    columns : ndarray of complex, shape (B, K)
+        Its K columns, see `dynamics.Columns`; the residual has variance 1 in real and imaginary part each.
+    weights : Weights
+        Of the bins.
+    window : ndarray, shape (N,), or None
+        The window of the run, which makes neighbouring bins one noise; None to take bins as independent.
     tone : float or None
         Frequency [Hz] of the signal in ``o_12''`` where there is just one, 0 without any, else None.
     share : ndarray, shape (K - 1, P)
@@ -48,11 +50,51 @@ class Block:
     """
 
     tau: tuple[float, float]
-    R: Array
-    M: Array
-    size: int
+    columns: Spectrum
+    weights: Weights
+    window: Array | None
     tone: float | None
     share: Array
+
+    @property
+    def size(self) -> int:
+        """Number of real data, constant and ramp taken off."""
+        return 2 * (len(self.columns) - 1)
+
+    @cached_property
+    def R(self) -> Array:
+        """Shape (K, K): ``|R c|^2`` is the weighted sum of squares for the coefficients c of the columns."""
+        return self._root(self.weights.fit)
+
+    @cached_property
+    def plain(self) -> Array:
+        """As `R`, all bins alike."""
+        even = bool(np.all(self.weights.fit == 1))
+        return self.R if even else self._root(np.ones(len(self.columns)))
+
+    @cached_property
+    def H(self) -> Array:
+        """Curvature of half the weighted sum, shape (K, K)."""
+        same = np.array_equal(self.weights.curvature, self.weights.fit)
+        root = self.R if same else self._root(self.weights.curvature)
+        return np.asarray(root.T @ root)
+
+    @cached_property
+    def M(self) -> Array:
+        """Covariance of the scores ``columns^T residual`` under noise of the estimated PSD, shape (K, K)."""
+        if self.window is None:
+            root = self._root(self.weights.score)
+            return np.asarray(root.T @ root)
+        n, w = self.window.size, self.window
+        padded = np.zeros((n // 2 + 1, self.columns.shape[1]), dtype=np.complex128)
+        padded[1 : len(self.columns) + 1] = self.columns * np.sqrt(self.weights.score)[:, None]
+        # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
+        # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
+        z = irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
+        return np.asarray(z.T @ z)
+
+    def _root(self, factors: Array) -> Array:
+        return np.asarray(np.linalg.qr(_real(self.columns * np.sqrt(factors)[:, None]), mode="r"))
 
 
 def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
@@ -82,18 +124,34 @@ def _complex(x: Array) -> Spectrum:
     return x[:half] + 1j * x[half:]
 
 
-def compress(spectra: Spectra, noise: NoiseModel, tau: tuple[float, float], share: Array) -> Block:
-    """Whiten one run by the PSD of its noise and compress it."""
+def block(
+    spectra: Spectra,
+    noise: NoiseModel,
+    tau: tuple[float, float],
+    share: Array,
+    *,
+    likelihood: Likelihood = "gaussian",
+    c: Array | None = None,
+) -> Block:
+    """Whiten one run by the PSD of its noise and weigh its bins.
+
+    Parameters
+    ----------
+    spectra : Spectra
+        The run.
+    noise : NoiseModel
+        Of its noise.
+    tau, share
+        See `Block`.
+    likelihood : str
+        What the residual is taken to be like.
+    c : ndarray, shape (K,), optional
+        Coefficients of the columns at the previous estimate, which make the residual that tells the weights.
+    """
     U, _ = whiten(spectra, noise.expected(spectra.f))
-    n, w = spectra.window.size, spectra.window
-    padded = np.zeros((n // 2 + 1, U.shape[1]), dtype=np.complex128)
-    padded[1 : len(U) + 1] = U
-    # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the time
-    # domain the whitened noise is white, times w, so that the covariance is a plain sum.
-    z = irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
-    R = np.asarray(np.linalg.qr(_real(U), mode="r"))
+    u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
-    return Block(tau, R, z.T @ z, 2 * (len(U) - 1), tone, share)
+    return Block(tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share)
 
 
 def single_tone(f: Array, power: Array) -> float | None:
@@ -116,15 +174,22 @@ def single_tone(f: Array, power: Array) -> float | None:
     return peak if signal[apart].sum() < STRAY * signal.sum() else None
 
 
-def information(blocks: Sequence[Block], theta: Array) -> tuple[Array, Array]:
-    """Return the curvature H of chi^2/2 and the scores' covariance M, both of shape (P, P)."""
-    H = np.zeros((theta.size, theta.size))
-    M = np.zeros_like(H)
-    for block in blocks:
+def information(blocks: Sequence[Block], theta: Array) -> Array:
+    """Return the curvature of the cost that the data make at theta, shape (P, P)."""
+    return _sum([block.H for block in blocks], blocks, theta)
+
+
+def scores(blocks: Sequence[Block], theta: Array) -> Array:
+    """Return the covariance of the scores, shape (P, P); the information itself if no window were there."""
+    return _sum([block.M for block in blocks], blocks, theta)
+
+
+def _sum(of_columns: Sequence[Array], blocks: Sequence[Block], theta: Array) -> Array:
+    total = np.zeros((theta.size, theta.size))
+    for matrix, block in zip(of_columns, blocks, strict=True):
         c = dynamics.gradient(block.share @ theta, block.tau) @ block.share
-        H += (block.R @ c).T @ (block.R @ c)
-        M += c.T @ block.M @ c
-    return H, M
+        total += c.T @ matrix @ c
+    return total
 
 
 def blind(H: Array, widths: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -197,7 +262,7 @@ class Solution:
     dof: int
 
 
-def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Solution:
+def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Array:
     """Minimise chi^2 over the blocks (eq. jointlh for Gaussian noise of known PSD).
 
     Parameters
@@ -209,10 +274,15 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     start, width : ndarray, shape (P,)
         Where to begin, and the natural scale of each parameter.
 
+    Returns
+    -------
+    ndarray, shape (P,)
+        The parameters, SI.
+
     Raises
     ------
     FitError
-        If the minimiser fails or the curvature is singular.
+        If the minimiser fails.
     """
     rows = prior.rows * width
 
@@ -241,13 +311,36 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     theta = parameters(found.params)
     if not found.success or not np.isfinite(theta).all():
         raise FitError(f"the minimisation failed: {found.message}")
-    H, M = (width[:, None] * x * width for x in information(blocks, theta))
-    known = rows.T @ rows
+    return theta
+
+
+def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:
+    """Return the covariance that the curvature alone tells, shape (P, P): bins taken as independent.
+
+    Raises
+    ------
+    FitError
+        If the curvature is singular.
+    """
     try:
-        inverse = np.linalg.inv(H + known)
+        inverse = np.linalg.inv(width[:, None] * (H + prior.rows.T @ prior.rows) * width)
     except np.linalg.LinAlgError as error:
         raise FitError("the data and the weak priors leave a direction free") from error
-    covariance = width[:, None] * (inverse @ (M + known) @ inverse) * width
+    return np.asarray(width[:, None] * inverse * width)
+
+
+def solution(blocks: Sequence[Block], prior: Prior, theta: Array, width: Array) -> Solution:
+    """Give the minimum its covariance, chi^2 and degrees of freedom.
+
+    Raises
+    ------
+    FitError
+        If the curvature is singular.
+    """
+    H, known = information(blocks, theta), prior.rows.T @ prior.rows
+    inverse = curvature_covariance(H, prior, width)
+    covariance = inverse @ (scores(blocks, theta) + known) @ inverse
+    left = [block.plain @ dynamics.coefficients(block.share @ theta, block.tau) for block in blocks]
     determined = round(float(np.trace(inverse @ H)))
-    chi2 = float(np.sum(residuals(found.params)[: sum(len(block.R) for block in blocks)] ** 2))
-    return Solution(theta, covariance, chi2, sum(block.size for block in blocks) - determined)
+    dof = sum(block.size for block in blocks) - determined
+    return Solution(theta, covariance, float(np.sum(np.concatenate(left) ** 2)), dof)

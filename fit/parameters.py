@@ -148,8 +148,8 @@ def joint_parameter(name: str) -> Parameter:
     return _delta_ifo(int(match[1]), rms, rms, flown=False)
 
 
-def cross_talk_parameter(name: str, epoch: int | None = None) -> Parameter:
-    """Return a coefficient of eq. bump, named ``b_i_k`` for alignment epoch k, ``b_i`` without one.
+def cross_talk_parameter(name: str) -> Parameter:
+    """Return a coefficient of eq. bump.
 
     Raises
     ------
@@ -160,8 +160,7 @@ def cross_talk_parameter(name: str, epoch: int | None = None) -> Parameter:
     what = f"mean {mean}" + (" acceleration" if order else "")
     description = f"cross-talk of the test masses' {what} into Delta g"
     symbols = (f"b<sub>{name[2:]}</sub>", f"b_{name[2:]}")
-    own = name if epoch is None else f"{name}_{epoch}"
-    return Parameter(own, 0.0, width, unit, width, "bump", *symbols, description, flown=False)
+    return Parameter(name, 0.0, width, unit, width, "bump", *symbols, description, flown=False)
 
 
 def stiffness(j: int, values: Mapping[str, float], F_max: float, N_max: float) -> float:

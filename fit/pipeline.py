@@ -1,32 +1,29 @@
 """From telemetry to results: pair the runs, fit each experiment, all jointly, then the inertial periods."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fit import bump, inertial, rotation, separation, spectra
+from fit import bump, inertial, rotation, selection, separation, spectra
 from fit.errors import InputError
 from fit.irls import Outcome
 from fit.joint import fit_experiment, fit_joint, known_of
 from fit.results import Fit, FitWarning, Results
-from fit.runs import Experiment, Run
+from fit.runs import Experiment
+from fit.settings import Settings, settings
+from fit.sharing import Sharing
 from fit.telemetry import Telemetry, inertial_period
 from fit.verdict import as_fit
 
-JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
-SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
-TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
-
-def calibrate(telemetries: Sequence[Telemetry], *, include_short: bool = False) -> Results:
+def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:
     """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
     Parameters
     ----------
     telemetries : sequence of Telemetry
         Runs of any sample rates; each sysid run is paired with the noise run of the same experiment.
-    include_short : bool
-        Let runs shorter than 6 h take part in the joint fit.
+    chosen : Settings, optional
+        What the user chose, the default otherwise.
 
     Raises
     ------
@@ -35,14 +32,13 @@ def calibrate(telemetries: Sequence[Telemetry], *, include_short: bool = False) 
     FitError
         If no trustworthy estimate comes out.
     """
-    _check_names(telemetries)
-    experiments = [_experiment(run, telemetries) for run in telemetries if run.kind == "sysid"]
+    experiments = selection.experiments(telemetries)
     if not experiments:
         raise InputError(
             f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
             "or an earlier calibration"
         )
-    return _with_inertial(_dynamics(experiments, include_short=include_short), telemetries)
+    return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
 
 
 def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -> Results:
@@ -107,69 +103,46 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     return found
 
 
-def _dynamics(experiments: Sequence[Experiment], *, include_short: bool) -> Results:
+def _dynamics(experiments: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly."""
-    taking_part = [e for e in experiments if include_short or not _is_short(e.sysid.telemetry)]
-    outcome = fit_joint(taking_part) if taking_part else None
+    sharing = Sharing(chosen.shared)
+    taking_part, short, excluded = selection.divide(experiments, chosen)
+    outcome = fit_joint(taking_part, chosen) if taking_part else None
     joint = as_fit(outcome, taking_part) if outcome else None
-    fits = {e.name: _fit_alone(e, outcome) for e in experiments}
-    left_out = [e for e in experiments if e not in taking_part]
-    if left_out:
-        names = ", ".join(e.sysid.telemetry.run for e in left_out)
-        warning = FitWarning("short_run", (), f"left out of the joint fit, being shorter than 6 h: {names}")
-        joint = joint and replace(joint, warnings=(*joint.warnings, warning))
-        for e in left_out:
-            fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
-    cross_talk = bump.cross_talk(outcome, taking_part) if outcome else {}
+    fits = {e.name: _fit_alone(e, outcome, chosen) for e in experiments}
+    for code, why, left_out in (
+        ("short_run", "being shorter than 6 h", short),
+        ("excluded", "as the settings say", excluded),
+    ):
+        if left_out:
+            names = ", ".join(e.sysid.telemetry.run for e in left_out)
+            warning = FitWarning(code, (), f"left out of the joint fit, {why}: {names}")
+            joint = joint and replace(joint, warnings=(*joint.warnings, warning))
+            for e in left_out:
+                fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
+    cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
     periods: dict[str, set[str]] = {}
     for e in taking_part:
         run = e.sysid.telemetry
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     alone = {epoch: next(iter(found)) for epoch, found in periods.items() if len(found) == 1}
-    provenance = {**_provenance(experiments, taking_part), "cross_talk_periods": alone}
+    scatter = outcome.scatter if outcome else {}
+    provenance = {
+        **_provenance(experiments, taking_part),
+        "cross_talk_periods": alone,
+        "settings": chosen.model_dump(),
+        "scatter": {name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
+    }
     turning = any(rotation.sources(e.sysid.telemetry) for e in taking_part)
     cross_talk = {k: separation.joined(f) if turning else f for k, f in cross_talk.items()}
     return Results(joint, fits, cross_talk, {}, provenance)
 
 
-def _fit_alone(experiment: Experiment, joint: Outcome | None) -> Fit:
+def _fit_alone(experiment: Experiment, joint: Outcome | None, chosen: Settings) -> Fit:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
-    known = known_of(joint, experiment.sysid.telemetry) if joint else None
-    outcome = fit_experiment(experiment, known)
+    known = known_of(joint, experiment.sysid.telemetry, Sharing(chosen.shared)) if joint else None
+    outcome = fit_experiment(experiment, known, chosen.estimator)
     return as_fit(outcome, [experiment], from_joint=bool(known and outcome.tone))
-
-
-def _check_names(telemetries: Sequence[Telemetry]) -> None:
-    """Refuse two sysid runs of one experiment, and two noise runs of one that has a sysid run."""
-    driven = {run.experiment for run in telemetries if run.kind == "sysid"}
-    seen: dict[tuple[str, str], Telemetry] = {}
-    for run in telemetries:
-        twin = seen.setdefault((run.experiment, run.kind), run)
-        if twin is not run and run.experiment in driven:
-            raise InputError(
-                f"{run.path}: a second {run.kind} run of experiment {run.experiment!r} beside {twin.path}, "
-                "expected one"
-            )
-
-
-def _experiment(sysid: Telemetry, telemetries: Sequence[Telemetry]) -> Experiment:
-    noise = next((t for t in telemetries if t.kind == "noise" and t.experiment == sysid.experiment), None)
-    for run in (sysid, noise):
-        if run is not None and run.duration < SHORTEST:
-            raise InputError(f"{run.path}: lasts {run.duration:.6g} s, expected at least {SHORTEST:g} s")
-    if noise is not None:
-        for key in ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch"):
-            here, there = getattr(noise, key), getattr(sysid, key)
-            if not math.isclose(here, there, rel_tol=1e-6):
-                raise InputError(
-                    f"{noise.path}: attribute {key}: {here:g}, expected {there:g} as in {sysid.path}, "
-                    "whose noise run it is"
-                )
-    return Experiment(Run(sysid), None if noise is None else Run(noise))
-
-
-def _is_short(run: Telemetry) -> bool:
-    return run.duration < JOINT_DURATION * (1 - TRIMMED)
 
 
 def _provenance(experiments: Sequence[Experiment], taking_part: Sequence[Experiment]) -> dict[str, object]:

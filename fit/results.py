@@ -61,6 +61,30 @@ class FitWarning:
 
 
 @dataclass(frozen=True)
+class Diagnostics:
+    """What the residual of an experiment is like where the model of signal and noise should hold.
+
+    Attributes
+    ----------
+    chi2_red, chi2_red_sigma : float
+        chi^2 over its degrees of freedom, 1 expected, and the scatter to expect.
+    whiteness : float
+        p-value of the cumulative periodogram: how often noise departs farther from the shape of the model.
+    kurtosis, kurtosis_sigma : float
+        Excess kurtosis of the normalised residual, 0 expected, and the scatter to expect.
+    quantiles : list of float
+        Of the normalised residual at the normal scores `fit.diagnostics.SCORES`, which they should equal.
+    """
+
+    chi2_red: float
+    chi2_red_sigma: float
+    whiteness: float
+    kurtosis: float
+    kurtosis_sigma: float
+    quantiles: list[float]
+
+
+@dataclass(frozen=True)
 class Fit:
     """One fit.
 
@@ -80,6 +104,8 @@ class Fit:
         What was left out or doubted, and why.
     masked_samples : int, optional
         Missing samples that were masked, where they were counted.
+    diagnostics : Diagnostics, optional
+        Of the residual of a single experiment.
     """
 
     parameters: dict[str, Estimate]
@@ -89,6 +115,7 @@ class Fit:
     converged: bool
     warnings: tuple[FitWarning, ...]
     masked_samples: int | None = None
+    diagnostics: Diagnostics | None = None
 
 
 @dataclass(frozen=True)
@@ -159,6 +186,8 @@ def _derived_truth(truth: dict[str, float], telemetry: Telemetry) -> dict[str, f
         derived.setdefault(epoch, truth["delta_ifo"])
     elif epoch in truth:
         derived["delta_ifo"] = truth[epoch]
+    # what has a value for each experiment in a joint fit
+    derived |= {f"{name}_{telemetry.experiment}": value for name, value in derived.items()}
     return derived
 
 
@@ -220,6 +249,7 @@ def _fit_to_json(fit: Fit) -> dict[str, object]:
             for w in fit.warnings
         ],
         masked_samples=fit.masked_samples,
+        diagnostics=fit.diagnostics and vars(fit.diagnostics),
     )
 
 
@@ -232,6 +262,7 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     converged: bool
     warnings: list[FitWarning]
     masked_samples: int | None = None
+    diagnostics: Diagnostics | None = None
 
 
 class _ResultsJson(BaseModel, strict=True, allow_inf_nan=False):
@@ -297,4 +328,5 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         converged=fit.converged,
         warnings=tuple(fit.warnings),
         masked_samples=fit.masked_samples,
+        diagnostics=fit.diagnostics,
     )

@@ -29,6 +29,10 @@ class Run:
         self.channels = dynamics.channels(telemetry)
         self.tau = (np.inf, np.inf)
 
+    def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
+        """Return the columns expanded about exactly these delays."""
+        return dynamics.columns(self.channels, tau)
+
     def spectra(self, tau: tuple[float, float]) -> spectra.Spectra:
         """Return the spectra for delays within CLOSE of `tau`; `self.tau` then says which exactly.
 
@@ -38,7 +42,7 @@ class Run:
             If missing samples leave too little of the run.
         """
         if max(abs(tau[0] - self.tau[0]), abs(tau[1] - self.tau[1])) > CLOSE:
-            terms = dynamics.columns(self.channels, tau)
+            terms = self.columns(tau)
             self.tau = tau
             self._spectra = spectra.transform(terms.values, terms.valid, terms.fs)
             if np.mean(self._spectra.window**2) < LEAST:

@@ -90,7 +90,8 @@ def read(path: Path) -> Telemetry:
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
     telemetry = read_stretch(path, 0, None)
-    check_missing(path, {name: telemetry.channels[name] for name in REQUIRED}, telemetry.fs)
+    missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
+    check_missing(missing, telemetry.fs)
     for name in telemetry.channels.keys() - REQUIRED.keys():
         telemetry.channels[name]  # its values are checked here, not in the middle of a fit
     return telemetry
@@ -245,7 +246,7 @@ def _whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-class _Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
+class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     """The root attributes; the fields have the names of `Telemetry`."""
 
     run: Annotated[str, Field(min_length=1)]
@@ -261,24 +262,35 @@ class _Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     m_tm: Annotated[float, Field(gt=0)]
 
 
+def check_root(place: str, attributes: Mapping[str, object]) -> Root:
+    """Return root attributes, which are at `place`, as `Telemetry` has them.
+
+    Raises
+    ------
+    InputError
+        If one is missing or breaks the contract.
+    """
+    try:
+        return Root.model_validate(attributes)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = str(fault["loc"][0])
+        found = repr(attributes[name]) if name in attributes else "missing"
+        raise InputError(f"{place}: attribute {name}: {found}, expected: {fault['msg']}") from error
+
+
 def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     attributes = {name: plain(value) for name, value in file.attrs.items()}
     schema = attributes.pop("schema", None)
     if schema != SCHEMA:
         found = "missing" if schema is None else repr(schema)
         raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}")
-    try:
-        root = _Root.model_validate(attributes)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        name = str(fault["loc"][0])
-        found = repr(attributes[name]) if name in attributes else "missing"
-        raise InputError(f"{path}: attribute {name}: {found}, expected: {fault['msg']}") from error
+    root = check_root(str(path), attributes)
     time = read_time(file, path, root.fs, part)
     units = channel_units(file, path, file["time"].shape[0])
     return Telemetry(
         path=path,
-        **root.model_dump(include=set(_Root.model_fields)),
+        **root.model_dump(include=set(Root.model_fields)),
         time=time,
         channels=_OnDemand(path, list(units), part, root.fs),
         units=units,

@@ -34,9 +34,9 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     FitError
         If a sigma is no positive number.
     """
-    names = {p.name: p.name for p in outcome.parameters if p.equation != "bump"}
+    names = {p.name: p.name for p in outcome.parameters if p.equation not in ("bump", "scatter")}
     lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
-    return report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments)])
+    return report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments), *_scatter(outcome)])
 
 
 def report(
@@ -143,6 +143,19 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None)
     if tone and {"lambda_2", "omega2_2", "omega2_2_0"} & set(names):
         return f"the only signal is a tone at {1e3 * tone:.3g} mHz, one at another frequency is needed"
     return "the injections are too weak, too short or of too few frequencies"
+
+
+def _scatter(outcome: Outcome) -> list[FitWarning]:
+    """Say by how much parameters differ between the experiments."""
+    return [
+        FitWarning(
+            "scatter",
+            (name,),
+            f"{name} scatters between the experiments by {width:.2g} ± {sigma:.1g} beyond noise; its sigma "
+            "is that of the mean over such experiments",
+        )
+        for name, (width, sigma) in outcome.scatter.items()
+    ]
 
 
 def _doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarning]:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -22,15 +22,26 @@ from typer.core import TyperGroup
 import fit.errors
 from fit import report as fit_report
 from fit import results as fit_results
+from fit import settings as fit_settings
 from fit import telemetry as fit_telemetry
+from fit.conversion import convert, is_map
 from fit.deltag import write_delta_g
 from fit.pipeline import calibrate, calibrate_inertial
 from lpfcosim import campaign as campaigns
-from lpfcosim import container, margins, master, network, placement, runner, ssp, stability
+from lpfcosim import (
+    cli_fmu,
+    cli_mcmc,
+    cli_study,
+    margins,
+    master,
+    network,
+    placement,
+    runner,
+    stability,
+)
+from lpfcosim.cli_common import Out, Quiet, about, check_folder
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.modelica import build as fmu_build
-from lpfcosim.modelica import checks
 from lpfcosim.spacecraft import Spacecraft
 
 
@@ -51,15 +62,13 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-fmu_app = typer.Typer(
-    help="Build the FMUs from the Modelica sources, list them, check them.", no_args_is_help=True
-)
-app.add_typer(fmu_app, name="fmu")
+app.add_typer(cli_fmu.app, name="fmu")
+app.command(name="mcmc")(cli_mcmc.mcmc_command)
+app.command(name="forecast")(cli_study.forecast_command)
 
-Out = Annotated[
-    Path | None, typer.Option("--out", help="Folder for the results [default: named after the input].")
+Paths = Annotated[
+    list[Path], typer.Argument(metavar="PATH...", help="Telemetry, folders of it, maps of archives (.toml).")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 
 
 def main() -> None:
@@ -99,15 +108,16 @@ def run(
     """
     console = Console(quiet=quiet)
     plan = campaigns.load(campaign)
+    chosen = fit_settings.settings(plan.fit, f"{campaign}: fit")
     directory = out or Path(campaign.stem)
-    _check_folder(directory / "telemetry")
+    check_folder(directory / "telemetry")
     started = time.perf_counter()
-    with _about(campaign):
+    with about(campaign):
         for entry in plan.runs if not plan.replacements else ():  # the poles are those of our loop
             stability.check(entry)
     with console.stage("FMUs"):
-        fmus = _fmus(plan)
-    with _about(campaign):
+        fmus = cli_fmu.fmus(plan)
+    with about(campaign):
         for entry in plan.runs:
             placement.interfaces(entry, fmus)
     for line in _told_of_replacements(plan, fmus):
@@ -123,15 +133,17 @@ def run(
             console.note(f"run {name}: a command is at its limit in {n} samples, where the fit does not hold")
         simulated = time.perf_counter() - started
         origin = {**runner.provenance(plan, held), "seconds_simulating": round(simulated, 2)}
-    _calibrate(console, directory, files, include_short=False, origin=origin)
+    _calibrate(console, directory, files, chosen, origin=origin)
 
 
 @app.command(name="fit")
 def fit_command(
-    paths: Annotated[
-        list[Path], typer.Argument(metavar="PATH...", help="Telemetry files, or folders of them.")
-    ],
+    paths: Paths,
     out: Out = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit], such as a campaign."),
+    ] = None,
     include_short: Annotated[
         bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
     ] = False,
@@ -150,21 +162,18 @@ def fit_command(
     Sysid runs calibrate the dynamics, noise runs of 12 h or more with torques the inertial forces.
     """
     directory = out or _default_folder(paths[0])
-    _check_folder(directory)
-    _calibrate(
-        Console(quiet=quiet),
-        directory,
-        [_telemetry_folder(p) for p in paths],
-        include_short=include_short,
-        calibration=calibration,
-    )
+    check_folder(directory / "telemetry")
+    chosen = fit_settings.read(settings) if settings else fit_settings.settings()
+    if include_short:
+        chosen = chosen.model_copy(update={"include_short": True})
+    console = Console(quiet=quiet)
+    files = _telemetry(console, paths, directory, any_gaps=False)
+    _calibrate(console, directory, files, chosen, calibration=calibration)
 
 
 @app.command()
 def deltag(
-    paths: Annotated[
-        list[Path], typer.Argument(metavar="PATH...", help="Telemetry files, or folders of them.")
-    ],
+    paths: Paths,
     calibration: Annotated[
         Path, typer.Option("--calibration", metavar="RESULTS.json", help="Result of an earlier run or fit.")
     ],
@@ -177,10 +186,10 @@ def deltag(
     """
     console = Console(quiet=quiet)
     directory = out or _default_folder(paths[0], "deltag")
-    _check_folder(directory)
+    check_folder(directory / "telemetry")
     results = fit_results.load(calibration)
     joint = _joint(results, calibration)
-    inputs = fit_telemetry.files([_telemetry_folder(p) for p in paths])
+    inputs = fit_telemetry.files(_telemetry(console, paths, directory, any_gaps=True))
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
     for path in inputs:
         if outputs[f"{path.stem}-deltag.h5"] is not path:
@@ -221,99 +230,13 @@ def margins_command(
 ) -> None:
     """Print unity gain, phase and gain margin of every control loop, the others being closed."""
     run = campaigns.load(campaign).runs[0]
-    with _about(campaign):
+    with about(campaign):
         stability.check(run)
     whole = replace(run, spacecraft=run.spacecraft or Spacecraft())
     rows = [m for m in margins.margins(whole) if run.spacecraft or m.loop in ("drag_free_x", "suspension_x")]
     print(f"{'loop':18s} {'unity gain':>12s} {'phase margin':>13s} {'gain margin':>12s}")
     for m in rows:
         print(f"{m.loop:18s} {1e3 * m.unity_gain:8.4g} mHz {m.phase_margin:9.1f} deg {m.gain_margin:9.1f} dB")
-
-
-@fmu_app.command(name="build")
-def fmu_build_command(
-    models: Annotated[
-        list[str] | None, typer.Argument(metavar="[MODEL]...", help="Models [default: all].")
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder to copy the FMUs to.")] = None,
-    fmi: Annotated[Literal["2.0", "3.0"], typer.Option("--fmi", help="Version of FMI.")] = "3.0",
-    force: Annotated[bool, typer.Option("--force", help="Build again, whatever there is.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Build the FMUs from the Modelica sources; what has not changed comes from the cache."""
-    console = Console(quiet=quiet)
-    if out is not None:
-        _check_folder(out)
-    with console.stage("FMUs"):
-        built = fmu_build.build(_models(models), fmi=fmi, force=force)
-    if out is not None:
-        built = fmu_build.copy(built, out)
-    for path in built.values():
-        console.say(str(path))
-
-
-@fmu_app.command(name="list")
-def fmu_list() -> None:
-    """List the models and where their FMUs are, or would be."""
-    for model, path in fmu_build.locations().items():
-        print(f"{model:18s} {'built    ' if path.is_file() else 'not built'} {path}")
-
-
-@fmu_app.command(name="validate")
-def fmu_validate(
-    paths: Annotated[
-        list[Path] | None, typer.Argument(metavar="[FMU]...", help="Archives [default: ours].")
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Check FMUs with FMPy and with the FMU manipulation toolbox; exit status 1 if a fault is found."""
-    console = Console(quiet=quiet)
-    faulty = False
-    for path in paths or fmu_build.build().values():
-        found = checks.problems(path)
-        faulty |= bool(found)
-        console.say(f"{path}: {'no fault found' if not found else f'{len(found)} faults'}")
-        for problem in found:
-            print(f"  {problem}", file=sys.stderr)
-    if faulty:
-        raise typer.Exit(1)
-
-
-@fmu_app.command(name="export-ssp")
-def fmu_export_ssp(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="Gives the parameters.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The .ssp file [default: named after it].")
-    ] = None,
-) -> None:
-    """Write the closed loop as SSP 1.0, with one set of parameter values per authority set."""
-    plan = campaigns.load(campaign)
-    with _about(campaign):
-        print(ssp.export(plan, _fmus(plan, "2.0"), out or Path(f"{campaign.stem}.ssp")))
-
-
-@fmu_app.command(name="container")
-def fmu_container(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign of the run.")],
-    run_name: Annotated[str, typer.Argument(metavar="RUN", help="The run that gives the parameters.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The .fmu file [default: named after it].")
-    ] = None,
-) -> None:
-    """Write the closed loop of one run as a single FMU; its inputs are injections and noise."""
-    plan = campaigns.load(campaign)
-    runs = {r.name: r for r in plan.runs}
-    if run_name not in runs:
-        raise InputError(f"{campaign}: no run '{run_name}'; there are {', '.join(runs)}")
-    with _about(campaign):
-        print(container.container(runs[run_name], _fmus(plan, "2.0"), out or Path(f"{run_name}.fmu")))
-
-
-def _fmus(plan: campaigns.Campaign, fmi: str = "3.0") -> dict[str, Path]:
-    """FMUs of a campaign: the user's, and ours in the other places."""
-    theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [c.model for c in network.every(plan.runs[0]) if c.model not in theirs]
-    return {**fmu_build.build(ours, fmi=fmi), **theirs}
 
 
 @contextmanager
@@ -324,15 +247,6 @@ def _held(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[dict[s
         for model, copy in copies.items():
             shutil.copyfile(fmus[model], copy)
         yield {**fmus, **copies}
-
-
-@contextmanager
-def _about(campaign: Path) -> Iterator[None]:
-    """Name the campaign file in what is said to be wrong with it."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{campaign}: {error}") from None
 
 
 def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[str]:
@@ -350,18 +264,12 @@ def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) ->
         yield f"true values not known, left out of /truth: {', '.join(untold)}"
 
 
-def _models(named: Sequence[str] | None) -> Sequence[str]:
-    for name in named or ():
-        if name not in fmu_build.MODELS:
-            raise InputError(f"no model '{name}'; there are {', '.join(fmu_build.MODELS)}")
-    return named or fmu_build.MODELS
-
-
-def _check_folder(path: Path) -> None:
-    """Refuse a folder that cannot be made because a file has its name, or that of a folder above it."""
-    existing = next(p for p in (path, *path.parents) if p.exists())
-    if not existing.is_dir():
-        raise InputError(f"{existing}: is a file, expected a folder for the results; name one with --out")
+def _telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
+    """Return telemetry files and folders of them; what maps describe is converted into `directory` first."""
+    if any(map(is_map, paths)):
+        with console.stage("conversion"):
+            paths = convert(paths, directory / "telemetry", any_gaps=any_gaps)
+    return [_telemetry_folder(path) for path in paths]
 
 
 def _telemetry_folder(path: Path) -> Path:
@@ -392,8 +300,8 @@ def _calibrate(
     console: Console,
     directory: Path,
     paths: Sequence[Path],
+    chosen: fit_settings.Settings,
     *,
-    include_short: bool,
     calibration: Path | None = None,
     origin: dict[str, str | int | float] | None = None,
 ) -> None:
@@ -408,7 +316,7 @@ def _calibrate(
         if calibration is not None:
             results = calibrate_inertial(telemetries, known)
         else:
-            results = calibrate(telemetries, include_short=include_short)
+            results = calibrate(telemetries, chosen)
     directory.mkdir(parents=True, exist_ok=True)
     results = replace(
         results,

@@ -43,6 +43,29 @@ class Console:
         self.note(f"{name}: {time.perf_counter() - started:.1f} s")
 
     @contextmanager
+    def counted(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
+        """Follow a piece of work of at most `total` parts; yields the function to tell how many are done."""
+        started, made = time.perf_counter(), 0
+
+        def keep(done: int) -> None:
+            nonlocal made
+            made = done
+
+        if self._progress.is_terminal and not self._quiet:
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+            with Progress(*columns, console=self._progress) as bars:
+                task = bars.add_task(name, total=total)
+
+                def advance(done: int) -> None:
+                    keep(done)
+                    bars.update(task, completed=done)
+
+                yield advance
+        else:
+            yield keep
+        self.note(f"{name}: {made}, {time.perf_counter() - started:.1f} s")
+
+    @contextmanager
     def samples(
         self, sizes: Mapping[str, int]
     ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:

@@ -93,7 +93,7 @@ class Noise:
     def __init__(self, run: Run) -> None:
         self._dc = run.dc
         self._names = [name for name in names(run) if name not in (*TARGETS, *_ATTITUDE)]
-        self._sources = [(source.into, source.start(run)) for source in (*_along_x(run), *_whole(run))]
+        self._sources = [(source.into, source.start(run)) for source in sources(run)]
 
     def take(self, n: int) -> dict[str, Array]:
         """Draw the next ``n`` samples.
@@ -111,7 +111,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class _Source:
+class Source:
     """A stream of noise: white of ASD ``level``, or with a ``corner`` [Hz] of ASD ``level``/f above it."""
 
     name: str
@@ -120,30 +120,36 @@ class _Source:
     corner: float = 0.0
 
     def start(self, run: Run) -> "_White | _Red":
+        """Return the stream at its beginning."""
         if self.corner:
             return _Red(run, self.name, self.level, self.corner)
         return _White(run, self.name, self.level)
 
 
-def _along_x(run: Run) -> tuple[_Source, ...]:
+def sources(run: Run) -> tuple[Source, ...]:
+    """Every stream of noise that drives a run."""
+    return (*_along_x(run), *_whole(run))
+
+
+def _along_x(run: Run) -> tuple[Source, ...]:
     noise = run.noise
     plateau = noise.plateau / math.sqrt(2)
     tail = noise.tail * TAIL_LEVEL * TAIL_FREQUENCY / math.sqrt(2)
     jitter = noise.f_x_1_jitter * JITTER_FREQUENCY
     return (
-        _Source("n_1", "n_1", noise.oms),
-        _Source("n_12", "n_12", noise.oms),
-        _Source("g_1_plateau", "g_1", plateau),
-        _Source("g_2_plateau", "g_2", plateau),
-        _Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
+        Source("n_1", "n_1", noise.oms),
+        Source("n_12", "n_12", noise.oms),
+        Source("g_1_plateau", "g_1", plateau),
+        Source("g_2_plateau", "g_2", plateau),
+        Source("F_noise_x_sc", "F_noise_x_sc", noise.thruster),
         *_tail("F_noise_x_sc", noise.thruster, _THRUSTER_KNEE[noise.thrusters]),
-        _Source("g_1_tail", "g_1", tail, TAIL_CORNER),
-        _Source("g_2_tail", "g_2", tail, TAIL_CORNER),
-        _Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
+        Source("g_1_tail", "g_1", tail, TAIL_CORNER),
+        Source("g_2_tail", "g_2", tail, TAIL_CORNER),
+        Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
     )
 
 
-def _whole(run: Run) -> tuple[_Source, ...]:
+def _whole(run: Run) -> tuple[Source, ...]:
     """Noise beyond the x axis; a level with a knee rises as 1/f below it."""
     if run.spacecraft is None:
         return ()
@@ -159,13 +165,13 @@ def _whole(run: Run) -> tuple[_Source, ...]:
     levels += [(f"gamma_{k}_{j}", noise.torque, _TORQUE_KNEE) for j in (1, 2) for k in angles]
     sources = []
     for name, level, knee in levels:
-        sources += [_Source(name, name, level), *_tail(name, level, knee)]
+        sources += [Source(name, name, level), *_tail(name, level, knee)]
     return tuple(sources)
 
 
-def _tail(name: str, level: float, knee: float) -> tuple[_Source, ...]:
+def _tail(name: str, level: float, knee: float) -> tuple[Source, ...]:
     """1/f noise that meets a white level at the knee [Hz]; none without one."""
-    return (_Source(f"{name}_tail", name, level * knee, TAIL_CORNER),) if knee else ()
+    return (Source(f"{name}_tail", name, level * knee, TAIL_CORNER),) if knee else ()
 
 
 class _White:

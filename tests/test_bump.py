@@ -9,9 +9,13 @@ from fit import bump, dynamics, spectra
 from fit.bump import cross_talk
 from fit.joint import fit_experiment, fit_joint, known_of
 from fit.runs import Experiment, Run
+from fit.settings import settings
+from fit.sharing import Sharing
 from fit.verdict import as_fit
 from tests.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.synthetic import World, of_run
+
+SHARING = Sharing(settings().shared)
 
 LATE = World(plateau=2e-15, tail=8e-15)
 CLEAN = Motion(grs=0.0, dws=0.0)
@@ -31,8 +35,8 @@ def two_epochs(motion, other=None, **options):
 
 
 def fitted(runs):
-    outcome = fit_joint(runs)
-    return outcome, cross_talk(outcome, runs)
+    outcome = fit_joint(runs, settings())
+    return outcome, cross_talk(outcome, runs, SHARING)
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +172,7 @@ def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
 def test_columns_keep_delta_ifo_sharp(noisy):
     runs, outcome, _ = noisy
     without = [Experiment(*(Run(blind(r.telemetry)) for r in (e.sysid, e.noise))) for e in runs]
-    unsubtracted = as_fit(fit_joint(without), without)
+    unsubtracted = as_fit(fit_joint(without, settings()), without)
     for name, estimate in as_fit(outcome, runs).parameters.items():
         assert estimate.sigma < unsubtracted.parameters[name].sigma
     sigma = [fit.parameters["delta_ifo_1"].sigma for fit in (unsubtracted, as_fit(outcome, runs))]
@@ -227,9 +231,9 @@ def test_a_fit_without_cross_talk_does_not_know_a_run_that_has_it(noisy):
     runs, outcome, _ = noisy
     with_channels = runs[0].sysid.telemetry
     without = experiments([blind(r) for r in (with_channels, runs[0].noise.telemetry)])
-    assert known_of(fit_joint(without), with_channels) is None
-    assert known_of(outcome, with_channels).theta.size == 13
-    assert known_of(outcome, blind(with_channels)).theta.size == 7
+    assert known_of(fit_joint(without, settings()), with_channels, SHARING) is None
+    assert known_of(outcome, with_channels, SHARING).theta.size == 13
+    assert known_of(outcome, blind(with_channels), SHARING).theta.size == 7
 
 
 def test_jitter_below_the_noise_determines_nothing():

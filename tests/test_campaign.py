@@ -165,7 +165,8 @@ def test_a_campaign_written_in_si_comes_back_to_the_last_bit(
 def test_a_campaign_adds_to_the_one_it_extends(file):
     more = file.parent / "more.toml"
     more.write_text(
-        'extends = "c.toml"\nname = "more"\n[truth]\nlambda_1 = 1.08\n[noise]\nplateau = "4 fm s^-2 Hz^-0.5"\n',
+        'extends = "c.toml"\nname = "more"\n'
+        '[truth]\nlambda_1 = 1.08\n[noise]\nplateau = "4 fm s^-2 Hz^-0.5"\n',
         encoding="utf-8",
     )
     base, c = campaign.load(file), campaign.load(more)

@@ -219,7 +219,7 @@ def test_margins_of_the_loops(lpfcosim, short, tmp_path):
 def test_a_file_in_the_place_of_a_folder_is_told_before_any_work(
     lpfcosim, short, recorded, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(cli.fmu_build, "build", None)  # would be the first work
+    monkeypatch.setattr(fmu_build, "build", None)  # would be the first work
     (tmp_path / "short").write_text(SHORT)  # a campaign without a suffix, the default folder is itself
     for arguments in (
         ("run", "short"),
@@ -251,7 +251,7 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
         time.sleep(5)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(cli.fmu_build, "build", lambda *_, **__: {})
+    monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
     monkeypatch.setattr(cli.placement, "interfaces", lambda *_: [])
     monkeypatch.setattr(runner, "simulate", fail)
     try:

@@ -86,10 +86,9 @@ def test_experiment_parameters_at_nominal_authority():
         experiment_parameter("alpha_x_2", **NOMINAL, epoch=1)
 
 
-def test_cross_talk_has_one_set_per_epoch():
-    parameter = cross_talk_parameter("b_3", 2)
-    assert (parameter.name, parameter.unit, parameter.value, parameter.flown) == ("b_3_2", "1", 0.0, False)
-    assert cross_talk_parameter("b_5").name == "b_5"
+def test_cross_talk_has_no_flight_value():
+    parameter = cross_talk_parameter("b_3")
+    assert (parameter.name, parameter.unit, parameter.value, parameter.flown) == ("b_3", "1", 0.0, False)
     with pytest.raises(KeyError):
         cross_talk_parameter("b_7")
 

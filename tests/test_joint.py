@@ -8,15 +8,17 @@ import pytest
 from scipy.signal import decimate
 
 from fit.errors import InputError
-from fit.joint import share
 from fit.parameters import joint_names
 from fit.pipeline import calibrate
+from fit.settings import settings
+from fit.sharing import Sharing
 from fit.telemetry import Telemetry
 from lpfcosim import campaign, reference
 from lpfcosim.run import Noise, Truth
 from tests.synthetic import World, of_run, pair, telemetry, without
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
+SHARING = Sharing(settings().shared)
 FREE = ["lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "alpha_phi_1", "alpha_x_2", "alpha_phi_2"]
 OFF = World(
     lambda_2=1.0776 * 0.95,
@@ -45,7 +47,7 @@ def test_share_is_the_stiffness_model():
     names = joint_names([1, 2])
     run = telemetry(OFF, "E", epoch=2)
     truth = vars(OFF)
-    own = share(run, names) @ [truth[name] for name in names]
+    own = SHARING.matrix(run, names) @ [truth[name] for name in names]
     expected = of_run(OFF, "E", 2)
     assert own == pytest.approx(
         [expected[n] for n in ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")]
@@ -110,8 +112,8 @@ def test_blind_directions_are_named(sets, together, reason):
     names = joint_names([epoch for _, epoch in sets])
     along = np.array([warning.combination.get(name, 0.0) for name in names])
     for authority, epoch in sets:
-        moved = share(telemetry(World(), authority, epoch=epoch), names)[4:] @ along
-        scale = np.abs(share(telemetry(World(), authority, epoch=epoch), names)[4:]) @ np.abs(along)
+        moved = SHARING.matrix(telemetry(World(), authority, epoch=epoch), names)[4:] @ along
+        scale = np.abs(SHARING.matrix(telemetry(World(), authority, epoch=epoch), names)[4:]) @ np.abs(along)
         assert np.all(np.abs(moved) <= 1e-6 * scale)
 
 
@@ -148,7 +150,7 @@ def test_long_noise_run_is_used_whole():
 
 def test_short_runs_take_part_only_when_asked():
     runs = campaign_of(World(), SETS[:3]) + pair(World(), "D", epoch=2, duration=7200.0)
-    without_short, with_short = calibrate(runs), calibrate(runs, include_short=True)
+    without_short, with_short = calibrate(runs), calibrate(runs, settings({"include_short": True}))
     assert without_short.provenance["joint_runs"] == ["A-sysid", "B-sysid", "C-sysid"]
     for fit in (without_short.joint, without_short.experiments["D"]):
         (warning,) = (w for w in fit.warnings if w.code == "short_run")

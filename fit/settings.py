@@ -1,0 +1,91 @@
+"""What a user may choose about a fit: table ``[fit]`` of a campaign or of a file of settings."""
+
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fit.errors import InputError
+from fit.irls import Estimator
+from fit.sharing import Group
+
+_Scattering = Literal["lambda_1", "lambda_2", "C_1", "C_2"]
+
+
+class Settings(BaseModel):
+    """The choices, as ``fit/default.toml`` explains them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    estimator: Estimator
+    include_short: bool
+    exclude: list[str]
+    glitches: bool
+    scatter: list[_Scattering]
+    shared: dict[str, Group]
+
+
+def _default() -> dict[str, object]:
+    text = resources.files("fit").joinpath("default.toml").read_text(encoding="utf-8")
+    table: dict[str, object] = tomllib.loads(text)["fit"]
+    return table
+
+
+def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -> Settings:
+    """Return the settings with what is chosen on top of the default.
+
+    Parameters
+    ----------
+    chosen : mapping, optional
+        A table ``[fit]``, in part or whole.
+    where : str
+        The place it was found at, for messages.
+
+    Raises
+    ------
+    InputError
+        If a key or a value is not known.
+    """
+    chosen, default = dict(chosen or {}), _default()
+    shared, known = chosen.pop("shared", {}), default.pop("shared")
+    if not isinstance(shared, Mapping) or not isinstance(known, dict):
+        raise InputError(f"{where}.shared: {shared!r}, expected a table of parameters")
+    for name in shared:
+        if name not in known:
+            raise InputError(f"{where}.shared.{name}: not known, expected one of {', '.join(known)}")
+    try:
+        found = Settings.model_validate({**default, **chosen, "shared": {**known, **shared}})
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(str(part) for part in fault["loc"])
+        value = "" if isinstance(fault["input"], dict) else f"{fault['input']!r}: "
+        raise InputError(f"{where}.{place}: {value}{fault['msg']}") from error
+    for name in found.scatter:
+        if found.shared[name] != "campaign":
+            raise InputError(
+                f"{where}.scatter: {name} has a value for each {found.shared[name]} already, "
+                'expected shared = "campaign"'
+            )
+    return found
+
+
+def read(path: Path) -> Settings:
+    """Read the settings in a TOML file with a table ``[fit]``, be it a campaign or not.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no such table or breaks it.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8")).get("fit")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a readable file of settings") from error
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: {error}") from error
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: no table [fit], expected one with the settings of the fit")
+    return settings(table, f"{path}: fit")

@@ -1,0 +1,116 @@
+"""The commands that study a campaign as a whole: ``forecast``."""
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import rich.console
+import typer
+from rich.table import Table
+
+import fit.errors
+from fit.forecast import Planned, document, forecast
+from fit.parameters import FLIGHT
+from fit.results import Fit
+from fit.runs import Experiment
+from fit.runs import Run as Flown
+from fit.settings import settings
+from fit.telemetry import Telemetry
+from lpfcosim import campaign as campaigns
+from lpfcosim import planning, stability
+from lpfcosim.console import Console
+from lpfcosim.errors import InputError
+from lpfcosim.run import Run
+
+
+def forecast_command(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign to forecast.")],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON, schema lpf-forecast/1, with the correlations.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to write forecast.json to.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and JSON.")] = False,
+) -> None:
+    """Tell the sigmas of the joint fit before anything is simulated; needs no FMU.
+
+    They are those of the Fisher matrix at the true parameters of the campaign, with the closed-loop noise of
+    the channels, which carries information of its own. They hold for the default estimator and no scatter
+    between experiments, and are the mean over campaigns: those of one fit vary by up to 10 %, as the noise
+    PSDs do that it estimates. The angles of the inertial calibration are not forecast.
+    """
+    console = Console(quiet=quiet)
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file, expected a folder for the forecast")
+    plan = campaigns.load(campaign)
+    chosen = settings(plan.fit, f"{campaign}: fit")
+    if plan.replacements:
+        console.note("FMUs of other origin are taken to behave as ours do")
+    try:
+        with console.stage("forecast"):
+            expected = forecast(planned(plan), chosen)
+    except (InputError, fit.errors.InputError) as error:
+        raise InputError(f"{campaign}: {error}") from None
+    text = json.dumps(document(expected), indent=1, allow_nan=False)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "forecast.json").write_text(text + "\n", encoding="utf-8")
+    if as_json:
+        print(text)
+    elif not quiet:
+        rich.console.Console().print(_table(expected))
+    for warning in expected.warnings:
+        console.note(f"warning: {warning.message}")
+
+
+def planned(plan: campaigns.Campaign) -> list[Planned]:
+    """Return the sysid runs of a campaign as they are expected, without noise and with its cross-spectra.
+
+    Raises
+    ------
+    InputError
+        If a loop is unstable.
+    """
+    noisy = {run.experiment for run in plan.runs if run.kind == "noise"}
+    found = []
+    for run in plan.runs:
+        if run.kind == "sysid":
+            stability.check(run)
+            flown = Flown(_telemetry(run))
+            experiment = Experiment(flown, flown if run.experiment in noisy else None)
+            found.append(Planned(experiment, partial(planning.cross_spectra, run)))
+    return found
+
+
+def _telemetry(run: Run) -> Telemetry:
+    """Return what a run would record without noise."""
+    channels, authority = planning.response(run), run.authority
+    n = channels["o_1"].size
+    return Telemetry(
+        path=Path(run.name),
+        run=run.name,
+        experiment=run.experiment,
+        kind=run.kind,
+        fs=planning.RATE,
+        t0=run.t0,
+        F_max_1=authority.F_max_1,
+        F_max_2=authority.F_max_2,
+        N_max_1=authority.N_max_1,
+        N_max_2=authority.N_max_2,
+        alignment_epoch=run.alignment_epoch,
+        m_tm=run.m_tm,
+        time=np.arange(n) / planning.RATE,
+        channels=channels,
+        units={},
+        attributes={},
+    )
+
+
+def _table(expected: Fit) -> Table:
+    table = Table("parameter", "unit", "sigma", "flight sigma", "ratio", box=None)
+    for name, estimate in expected.parameters.items():
+        flown = FLIGHT[name].sigma if name in FLIGHT else None
+        beside = (f"{flown:.2g}", f"{estimate.sigma / flown:.2g}") if flown else ("", "")
+        table.add_row(name, estimate.unit, f"{estimate.sigma:.2g}", *beside)
+    return table
