@@ -21,12 +21,13 @@ from fit.scatter import Scatter, rows
 from fit.spectra import NoiseModel
 
 Array = NDArray[np.float64]
-Estimator = Literal["flscov"] | Likelihood
+Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
 _WARM_UP = 1  # iteration up to which the signal may still be in the residual
+SAME_WIDTH = 0.05  # sigma, move of the width of a scatter that does not count
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
 
 
@@ -136,9 +137,10 @@ def _iterate(
         _Flscov(e, share) if estimator == "flscov" else _Smooth(e, share, estimator)
         for e, share in zip(experiments, shares, strict=True)
     ]
+    widths = [(s.start, np.inf) for s in scatter]
     for iteration in range(MAX_ITERATIONS):
         blocks = [w.block(theta, covariance, iteration) for w in weighings]
-        of_scatter = rows(scatter, theta, covariance)
+        of_scatter = rows(scatter, theta.size, [width for width, _ in widths])
         if iteration < SETTLED:
             tone = common_tone(blocks)
             H = linear.information(blocks, theta) + of_scatter.T @ of_scatter
@@ -148,28 +150,42 @@ def _iterate(
             prior = linear.Prior(centre, np.diag(1 / width)[lost])
             if tone and known:
                 prior, lost = _all_but_lambda_2(known, shares[0])
-        known_rows = linear.Prior(prior.centre, np.concatenate([prior.rows, of_scatter]))
-        found = linear.minimise(blocks, known_rows, theta, width)
-        spread = linear.curvature_covariance(linear.information(blocks, found), known_rows, width)
+        beside = linear.Prior(prior.centre, np.concatenate([prior.rows, of_scatter]))
+        found = linear.minimise(blocks, beside, theta, width)
+        H = linear.information(blocks, found)
+        spread = linear.curvature_covariance(H, beside, width)
         moved = float(np.max(np.abs(found - theta)[~lost] / np.sqrt(np.diag(spread))[~lost], initial=0.0))
-        settled = moved < TOLERANCE and all(w.settled for w in weighings)
+        before, widths = widths, _widths(scatter, widths, found, H + beside.rows.T @ beside.rows)
+        still = all(abs(a - b) < SAME_WIDTH * e for (a, _), (b, e) in zip(before, widths, strict=True))
+        settled = moved < TOLERANCE and still and all(w.settled for w in weighings)
         last = iteration == MAX_ITERATIONS - 1
         if iteration > _WARM_UP and (settled or (last and moved < HARMLESS)):
             return Outcome(
                 parameters=tuple(parameters),
-                solution=linear.solution(blocks, known_rows, found, width),
+                solution=linear.solution(blocks, beside, found, width),
                 lost=lost,
                 directions=directions,
                 tone=tone,
                 converged=settled,
                 blocks=tuple(blocks),
-                prior=known_rows,
-                scatter={s.name: s.estimate(found, spread) for s in scatter},
+                prior=beside,
+                scatter={s.name: width for s, width in zip(scatter, widths, strict=True)},
             )
         step = 1.0 if iteration < SETTLED else 0.5  # lest weights and parameters swing against each other
         theta = theta + step * (found - theta)
         covariance = spread
     raise FitError(f"parameters still move by {moved:.2g} sigma after {MAX_ITERATIONS} iterations")
+
+
+def _widths(
+    scatter: Sequence[Scatter], widths: Sequence[tuple[float, float]], theta: Array, H: Array
+) -> list[tuple[float, float]]:
+    """Estimate the widths anew, each with the others as they were; H holds them all."""
+    found = []
+    for s, (width, _) in zip(scatter, widths, strict=True):
+        own = s.rows(theta.size, width)
+        found.append(s.estimate(theta, H - own.T @ own, width))
+    return found
 
 
 class _Smooth:

@@ -62,8 +62,8 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
     runs = [experiment.sysid.telemetry for experiment in experiments]
     sharing = Sharing(chosen.shared)
     parameters = sharing.parameters(runs)
-    departures, scatter = _departures(chosen.scatter, runs, len(parameters))
     names = [p.name for p in parameters]
+    departures, scatter = _departures(chosen.scatter, runs, names)
     shares = []
     for n, run in enumerate(runs):
         share = sharing.matrix(run, names)
@@ -77,17 +77,17 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
 
 
 def _departures(
-    names: Sequence[str], runs: Sequence[Telemetry], first: int
+    scattering: Sequence[str], runs: Sequence[Telemetry], names: Sequence[str]
 ) -> tuple[list[Parameter], list[Scatter]]:
     """Return the departures of every run from what scatters, and where they stand among the parameters."""
     departures: list[Parameter] = []
     scatter: list[Scatter] = []
-    for name in names:
+    for name in scattering:
         start = START * FLIGHT[name].value
-        at = first + len(departures)
+        at = len(names) + len(departures)
         departure = replace(FLIGHT[name], value=0.0, prior_sigma=start, equation="scatter")
         departures += [replace(departure, name=f"d{name}_{run.experiment}") for run in runs]
-        scatter.append(Scatter(name, tuple(range(at, at + len(runs))), start))
+        scatter.append(Scatter(name, names.index(name), tuple(range(at, at + len(runs))), start))
     return departures, scatter
 
 
