@@ -141,8 +141,12 @@ class Results:
     provenance: dict[str, object]
 
 
-def with_truth(results: Results, telemetries: Sequence[Telemetry]) -> Results:
-    """Return `results` with truth and pull wherever the telemetry files carry ``/truth``.
+def with_truth(
+    results: Results,
+    telemetries: Sequence[Telemetry],
+    truths: Mapping[str, Mapping[str, float]] | None = None,
+) -> Results:
+    """Return `results` with truth and pull wherever the truth is known.
 
     A value that differs between the runs of a fit (a jittered gain, say) is no truth of that fit. Only runs
     that a section was fitted to count: what was carried over from an earlier calibration stays as it is.
@@ -152,9 +156,12 @@ def with_truth(results: Results, telemetries: Sequence[Telemetry]) -> Results:
     results : Results
         As fitted.
     telemetries : sequence of Telemetry
-        The runs that were fitted; each file's ``/truth`` is read.
+        The runs that were fitted.
+    truths : mapping of str to mapping of str to float, optional
+        The true values by run; otherwise the ``/truth`` of each file is read.
     """
-    runs = [(t, _derived_truth(read_truth(t.path), t)) for t in telemetries]
+    known = {t.run: read_truth(t.path) for t in telemetries} if truths is None else truths
+    runs = [(t, _derived_truth(known[t.run], t)) for t in telemetries]
     driven, noise = ([run for run in runs if run[0].kind == kind] for kind in ("sysid", "noise"))
 
     def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
@@ -170,7 +177,7 @@ def with_truth(results: Results, telemetries: Sequence[Telemetry]) -> Results:
     )
 
 
-def _derived_truth(truth: dict[str, float], telemetry: Telemetry) -> dict[str, float]:
+def _derived_truth(truth: Mapping[str, float], telemetry: Telemetry) -> dict[str, float]:
     """Add what follows from a run's truth at its own authority and epoch: C_j, stiffnesses, delta_ifo."""
     derived = dict(truth)
     authority = ((telemetry.F_max_1, telemetry.N_max_1), (telemetry.F_max_2, telemetry.N_max_2))

@@ -31,6 +31,7 @@ from lpfcosim import campaign as campaigns
 from lpfcosim import (
     cli_fmu,
     cli_mcmc,
+    cli_montecarlo,
     cli_study,
     margins,
     master,
@@ -65,6 +66,7 @@ app = typer.Typer(
 app.add_typer(cli_fmu.app, name="fmu")
 app.command(name="mcmc")(cli_mcmc.mcmc_command)
 app.command(name="forecast")(cli_study.forecast_command)
+app.command(name="montecarlo")(cli_montecarlo.montecarlo_command)
 
 Paths = Annotated[
     list[Path], typer.Argument(metavar="PATH...", help="Telemetry, folders of it, maps of archives (.toml).")

@@ -1,9 +1,11 @@
 """The commands that study a campaign as a whole: ``forecast``."""
 
 import json
+from collections.abc import Mapping
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import rich.console
@@ -19,7 +21,7 @@ from fit.runs import Run as Flown
 from fit.settings import settings
 from fit.telemetry import Telemetry
 from lpfcosim import campaign as campaigns
-from lpfcosim import planning, stability
+from lpfcosim import planning, stability, telemetry
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError
 from lpfcosim.run import Run
@@ -77,34 +79,27 @@ def planned(plan: campaigns.Campaign) -> list[Planned]:
     for run in plan.runs:
         if run.kind == "sysid":
             stability.check(run)
-            flown = Flown(_telemetry(run))
+            flown = Flown(in_memory(run, planning.response(run)))
             experiment = Experiment(flown, flown if run.experiment in noisy else None)
             found.append(Planned(experiment, partial(planning.cross_spectra, run)))
     return found
 
 
-def _telemetry(run: Run) -> Telemetry:
-    """Return what a run would record without noise."""
-    channels, authority = planning.response(run), run.authority
+def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[np.float64]]]) -> Telemetry:
+    """Return channels at 1 Hz as the telemetry of a run."""
+    said = telemetry.attributes(run)
+    known = {f.name: said[f.name] for f in fields(Telemetry) if f.name in said}
     n = channels["o_1"].size
-    return Telemetry(
-        path=Path(run.name),
-        run=run.name,
-        experiment=run.experiment,
-        kind=run.kind,
-        fs=planning.RATE,
-        t0=run.t0,
-        F_max_1=authority.F_max_1,
-        F_max_2=authority.F_max_2,
-        N_max_1=authority.N_max_1,
-        N_max_2=authority.N_max_2,
-        alignment_epoch=run.alignment_epoch,
-        m_tm=run.m_tm,
-        time=np.arange(n) / planning.RATE,
-        channels=channels,
-        units={},
-        attributes={},
-    )
+    more: Any = {
+        **known,
+        "path": Path(run.name),
+        "fs": planning.RATE,
+        "time": np.arange(n) / planning.RATE,
+        "channels": channels,
+        "units": {},
+        "attributes": {name: value for name, value in said.items() if name not in (*known, "schema")},
+    }
+    return Telemetry(**more)
 
 
 def _table(expected: Fit) -> Table:

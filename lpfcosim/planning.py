@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
+_INJECTED = ("guidance_o_1", "guidance_o_12", "f_x_1", "F_x_2")
 BLOCK = 3600  # s, stretch of injections held in memory
 
 
@@ -99,19 +100,28 @@ def turning(run: Run) -> tuple[Array, Array]:
     return J[:, :30], J[:, 30:]
 
 
-def response(run: Run) -> dict[str, Array]:
-    """Give what the injections make of the channels, at 1 Hz.
+def response(run: Run, noise: signals.Noise | None = None) -> dict[str, Array]:
+    """Give what the injections make of the channels, every second.
+
+    Parameters
+    ----------
+    run : Run
+        What is injected, and into what.
+    noise : signals.Noise, optional
+        To be there too; none otherwise.
 
     Returns
     -------
     dict of str to ndarray, shape (n_samples / 10,)
-        Departures from the equilibrium of `System.channels`, SI, without noise.
+        Departures from the equilibrium of `System.channels`, SI.
     """
     s = system(run)
     stride = round(run.fs / RATE)
     n = run.n_samples // stride
-    into = {"guidance_o_1": 1.0, "guidance_o_12": 1.0, "f_x_1": 1 / run.m_tm, "F_x_2": 1.0}
-    columns = [s.inputs.index(name) for name in into]
+    if not run.injections and noise is None:
+        return {name: np.zeros(n) for name in s.channels}
+    driving = (*_INJECTED, *s.inputs) if noise else _INJECTED
+    columns = [i for i, name in enumerate(s.inputs) if name in driving]
     # one second at a time: its ten samples of injections together
     ahead = [s.B[:, columns]]
     for _ in range(stride - 1):
@@ -123,7 +133,14 @@ def response(run: Run) -> dict[str, Array]:
     for begin in range(0, n, BLOCK):
         end = min(begin + BLOCK, n)
         injected = signals.injections(run, begin * stride, end * stride)
-        w = np.stack([injected[name.replace("f_x_1", "F_x_1")] * k for name, k in into.items()], axis=1)
+        injected["f_x_1"] = injected["F_x_1"] / run.m_tm
+        if noise:
+            drawn = noise.take((end - begin) * stride)
+            drawn["g_2"] -= run.dc  # the equilibrium holds it
+            injected["f_x_1"] += drawn["f_x_1_jitter"]
+            injected |= drawn
+        still = np.zeros((end - begin) * stride)
+        w = np.stack([injected.get(s.inputs[i], still) for i in columns], axis=1)
         track = np.empty((end - begin + 1, len(A)))
         track[0] = state
         for now, following, push in zip(
@@ -155,11 +172,26 @@ def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Comple
     """
     s = system(run)
     rows = [s.channels.index(name) for name in channels]
-    z = np.exp(2j * np.pi * run.h * frequency)[:, np.newaxis, np.newaxis]
-    H = s.C[rows] @ np.linalg.solve(z * np.eye(len(s.A)) - s.A, s.B.astype(complex)) + s.D[rows]
+    H = transfer(s, run.h, frequency)[:, rows]
     psd = drive_psd(run, frequency)
     S = np.stack([psd.get(name, np.zeros(frequency.size)) for name in s.inputs], axis=1)
     return np.asarray(np.einsum("nik,nk,njk->nij", H.conj(), S, H, optimize=True))
+
+
+def transfer(s: System, h: float, frequency: Array) -> Complex:
+    """Give the frequency responses of the channels to the inputs, shape (n, channels, inputs).
+
+    Parameters
+    ----------
+    s : System
+        Of the loop.
+    h : float
+        Its sample time [s].
+    frequency : ndarray, shape (n,)
+        Hz.
+    """
+    z = np.exp(2j * np.pi * h * frequency)[:, np.newaxis, np.newaxis]
+    return np.asarray(s.C @ np.linalg.solve(z * np.eye(len(s.A)) - s.A, s.B.astype(complex)) + s.D)
 
 
 def drive_psd(run: Run, frequency: Array) -> dict[str, Array]:

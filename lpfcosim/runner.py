@@ -116,7 +116,7 @@ def simulate(
         if engine == "compiled":
             engine_library()  # once, here, and not in every worker
         tasks = {r.name: (r, dict(fmus), files[r.name], dict(origin), engine) for r in missing}
-        _simulate_all(tasks, directory, min(jobs or _processors(), len(missing)), progress)
+        _simulate_all(tasks, directory, min(jobs or processors(), len(missing)), progress)
     return list(files.values())
 
 
@@ -168,7 +168,8 @@ def _is_there(path: Path, origin: Mapping[str, str | int | float]) -> bool:
         return False
 
 
-def _processors() -> int:
+def processors() -> int:
+    """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

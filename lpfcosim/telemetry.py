@@ -84,7 +84,7 @@ class Writer:
 
     def _lay_out(self) -> None:
         run, file = self._run, self._file
-        _annotate(file, {**self._provenance, **_attributes(run)})
+        _annotate(file, {**self._provenance, **attributes(run)})
         time = file.create_dataset("time", (self._grid.n,), dtype="f8")
         _annotate(time, {"units": "s", "long_name": f"time since {run.t0}"})
         time.make_scale("time")
@@ -93,8 +93,8 @@ class Writer:
             channel = file.create_dataset(name, (self._grid.n,), dtype="f8")
             _annotate(channel, {"units": unit, "long_name": long_name})
             channel.dims[0].attach_scale(time)
-        truth = {name: value for name, value in _truth(run).items() if name not in self._untold}
-        _annotate(file.create_group("truth"), truth)
+        told = {name: value for name, value in truth(run).items() if name not in self._untold}
+        _annotate(file.create_group("truth"), told)
 
     def append(self, block: Mapping[str, Array]) -> None:
         """Write the next samples, one array of the same length per channel."""
@@ -166,7 +166,8 @@ def _annotate(place: h5py.HLObject, attributes: Mapping[str, str | int | float])
         place.attrs[name] = attributes[name]
 
 
-def _attributes(run: Run) -> dict[str, str | int | float]:
+def attributes(run: Run) -> dict[str, str | int | float]:
+    """Return what the contract has a file say of its run."""
     authority = run.authority
     return {
         "schema": SCHEMA,
@@ -190,7 +191,8 @@ def _whole(sc: Spacecraft) -> dict[str, str | int | float]:
     return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": sc.omega2_phi, "omega2_eta": sc.omega2_eta}
 
 
-def _truth(run: Run) -> dict[str, float]:
+def truth(run: Run) -> dict[str, float]:
+    """Return the true parameters of a run, as the group /truth has them."""
     truth = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
     truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
     if run.spacecraft:

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for package in ("lpfcosim", "fit") for p in (ROOT / package).rglob("*.py"))
-COMMAND_LINE = {f"lpfcosim.{name}" for name in ("cli", "cli_mcmc", "cli_study", "console", "__main__")}
+COMMAND_LINE = {f"lpfcosim.{name}" for name in ("cli", "cli_mcmc", "cli_montecarlo", "cli_study", "console", "__main__")}
 
 
 def name(path: Path) -> str:
@@ -71,7 +71,13 @@ def test_reference_plants_are_free_of_fmus():
 
 def test_only_the_report_uses_matplotlib():
     users = {name(p) for p in SOURCES if "matplotlib" in p.read_text(encoding="utf-8")}
-    assert users <= {"fit.figures", "fit.figures_mcmc", "fit.figures_motion", "fit.report"}
+    assert users <= {
+        "fit.figures",
+        "fit.figures_mcmc", "fit.figures_montecarlo",
+        "fit.figures_mission",
+        "fit.figures_motion",
+        "fit.report",
+    }
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,59 @@
+"""Histograms of the pulls of a Monte Carlo, a panel for each parameter."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fit.figures import COLOURS
+from fit.parameters import joint_parameter
+from fit.pulls import Pulls
+
+_COLUMNS = 5
+_REACH = 4.5  # sigma
+
+
+def histograms(found: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Sequence[float]]]) -> Figure:
+    """Draw the pulls of every parameter beside the normal distribution they should have.
+
+    Parameters
+    ----------
+    found : mapping of str to Pulls
+        Their summary, by parameter.
+    drawn : sequence of mapping of str to (pull, sigma)
+        One for each calibration.
+    """
+    rows = -(-len(found) // _COLUMNS)
+    figure = Figure(figsize=(2.1 * _COLUMNS, 1.9 * rows + 0.3), layout="constrained")
+    axes = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True).ravel()
+    x = np.linspace(-_REACH, _REACH, 200)
+    for ax, (name, pulls) in zip(axes, found.items(), strict=False):
+        values = np.clip([one[name][0] for one in drawn if name in one], -_REACH, _REACH)
+        bins = np.linspace(-_REACH, _REACH, 19)
+        ax.hist(values, bins=list(bins), color=COLOURS["blue"], alpha=0.55, density=True)
+        ax.plot(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), color=COLOURS["ink"], lw=1.2)
+        ax.set_title(f"${_latex(name)}$", fontsize=9)
+        ax.text(
+            0.03,
+            0.96,
+            f"mean {pulls.pull_mean:+.2f}({100 * pulls.pull_mean_error:.0f})\n"
+            f"std {pulls.pull_std:.2f}({100 * pulls.pull_std_error:.0f})\n"
+            f"{100 * pulls.coverage_1sigma:.0f}({100 * pulls.coverage_1sigma_error:.0f}) %",
+            transform=ax.transAxes,
+            va="top",
+            fontsize=6,
+        )
+        ax.set_yticks([])
+        ax.set_ylim(0, 0.62)
+        ax.set_xlim(-_REACH, _REACH)
+    for ax in axes[len(found) :]:
+        ax.set_visible(False)
+    figure.supxlabel("pull: (estimate − truth) / σ", fontsize=9)
+    return figure
+
+
+def _latex(name: str) -> str:
+    try:
+        return joint_parameter(name).latex
+    except KeyError:
+        return rf"\mathtt{{{name.replace('_', chr(92) + '_')}}}"

@@ -1,0 +1,141 @@
+"""``lpfcosim montecarlo``: statistics, seeds, resuming, and the command as a whole."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from fit import pulls
+from fit.results import Estimate, Fit, Results
+from lpfcosim import campaign, cli, montecarlo
+
+SMALL = """\
+schema = "lpf-campaign/1"
+name = "small"
+seed = 3
+[noise]
+oms = "35 fm Hz^-0.5"
+thruster = "0.15 uN Hz^-0.5"
+plateau = "5.6 fm s^-2 Hz^-0.5"
+tail = 1.5
+[authority.A]
+F_max_1 = "0 pN"
+F_max_2 = "2200 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+[[experiments]]
+name = "one"
+authority = "A"
+duration = "6 h"
+noise_duration = "6 h"
+sequences = ["few"]
+[sequences]
+few = [
+"""
+SINE = '  {{ into = "{}", shape = "sine", frequency = "{}", amplitude = "{}", cycles = {}, start = "{}" }},\n'
+SMALL += (
+    SINE.format("guidance_o_12", "1 mHz", "10 nm", 6, "900 s")
+    + SINE.format("guidance_o_12", "10 mHz", "5 nm", 40, "7000 s")
+    + SINE.format("guidance_o_1", "5 mHz", "10 nm", 40, "12000 s")
+    + "]\n"
+)
+
+
+@pytest.fixture
+def small(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL, encoding="utf-8")
+    return path
+
+
+def lpfcosim(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    return end.value.code or 0
+
+
+def test_pulls_of_a_known_distribution():
+    rng = np.random.default_rng(5)
+    drawn = [{"a": (0.3 + 1.2 * x, 2.0), "b": (y, 1.0)} for x, y in rng.standard_normal((4000, 2))]
+    drawn += [{"b": (0.0, 1.0)}]
+    found = pulls.summary(drawn)
+    assert (found["a"].n, found["b"].n, found["a"].sigma) == (4000, 4001, 2.0)
+    assert abs(found["a"].pull_mean - 0.3) < 4 * found["a"].pull_mean_error
+    assert abs(found["a"].pull_std - 1.2) < 4 * found["a"].pull_std_error
+    inside = norm.cdf(0.7 / 1.2) - norm.cdf(-1.3 / 1.2)
+    assert abs(found["a"].coverage_1sigma - inside) < 4 * found["a"].coverage_1sigma_error
+    assert found["a"].pull_mean_error == pytest.approx(1.2 / 4000**0.5, rel=0.05)
+    assert pulls.summary(drawn[:1]) == {}
+
+
+def test_estimates_are_those_with_a_truth():
+    known, unknown = Estimate(1.1, 0.1, "1", 1.0, 1.0), Estimate(1.1, 0.1, "1")
+    fit = Fit({"lambda_2": known, "C_2": unknown}, np.eye(2) * 0.01, 1.0, 1, True, ())
+    results = Results(fit, {}, {}, {"3": replace(fit, parameters={"delta_phi": known})}, {})
+    assert pulls.estimates(results) == {"lambda_2": (1.0, 0.1), "delta_phi_3": (1.0, 0.1)}
+
+
+def test_every_number_has_noise_of_its_own_and_keeps_it(small):
+    plan = campaign.load(small)
+    seeds = [montecarlo.numbered(plan, k, redraw=False).seed for k in range(50)]
+    assert len(set(seeds)) == 50
+    assert seeds[7] == montecarlo.numbered(plan, 7, redraw=False).seed
+    assert montecarlo.numbered(plan, 7, redraw=False).truth == plan.truth
+
+
+def test_redrawn_truths_stay_near_and_valid(small):
+    plan = campaign.load(small)
+    truths = [montecarlo.numbered(plan, k, redraw=True).truth for k in range(200)]
+    for name, reach in (("lambda_1", 0.05), ("omega2_1_0", 0.3), ("alpha_x_2", 0.3), ("C_2", 0.3)):
+        ratio = np.array([getattr(t, name) / getattr(plan.truth, name) for t in truths])
+        assert abs(ratio - 1).max() <= reach
+        assert abs(ratio - 1).max() > 0.9 * reach
+    assert min(min(t.C_1 / t.lambda_1, t.C_2 / t.lambda_2) for t in truths) > 0.05
+    assert len({t.delta_ifo[1] for t in truths}) == 200
+
+
+def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path, monkeypatch, capsys):
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 4, "--out", once, "--jobs", 2) == 0
+    assert "lambda_2" in capsys.readouterr().out
+    document = json.loads((once / "montecarlo.json").read_text(encoding="utf-8"))
+    assert (document["schema"], document["n"], document["failed"]) == ("lpf-montecarlo/1", 4, {})
+    assert {"pull_mean", "pull_std", "coverage_1sigma"} <= document["parameters"]["lambda_2"].keys()
+    assert abs(document["parameters"]["lambda_2"]["pull_mean"]) < 2.5
+    assert (once / "figures" / "pulls.svg").stat().st_size > 1000
+
+    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 2, "--out", twice, "--jobs", 1, "--quiet") == 0
+    log = twice / "campaigns.jsonl"
+    log.write_text(log.read_text(encoding="utf-8") + '{"number": 2, "est', encoding="utf-8")  # killed
+    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 4, "--out", twice, "--jobs", 1, "--quiet") == 0
+    again = json.loads((twice / "montecarlo.json").read_text(encoding="utf-8"))
+    assert again == document  # neither interruption nor number of processes counts
+
+    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 4, "--out", twice, "--redraw") == 2
+    error = capsys.readouterr().err
+    assert "expected another folder" in error
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [(["nowhere.toml"], "no such file"), (["small.toml", "--out", "small.toml"], "is a file")],
+)
+def test_bad_input_is_one_sentence(small, tmp_path, monkeypatch, capsys, arguments, told):
+    monkeypatch.chdir(tmp_path)
+    assert lpfcosim(monkeypatch, "montecarlo", *arguments) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert "Traceback" not in error
+
+
+def test_a_command_at_its_limit_is_told(small, monkeypatch, tmp_path, capsys):
+    small.write_text(SMALL.replace('"2200 pN"', '"0.5 pN"'), encoding="utf-8")
+    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 2, "--jobs", 1, "--out", tmp_path / "o") == 1
+    error = capsys.readouterr().err
+    assert "f_x_2 reaches its limit" in error
+    assert "there are no pulls" in error
