@@ -104,11 +104,12 @@ class Console:
         self.note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
 
     def table(self, results: Results) -> None:
-        """Show the parameters of the joint fit and of the inertial periods."""
+        """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods."""
         if self._quiet or results.joint is None:
             return
+        (only,) = results.experiments.values() if len(results.experiments) == 1 else (None,)
         table = Table("parameter", "unit", "estimate", "sigma", "truth", "pull", box=None)
-        fits = {"": results.joint} | {f" ({period})": fit for period, fit in results.inertial.items()}
+        fits = {"": only or results.joint} | {f" ({period})": fit for period, fit in results.inertial.items()}
         for period, fit in fits.items():
             for name, estimate in fit.parameters.items():
                 known = estimate.truth is not None

@@ -8,7 +8,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for package in ("lpfcosim", "fit") for p in (ROOT / package).rglob("*.py"))
-COMMAND_LINE = {f"lpfcosim.{name}" for name in ("cli", "cli_mcmc", "cli_montecarlo", "cli_study", "console", "__main__")}
+COMMAND_LINE = {
+    f"lpfcosim.{name}" for name in ("cli", "cli_mcmc", "cli_montecarlo", "cli_study", "console", "__main__")
+}
 
 
 def name(path: Path) -> str:
@@ -73,7 +75,8 @@ def test_only_the_report_uses_matplotlib():
     users = {name(p) for p in SOURCES if "matplotlib" in p.read_text(encoding="utf-8")}
     assert users <= {
         "fit.figures",
-        "fit.figures_mcmc", "fit.figures_montecarlo",
+        "fit.figures_mcmc",
+        "fit.figures_montecarlo",
         "fit.figures_mission",
         "fit.figures_motion",
         "fit.report",
