@@ -138,6 +138,7 @@ def _iterate(
         for e, share in zip(experiments, shares, strict=True)
     ]
     widths = [(s.start, np.inf) for s in scatter]
+    step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(MAX_ITERATIONS):
         blocks = [w.block(theta, covariance, iteration) for w in weighings]
         of_scatter = rows(scatter, theta.size, [width for width, _ in widths])
@@ -154,7 +155,8 @@ def _iterate(
         found = linear.minimise(blocks, beside, theta, width)
         H = linear.information(blocks, found)
         spread = linear.curvature_covariance(H, beside, width)
-        moved = float(np.max(np.abs(found - theta)[~lost] / np.sqrt(np.diag(spread))[~lost], initial=0.0))
+        move = (found - theta) / np.sqrt(np.diag(spread))
+        moved = float(np.max(np.abs(move[~lost]), initial=0.0))
         before, widths = widths, _widths(scatter, widths, found, H + beside.rows.T @ beside.rows)
         still = all(abs(a - b) < SAME_WIDTH * e for (a, _), (b, e) in zip(before, widths, strict=True))
         settled = moved < TOLERANCE and still and all(w.settled for w in weighings)
@@ -171,7 +173,10 @@ def _iterate(
                 prior=beside,
                 scatter={s.name: width for s, width in zip(scatter, widths, strict=True)},
             )
-        step = 1.0 if iteration < SETTLED else 0.5  # lest weights and parameters swing against each other
+        back = float(move[~lost] @ move_before[~lost]) < 0
+        if iteration >= SETTLED and back:  # lest weights and parameters swing against each other
+            step /= 2
+        move_before = move
         theta = theta + step * (found - theta)
         covariance = spread
     raise FitError(f"parameters still move by {moved:.2g} sigma after {MAX_ITERATIONS} iterations")

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fit import bump, inertial, rotation, selection, separation, spectra
-from fit.errors import InputError
+from fit.errors import FitError, InputError
 from fit.irls import Outcome
 from fit.joint import fit_experiment, fit_joint, known_of
 from fit.results import Fit, FitWarning, Results
@@ -109,7 +109,15 @@ def _dynamics(experiments: Sequence[Experiment], chosen: Settings) -> Results:
     taking_part, short, excluded = selection.divide(experiments, chosen)
     outcome = fit_joint(taking_part, chosen) if taking_part else None
     joint = as_fit(outcome, taking_part) if outcome else None
-    fits = {e.name: _fit_alone(e, outcome, chosen) for e in experiments}
+    fits = {}
+    for e in experiments:
+        try:
+            fits[e.name] = _fit_alone(e, outcome, chosen)
+        except FitError as error:
+            if joint is None:
+                raise
+            # what one experiment by itself does not yield must not cost the joint fit
+            joint = replace(joint, warnings=(*joint.warnings, FitWarning("not_fitted_alone", (), str(error))))
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", short),
         ("excluded", "as the settings say", excluded),
@@ -118,7 +126,7 @@ def _dynamics(experiments: Sequence[Experiment], chosen: Settings) -> Results:
             names = ", ".join(e.sysid.telemetry.run for e in left_out)
             warning = FitWarning(code, (), f"left out of the joint fit, {why}: {names}")
             joint = joint and replace(joint, warnings=(*joint.warnings, warning))
-            for e in left_out:
+            for e in (e for e in left_out if e.name in fits):
                 fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
     cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
     periods: dict[str, set[str]] = {}
