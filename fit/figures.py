@@ -259,12 +259,10 @@ def stiffness_against_authority(points: Sequence[StiffnessPoint], joint: Fit | N
             F, *1e7 * np.array(models).T, capsize=5, label="joint fit (eq. stiff_model)", **squares
         )
         for N_max in sorted({p.N_max_2 for p in points}):
-            along = np.array([0.0, 0.62, 1.0]) * reach
-            ends = [found[0] for f in along if (found := reconstruction(joint, 1e-12 * f, N_max))]
-            axes[0].plot(along, 1e7 * np.array(ends), color=COLOURS["orange"], linewidth=0.7, alpha=0.6)
-            at = {"textcoords": "offset points", "color": COLOURS["muted"], "fontsize": 8}
-            text = rf"$N_{{\rm max,2}}$ = {1e12 * N_max:.3g} pN m"
-            axes[0].annotate(text, (along[1], 1e7 * ends[1]), (3, 3), **at)
+            ends = [found[0] for f in (0.0, 1e-12 * reach) if (found := reconstruction(joint, f, N_max))]
+            axes[0].plot([0, reach], 1e7 * np.array(ends), color=COLOURS["orange"], linewidth=0.7, alpha=0.6)
+            at = {"textcoords": "offset points", "color": COLOURS["muted"], "fontsize": 8, "va": "center"}
+            axes[0].annotate(f"{1e12 * N_max:.3g} pN m", (reach, 1e7 * ends[1]), (4, 0), **at)
         _pulls(axes[1], points, joint, F, reach)
     legend_above(axes[0], columns=2)
     axes[-1].set_xlabel(r"force authority $F_{\rm max,2}$  [pN]")

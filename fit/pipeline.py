@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fit import bump, inertial, rotation, selection, separation, spectra
+from fit.diagnostics import diagnose
 from fit.errors import FitError, InputError
 from fit.irls import Outcome
 from fit.joint import fit_experiment, fit_joint, known_of
@@ -150,7 +151,8 @@ def _fit_alone(experiment: Experiment, joint: Outcome | None, chosen: Settings) 
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
     known = known_of(joint, experiment.sysid.telemetry, Sharing(chosen.shared)) if joint else None
     outcome = fit_experiment(experiment, known, chosen.estimator)
-    return as_fit(outcome, [experiment], from_joint=bool(known and outcome.tone))
+    fit = as_fit(outcome, [experiment], from_joint=bool(known and outcome.tone))
+    return replace(fit, diagnostics=diagnose(experiment, outcome))
 
 
 def _provenance(experiments: Sequence[Experiment], taking_part: Sequence[Experiment]) -> dict[str, object]:

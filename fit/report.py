@@ -9,7 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from fit import figures, report_motion, separation, tables
+from fit import figures, report_mission, report_motion, separation, tables
 from fit.drawings import Drawing, drawing
 from fit.parameters import EXPERIMENT_NAMES, experiment_parameter, joint_names, joint_parameter
 from fit.results import Fit, Results, with_truth
@@ -82,8 +82,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
         warnings=_warnings(results),
         joint=joint,
         joint_table=joint_table,
-        correlation=joint and tables.correlation(joint),
-        stiffness=_stiffness(folder, results, telemetries),
+        mission=report_mission.parts(results, telemetries, folder),
         sections=sections,
         motion=report_motion.parts(results, telemetries, folder),
         runs=telemetries,
@@ -151,28 +150,6 @@ def _warnings(results: Results) -> list[Notice]:
         if not fit.converged:
             scopes.setdefault(("the iteration did not converge", None), []).append(scope)
     return [Notice(tuple(where), message, combination) for (message, combination), where in scopes.items()]
-
-
-def _stiffness(folder: Path, results: Results, telemetries: Sequence[Telemetry]) -> Drawing | None:
-    points = [
-        figures.StiffnessPoint(t.F_max_2, t.N_max_2, results.experiments[t.experiment].parameters["omega2_2"])
-        for t in telemetries
-        if t.kind == "sysid"
-        and t.experiment in results.experiments
-        and "omega2_2" in results.experiments[t.experiment].parameters
-    ]
-    if len(points) < 2:
-        return None
-    return drawing(
-        folder,
-        "stiffness",
-        "Stiffness of test mass 2 against its force authority, one point per experiment",
-        "Stiffness of test mass 2. Points: each experiment on its own, ±1 σ, one colour and shape for each "
-        "torque authority. Where the joint fit determines the stiffness model (eq. stiff_model), lines and "
-        "open squares show it, and the lower panel the difference from it beside its own ±1 σ in grey: the "
-        "points should scatter about zero by their bars.",
-        figures.svg(figures.stiffness_against_authority, points, results.joint),
-    )
 
 
 def _cross_talk(results: Results, name: str, telemetries: Sequence[Telemetry]) -> dict[str, float]:

@@ -70,6 +70,12 @@ def _inertial(period: str, fit: Fit) -> Part:
         "Misalignment of the line through the test masses, from the Euler force between 30 µHz and 2 mHz. "
         "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
     )
+    table = tables.table(fit, parameters(period, fit))
+    return Part(f"p{period}", f"Rotation, inertial period {period}", about, fit, table)
+
+
+def parameters(period: str, fit: Fit) -> list[Parameter]:
+    """Return the misalignments of an inertial period, with their flight values where it was flown."""
     flight = FLIGHT.get(period)
     known = []
     for i, (name, axis, html) in enumerate(
@@ -80,7 +86,7 @@ def _inertial(period: str, fit: Fit) -> Part:
         known.append(
             Parameter(name, value, sigma, "rad", 0.0, "Eulerfit", html, name, what, flown=flight is not None)
         )
-    return Part(f"p{period}", f"Rotation, inertial period {period}", about, fit, tables.table(fit, known))
+    return known
 
 
 def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:

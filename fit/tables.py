@@ -116,7 +116,8 @@ def _unlisted(name: str, estimate: Estimate) -> Parameter:
     return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, "", escape(name), "", "", flown=False)
 
 
-def _number(value: float, sigma: float, exponent: int) -> Number:
+def number(value: float, sigma: float, exponent: int = 0) -> Number:
+    """Return a value and its sigma in print, in units of a power of ten."""
     scale = 10.0**exponent
     places = decimals(sigma / scale)
     return Number(signed(value / scale, places), f"{sigma / scale:.{places}f}")
@@ -124,23 +125,23 @@ def _number(value: float, sigma: float, exponent: int) -> Number:
 
 def _row(parameter: Parameter, estimate: Estimate | None, has_truth: bool) -> Row:
     exponent = power_of_ten(parameter.value)
-    pull, truth, number = None, "", None
+    pull, truth, found = None, "", None
     if estimate is not None:
-        number = _number(estimate.value, estimate.sigma, exponent)
+        found = number(estimate.value, estimate.sigma, exponent)
         pull = estimate.pull
         if not has_truth and parameter.flown:
             pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
         if estimate.truth is not None:
-            truth = _number(estimate.truth, estimate.sigma, exponent).value
+            truth = number(estimate.truth, estimate.sigma, exponent).value
     return Row(
         symbol=Markup(parameter.html),
         name=parameter.name,
         description=parameter.description,
         unit=unit_text(parameter.unit, exponent),
         truth=truth,
-        estimate=number,
+        estimate=found,
         pull=pull,
-        flight=_number(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
+        flight=number(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
     )
 
 

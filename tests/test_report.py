@@ -151,13 +151,15 @@ def test_the_whole_report(tmp_path, campaign):
     assert "2 experiments, 2 noise runs; 4 h of telemetry at 1 Hz." in page.text
     assert "0 and 1100 pN" in page.text
     assert "fit_version" in page.text
-    assert page.tags.count("figure") == 5
+    assert page.tags.count("figure") == 7
     names = sorted(p.name for p in (tmp_path / "figures").iterdir())
     assert names == [
+        "correlation.svg",
         "e1r-A1-responses.svg",
         "e1s-A1-spectra.svg",
         "e2r-B2-responses.svg",
         "e2s-B2-spectra.svg",
+        "gain.svg",
         "stiffness.svg",
     ]
 
