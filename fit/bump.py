@@ -23,6 +23,7 @@ from fit.verdict import indeterminable, report
 Array = NDArray[np.float64]
 
 NOTABLE = 1.0  # sigma, expected shift that is warned of
+COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
 DOUBTFUL = 0.5  # share of noise in some combination of the regressors, from which no shift is told
 #: Differences of read-outs that hold no motion but rotation, and the noise power of the mean in terms of
 #: theirs, for read-outs independent and alike.
@@ -60,7 +61,7 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sha
     for experiment in experiments:
         run = experiment.sysid.telemetry
         delta_ifo[run.alignment_epoch] = sharing.name("delta_ifo", run)
-        for name in experiment.parameters[len(dynamics.PARAMETERS) :]:
+        for name in (n for n in experiment.parameters if n in COEFFICIENTS):
             of_epoch.setdefault(run.alignment_epoch, {})[sharing.name(name, run)] = name
     if not of_epoch:
         return {}
@@ -180,15 +181,16 @@ def read_out_noise(run: Run) -> dict[str, float]:
         return spectra.decimate(spectra.bridge(x, telemetry.fs)[0], taps, factor)
 
     angles = [channels.means[mean] for mean in ("phi", "eta") if mean in channels.means]
-    series = [*(prepared(DIFFERENCES[mean][0]) for mean in channels.means), *angles]
+    means = [mean for mean in channels.means if mean in DIFFERENCES]
+    series = [*(prepared(DIFFERENCES[mean][0]) for mean in means), *angles]
     if not series:
         return {}
     terms = spectra.transform(np.stack(series, axis=1), channels.valid, channels.fs)
     high = terms.columns[terms.f > terms.f[-1] / 2]
-    apart, rotation = np.split(np.concatenate([high.real, high.imag]), [len(channels.means)], axis=1)
+    apart, rotation = np.split(np.concatenate([high.real, high.imag]), [len(means)], axis=1)
     apart -= rotation @ np.linalg.lstsq(rotation, apart)[0]
     power = 2 * np.mean(apart**2, axis=0)
-    return {mean: DIFFERENCES[mean][1] * float(p) for mean, p in zip(channels.means, power, strict=True)}
+    return {mean: DIFFERENCES[mean][1] * float(p) for mean, p in zip(means, power, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -228,7 +230,8 @@ def subtraction(run: Run, parameters: Mapping[str, float], edges: Sequence[float
     c, split = dynamics.coefficients(theta, run.tau), len(dynamics.COLUMNS)
     delta_g_x = terms.columns[:, :split] @ c[:split]
     delta_g = delta_g_x + terms.columns[:, split:] @ c[split:]
-    second_derivatives = slice(split, split + len(run.channels.means))  # they come first
+    read_outs = sum(mean in DIFFERENCES for mean in run.channels.means)
+    second_derivatives = slice(split, split + read_outs)  # they come first
     found = []
     for low, high in pairwise(edges):
         band = (terms.f >= low) & (terms.f < high)

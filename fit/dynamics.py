@@ -18,6 +18,10 @@ deltagfull2), bars being means over the two test masses,
 
     Delta g = Delta g_x + delta_g_SC,
     delta_g_SC = b_1 phibar'' + b_2 etabar'' + b_3 ybar'' + b_4 zbar'' + b_5 ybar + b_6 zbar
+
+and where it has the torques, ``e_phi N_phi + e_eta N_eta`` (means again): the test masses are turned along
+with the spacecraft, so that this is the Euler force, ``e_phi = -d delta_phi / I``, and whatever else torques
+leak along x. It is fitted along, lest it count as noise, and not reported: see `fit.inertial` for the angles.
 """
 
 from collections.abc import Iterable, Mapping
@@ -36,14 +40,17 @@ LOOP_PERIOD = 0.1  # s: commands are held this long, however coarsely they were 
 COLUMNS = ("ddo_12", "f_2", "df_2", "f_1", "df_1", "o_12", "o_1", "ddo_1")
 PARAMETERS = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
-#: The means of eq. bump, as sums of channels; o_phi_12 is the angle of test mass 2 less that of test mass 1.
+#: The means of eq. bump and of the torques, as sums of channels; o_phi_12 is the angle of test mass 2 less
+#: that of test mass 1.
 MEANS: Mapping[str, Mapping[str, float]] = {
     "phi": {"o_phi_1": 1.0, "o_phi_12": 0.5},
     "eta": {"o_eta_1": 1.0, "o_eta_12": 0.5},
     "y": {"grs_y_1": 0.5, "grs_y_2": 0.5},
     "z": {"grs_z_1": 0.5, "grs_z_2": 0.5},
+    "N_phi": {"N_phi_1": 0.5, "N_phi_2": 0.5},
+    "N_eta": {"N_eta_1": 0.5, "N_eta_2": 0.5},
 }
-#: The coefficients of eq. bump: which mean each multiplies, differentiated how often.
+#: Their coefficients: which mean each multiplies, differentiated how often.
 CROSS_TALK: Mapping[str, tuple[str, int]] = {
     "b_1": ("phi", 2),
     "b_2": ("eta", 2),
@@ -51,6 +58,8 @@ CROSS_TALK: Mapping[str, tuple[str, int]] = {
     "b_4": ("z", 2),
     "b_5": ("y", 0),
     "b_6": ("z", 0),
+    "e_phi": ("N_phi", 0),
+    "e_eta": ("N_eta", 0),
 }
 
 
@@ -86,7 +95,7 @@ class Channels:
     f_x_1, f_x_2 : ndarray, shape (N,)
         Commanded force per unit mass [m s^-2].
     means : mapping of str to ndarray, each of shape (N,)
-        Those of `MEANS` that the run has [rad] or [m].
+        Those of `MEANS` that the run has [rad], [m] or [N m].
     valid : ndarray of bool, shape (N,)
         False where missing samples reach.
     missing : int

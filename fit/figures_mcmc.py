@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fit.figures import COLOURS
 from fit.irls import Outcome
+from fit.parameters import ALONG
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ def shown(outcome: Outcome) -> list[int]:
     return [
         i
         for i, p in enumerate(outcome.parameters)
-        if not outcome.lost[i] and p.equation not in ("bump", "scatter")
+        if not outcome.lost[i] and p.equation not in ALONG
     ]
 
 

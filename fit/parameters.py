@@ -111,7 +111,13 @@ _CROSS_TALK = {
     "b_4": (5e-5, "1", "z", 2),
     "b_5": (1e-7, "s-2", "y", 0),
     "b_6": (1e-7, "s-2", "z", 0),
+    # a milliradian of misalignment
+    "e_phi": (0.6, "kg-1 m-1", "N_phi", 0),
+    "e_eta": (0.6, "kg-1 m-1", "N_eta", 0),
 }
+
+#: Equations whose parameters are fitted along with the dynamics and not reported among them.
+ALONG = ("bump", "deltagfull2", "scatter")
 
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
@@ -149,18 +155,20 @@ def joint_parameter(name: str) -> Parameter:
 
 
 def cross_talk_parameter(name: str) -> Parameter:
-    """Return a coefficient of eq. bump.
+    """Return a coefficient of eq. bump, or of the torques that go with it.
 
     Raises
     ------
     KeyError
-        If `name` is none of ``b_1`` to ``b_6``.
+        If `name` is none of ``b_1`` to ``b_6``, ``e_phi`` and ``e_eta``.
     """
     width, unit, mean, order = _CROSS_TALK[name]
     what = f"mean {mean}" + (" acceleration" if order else "")
     description = f"cross-talk of the test masses' {what} into Delta g"
-    symbols = (f"b<sub>{name[2:]}</sub>", f"b_{name[2:]}")
-    return Parameter(name, 0.0, width, unit, width, "bump", *symbols, description, flown=False)
+    letter, index = name.split("_")
+    symbols = (f"{letter}<sub>{index}</sub>", rf"{letter}_{{\rm {index}}}")
+    equation = "bump" if letter == "b" else "deltagfull2"
+    return Parameter(name, 0.0, width, unit, width, equation, *symbols, description, flown=False)
 
 
 def stiffness(j: int, values: Mapping[str, float], F_max: float, N_max: float) -> float:

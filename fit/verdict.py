@@ -7,6 +7,7 @@ import numpy as np
 
 from fit.errors import FitError
 from fit.irls import Outcome
+from fit.parameters import ALONG
 from fit.results import Estimate, Fit, FitWarning
 from fit.runs import Experiment
 from fit.telemetry import Telemetry
@@ -34,7 +35,7 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     FitError
         If a sigma is no positive number.
     """
-    names = {p.name: p.name for p in outcome.parameters if p.equation not in ("bump", "scatter")}
+    names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
     lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
     return report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments), *_scatter(outcome)])
 
