@@ -23,11 +23,7 @@ _SIZE = 0.75  # inch per panel
 
 def shown(outcome: Outcome) -> list[int]:
     """Return which parameters a corner plot shows: the determinable ones of the dynamics."""
-    return [
-        i
-        for i, p in enumerate(outcome.parameters)
-        if not outcome.lost[i] and p.equation not in ALONG
-    ]
+    return [i for i, p in enumerate(outcome.parameters) if not outcome.lost[i] and p.equation not in ALONG]
 
 
 def corner_plot(theta: Array, outcome: Outcome, truths: Mapping[str, float]) -> Figure:

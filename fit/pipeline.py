@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fit import bump, inertial, rotation, selection, separation, spectra
+from fit import bump, glitches, inertial, rotation, selection, separation, spectra
 from fit.diagnostics import diagnose
 from fit.errors import FitError, InputError
 from fit.irls import Outcome
@@ -104,9 +104,12 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     return found
 
 
-def _dynamics(experiments: Sequence[Experiment], chosen: Settings) -> Results:
+def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly."""
     sharing = Sharing(chosen.shared)
+    masking = chosen.glitches and chosen.estimator != "flscov"  # which bridges what is masked
+    cleaned = [glitches.clean(e) if masking else (e, ()) for e in found]
+    experiments = [e for e, _ in cleaned]
     taking_part, short, excluded = selection.divide(experiments, chosen)
     outcome = fit_joint(taking_part, chosen) if taking_part else None
     joint = as_fit(outcome, taking_part) if outcome else None
@@ -129,6 +132,11 @@ def _dynamics(experiments: Sequence[Experiment], chosen: Settings) -> Results:
             joint = joint and replace(joint, warnings=(*joint.warnings, warning))
             for e in (e for e in left_out if e.name in fits):
                 fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
+    for e, told in cleaned:
+        if told and e.name in fits:
+            fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, *told))
+        if told and e in taking_part:
+            joint = joint and replace(joint, warnings=(*joint.warnings, *told))
     cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
     periods: dict[str, set[str]] = {}
     for e in taking_part:

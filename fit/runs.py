@@ -1,6 +1,8 @@
 """Runs in pairs: the spectra of a run, ready at any delay, and the noise PSD its partner tells."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +24,36 @@ class Run:
     ----------
     telemetry : Telemetry
         The run.
+
+    Attributes
+    ----------
+    channels : dynamics.Channels
+        What the equation needs of it.
+    glitches : tuple of tuple of float
+        Begin and end [s] of every stretch that is masked though its samples are there.
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
         self.telemetry = telemetry
         self.channels = dynamics.channels(telemetry)
+        self.glitches: tuple[tuple[float, float], ...] = ()
         self.tau = (np.inf, np.inf)
+
+    def without(self, glitches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked besides its missing samples."""
+        run, time, valid = copy(self), self.channels.time, self.channels.valid.copy()
+        for begin, end in glitches:
+            valid &= (time < begin) | (time > end)
+        run.channels = replace(self.channels, valid=valid)
+        run.glitches = tuple(glitches)
+        run.tau = (np.inf, np.inf)
+        return run
+
+    @property
+    def masked(self) -> int:
+        """Number of samples of the file that are missing or belong to glitches."""
+        lost = sum(end - begin for begin, end in self.glitches)
+        return self.channels.missing + round(lost * self.telemetry.fs)
 
     def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
         """Return the columns expanded about exactly these delays."""

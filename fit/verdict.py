@@ -81,7 +81,7 @@ def report(
         dof=solution.dof,
         converged=outcome.converged,
         warnings=tuple(warnings),
-        masked_samples=sum(run.channels.missing for e in experiments for run in (e.sysid, e.noise) if run),
+        masked_samples=sum(run.masked for e in experiments for run in (e.sysid, e.noise) if run),
     )
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+SHAPES = ("sine", "half_cosine", "pulse")  # of injections
+
 
 def quote(text: object) -> str:
     """Show what a file says, on one line and not at length."""
@@ -39,7 +41,7 @@ def describe(error: ErrorDetails) -> str:
     loc = [
         part
         for before, part in zip([None, *loc], loc, strict=False)
-        if part != "[key]" and not (isinstance(before, int) and part in ("sine", "half_cosine"))
+        if part != "[key]" and not (isinstance(before, int) and part in SHAPES)
     ]
     given = quote(error["input"])
     kind = error["type"]
@@ -48,7 +50,7 @@ def describe(error: ErrorDetails) -> str:
         text = error["msg"]
     elif kind == "union_tag_not_found":
         loc.append("shape")
-        text = 'missing, write shape = "sine" or shape = "half_cosine"'
+        text = "missing, write " + " or ".join(f'shape = "{shape}"' for shape in SHAPES)
     elif kind in ("literal_error", "union_tag_invalid"):
         names = re.findall(r"'([^']*)'", str(context.get("expected", context.get("expected_tags"))))
         if kind == "union_tag_invalid":

@@ -12,6 +12,7 @@ from lpfcosim.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRU
 from lpfcosim.spacecraft import Spacecraft
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
+Disturbed = Literal["g_1", "g_2"]
 Kind = Literal["sysid", "noise"]
 Thrusters = Literal["cold gas", "colloid"]
 Model = Literal[
@@ -128,7 +129,25 @@ class HalfCosine:
     end: float
 
 
-Injection = Sine | HalfCosine
+@dataclass(frozen=True)
+class Pulse:
+    """A glitch: amplitude sin^2(pi (t - start) / duration) acting on one test mass; SI.
+
+    It is a stray acceleration (the targets g_1, g_2), not a command: no controller knows of it.
+    """
+
+    into: Disturbed
+    amplitude: float
+    start: float
+    duration: float
+
+    @property
+    def end(self) -> float:
+        """Time it is over [s]."""
+        return self.start + self.duration
+
+
+Injection = Sine | HalfCosine | Pulse
 
 
 @dataclass(frozen=True)

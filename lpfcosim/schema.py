@@ -22,7 +22,7 @@ from pydantic import (
 from lpfcosim.control import Controller
 from lpfcosim.messages import closest, key_problem, problem, quote
 from lpfcosim.parameters import FS, READ_OUT_RANGE, H
-from lpfcosim.run import HalfCosine, Model, Sine, Target, Thrusters
+from lpfcosim.run import Disturbed, HalfCosine, Model, Pulse, Sine, Target, Thrusters
 from lpfcosim.units import (
     FORCE,
     LENGTH,
@@ -293,7 +293,21 @@ class HalfCosineTable(_InjectionTable):
         return HalfCosine(**self.model_dump(exclude={"shape"}))
 
 
-InjectionTable = Annotated[SineTable | HalfCosineTable, Field(discriminator="shape")]
+class PulseTable(Table):
+    """A glitch: a stray acceleration of a test mass, the square of half a sine; of either sign."""
+
+    shape: Literal["pulse"]
+    into: Annotated[Disturbed, Field(examples=['into = "g_2"'])]
+    amplitude: Acceleration
+    start: Time
+    duration: Annotated[float, Quantity("a time", "s", "10 s", "positive", smallest=2 * H, largest=YEAR)]
+
+    def record(self) -> Pulse:
+        """Return the injection as the simulation knows it."""
+        return Pulse(**self.model_dump(exclude={"shape"}))
+
+
+InjectionTable = Annotated[SineTable | HalfCosineTable | PulseTable, Field(discriminator="shape")]
 
 
 class ExperimentTable(Table):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from lpfcosim.run import Run, Sine
+from lpfcosim.run import Pulse, Run, Sine
 
 TAIL_LEVEL, TAIL_FREQUENCY, TAIL_CORNER = 60e-15, 20e-6, 2e-6  # m s^-2 Hz^-0.5 at Hz; flat below (choice)
 JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (choice)
@@ -49,6 +49,8 @@ def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, A
     stop = run.n_samples if stop is None else stop
     signals = {name: np.zeros(stop - start) for name in TARGETS}
     for injection in run.injections:
+        if isinstance(injection, Pulse):
+            continue  # no command, see `Noise`
         first = _clip(_sample(run, injection.start), start, stop)
         last = _clip(_sample(run, injection.end), start, stop)
         since = np.arange(first, last) / run.fs - injection.start
@@ -82,7 +84,8 @@ def noise(run: Run) -> dict[str, Array]:
 class Noise:
     """Noise of a run, drawn in blocks of any size to the same bits; a level of zero gives exact zeros.
 
-    The noise of Delta g is shared in equal power by g_1 and g_2; g_2 also carries the constant ``run.dc``.
+    The noise of Delta g is shared in equal power by g_1 and g_2; g_2 also carries the constant ``run.dc``,
+    and both the injected pulses.
 
     Parameters
     ----------
@@ -91,7 +94,8 @@ class Noise:
     """
 
     def __init__(self, run: Run) -> None:
-        self._dc = run.dc
+        self._run = run
+        self._drawn = 0
         self._names = [name for name in names(run) if name not in (*TARGETS, *_ATTITUDE)]
         self._sources = [(source.into, source.start(run)) for source in sources(run)]
 
@@ -106,7 +110,14 @@ class Noise:
         drawn = {name: np.zeros(n) for name in self._names}
         for into, source in self._sources:
             drawn[into] += source.take(n)
-        drawn["g_2"] += self._dc
+        drawn["g_2"] += self._run.dc
+        first, self._drawn = self._drawn, self._drawn + n
+        for pulse in self._run.injections:
+            if isinstance(pulse, Pulse):
+                begin = _clip(_sample(self._run, pulse.start), first, first + n)
+                end = _clip(_sample(self._run, pulse.end), first, first + n)
+                phase = (np.arange(begin, end) / self._run.fs - pulse.start) / pulse.duration
+                drawn[pulse.into][begin - first : end - first] += pulse.amplitude * np.sin(np.pi * phase) ** 2
         return drawn
 
 

@@ -6,14 +6,15 @@ and of the whole spacecraft's quadratic terms there is what is linear about the 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len
 from scipy.interpolate import CubicSpline
 
-from lpfcosim import decimation, planning
-from lpfcosim.run import Run
+from lpfcosim import decimation, planning, signals
+from lpfcosim.run import Noise, Pulse, Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,7 +36,9 @@ class Simulation:
     """
 
     def __init__(self, run: Run, channels: Sequence[str]) -> None:
-        responses = planning.response(run)
+        pulsed = any(isinstance(injection, Pulse) for injection in run.injections)
+        glitches = signals.Noise(replace(run, noise=Noise())) if pulsed else None  # the same in every draw
+        responses = planning.response(run, glitches)
         self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
         self._n = self._mean["f_x_2"].size

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lpfcosim import campaign, signals
 from lpfcosim.control import DRAG_FREE
 from lpfcosim.errors import InputError
-from lpfcosim.run import Authority, HalfCosine, Noise, Sine, Truth
+from lpfcosim.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
 
 TEXT = (Path(__file__).parent / "two_experiments.toml").read_text(encoding="utf-8")
 
@@ -40,6 +40,17 @@ def test_everything_arrives_in_si(file):
         HalfCosine("F_x_1", 1.5e-9, 10.0, 20.0),
         Sine("F_x_1", 0.6e-12, 10e-3, 20, 30.0, phase=pytest.approx(np.pi / 2)),
     )
+
+
+def test_a_glitch_is_a_pulse_of_either_sign(file):
+    glitch = '{ shape = "pulse", into = "g_2", amplitude = "-2 pm s^-2", start = "9 s", duration = "30 s" },'
+    file.write_text(TEXT.replace("tone = [", f"tone = [\n  {glitch}"), encoding="utf-8")
+    assert campaign.load(file).runs[1].injections[0] == Pulse("g_2", -2e-12, 9.0, 30.0)
+    file.write_text(
+        TEXT.replace("tone = [", f"tone = [\n  {glitch.replace('30 s', '0.1 s')}"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r'sequences.tone\[0\].duration: "0.1 s" is below 0.2 s'):
+        campaign.load(file)
 
 
 def test_runs_follow_one_another_noise_first(file):

@@ -47,6 +47,8 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
     ('"guidance_o_12"', '"guidance_012"', 'sequences.tone[0].into: "guidance_012" is not known, did you'),
     ('"sine"', '"sinus"', 'sequences.tone[0].shape: "sinus" is not known, did you mean "sine"?'),
     ('shape = "sine", ', "", 'sequences.tone[0].shape: missing, write shape = "sine" or'),
+    ('shape = "half_cosine"', 'shape = "pulse"', "experiments[1].injections[0].end: unknown key"),
+    ('into = "F_x_1"', 'into = "g_1"', 'experiments[1].injections[0].into: "g_1" is not known'),
     ('end = "20 s"', 'end = "5 s"', "experiments[1].injections[0].end: 5 s is not after the start"),
     ("cycles = 2,", "cycles = 4,", 'sequences.tone[0]: ends at 4060 s, past the end of experiment "first"'),
     ('end = "20 s"', 'end = "3 h"', "experiments[1].injections[0]: ends at 10800 s, past the end of"),

@@ -12,7 +12,7 @@ from lpfcosim import along_x, master, placement, signals
 from lpfcosim.container import container
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, checks
-from lpfcosim.run import Authority, HalfCosine, Sine
+from lpfcosim.run import Authority, HalfCosine, Pulse, Sine
 
 pytestmark = pytest.mark.fmu
 
@@ -30,6 +30,7 @@ def run(make_run, flight_noise):
             HalfCosine("F_x_2", amplitude=0.4e-9, start=20, end=120),
             Sine("guidance_o_1", amplitude=5e-9, frequency=0.05, cycles=5, start=0),
             Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=1, start=50),
+            Pulse("g_2", amplitude=2e-12, start=60, duration=5),
         ),
         dc=8e-12,
         noise=replace(flight_noise, f_x_1_jitter=1e-14),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import welch
 
 from lpfcosim import signals
-from lpfcosim.run import HalfCosine, Noise, Sine
+from lpfcosim.run import HalfCosine, Noise, Pulse, Sine
 
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 
@@ -87,6 +87,20 @@ def test_injections_add_in_any_order(make_run, injections, seed):
     for name, values in signal(shuffled).items():
         total = sum((single[name] for single in one_by_one), np.zeros(6000))
         np.testing.assert_allclose(values, total, rtol=0, atol=1e-22)
+
+
+def test_a_pulse_pushes_one_test_mass_for_its_duration(make_run):
+    run = make_run(injections=(Pulse("g_1", 2e-12, 100.0, 50.0), Pulse("g_2", -1e-12, 120.05, 1.0)), dc=3e-12)
+    assert not any(values.any() for values in signals.injections(run).values())
+    drawn, t = signals.noise(run), run.time
+    assert not drawn["g_1"][(t <= 100) | (t >= 150)].any()
+    assert drawn["g_1"].sum() / 10 == pytest.approx(2e-12 * 50 / 2)  # momentum per unit mass
+    assert drawn["g_1"][1250] == pytest.approx(2e-12)
+    assert (drawn["g_2"] - 3e-12).min() == pytest.approx(-1e-12, rel=0.01)
+    source = signals.Noise(run)
+    blocks = [source.take(n) for n in (1, 1100, 399, 4500)]
+    for name, values in drawn.items():
+        np.testing.assert_array_equal(np.concatenate([block[name] for block in blocks]), values)
 
 
 # --- noise ----------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from lpfcosim import campaign, decimation, planning, reference, signals, spectral, whole
-from lpfcosim.run import Noise
+from lpfcosim.run import Noise, Pulse
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 
@@ -50,6 +50,16 @@ def test_without_noise_there_is_the_response(sysid):
     expected["f_x_2"] = expected["f_x_2"] + quiet.f_x_2_start
     for name in CHANNELS:
         assert np.array_equal(drawn[name], expected[name])
+
+
+def test_glitches_are_there_too(sysid):
+    glitches = (Pulse("g_2", 1e-11, 4000.0, 20.0), Pulse("g_1", -3e-12, 5000.5, 7.0))
+    glitchy = replace(sysid, noise=Noise(), injections=(*sysid.injections, *glitches), dc=8e-12)
+    drawn = spectral.Simulation(glitchy, CHANNELS).record(np.random.default_rng(1))
+    expected = reference.simulate(glitchy)
+    for name in CHANNELS:
+        x = expected[name][::10]
+        assert np.abs(drawn[name] - x).max() <= 1e-6 * np.ptp(x), name
 
 
 def test_spectra_are_those_of_the_simulation(sysid):
