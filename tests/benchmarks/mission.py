@@ -1,0 +1,53 @@
+"""Time the fit of a campaign's telemetry: reading, filtering, joint fit, everything.
+
+    python tests/benchmarks/mission.py mission-x/telemetry
+
+The folder is that of an earlier ``lpfcosim run``. Medians of three; the last line is JSON.
+"""
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from fit import glitches, selection, telemetry
+from fit.joint import fit_joint
+from fit.pipeline import calibrate
+from fit.settings import settings
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return the median of three timings."""
+    took = []
+    for _ in range(3):
+        started = time.perf_counter()
+        work()
+        took.append(time.perf_counter() - started)
+    return statistics.median(took)
+
+
+def main(folder: Path) -> None:
+    """Print each time, and all as JSON."""
+    runs = telemetry.read_all([folder])
+    chosen = settings()
+    found = {
+        "runs": len(runs),
+        "hours": sum(t.duration for t in runs) / 3600,
+        "reading_s": seconds(lambda: telemetry.read_all([folder])),
+        "filtering_s": seconds(lambda: selection.experiments(runs)),
+        # pairs anew each time: a run keeps its spectra
+        "glitches_s": seconds(lambda: [glitches.clean(e) for e in selection.experiments(runs)]),
+        "joint_fit_s": seconds(lambda: fit_joint(selection.experiments(runs), chosen)),
+        "calibration_s": seconds(lambda: calibrate(runs)),
+    }
+    for name in ("glitches_s", "joint_fit_s"):
+        found[name] -= found["filtering_s"]
+    for name, value in found.items():
+        print(f"{name:14s} {value:.3g}")
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
