@@ -6,6 +6,7 @@ windowed data would turn the slope of the window into signal. Only then comes th
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,15 +191,23 @@ class NoiseModel:
         of the true S larger than the estimate by e^v. Hardly known bins lose their weight that way.
         """
         basis = _spline_basis(self.knots, f)
-        variance = np.einsum("bi,ij,bj->b", basis, self.covariance, basis)
+        variance = np.sum((basis @ self.covariance) * basis, axis=1)
         return np.asarray(np.exp(basis @ self.values + variance), dtype=np.float64)
 
 
 def _spline_basis(knots: Array, f: Array) -> Array:
+    return _basis(knots.tobytes(), f.tobytes())
+
+
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths, and each is asked for again and again
+def _basis(of_knots: bytes, of_f: bytes) -> Array:
+    knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
     spline = CubicSpline(knots, np.eye(knots.size), bc_type="natural")
     u = np.log(f)
     inside = np.clip(u, knots[0], knots[-1])
-    return np.asarray(spline(inside) + spline(inside, 1) * (u - inside)[:, None], dtype=np.float64)
+    basis = np.asarray(spline(inside) + spline(inside, 1) * (u - inside)[:, None], dtype=np.float64)
+    basis.setflags(write=False)
+    return basis
 
 
 def _knots(f: Array) -> Array:

@@ -5,6 +5,7 @@ import multiprocessing as mp
 import os
 import signal
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -28,7 +29,7 @@ from lpfcosim import cli_fmu, montecarlo, runner, spectral, stability, telemetry
 from lpfcosim.cli_common import CampaignFile, Out, Quiet, about, check_folder
 from lpfcosim.cli_study import in_memory
 from lpfcosim.console import Console
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.run import Run
 
 Line = dict[str, Any]  # what is kept of one campaign
@@ -178,6 +179,14 @@ def _prepare(work: _Work) -> None:
     global _work
     _work = work
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # to end the workers is up to the parent
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = mp.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _campaign(number: int) -> Line:
@@ -185,9 +194,10 @@ def _campaign(number: int) -> Line:
     plan = montecarlo.numbered(_work.plan, number, redraw=_work.redraw)
     try:
         results = _through_fmus(plan, _work) if _work.archives else _from_spectra(plan, number, _work)
-    except (fit.errors.FitError, RunError) as error:
+    except (fit.errors.CalibrationError, LpfcosimError) as error:
         return {"number": number, "failed": str(error)}
-    return {"number": number, "estimates": pulls.estimates(results)}
+    drawn = {"truth": telemetry.truth(plan.runs[0])} if _work.redraw else {}
+    return {"number": number, "estimates": pulls.estimates(results), **drawn}
 
 
 def _through_fmus(plan: campaigns.Campaign, work: _Work) -> Results:
@@ -209,6 +219,7 @@ def _from_spectra(plan: campaigns.Campaign, number: int, work: _Work) -> Results
 def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
     of_run, simulation = _simulations.get(run.name, (None, None))
     if of_run is None or simulation is None or of_run.truth != run.truth:
+        stability.check(run)  # other truths may not be stable where the campaign's are
         simulation = spectral.Simulation(run, _channels(run))
         _simulations[run.name] = (run, simulation)
     channels = simulation.record(generator)
