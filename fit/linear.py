@@ -221,7 +221,7 @@ def blind(H: Array, widths: Array) -> tuple[NDArray[np.bool_], Array]:
         rows[i] /= rows[i, pivot]
         others = np.arange(len(rows)) != i
         rows[others] -= np.outer(rows[others, pivot], rows[i])
-    return lost, rows
+    return lost, rows[np.argsort(np.argmax(np.abs(rows), axis=1))]  # in the order of the parameters
 
 
 @dataclass(frozen=True)

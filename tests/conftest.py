@@ -1,5 +1,6 @@
 """Fixtures shared by the tests: runs that need no campaign file."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,3 +46,20 @@ def flight_noise() -> Noise:
 def quickstart() -> Path:
     """Path of the shipped quick-start campaign."""
     return Path(__file__).parents[1] / "campaigns" / "quickstart.toml"
+
+
+@pytest.fixture
+def lpfcosim(monkeypatch, capfd, tmp_path):
+    """Run the command line in ``tmp_path``; returns (status, standard output, standard error)."""
+    from lpfcosim import cli  # takes its time, and only these tests need it
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        captured = capfd.readouterr()
+        return stopped.value.code or 0, captured.out, captured.err
+
+    return run

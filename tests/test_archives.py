@@ -15,7 +15,6 @@ from fit.conversion import convert
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.telemetry import read, read_all
-from lpfcosim import cli
 from tests.contract_file import write_contract_file
 from tests.synthetic import World, pair
 
@@ -120,20 +119,6 @@ def archive(runs, tmp_path_factory):
     return write
 
 
-@pytest.fixture
-def lpfcosim(monkeypatch, capfd, tmp_path):
-    """Run the command line in ``tmp_path``; returns (status, standard error)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        return stopped.value.code or 0, capfd.readouterr().err
-
-    return run
-
-
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_every_format_gives_the_telemetry_of_the_contract(archive, contract, tmp_path, suffix):
     expected = read_all([contract])
@@ -217,16 +202,16 @@ def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):
 def test_fit_report_and_delta_g_of_a_map(lpfcosim, archive, contract, tmp_path):
     where = archive("csv")
     for paths, out in (([contract], "plain"), ([where], "mapped")):
-        status, err = lpfcosim("fit", *paths, "--include-short", "--out", out)
+        status, _, err = lpfcosim("fit", *paths, "--include-short", "--out", out)
         assert status == 0, err
     plain, mapped = (json.loads((tmp_path / d / "results.json").read_text()) for d in ("plain", "mapped"))
     assert mapped["joint"] == plain["joint"]
     assert mapped["experiments"] == plain["experiments"]
     assert mapped["provenance"]["telemetry"] == ["telemetry/E1-noise.h5", "telemetry/E1-sysid.h5"]
-    status, err = lpfcosim("report", "mapped")
+    status, _, err = lpfcosim("report", "mapped")
     assert status == 0, err
     for paths, out in (([contract], "plain-g"), ([where], "mapped-g")):
-        status, err = lpfcosim("deltag", *paths, "--calibration", "plain/results.json", "--out", out)
+        status, _, err = lpfcosim("deltag", *paths, "--calibration", "plain/results.json", "--out", out)
         assert status == 0, err
     with (
         h5py.File("plain-g/E1-noise-deltag.h5") as first,
@@ -378,7 +363,7 @@ def test_a_fault_is_one_sentence_and_leaves_nothing(lpfcosim, archive, tmp_path,
     change, expected = FAULTS[fault]
     where = archive("csv")
     change(where)
-    status, err = lpfcosim("fit", where, "--out", "result")
+    status, _, err = lpfcosim("fit", where, "--out", "result")
     (sentence,) = err.strip().splitlines()
     assert status == 2
     assert sentence.startswith(f"lpfcosim: error: {where.parent}")
@@ -433,7 +418,7 @@ def test_a_fault_of_a_binary_archive(lpfcosim, archive, tmp_path, fault):
     where = archive(suffix)
     where.write_text(where.read_text().replace('"a1", unit = "m s-2"', '"a1"'))
     change(where.parent / f"E1-noise.{suffix}")
-    status, err = lpfcosim("fit", where, "--out", "result")
+    status, _, err = lpfcosim("fit", where, "--out", "result")
     assert status == 2
     (sentence,) = err.strip().splitlines()
     assert re.search(expected, sentence), sentence
@@ -443,6 +428,6 @@ def test_a_fault_of_a_binary_archive(lpfcosim, archive, tmp_path, fault):
 def test_fits_needs_an_extra(lpfcosim, archive, monkeypatch):
     where = archive("fits")
     monkeypatch.setitem(sys.modules, "astropy.io.fits", None)
-    status, err = lpfcosim("fit", where)
+    status, _, err = lpfcosim("fit", where)
     assert status == 2
     assert "E1-sysid.fits: FITS needs the extra lpfcosim[fits]" in err

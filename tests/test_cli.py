@@ -59,21 +59,6 @@ def short(tmp_path):
 
 
 @pytest.fixture
-def lpfcosim(monkeypatch, capfd, tmp_path):
-    """Run the command line in ``tmp_path``; returns (status, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capfd.readouterr()
-        return stopped.value.code or 0, captured.out, captured.err
-
-    return run
-
-
-@pytest.fixture
 def recorded(short, tmp_path):
     """Folder with the telemetry of the short campaign, from the reference plant."""
     folder = tmp_path / "recorded"

@@ -18,7 +18,6 @@ from lpfcosim.cli_study import planned
 from lpfcosim.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft import Spacecraft
 from tests.synthetic import World, of_run, pair, telemetry
-from tests.test_cli import lpfcosim  # noqa: F401 (a fixture)
 from tests.test_joint import recorded
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
@@ -254,7 +253,7 @@ def test_short_and_excluded_runs_stay_out(quickstart):
     assert "lambda_2" in forecast(short, settings({"include_short": True})).parameters
 
 
-def test_command_line(lpfcosim, quickstart, tmp_path):  # noqa: F811
+def test_command_line(lpfcosim, quickstart, tmp_path):
     status, out, err = lpfcosim("forecast", quickstart, "--json", "--out", "told")
     assert status == 0, err
     document = json.loads(out)
@@ -274,7 +273,7 @@ def test_command_line(lpfcosim, quickstart, tmp_path):  # noqa: F811
     assert "no run drives test mass 1" in err
 
 
-def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):  # noqa: F811
+def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
     noise_only = tmp_path / "noise.toml"
     noise_only.write_text(
         quickstart.read_text().replace('\nduration = "6 h"', "").replace('sequences = ["standard"]', "")

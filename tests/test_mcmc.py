@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from dataclasses import replace
 
 import h5py
@@ -19,7 +18,6 @@ from fit.pipeline import calibrate
 from fit.posterior import Posterior, inflation
 from fit.runs import Experiment, Run
 from fit.settings import settings
-from lpfcosim import cli
 from tests.contract_file import write_contract_file
 from tests.synthetic import World, pair
 
@@ -260,18 +258,6 @@ def calibrated(tmp_path):
     found = replace(found, provenance={**found.provenance, "telemetry": names})
     results.write(results.with_truth(found, telemetries), directory / "results.json")
     return directory
-
-
-@pytest.fixture
-def lpfcosim(monkeypatch, capfd):
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capfd.readouterr()
-        return stopped.value.code or 0, captured.out, captured.err
-
-    return run
 
 
 def test_command(lpfcosim, calibrated):

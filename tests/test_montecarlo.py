@@ -1,7 +1,6 @@
 """``lpfcosim montecarlo``: statistics, seeds, resuming, and the command as a whole."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,34 +9,17 @@ from scipy.stats import norm
 
 from fit import pulls
 from fit.results import Estimate, Fit, Results
-from lpfcosim import campaign, cli, montecarlo
+from lpfcosim import campaign, montecarlo
+from tests.campaign_text import ONE_EXPERIMENT
 
-SMALL = """\
-schema = "lpf-campaign/1"
-name = "small"
-seed = 3
-[noise]
-oms = "35 fm Hz^-0.5"
-thruster = "0.15 uN Hz^-0.5"
-plateau = "5.6 fm s^-2 Hz^-0.5"
-tail = 1.5
-[authority.A]
-F_max_1 = "0 pN"
-F_max_2 = "2200 pN"
-N_max_1 = "10.4 pN m"
-N_max_2 = "10.4 pN m"
-[[experiments]]
-name = "one"
-authority = "A"
-duration = "6 h"
-noise_duration = "6 h"
-sequences = ["few"]
-[sequences]
-few = [
-"""
+HEAD = 'schema = "lpf-campaign/1"\nname = "small"\nseed = 3\n'
+EXPERIMENT = 'duration = "6 h"\nnoise_duration = "6 h"\nsequences = ["few"]\n[sequences]\nfew = [\n'
 SINE = '  {{ into = "{}", shape = "sine", frequency = "{}", amplitude = "{}", cycles = {}, start = "{}" }},\n'
-SMALL += (
-    SINE.format("guidance_o_12", "1 mHz", "10 nm", 6, "900 s")
+SMALL = (
+    HEAD
+    + ONE_EXPERIMENT
+    + EXPERIMENT
+    + SINE.format("guidance_o_12", "1 mHz", "10 nm", 6, "900 s")
     + SINE.format("guidance_o_12", "10 mHz", "5 nm", 40, "7000 s")
     + SINE.format("guidance_o_1", "5 mHz", "10 nm", 40, "12000 s")
     + "]\n"
@@ -49,13 +31,6 @@ def small(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(SMALL, encoding="utf-8")
     return path
-
-
-def lpfcosim(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    return end.value.code or 0
 
 
 def test_pulls_of_a_known_distribution():
@@ -98,25 +73,26 @@ def test_redrawn_truths_stay_near_and_valid(small):
     assert len({t.delta_ifo[1] for t in truths}) == 200
 
 
-def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path, monkeypatch, capsys):
+def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path, lpfcosim):
     once, twice = tmp_path / "once", tmp_path / "twice"
-    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 4, "--out", once, "--jobs", 2) == 0
-    assert "lambda_2" in capsys.readouterr().out
+    status, out, _ = lpfcosim("montecarlo", small, "-n", 4, "--out", once, "--jobs", 2)
+    assert status == 0
+    assert "lambda_2" in out
     document = json.loads((once / "montecarlo.json").read_text(encoding="utf-8"))
     assert (document["schema"], document["n"], document["failed"]) == ("lpf-montecarlo/1", 4, {})
     assert {"pull_mean", "pull_std", "coverage_1sigma"} <= document["parameters"]["lambda_2"].keys()
     assert abs(document["parameters"]["lambda_2"]["pull_mean"]) < 2.5
     assert (once / "figures" / "pulls.svg").stat().st_size > 1000
 
-    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 2, "--out", twice, "--jobs", 1, "--quiet") == 0
+    assert lpfcosim("montecarlo", small, "-n", 2, "--out", twice, "--jobs", 1, "--quiet")[0] == 0
     log = twice / "campaigns.jsonl"
     log.write_text(log.read_text(encoding="utf-8") + '{"number": 2, "est', encoding="utf-8")  # killed
-    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 4, "--out", twice, "--jobs", 1, "--quiet") == 0
+    assert lpfcosim("montecarlo", small, "-n", 4, "--out", twice, "--jobs", 1, "--quiet")[0] == 0
     again = json.loads((twice / "montecarlo.json").read_text(encoding="utf-8"))
     assert again == document  # neither interruption nor number of processes counts
 
-    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 4, "--out", twice, "--redraw") == 2
-    error = capsys.readouterr().err
+    status, _, error = lpfcosim("montecarlo", small, "-n", 4, "--out", twice, "--redraw")
+    assert status == 2
     assert "expected another folder" in error
     assert "Traceback" not in error
 
@@ -125,17 +101,16 @@ def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path
     ("arguments", "told"),
     [(["nowhere.toml"], "no such file"), (["small.toml", "--out", "small.toml"], "is a file")],
 )
-def test_bad_input_is_one_sentence(small, tmp_path, monkeypatch, capsys, arguments, told):
-    monkeypatch.chdir(tmp_path)
-    assert lpfcosim(monkeypatch, "montecarlo", *arguments) == 2
-    error = capsys.readouterr().err
+def test_bad_input_is_one_sentence(small, lpfcosim, arguments, told):
+    status, _, error = lpfcosim("montecarlo", *arguments)
+    assert status == 2
     assert told in error
     assert "Traceback" not in error
 
 
-def test_a_command_at_its_limit_is_told(small, monkeypatch, tmp_path, capsys):
+def test_a_command_at_its_limit_is_told(small, lpfcosim):
     small.write_text(SMALL.replace('"2200 pN"', '"0.5 pN"'), encoding="utf-8")
-    assert lpfcosim(monkeypatch, "montecarlo", small, "-n", 2, "--jobs", 1, "--out", tmp_path / "o") == 1
-    error = capsys.readouterr().err
+    status, _, error = lpfcosim("montecarlo", small, "-n", 2, "--jobs", 1, "--out", "o")
+    assert status == 1
     assert "f_x_2 reaches its limit" in error
     assert "there are no pulls" in error
