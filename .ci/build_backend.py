@@ -33,7 +33,7 @@ def get_requires_for_build_wheel(config_settings: object = None) -> list[str]:  
 
 
 class ReadyMade(BuildHookInterface):
-    """Puts ``lpfcosim/prebuilt`` into a wheel; the checkout stays as it is."""
+    """Puts ``lpfcosim/prebuilt`` and the quick start into a wheel; the checkout stays as it is."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the FMUs and the stepping loop for all platforms, unless the install is editable."""
@@ -53,6 +53,7 @@ class ReadyMade(BuildHookInterface):
         except LpfcosimError as error:
             self.app.abort(str(error))
         build_data["force_include"][self._folder.name] = "lpfcosim/prebuilt"
+        build_data["force_include"][str(ROOT / "campaigns" / "quickstart.toml")] = "lpfcosim/quickstart.toml"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
         """Remove what was built; the wheel holds it now."""

@@ -64,12 +64,17 @@ CROSS_TALK: Mapping[str, tuple[str, int]] = {
 
 
 def means(telemetry: Telemetry) -> dict[str, Array]:
-    """Return those of the `MEANS` whose channels the run has, hardly a sample missing, each of shape (N,)."""
-    found = {}
+    """Return those of the `MEANS` whose channels the run has, each of shape (N,).
+
+    What is constant tells nothing, nor what misses many samples. A torque without the angle about the same
+    axis is left out too: its column would try to stand for what is missing of eq. bump.
+    """
+    found: dict[str, Array] = {}
     for name, parts in MEANS.items():
-        if parts.keys() <= telemetry.channels.keys():
+        turned = name.removeprefix("N_")
+        if parts.keys() <= telemetry.channels.keys() and (turned == name or turned in found):
             mean = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
-            if np.mean(np.isnan(mean)) <= MAX_MISSING:
+            if np.mean(np.isnan(mean)) <= MAX_MISSING and np.nanmin(mean) < np.nanmax(mean):
                 found[name] = np.asarray(mean, dtype=np.float64)
     return found
 

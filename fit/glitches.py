@@ -33,7 +33,8 @@ REACH = 2.2  # widths on either side of a glitch that are masked along
 LEAST_REACH = 2.0  # s, the same; the stencils add some 10 s, as they do to missing samples
 HIGHEST = 0.3  # of the highest ratio: what is lower may be due to what is higher
 ROUNDS = 30  # to get from the highest ratio to the threshold
-MOST = 0.3  # of the weight of a run; if masks would take more, it is no matter of glitches
+MOST = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
+TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
 
@@ -131,7 +132,7 @@ class _Search:
             if begin > 0 and end < self._flags.size and end - begin <= 2 * spectra.HALF:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
         valid = self._original.channels.valid
-        weight = [np.sum(spectra.window(v, fs) ** 2) for v in (valid, valid & ~self._flags)]
+        weight = [_weight(v, fs) for v in (valid, valid & ~self._flags)]
         self.hopeless = bool(weight[1] < (1 - MOST) * weight[0])
         found = [(float(time[a]), float(time[b - 1])) for a, b in spectra.stretches(self._flags)]
         self.run = self._original.without([] if self.hopeless else found)
@@ -167,7 +168,13 @@ class _Search:
                 f"{name}: masking all that stands out of the noise would cost more than {100 * MOST:g} % of "
                 "the run, which is no matter of glitches; nothing is masked"
             )
-        return FitWarning("glitches", (), message)
+        return FitWarning(TOO_MANY if self.hopeless else "glitches", (), message)
+
+
+def _weight(valid: NDArray[np.bool_], fs: float) -> float:
+    """Return what masks and the stencils beside them leave of the window."""
+    reached = spectra.apply(np.ones(2 * spectra.HALF + 1), (~valid).astype(float)) > 0.5
+    return float(np.sum(spectra.window(~reached, fs) ** 2))
 
 
 def _least(U: Spectrum) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from fit import dynamics
+from fit.errors import InputError
 from fit.irls import Estimator, Known, Outcome, reweight
 from fit.parameters import (
     EXPERIMENT_NAMES,
@@ -56,6 +57,8 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
 
     Raises
     ------
+    InputError
+        If something is to scatter over a single experiment.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -63,6 +66,8 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
     sharing = Sharing(chosen.shared)
     parameters = sharing.parameters(runs)
     names = [p.name for p in parameters]
+    if chosen.scatter and len(runs) < 2:
+        raise InputError(f"fit.scatter: {runs[0].experiment} is alone, expected two experiments or more")
     departures, scatter = _departures(chosen.scatter, runs, names)
     shares = []
     for n, run in enumerate(runs):

@@ -111,6 +111,9 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     cleaned = [glitches.clean(e) if masking else (e, ()) for e in found]
     experiments = [e for e, _ in cleaned]
     taking_part, short, excluded = selection.divide(experiments, chosen)
+    spoilt = [e for e, told in cleaned if e in taking_part and any(w.code == glitches.TOO_MANY for w in told)]
+    if len(spoilt) < len(taking_part):  # else chi2 will tell
+        taking_part = [e for e in taking_part if e not in spoilt]
     outcome = fit_joint(taking_part, chosen) if taking_part else None
     joint = as_fit(outcome, taking_part) if outcome else None
     fits = {}
@@ -125,6 +128,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", short),
         ("excluded", "as the settings say", excluded),
+        ("excluded", "for too many glitches", [e for e in spoilt if e not in taking_part]),
     ):
         if left_out:
             names = ", ".join(e.sysid.telemetry.run for e in left_out)
@@ -135,7 +139,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     for e, told in cleaned:
         if told and e.name in fits:
             fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, *told))
-        if told and e in taking_part:
+        if told and (e in taking_part or e in spoilt):
             joint = joint and replace(joint, warnings=(*joint.warnings, *told))
     cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
     periods: dict[str, set[str]] = {}

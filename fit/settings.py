@@ -63,6 +63,8 @@ def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -
         place = ".".join(str(part) for part in fault["loc"])
         value = "" if isinstance(fault["input"], dict) else f"{fault['input']!r}: "
         raise InputError(f"{where}.{place}: {value}{fault['msg']}") from error
+    if len(set(found.scatter)) < len(found.scatter):
+        raise InputError(f"{where}.scatter: {', '.join(found.scatter)}: expected each parameter once")
     for name in found.scatter:
         if found.shared[name] != "campaign":
             raise InputError(

@@ -171,6 +171,15 @@ def _doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarn
         for experiment in experiments
         if experiment.noise is None
     ]
+    for experiment in experiments:
+        noise = experiment.noise or experiment.sysid
+        lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))
+        if lacking:
+            message = (
+                f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
+                "taken off the run alone: the noise it leaves in the weights widens the sigmas"
+            )
+            found.append(FitWarning("noise_run_lacks", (), message))
     if not outcome.converged:
         message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
         found.append(FitWarning("not_converged", (), message))

@@ -32,8 +32,8 @@ from lpfcosim import (
     cli_fmu,
     cli_mcmc,
     cli_montecarlo,
+    cli_plan,
     cli_study,
-    margins,
     master,
     network,
     placement,
@@ -43,7 +43,6 @@ from lpfcosim import (
 from lpfcosim.cli_common import Out, Quiet, about, check_folder
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.spacecraft import Spacecraft
 
 
 class _Commands(TyperGroup):
@@ -65,6 +64,10 @@ app = typer.Typer(
 )
 app.add_typer(cli_fmu.app, name="fmu")
 app.command(name="mcmc")(cli_mcmc.mcmc_command)
+app.command(name="new")(cli_plan.new_command)
+app.command(name="check")(cli_plan.check_command)
+app.command(name="schema")(cli_plan.schema_command)
+app.command(name="margins")(cli_plan.margins_command)
 app.command(name="forecast")(cli_study.forecast_command)
 app.command(name="montecarlo")(cli_montecarlo.montecarlo_command)
 
@@ -224,21 +227,6 @@ def report(
     with console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")
-
-
-@app.command(name="margins")
-def margins_command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="Gives plant and controllers.")],
-) -> None:
-    """Print unity gain, phase and gain margin of every control loop, the others being closed."""
-    run = campaigns.load(campaign).runs[0]
-    with about(campaign):
-        stability.check(run)
-    whole = replace(run, spacecraft=run.spacecraft or Spacecraft())
-    rows = [m for m in margins.margins(whole) if run.spacecraft or m.loop in ("drag_free_x", "suspension_x")]
-    print(f"{'loop':18s} {'unity gain':>12s} {'phase margin':>13s} {'gain margin':>12s}")
-    for m in rows:
-        print(f"{m.loop:18s} {1e3 * m.unity_gain:8.4g} mHz {m.phase_margin:9.1f} deg {m.gain_margin:9.1f} dB")
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def forecast_command(
     if as_json:
         print(text)
     elif not quiet:
-        rich.console.Console().print(_table(expected))
+        rich.console.Console().print(table(expected))
     for warning in expected.warnings:
         console.note(f"warning: {warning.message}")
 
@@ -102,10 +102,11 @@ def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[n
     return Telemetry(**more)
 
 
-def _table(expected: Fit) -> Table:
-    table = Table("parameter", "unit", "sigma", "flight sigma", "ratio", box=None)
+def table(expected: Fit) -> Table:
+    """Show the sigmas of a forecast beside those of flight."""
+    shown = Table("parameter", "unit", "sigma", "flight sigma", "ratio", box=None)
     for name, estimate in expected.parameters.items():
         flown = FLIGHT[name].sigma if name in FLIGHT else None
         beside = (f"{flown:.2g}", f"{estimate.sigma / flown:.2g}") if flown else ("", "")
-        table.add_row(name, estimate.unit, f"{estimate.sigma:.2g}", *beside)
-    return table
+        shown.add_row(name, estimate.unit, f"{estimate.sigma:.2g}", *beside)
+    return shown

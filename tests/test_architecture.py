@@ -9,7 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for package in ("lpfcosim", "fit") for p in (ROOT / package).rglob("*.py"))
 COMMAND_LINE = {
-    f"lpfcosim.{name}" for name in ("cli", "cli_mcmc", "cli_montecarlo", "cli_study", "console", "__main__")
+    f"lpfcosim.{name}"
+    for name in ("cli", "cli_mcmc", "cli_montecarlo", "cli_plan", "cli_study", "console", "__main__")
 }
 
 

@@ -154,3 +154,19 @@ def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
     both = np.stack([delta_g - 5e-12, signal], axis=1)
     left, power = np.sum(np.abs(spectra.transform(both, np.ones(len(both), bool), 1.0).columns) ** 2, axis=0)
     assert left < (2e-6) ** 2 * power
+
+
+def test_torques_count_only_beside_angles_that_tell():
+    t = np.arange(4000.0)
+    rows = {
+        name: np.sin(t / (50 + i)) for i, name in enumerate(("N_phi_1", "N_phi_2", "o_phi_1", "o_phi_12"))
+    }
+
+    def names(**changed):
+        channels = {**telemetry(World(), duration=4000.0).channels, **rows, **changed}
+        run = replace(telemetry(World(), duration=4000.0), channels=channels)
+        return list(dynamics.means(run))
+
+    assert names() == ["phi", "N_phi"]
+    assert names(o_phi_1=0 * t, o_phi_12=0 * t + 1e-6) == []
+    assert names(N_phi_1=0 * t, N_phi_2=0 * t) == ["phi"]

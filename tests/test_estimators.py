@@ -184,6 +184,7 @@ def test_an_experiment_may_be_left_out():
             {"scatter": ["lambda_2"], "shared": {"lambda_2": "experiment"}},
             "a value for each experiment already",
         ),
+        ({"scatter": ["lambda_2", "lambda_2"]}, "expected each parameter once"),
         ({"exclude": "A"}, "exclude"),
     ],
 )
@@ -225,3 +226,8 @@ def test_what_one_experiment_cannot_yield_does_not_cost_the_joint_fit(monkeypatc
     assert warning.message == "B: it does not settle"
     with pytest.raises(FitError):
         calibrate(campaign(World())[2:4], settings({"exclude": ["B"]}))
+
+
+def test_one_experiment_alone_cannot_scatter():
+    with pytest.raises(InputError, match="A is alone, expected two experiments or more"):
+        calibrate(pair(World()), settings({"scatter": ["lambda_2"]}))

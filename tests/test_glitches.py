@@ -200,12 +200,12 @@ def test_at_the_edges_and_beside_gaps(simulated):
 
 
 def test_too_much_is_told_and_left(simulated):
-    storm = draw(1, 120)
+    storm = draw(1, 400)
     before = experiment([simulated("A", *storm), simulated("A-noise")])
     after, (warning,) = glitches.clean(before)
     assert after.sysid.glitches == ()
     assert after.sysid.masked == 0
-    assert warning.code == "glitches"
+    assert warning.code == glitches.TOO_MANY
     assert "nothing is masked" in warning.message
 
 
@@ -220,6 +220,14 @@ def test_a_calibration_masks_and_tells(simulated):
     assert not [w for w in plain.joint.warnings if w.code == "glitches"]
     assert plain.joint.masked_samples == 0
     assert plain.joint.chi2 > 2 * results.joint.chi2
+
+
+def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
+    runs = [simulated("A", *draw(1, 400)), *(simulated(n) for n in ("A-noise", "B", "B-noise"))]
+    results = calibrate(runs)
+    assert results.provenance["joint_runs"] == ["B"]
+    assert {"excluded", glitches.TOO_MANY} <= {w.code for w in results.joint.warnings}
+    assert "A" in results.experiments or "not_fitted_alone" in {w.code for w in results.joint.warnings}
 
 
 def test_masks_leave_the_channels_as_they_are():

@@ -1,0 +1,243 @@
+"""The commands before a campaign is run: a starter, what to expect of it, its JSON Schema."""
+
+import json
+import re
+import tomllib
+
+import pytest
+
+from fit.settings import settings
+from lpfcosim import campaign, cli_plan
+from lpfcosim.modelica import build
+from tests.campaign_text import ONE_EXPERIMENT
+
+HEAD = 'schema = "lpf-campaign/1"\nname = "one"\nseed = 1\n'
+TONES = """
+[[experiments.injections]]
+into = "guidance_o_12"
+shape = "sine"
+frequency = "3 mHz"
+amplitude = "10 nm"
+cycles = 4
+start = "100 s"
+"""
+
+
+def one_sentence(err):
+    lines = [line for line in err.splitlines() if not re.fullmatch(r"forecast: [\d.]+ s", line)]
+    assert len(lines) == 1, err
+    assert lines[0].startswith("lpfcosim: error: ")
+    return lines[0].removeprefix("lpfcosim: error: ")
+
+
+def test_new_then_check(lpfcosim, quickstart, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "build", None)  # neither needs an FMU
+    status, out, err = lpfcosim("new", "mine.toml")
+    assert (status, err) == (0, "")
+    assert "lpfcosim check mine.toml" in out
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert "lpfcosim run mine.toml" in text
+    shipped = tomllib.loads(quickstart.read_text(encoding="utf-8"))
+    assert tomllib.loads(text) == {**shipped, "name": "mine"}
+
+    status, out, err = lpfcosim("check", "mine.toml")
+    assert status == 0, err
+    assert out.startswith("mine.toml: in order; along x, 8 runs, 48 h\n")
+    assert re.search(r"^ *A-noise +noise +2016-04-16 08:00 +6 +A +1 *$", out, flags=re.MULTILINE)
+    assert re.search(r"^ *D +sysid +2016-04-18 02:00 +6 +D +2 +10 *$", out, flags=re.MULTILINE)
+    assert re.search(r"^drag_free_x +79\.\d+ mHz +45\.\d deg +14\.\d dB$", out, flags=re.MULTILINE)
+    assert "suspension_x" in out
+    assert "drag_free_y" not in out
+    assert re.search(r"^ *delta_ifo_2 +1 +2\.\de-07 ", out, flags=re.MULTILINE)
+    assert re.search(r"^run: about \d+ s on .*, once the FMUs are built$", out, flags=re.MULTILINE)
+    assert "warning: the data do not determine lambda_1: no run drives test mass 1" in err
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_check_as_json(lpfcosim, quickstart):
+    status, out, err = lpfcosim("check", quickstart, "--json")
+    assert status == 0, err
+    told = json.loads(out, parse_constant=pytest.fail)
+    plan = campaign.load(quickstart)
+    assert (told["schema"], told["campaign"], told["digest"]) == ("lpf-check/1", "quickstart", plan.digest)
+    assert [run["run"] for run in told["runs"]] == [run.name for run in plan.runs]
+    assert told["duration"] == sum(run["duration"] for run in told["runs"]) == 48 * 3600
+    assert [loop["loop"] for loop in told["loops"]] == ["drag_free_x", "suspension_x"]
+    assert told["loops"][0]["unity_gain"] == pytest.approx(0.08, rel=0.01)
+    assert told["forecast"]["parameters"]["delta_ifo_2"]["sigma"] == pytest.approx(2.34e-7, rel=0.02)
+    assert told["wall_time"] < 60
+
+
+def test_check_of_the_whole_spacecraft_has_all_loops(lpfcosim, tmp_path):
+    (tmp_path / "one.toml").write_text(
+        f'{HEAD}[spacecraft]\n{ONE_EXPERIMENT}duration = "3 h"\n{TONES}', encoding="utf-8"
+    )
+    status, out, err = lpfcosim("check", "one.toml", "--json")
+    assert status == 0, err
+    told = json.loads(out)
+    assert len(told["loops"]) == 15
+    assert told["forecast"] is None
+    assert told["warnings"] == [
+        "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
+    ]
+
+
+def test_noise_alone_is_in_order_but_told(lpfcosim, tmp_path):
+    (tmp_path / "one.toml").write_text(f'{HEAD}{ONE_EXPERIMENT}noise_duration = "12 h"\n', encoding="utf-8")
+    status, out, err = lpfcosim("check", "one.toml")
+    assert status == 0
+    assert "along x, 1 run, 12 h" in out
+    assert "warning: no sysid run" in err
+    assert "--calibration" in err
+
+
+def test_fmu_of_other_origin_leaves_our_loops_out(lpfcosim, tmp_path):
+    (tmp_path / "theirs.fmu").write_bytes(b"never opened")
+    (tmp_path / "one.toml").write_text(
+        f'{HEAD}[fmus.DragFreeControl]\npath = "theirs.fmu"\n{ONE_EXPERIMENT}duration = "6 h"\n{TONES}',
+        encoding="utf-8",
+    )
+    status, out, err = lpfcosim("check", "one.toml", "--json")
+    assert status == 0, err
+    told = json.loads(out)
+    assert (told["loops"], told["forecast"]) == ([], None)
+    assert "FMUs of other origin" in told["warnings"][0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ('frequency = "3 mHz"', 'frequency = "6 Hz"', "Nyquist"),
+        ("[noise]", '[fit]\nestimator = "best"\n[noise]', "fit.estimator: 'best'"),
+        ("[noise]", '[fit]\nexclude = ["two"]\n[noise]', "fit.exclude: no experiment 'two'"),
+        ("[noise]", '[control.drag_free]\nunity_gain = "1 Hz"\n[noise]', "closed loop is unstable"),
+        ('duration = "6 h"', 'duration = "1700 s"', "run one: lasts 1700 s, expected 1800 s or more"),
+    ],
+)
+def test_bad_campaign_is_one_sentence(lpfcosim, tmp_path, old, new, fault):
+    text = f'{HEAD}{ONE_EXPERIMENT}duration = "6 h"\n{TONES}'
+    assert old in text
+    (tmp_path / "one.toml").write_text(text.replace(old, new), encoding="utf-8")
+    status, out, err = lpfcosim("check", "one.toml")
+    assert (status, out) == (2, "")
+    assert one_sentence(err).startswith("one.toml: ")
+    assert fault in err
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("there.toml", "there.toml: is there already, expected a new name"),
+        ("folder.toml", "folder.toml: is there already"),
+        ("mine.txt", "mine.txt: expected a name that ends in .toml"),
+        ("my own.toml", 'my own.toml: "my own" cannot name a file'),
+        ("nowhere/mine.toml", "nowhere is not a folder"),
+        ("there.toml/mine.toml", "there.toml is not a folder"),
+    ],
+)
+def test_new_refuses(lpfcosim, tmp_path, name, fault):
+    (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
+    (tmp_path / "folder.toml").mkdir()
+    status, out, err = lpfcosim("new", name)
+    assert (status, out) == (2, "")
+    assert fault in one_sentence(err)
+    assert (tmp_path / "there.toml").read_text(encoding="utf-8") == "mine"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_new_has_a_name_of_its_own(lpfcosim, tmp_path):
+    assert lpfcosim("new")[0] == 0
+    assert campaign.load(tmp_path / "campaign.toml").name == "campaign"
+
+
+def test_wheel_has_the_starter_beside_its_code(monkeypatch, tmp_path):
+    monkeypatch.setattr(cli_plan, "__file__", str(tmp_path / "cli_plan.py"))
+    (tmp_path / "quickstart.toml").write_text("packaged", encoding="utf-8")
+    assert cli_plan.starter() == "packaged"
+
+
+def test_longest_run_is_not_divided(quickstart):
+    plan = campaign.load(quickstart.with_name("mission.toml"))
+    longest = max(run.n_samples for run in plan.runs) * 3e-6
+    assert (
+        cli_plan.wall_time(plan, 1) > cli_plan.wall_time(plan, 2) > cli_plan.wall_time(plan, 1000) > longest
+    )
+    assert cli_plan.wall_time(plan, 1000) == cli_plan.wall_time(plan, 10000)
+
+
+# The schema -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def schema():
+    return cli_plan.json_schema()
+
+
+def faults(schema, known, value, place="$"):
+    """Yield what a value has that its schema does not know: keys, and types of what stands there."""
+    if "$ref" in known:
+        known = schema["$defs"][known["$ref"].split("/")[-1]]
+    if "discriminator" in known:
+        reference = known["discriminator"]["mapping"][value["shape"]]
+        known = schema["$defs"][reference.split("/")[-1]]
+    for choice in known.get("anyOf", []) if "properties" not in known else []:
+        if choice.get("type") != "null":
+            known = schema["$defs"][choice["$ref"].split("/")[-1]] if "$ref" in choice else choice
+    kind = {dict: "object", list: "array", str: "string", bool: "boolean", int: "integer", float: "number"}
+    given, wanted = kind[type(value)], known.get("type", "any")
+    if given != wanted and wanted != "any" and (given, wanted) != ("integer", "number"):
+        yield f"{place}: {given}, not {wanted}"
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            of_key = known.get("properties", {}).get(key)
+            for pattern, other in known.get("patternProperties", {}).items():
+                of_key = other if of_key is None and re.search(pattern, key) else of_key
+            of_key = of_key or known.get("additionalProperties")
+            if not of_key:
+                yield f"{place}.{key}: not known"
+            elif isinstance(of_key, dict):
+                yield from faults(schema, of_key, entry, f"{place}.{key}")
+    elif isinstance(value, list):
+        for i, entry in enumerate(value):
+            yield from faults(schema, known["items"], entry, f"{place}[{i}]")
+
+
+CAMPAIGNS = ("quickstart", "spacecraft", "mission-x", "mission", "operations", "inertial")
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_schema_allows_what_is_shipped(schema, quickstart, name):
+    text = quickstart.with_name(f"{name}.toml").read_text(encoding="utf-8")
+    value = tomllib.loads(text)
+    assert list(faults(schema, schema, value)) == []
+    assert any(value.keys() >= set(choice["required"]) for choice in schema["anyOf"])
+
+
+def test_schema_knows_what_is_wrong(schema, quickstart):
+    value = tomllib.loads(quickstart.read_text(encoding="utf-8"))
+    value["sequences"]["standard"][0]["amplitude"] = 1e-8
+    value["noise"]["omms"] = "35 fm Hz^-0.5"
+    value["fit"] = {"glitchs": True, "shared": {"lambda_3": "campaign"}}
+    assert list(faults(schema, schema, value)) == [
+        "$.noise.omms: not known",
+        "$.sequences.standard[0].amplitude: number, not string",
+        "$.fit.glitchs: not known",
+        "$.fit.shared.lambda_3: not known",
+    ]
+
+
+def test_schema_of_the_fit_has_its_defaults(schema):
+    of_fit = schema["properties"]["fit"]
+    assert {k: v["default"] for k, v in of_fit["properties"].items()} == settings().model_dump()
+    assert "required" not in of_fit
+    assert of_fit["properties"]["shared"]["properties"]["delta_ifo"]["enum"] == [
+        "campaign",
+        "alignment_epoch",
+        "experiment",
+    ]
+
+
+def test_schema_command_prints_it(lpfcosim, schema):
+    status, out, err = lpfcosim("schema")
+    assert (status, err) == (0, "")
+    assert json.loads(out) == schema
