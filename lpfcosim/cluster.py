@@ -1,0 +1,178 @@
+"""Work on an existing Dask cluster; the results are those of one process, whoever computed them.
+
+Everything a task needs travels with it: nothing is looked for on the disks of a worker. What many tasks
+share, such as FMUs, each by its digest, is itself a task, which the scheduler has done anew if its holder is
+lost.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import socket
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lpfcosim.errors import InputError, LpfcosimError, RunError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+ANSWER = 10  # s that a scheduler has to answer
+_SAME = (
+    "lpfcosim",
+    "numpy",
+    "scipy",
+)  # must be the same on a worker, for the last bits depend on them
+
+
+class Cluster:
+    """A connection to a scheduler, from `connected`."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def processors(self) -> int:
+        """Return how many tasks the workers of this moment take at once."""
+        return sum(self._client.nthreads().values())
+
+    def results(
+        self,
+        function: Callable[..., Any],
+        shared: object,
+        items: Mapping[str, object],
+        files: Mapping[str, Path],
+    ) -> Iterator[tuple[str, Any]]:
+        """Yield name and result of ``function(shared, item, files)`` for every item, as they come.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module that the workers have installed. A `LpfcosimError` that it raises is its result.
+        shared : object
+            Sent once, not once an item.
+        items : mapping of str to object
+            By name, in the order in which they are to be begun.
+        files : mapping of str to Path
+            Sent once; on the worker they have the same content and suffix.
+
+        Raises
+        ------
+        RunError
+            If the scheduler is lost.
+        """
+        from distributed import as_completed
+
+        given = self._client.submit(_itself, shared, pure=False)
+        sent = {name: self._sent(path) for name, path in files.items()}
+        futures = {
+            self._client.submit(
+                _task, _versions(), function, given, item, sent, pure=False, priority=-place
+            ): name
+            for place, (name, item) in enumerate(items.items())
+        }
+        try:
+            for future in as_completed(list(futures), loop=self._client.loop):
+                yield futures[future], _outcome(future, futures[future])
+                future.release()  # its worker need not keep what is here
+        finally:
+            with suppress(Exception):  # of a scheduler that is gone
+                self._client.cancel([f for f in futures if not f.done()])
+
+    def _sent(self, path: Path) -> tuple[str, str, Future]:
+        data = path.read_bytes()
+        digest = hashlib.sha256(data).hexdigest()
+        return digest, path.suffix, self._client.submit(_itself, data, key=f"lpfcosim-{digest}")
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Cluster]:
+    """Connect to the scheduler at an address such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, or nothing answers there.
+    """
+    try:
+        from distributed import Client
+        from distributed.comm import get_address_host_port
+    except ModuleNotFoundError:
+        raise InputError("--scheduler: needs Dask, install lpfcosim[dask]") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told in our words
+    try:
+        socket.create_connection(get_address_host_port(address), ANSWER).close()  # a client gives up late
+        client = Client(address, timeout=ANSWER, set_as_default=False)
+    except (OSError, ValueError, RuntimeError, TypeError):
+        raise InputError(
+            f"--scheduler: {address}: no Dask scheduler answers there, expected one such as tcp://HOST:8786"
+        ) from None
+    try:
+        yield Cluster(client)
+    finally:
+        with suppress(Exception):  # of a scheduler that is gone
+            client.close(timeout=ANSWER)
+
+
+def _outcome(future: Future, name: str) -> Any:
+    from distributed import CancelledError
+    from distributed.scheduler import KilledWorker
+
+    try:
+        return future.result()
+    except LpfcosimError as error:
+        return error
+    except KilledWorker:
+        return RunError(f"{name}: every worker that took it on died, which may be its doing")
+    except (CancelledError, OSError):
+        raise RunError(
+            "the Dask scheduler is lost; what is finished is kept, the same command continues"
+        ) from None
+
+
+def _versions() -> dict[str, str]:
+    return {package: metadata.version(package) for package in _SAME}
+
+
+# On a worker -------------------------------------------------------------------------------------------
+
+_alone = threading.Lock()  # FMUs and fits are made for processes, a worker may have several threads
+
+
+def _itself(value: Any) -> Any:
+    return value
+
+
+def _task(
+    versions: Mapping[str, str],
+    function: Callable[..., Any],
+    shared: object,
+    item: object,
+    sent: Mapping[str, tuple[str, str, bytes]],
+) -> Any:
+    for package, version in _versions().items():
+        if version != versions[package]:
+            raise RunError(
+                f"a worker has {package} {version}, expected {versions[package]} as where the command runs"
+            )
+    with _alone:
+        return function(shared, item, {name: _unpacked(*file) for name, file in sent.items()})
+
+
+def _unpacked(digest: str, suffix: str, data: bytes) -> Path:
+    """Return a file with that content, written once for each worker."""
+    from distributed import get_worker
+
+    path = Path(get_worker().local_directory) / f"lpfcosim-{digest}{suffix}"
+    if not path.is_file():
+        handle, partial = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(partial).replace(path)
+    return path
