@@ -1,5 +1,7 @@
 """What can go wrong, told apart by what the user can do about it."""
 
+from reprlib import Repr
+
 
 class CalibrationError(Exception):
     """Base of every error this package raises on purpose."""
@@ -11,3 +13,12 @@ class InputError(CalibrationError):
 
 class FitError(CalibrationError):
     """The input is sound but no trustworthy estimate came out of it (exit 1)."""
+
+
+_short = Repr()
+_short.maxstring = _short.maxother = 80
+
+
+def shown(value: object) -> str:
+    """Return a value of the input for a message: on one line, and not at length."""
+    return _short.repr(value)

@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft
 
 from fit import dynamics, linear, spectra
 from fit.errors import FitError
@@ -131,11 +131,10 @@ class _Search:
         for begin, end in spectra.stretches(~self._flags):
             if begin > 0 and end < self._flags.size and end - begin <= 2 * spectra.HALF:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
-        valid = self._original.channels.valid
-        weight = [_weight(v, fs) for v in (valid, valid & ~self._flags)]
-        self.hopeless = bool(weight[1] < (1 - MOST) * weight[0])
         found = [(float(time[a]), float(time[b - 1])) for a, b in spectra.stretches(self._flags)]
-        self.run = self._original.without([] if self.hopeless else found)
+        masked = self._original.without(found)
+        self.hopeless = masked.weight < (1 - MOST) * self._original.weight
+        self.run = self._original if self.hopeless else masked
         return True
 
     def _ratios(self, noise: "_Search | None") -> Array:
@@ -153,15 +152,17 @@ class _Search:
         for width in WIDTHS:
             bell = np.exp(-2 * (np.pi * width * f) ** 2) / np.sqrt(S)
             bell *= n / 2 * np.sqrt(np.mean(terms.window**2)) / np.linalg.norm(bell)  # noise S: variance 1
-            filtered = np.abs(irfft(np.concatenate([[0], residual * bell, np.zeros(n // 2 - f.size)]), n))
+            padded = np.concatenate([[0], residual * bell, np.zeros(n // 2 - f.size)])
+            filtered = np.abs(scipy.fft.irfft(padded, n))
             sigma = max(_GAUSSIAN * float(np.median(filtered[terms.window > 0.5])), least)
             found.append(filtered / sigma if sigma > 0 else np.zeros(n))
         return np.array(found)
 
     def warning(self) -> FitWarning:
         """Say what was found."""
-        name, n = self.run.telemetry.run, len(self.run.glitches)
-        places = ", ".join(f"{begin:.0f} s ({end - begin:.0f} s)" for begin, end in self.run.glitches)
+        masks = self.run.masks[len(self._original.masks) :]
+        name, n = self.run.telemetry.run, len(masks)
+        places = ", ".join(f"{begin:.0f} s ({end - begin:.0f} s)" for begin, end in masks)
         message = f"{name}: {n} glitch{'es' * (n > 1)} masked, at {places}"
         if self.hopeless:
             message = (
@@ -169,12 +170,6 @@ class _Search:
                 "the run, which is no matter of glitches; nothing is masked"
             )
         return FitWarning(TOO_MANY if self.hopeless else "glitches", (), message)
-
-
-def _weight(valid: NDArray[np.bool_], fs: float) -> float:
-    """Return what masks and the stencils beside them leave of the window."""
-    reached = spectra.apply(np.ones(2 * spectra.HALF + 1), (~valid).astype(float)) > 0.5
-    return float(np.sum(spectra.window(~reached, fs) ** 2))
 
 
 def _least(U: Spectrum) -> Array:

@@ -155,6 +155,10 @@ def _iterate(
         found = linear.minimise(blocks, beside, theta, width)
         H = linear.information(blocks, found)
         spread = linear.curvature_covariance(H, beside, width)
+        if not np.all(np.diag(spread) > 0):
+            raise FitError(
+                "ill-conditioned beyond what numbers hold; expected channels in the units they name"
+            )
         move = (found - theta) / np.sqrt(np.diag(spread))
         moved = float(np.max(np.abs(move[~lost]), initial=0.0))
         before, widths = widths, _widths(scatter, widths, found, H + beside.rows.T @ beside.rows)

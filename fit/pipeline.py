@@ -3,11 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fit import bump, glitches, inertial, rotation, selection, separation, spectra
+from fit import bump, inertial, rotation, selection, separation, soundness, spectra
 from fit.diagnostics import diagnose
 from fit.errors import FitError, InputError
-from fit.irls import Outcome
+from fit.irls import Known, Outcome
 from fit.joint import fit_experiment, fit_joint, known_of
+from fit.preparation import prepare
 from fit.results import Fit, FitWarning, Results
 from fit.runs import Experiment
 from fit.settings import Settings, settings
@@ -106,51 +107,67 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
 
 def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly."""
+    for e in found:
+        soundness.check_guidance(e.sysid.telemetry)
     sharing = Sharing(chosen.shared)
-    masking = chosen.glitches and chosen.estimator != "flscov"  # which bridges what is masked
-    cleaned = [glitches.clean(e) if masking else (e, ()) for e in found]
-    experiments = [e for e, _ in cleaned]
+    prepared = {p.experiment.name: p for p in prepare(found, chosen)}
+    experiments = [p.experiment for p in prepared.values()]
     taking_part, short, excluded = selection.divide(experiments, chosen)
-    spoilt = [e for e, told in cleaned if e in taking_part and any(w.code == glitches.TOO_MANY for w in told)]
+    spoilt = [e for e in taking_part if prepared[e.name].spoilt]
     if len(spoilt) < len(taking_part):  # else chi2 will tell
         taking_part = [e for e in taking_part if e not in spoilt]
-    outcome = fit_joint(taking_part, chosen) if taking_part else None
+    alone = {e.name: _alone(e, None, chosen) for e in experiments}
+    fitted = {name: own for name, own in alone.items() if isinstance(own, Outcome)}
+    soundness.check_gains(fitted, experiments)
+    try:
+        outcome = fit_joint(taking_part, chosen) if taking_part else None
+    except FitError as error:
+        raise FitError(f"{error}{soundness.suspects(alone)}") from error
     joint = as_fit(outcome, taking_part) if outcome else None
-    fits = {}
+    fits, of_joint = {}, []
     for e in experiments:
-        try:
-            fits[e.name] = _fit_alone(e, outcome, chosen)
-        except FitError as error:
+        known = known_of(outcome, e.sysid.telemetry, sharing) if outcome else None
+        own = alone[e.name]
+        if known and (isinstance(own, FitError) or own.tone):  # a single tone needs what others know
+            own = _alone(e, known, chosen)
+        if isinstance(own, FitError):
             if joint is None:
-                raise
+                raise own
             # what one experiment by itself does not yield must not cost the joint fit
-            joint = replace(joint, warnings=(*joint.warnings, FitWarning("not_fitted_alone", (), str(error))))
+            of_joint.append(FitWarning("not_fitted_alone", (), str(own)))
+            continue
+        fit = as_fit(own, [e], from_joint=bool(known and own.tone))
+        more = (*prepared[e.name].warnings, *soundness.of_experiment(e, fit))
+        fits[e.name] = replace(fit, diagnostics=diagnose(e, own), warnings=(*fit.warnings, *more))
+    for e in spoilt:
+        if e not in taking_part:
+            of_joint.append(
+                FitWarning("excluded", (), f"left out of the joint fit: {prepared[e.name].spoilt}")
+            )
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", short),
         ("excluded", "as the settings say", excluded),
-        ("excluded", "for too many glitches", [e for e in spoilt if e not in taking_part]),
     ):
         if left_out:
             names = ", ".join(e.sysid.telemetry.run for e in left_out)
             warning = FitWarning(code, (), f"left out of the joint fit, {why}: {names}")
-            joint = joint and replace(joint, warnings=(*joint.warnings, warning))
+            of_joint.append(warning)
             for e in (e for e in left_out if e.name in fits):
                 fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
-    for e, told in cleaned:
-        if told and e.name in fits:
-            fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, *told))
-        if told and (e in taking_part or e in spoilt):
-            joint = joint and replace(joint, warnings=(*joint.warnings, *told))
+    if joint:
+        of_joint += [w for e in taking_part for w in prepared[e.name].warnings]
+        of_joint += soundness.of_joint(joint, fits, taking_part)
+        joint = replace(joint, warnings=(*joint.warnings, *of_joint))
     cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
     periods: dict[str, set[str]] = {}
     for e in taking_part:
         run = e.sysid.telemetry
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
-    alone = {epoch: next(iter(found)) for epoch, found in periods.items() if len(found) == 1}
+    single = {epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1}
     scatter = outcome.scatter if outcome else {}
     provenance = {
         **_provenance(experiments, taking_part),
-        "cross_talk_periods": alone,
+        "cross_talk_periods": single,
         "settings": chosen.model_dump(),
         "scatter": {name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     }
@@ -159,12 +176,12 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     return Results(joint, fits, cross_talk, {}, provenance)
 
 
-def _fit_alone(experiment: Experiment, joint: Outcome | None, chosen: Settings) -> Fit:
+def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Outcome | FitError:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
-    known = known_of(joint, experiment.sysid.telemetry, Sharing(chosen.shared)) if joint else None
-    outcome = fit_experiment(experiment, known, chosen.estimator)
-    fit = as_fit(outcome, [experiment], from_joint=bool(known and outcome.tone))
-    return replace(fit, diagnostics=diagnose(experiment, outcome))
+    try:
+        return fit_experiment(experiment, known, chosen.estimator)
+    except FitError as error:
+        return error
 
 
 def _provenance(experiments: Sequence[Experiment], taking_part: Sequence[Experiment]) -> dict[str, object]:

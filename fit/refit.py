@@ -5,9 +5,9 @@ from pathlib import Path
 
 from fit import results as fit_results
 from fit.errors import InputError
-from fit.glitches import clean
 from fit.irls import Outcome
 from fit.joint import fit_joint
+from fit.preparation import prepare
 from fit.results import Results
 from fit.runs import Experiment, Run
 from fit.settings import settings
@@ -65,9 +65,7 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
         Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
     ]
     how = settings(chosen, f"{where}: provenance.settings")
-    if how.glitches and how.estimator != "flscov":
-        experiments = [clean(e)[0] for e in experiments]
-    outcome = fit_joint(experiments, how)
+    outcome = fit_joint([p.experiment for p in prepare(experiments, how)], how)
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     for name, estimate in results.joint.parameters.items():
         if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,17 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
-from fit.errors import FitError, InputError
+from fit import atomic, documents
+from fit.display import Displayed
+from fit.errors import FitError, InputError, shown
 from fit.parameters import stiffness
 from fit.telemetry import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-results/1"
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
 _SECTIONS = ("experiments", "cross_talk", "inertial")
+#: Codes of warnings with which the sigmas of a fit do not hold.
+UNSOUND = frozenset(
+    {"contradiction", "noise_mismatch", "not_converged", "saturated_too_long", "too_many_glitches"}
+)
+WITHHELD = "?"  # what tables show in the place of such a sigma
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Displayed):
     """One estimated parameter.
 
     Attributes
@@ -84,8 +91,8 @@ class Diagnostics:
     quantiles: list[float]
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(Displayed):
     """One fit.
 
     Attributes
@@ -117,9 +124,43 @@ class Fit:
     masked_samples: int | None = None
     diagnostics: Diagnostics | None = None
 
+    def __getitem__(self, name: str) -> Estimate:
+        """Return the estimate of a parameter.
 
-@dataclass(frozen=True)
-class Results:
+        Raises
+        ------
+        InputError
+            If the fit has none of that name.
+        """
+        if name not in self.parameters:
+            lost = name in self.undetermined
+            why = "is not determined by these data" if lost else "is no parameter of this fit"
+            raise InputError(f"{name} {why}, expected one of {', '.join(self.parameters) or 'none'}")
+        return self.parameters[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.parameters)
+
+    @property
+    def unsound(self) -> tuple[FitWarning, ...]:
+        """The warnings with which the sigmas do not hold; none in a sound fit."""
+        return tuple(w for w in self.warnings if w.code in UNSOUND)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """The parameters that the data do not tell."""
+        lost = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
+        return tuple(dict.fromkeys(lost))
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """The correlation matrix, shape (P, P), in the order of `parameters`."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(sigma, sigma))
+
+
+@dataclass(frozen=True, repr=False)
+class Results(Displayed):
     """Everything one calibration yields.
 
     Attributes
@@ -139,6 +180,23 @@ class Results:
     cross_talk: dict[str, Fit]
     inertial: dict[str, Fit]
     provenance: dict[str, object]
+
+    def save(self, path: str | Path) -> None:
+        """Write the results as JSON, schema ``lpf-results/1``; see `write`."""
+        write(self, Path(path))
+
+
+def joint_of(results: Results) -> Fit:
+    """Return the joint fit.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if results.joint is None:
+        raise InputError("the results hold no joint fit, expected those of a calibration")
+    return results.joint
 
 
 def with_truth(
@@ -203,7 +261,8 @@ def _fit_with_truth(fit: Fit, truths: list[dict[str, float]]) -> Fit:
     for name, estimate in fit.parameters.items():
         known = [truth[name] for truth in truths if name in truth]
         if known and math.isclose(min(known), max(known), rel_tol=1e-12):
-            pull = (estimate.value - known[0]) / estimate.sigma if estimate.sigma > 0 else None
+            tells = estimate.sigma > 0 and not fit.unsound
+            pull = (estimate.value - known[0]) / estimate.sigma if tells else None
             estimate = replace(estimate, truth=known[0], pull=pull)
         parameters[name] = estimate
     return replace(fit, parameters=parameters)
@@ -230,9 +289,7 @@ def write(results: Results, path: Path) -> None:
         text = json.dumps(document, indent=1, allow_nan=False)
     except ValueError as error:
         raise FitError(f"{path}: not written, a number in the results is not finite") from error
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(path)
+    atomic.write(path, text + "\n")
 
 
 def _fit_to_json(fit: Fit) -> dict[str, object]:
@@ -246,6 +303,7 @@ def _fit_to_json(fit: Fit) -> dict[str, object]:
         chi2=fit.chi2,
         dof=fit.dof,
         converged=fit.converged,
+        sound=not fit.unsound,
         warnings=[
             without_none(
                 code=w.code,
@@ -267,6 +325,7 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     chi2: float
     dof: int
     converged: bool
+    sound: bool | None = None  # told to programs; here the warnings tell
     warnings: list[FitWarning]
     masked_samples: int | None = None
     diagnostics: Diagnostics | None = None
@@ -288,25 +347,21 @@ def load(path: Path) -> Results:
     InputError
         If the file is missing, is no JSON, has another schema or breaks it.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a readable file of results") from error
+    text = documents.text(path, "a file of results")
     try:
         schema = json.loads(text).get("schema")
     except (ValueError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: expected a JSON object of schema {SCHEMA!r}") from error
     if schema != SCHEMA:
-        raise InputError(f"{path}: schema is {schema!r}, expected {SCHEMA!r}")
+        raise InputError(f"{path}: schema is {shown(schema)}, expected {SCHEMA!r}")
     try:
         content = _ResultsJson.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {place}: {first['msg']}") from error
+        raise InputError(f"{path}: {documents.place(first['loc'])}: {first['msg']}") from error
     sections = {
         section: {
-            name: _fit_from_json(fit, f"{path}: {section}.{name}")
+            name: _fit_from_json(fit, f"{path}: {documents.place((section, name))}")
             for name, fit in getattr(content, section).items()
         }
         for section in _SECTIONS

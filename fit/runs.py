@@ -29,31 +29,37 @@ class Run:
     ----------
     channels : dynamics.Channels
         What the equation needs of it.
-    glitches : tuple of tuple of float
+    masks : tuple of tuple of float
         Begin and end [s] of every stretch that is masked though its samples are there.
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
         self.telemetry = telemetry
         self.channels = dynamics.channels(telemetry)
-        self.glitches: tuple[tuple[float, float], ...] = ()
+        self.masks: tuple[tuple[float, float], ...] = ()
         self.tau = (np.inf, np.inf)
 
-    def without(self, glitches: Sequence[tuple[float, float]]) -> "Run":
-        """Return the run with these stretches [s] masked besides its missing samples."""
+    def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked besides what is masked already."""
         run, time, valid = copy(self), self.channels.time, self.channels.valid.copy()
-        for begin, end in glitches:
+        for begin, end in stretches:
             valid &= (time < begin) | (time > end)
         run.channels = replace(self.channels, valid=valid)
-        run.glitches = tuple(glitches)
+        run.masks = (*self.masks, *stretches)
         run.tau = (np.inf, np.inf)
         return run
 
     @property
     def masked(self) -> int:
-        """Number of samples of the file that are missing or belong to glitches."""
-        lost = sum(end - begin for begin, end in self.glitches)
+        """Number of samples of the file that are missing or masked."""
+        lost = sum(end - begin for begin, end in self.masks)
         return self.channels.missing + round(lost * self.telemetry.fs)
+
+    @property
+    def weight(self) -> float:
+        """What missing samples, masks and the stencils beside them leave of the window, in samples."""
+        reached = spectra.apply(np.ones(2 * spectra.HALF + 1), (~self.channels.valid).astype(float)) > 0.5
+        return float(np.sum(spectra.window(~reached, self.channels.fs) ** 2))
 
     def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
         """Return the columns expanded about exactly these delays."""

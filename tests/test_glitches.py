@@ -127,7 +127,7 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
     after = [glitches.clean(e)[0] for e in glitchy]
 
     strong = [(name, p) for name, found in pulses.items() for p in found if abs(p.amplitude) > 40 * RMS]
-    masks = {run.telemetry.run: run.glitches for e in after for run in both(e)}
+    masks = {run.telemetry.run: run.masks for e in after for run in both(e)}
     for name, pulse in strong:
         middle = pulse.start + pulse.duration / 2
         assert any(begin - 5 <= middle <= end + 5 for begin, end in masks[name])
@@ -170,10 +170,10 @@ def test_many_strong_ones_in_one_experiment(simulated):
     after, warnings = glitches.clean(experiment([simulated(name, *p) for name, p in pulses.items()]))
     assert [w.code for w in warnings] == ["glitches"] * 2
     for run, warning in zip(both(after), warnings, strict=True):
-        n = len(run.glitches)
+        n = len(run.masks)
         assert 14 <= n <= 21
         assert warning.message.startswith(f"{run.telemetry.run}: {n} glitches masked, at ")
-    (mask,) = (g for g in after.sysid.glitches if g[0] < 12400 < g[1])
+    (mask,) = (g for g in after.sysid.masks if g[0] < 12400 < g[1])
     assert mask[0] < 12360
     theta, sigma = estimate(fit_experiment(clean))
     assert np.all(np.abs(estimate(fit_experiment(after))[0] - theta) < sigma)
@@ -190,7 +190,7 @@ def test_at_the_edges_and_beside_gaps(simulated):
     clean = experiment([simulated("A"), simulated("A-noise")])
     sysid = without(simulated("A", *pulses), *gaps)
     after, (warning,) = glitches.clean(experiment([sysid, clean.noise.telemetry]))
-    found = after.sysid.glitches
+    found = after.sysid.masks
     assert any(begin < 7950 < end for begin, end in found)
     assert any(begin < 15015 < end for begin, end in found)
     assert after.sysid.masked == 600 + round(sum(10 * (end - begin) for begin, end in found))
@@ -203,7 +203,7 @@ def test_too_much_is_told_and_left(simulated):
     storm = draw(1, 400)
     before = experiment([simulated("A", *storm), simulated("A-noise")])
     after, (warning,) = glitches.clean(before)
-    assert after.sysid.glitches == ()
+    assert after.sysid.masks == ()
     assert after.sysid.masked == 0
     assert warning.code == glitches.TOO_MANY
     assert "nothing is masked" in warning.message
@@ -226,7 +226,9 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     runs = [simulated("A", *draw(1, 400)), *(simulated(n) for n in ("A-noise", "B", "B-noise"))]
     results = calibrate(runs)
     assert results.provenance["joint_runs"] == ["B"]
-    assert {"excluded", glitches.TOO_MANY} <= {w.code for w in results.joint.warnings}
+    (told,) = (w.message for w in results.joint.warnings if w.code == "excluded")
+    assert "no matter of glitches" in told
+    assert not results.joint.unsound
     assert "A" in results.experiments or "not_fitted_alone" in {w.code for w in results.joint.warnings}
 
 

@@ -1,0 +1,136 @@
+"""Faults that leave a fit running and its sigmas wrong: signs, noise that does not match, contradictions."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fit import spectra
+from fit.errors import FitError, InputError
+from fit.irls import Outcome
+from fit.results import Fit, FitWarning
+from fit.runs import Experiment
+from fit.telemetry import Telemetry
+
+OFF = (
+    1.5  # factor between chi2 and its degrees of freedom beyond which sigmas, off by 22 %, are no longer told
+)
+PLAUSIBLE = (0.7, 1.5)  # gains between; a wrong sign or unit, N for m s-2 included, is beyond
+FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
+
+
+def check_guidance(telemetry: Telemetry) -> None:
+    """Refuse a run whose o_1 moves against the guidance that it follows.
+
+    Raises
+    ------
+    InputError
+        If it does.
+    """
+    if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
+        return
+    guidance, o_1 = (np.nan_to_num(telemetry.channels[name]) for name in ("guidance_o_1", "o_1"))
+    if not np.any(guidance):
+        return
+    every = np.ones(o_1.size, dtype=bool)
+    pair = np.stack([guidance - guidance.mean(), o_1 - o_1.mean()], axis=1)
+    found = spectra.transform(pair, every, telemetry.fs)
+    followed = (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])
+    G, followed_by = found.columns[followed].T
+    tones = np.abs(G) > 0.1 * np.max(np.abs(G), initial=0.0)
+    gain = (
+        np.vdot(G[tones], followed_by[tones]).real / np.vdot(G[tones], G[tones]).real if tones.any() else 1.0
+    )
+    if gain < -0.5:
+        raise InputError(
+            f"{telemetry.path}: o_1 moves against guidance_o_1, by {gain:.2f} times; expected it to follow: "
+            "one of the two has the wrong sign"
+        )
+
+
+def check_gains(outcomes: Mapping[str, Outcome], experiments: Sequence[Experiment]) -> None:
+    """Refuse runs that fit, on their own, with a gain that no actuator has.
+
+    Raises
+    ------
+    InputError
+        If there are any; which channel it must be is said where that can be told.
+    """
+    told = []
+    for experiment in experiments:
+        gains = _gains(outcomes[experiment.name]) if experiment.name in outcomes else {}
+        wrong = [name for name, value in gains.items() if not PLAUSIBLE[0] < value < PLAUSIBLE[1]]
+        if wrong:
+            force = f"f_x_{wrong[0][-1]}"
+            culprit = "o_12" if len(wrong) == 2 else force if len(gains) == 2 else f"o_12 or {force}"
+            told.append((experiment.sysid.telemetry.path, culprit, wrong[0], gains[wrong[0]]))
+    if told:
+        paths, (_, culprit, name, value) = ", ".join(str(path) for path, *_ in told), told[0]
+        fault = "sign" if value < 0 else "unit"
+        raise InputError(
+            f"{paths}: {culprit} has the wrong {fault}: {name} comes out as {value:.3g}, "
+            "expected about 1 with o_12 = x_2 - x_1 in m and forces along +x in m s-2"
+        )
+
+
+def _gains(outcome: Outcome) -> dict[str, float]:
+    """Return the gains that the data determine."""
+    sigma = np.sqrt(np.diag(outcome.solution.covariance))
+    return {
+        p.name: float(outcome.solution.theta[i])
+        for i, p in enumerate(outcome.parameters)
+        if p.name in ("lambda_1", "lambda_2") and not outcome.lost[i] and sigma[i] < 0.1
+    }
+
+
+def suspects(alone: Mapping[str, Outcome | FitError]) -> str:
+    """Return words on the experiments that could keep a joint fit from settling, empty if there are none."""
+    told = [
+        f"{name} alone does not fit either"
+        if isinstance(own, FitError)
+        else f"{name} alone leaves {own.solution.chi2 / own.solution.dof:.3g} times the power of the noise"
+        for name, own in alone.items()
+        if isinstance(own, FitError) or own.solution.chi2 > OFF * own.solution.dof
+    ]
+    return f"; {' and '.join(told)}: mend or exclude it ([fit] exclude)" if told else ""
+
+
+def is_off(fit: Fit) -> bool:
+    """Return whether chi2 and its degrees of freedom have nothing to do with each other."""
+    return not 1 / OFF < fit.chi2 / max(fit.dof, 1) < OFF
+
+
+def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:
+    """Doubt the noise run of an experiment that was fitted on its own."""
+    if experiment.noise is None or not is_off(fit):
+        return []
+    excess = fit.chi2 / fit.dof
+    cause = (
+        "its noise run does not match it, or the equation lacks something"
+        if excess > 1
+        else ("its noise run is louder than the run itself and does not match it")
+    )
+    message = (
+        f"{experiment.name}: the residual has {excess:.3g} times the power of the noise run: {cause}; the "
+        "sigmas do not hold"
+    )
+    return [FitWarning("noise_mismatch", (), message)]
+
+
+def of_joint(joint: Fit, fits: Mapping[str, Fit], taking_part: Sequence[Experiment]) -> list[FitWarning]:
+    """Doubt the joint fit for the sake of its experiments, or for what they say together."""
+    mismatched = [
+        e.name
+        for e in taking_part
+        if e.name in fits and any(w.code == "noise_mismatch" for w in fits[e.name].warnings)
+    ]
+    if mismatched:
+        names = ", ".join(mismatched)
+        message = f"the noise of {names} is not that of the noise run, which weights and sigmas rest on"
+        return [FitWarning("noise_mismatch", (), message)]
+    if is_off(joint):
+        message = (
+            f"each experiment fits on its own, all together leave {joint.chi2 / joint.dof:.3g} times the "
+            "power of the noise: what they are said to share differs between them; the sigmas do not hold"
+        )
+        return [FitWarning("contradiction", (), message)]
+    return []
