@@ -1,99 +1,23 @@
-"""The figures of the report, as SVG; with `fit.report` the only user of matplotlib."""
+"""Figures of a run and of the stiffness: responses to the injections, omega2_2 against authority."""
 
-import io
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fit import dynamics, spectra
+from fit.figure_files import COLOURS, WIDTH, Curve, Plot, column, legend_above, table
 from fit.parameters import stiffness
 from fit.results import Estimate, Fit
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 
-#: Colours by role, on white; the report turns them into the variables of its light and dark scheme.
-COLOURS: Mapping[str, str] = {
-    "paper": "#ffffff",
-    "ink": "#1c2530",
-    "muted": "#5d6875",
-    "grid": "#dfe3e8",
-    "grey": "#8b95a1",
-    "blue": "#2f74c0",
-    "orange": "#d2541b",
-    "green": "#1d8a6b",
-    "violet": "#8457b8",
-}
-_STYLE: Any = {  # rc parameters
-    "axes.edgecolor": COLOURS["muted"],
-    "axes.facecolor": "none",
-    "axes.grid": True,
-    "axes.labelcolor": COLOURS["ink"],
-    "axes.linewidth": 0.8,
-    "axes.titlecolor": COLOURS["ink"],
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10.0,
-    "axes.unicode_minus": True,
-    "figure.constrained_layout.use": True,
-    "figure.facecolor": COLOURS["paper"],
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.5,
-    "grid.color": COLOURS["grid"],
-    "grid.linewidth": 0.7,
-    "legend.fontsize": 9.0,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "savefig.facecolor": COLOURS["paper"],
-    "svg.fonttype": "path",
-    "svg.hashsalt": "fit",
-    "text.color": COLOURS["ink"],
-    "text.usetex": False,
-    "xtick.color": COLOURS["muted"],
-    "ytick.color": COLOURS["muted"],
-}
-WIDTH = 5.0  # inch: letters stay readable when the figure shrinks to the width of a telephone
 _BUCKETS = 500  # per curve over time
-_BINS_PER_DECADE = 24
-
-
-def svg(draw: Callable[..., Figure], *arguments: object) -> str:
-    """Return a figure as a complete SVG document, the same for the same arguments."""
-    with mpl.rc_context(_STYLE):
-        figure = draw(*arguments)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    # A hundredth of a point is finer than any screen; a third of the file is digits beyond it.
-    return re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text.getvalue())
-
-
-def inline(document: str, name: str, description: str) -> str:
-    """Return an SVG document as an element for a page: scalable, described, its colours CSS variables.
-
-    Parameters
-    ----------
-    document : str
-        From `svg`.
-    name : str
-        Unique in the page, letters and digits; keeps the ids of several figures apart.
-    description : str
-        Alternative text: plain words, no markup.
-    """
-    root, body = document[document.index("<svg") :].split(">", maxsplit=1)
-    view_box = re.findall(r'viewBox="[^"]*"', root)[0]
-    body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", body, flags=re.DOTALL)
-    body = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", body)
-    for role, colour in COLOURS.items():
-        body = body.replace(colour, f"var(--{role})")
-    return f'<svg {view_box} role="img" aria-label="{description}">{body}'
+_SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
@@ -112,92 +36,45 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
     return np.repeat(time[starts], 2), extremes.ravel()
 
 
-def responses(run: Telemetry) -> Figure:
+def responses(run: Telemetry) -> Plot:
     """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
-    panels = [("o_1", "drag-free loop", 1e9, "nm"), ("o_12", "suspension loop", 1e9, "nm")]
+    panels = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
     if np.nanmax(np.abs(run.channels["f_x_1"])) > 0:
-        panels.append(("f_x_1", "force on test mass 1", 1e12, "pm s$^{-2}$"))
-    figure = Figure(figsize=(WIDTH, 1.65 * len(panels) + 0.2))
-    axes: list[Axes] = list(figure.subplots(len(panels), 1, sharex=True))
+        panels.append(("f_x_1", "force on test mass 1", "m s⁻²"))
+    figure, axes = column(1.05, len(panels))
     hours = (run.time - run.time[0]) / 3600
-    for ax, (channel, title, scale, unit) in zip(axes, panels, strict=True):
-        symbol = _math(channel)
-        curves = [(symbol, COLOURS["blue"], envelope(hours, scale * run.channels[channel]))]
-        if f"guidance_{channel}" in run.channels:
-            guidance = envelope(hours, scale * run.channels[f"guidance_{channel}"])
-            curves.append(("guidance injected", COLOURS["orange"], guidance))
+    drawn: list[Curve] = []
+    units: list[str] = []
+    for ax, (channel, title, unit) in zip(axes, panels, strict=True):
+        symbol = channel.translate(_SUBSCRIPTS).replace("_", "")
+        told = [(channel, symbol, "blue"), (f"guidance_{channel}", "guidance", "orange")]
+        values = {name: run.channels[name] for name, _, _ in told if name in run.channels}
+        scale, prefix = _prefix(max(float(np.nanmax(np.abs(x))) for x in values.values()))
+        curves = [
+            (Curve(name, *envelope(hours, scale * values[name])), label, role)
+            for name, label, role in told
+            if name in values
+        ]
         # Least ink on top, so that neither hides the other.
-        ink = [float(np.nansum(np.abs(np.diff(values)))) for _, _, (_, values) in curves]
-        for (label, colour, curve), amount in zip(curves, ink, strict=True):
-            ax.plot(*curve, color=colour, label=label, linewidth=1.0, zorder=3 - amount / max(*ink, 1e-300))
+        ink = [float(np.nansum(np.abs(np.diff(curve.y)))) for curve, _, _ in curves]
+        for (curve, label, role), amount in zip(curves, ink, strict=True):
+            curve.draw(ax, role, label=label, linewidth=0.7, zorder=3 - amount / max(*ink, 1e-300))
+        drawn += [curve for curve, _, _ in curves]
+        units += [f"{prefix}{unit}" for curve, _, _ in curves for _ in curve.x]
         ax.set_title(title)
-        ax.set_ylabel(f"{symbol}  [{unit}]")
+        ax.set_ylabel(f"{symbol}  [{prefix}{unit}]")
         legend_above(ax, columns=2)
     axes[-1].set_xlabel("time since start of run  [h]")
     axes[-1].set_xlim(0, run.duration / 3600)
-    return figure
+    return Plot(figure, table("t [h]", "value", drawn) | {"unit": units})
 
 
-def legend_above(ax: Axes, columns: int) -> None:
-    """Put the legend of an axis above its right end, clear of the curves."""
-    ax.legend(loc="lower right", bbox_to_anchor=(1, 1.0), ncols=columns, borderaxespad=0.1, columnspacing=1.4)
-
-
-def _math(channel: str) -> str:
-    symbol, *index = channel.split("_")
-    return f"${symbol}_{{{','.join(index)}}}$"
-
-
-def asd(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return frequency [Hz] and amplitude spectral density, averaged over logarithmic bins.
-
-    The run's mean and slope are removed; the window and its notches at missing samples are those of the fit.
-
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-        Uniform [s].
-    values : ndarray, shape (N,)
-        NaN where samples are missing.
-    """
-    valid = np.isfinite(values)
-    u = (time - time[0]) / (time[-1] - time[0])
-    line = np.polynomial.Polynomial.fit(u[valid], values[valid], 1)
-    spectrum = spectra.transform(
-        np.where(valid, values - line(u), 0.0)[:, None], valid, (time.size - 1) / (time[-1] - time[0])
-    )
-    power = np.abs(spectrum.columns[:, 0]) ** 2
-    bins = np.unique(np.floor(_BINS_PER_DECADE * np.log10(spectrum.f)), return_inverse=True)[1]
-    count = np.bincount(bins)
-    return np.bincount(bins, spectrum.f) / count, np.sqrt(np.bincount(bins, power) / count)
-
-
-def acceleration(run: Telemetry, noise: Telemetry | None, parameters: Mapping[str, float]) -> Figure:
-    """Draw the ASD of the injected signal o_12'', of the residual Delta g and of the noise run's Delta g.
-
-    Parameters
-    ----------
-    run, noise : Telemetry
-        The experiment and its noise run, if there is one.
-    parameters : mapping
-        Those of `fit.dynamics.residual`.
-    """
-    figure = Figure(figsize=(WIDTH, 3.5))
-    ax = figure.subplots()
-    # With every parameter zero nothing but the second derivative of the read-out is left.
-    curves = [("blue", r"signal $\ddot o_{12}$", dynamics.residual(run, {}), 1.4)]
-    if noise is not None:
-        curves.append(("grey", r"$\Delta g$ of the noise run", dynamics.residual(noise, parameters), 2.2))
-    curves.append(("orange", r"residual $\Delta g$", dynamics.residual(run, parameters), 1.2))
-    for role, label, series, width in curves:
-        f, density = asd(*series)
-        ax.loglog(f, density, color=COLOURS[role], label=label, linewidth=width)
-    ax.set_xlim(1e-4, spectra.F_MAX)
-    ax.set_xlabel("frequency  [Hz]")
-    ax.set_ylabel(r"ASD  [m s$^{-2}$ Hz$^{-1/2}$]")
-    ax.grid(visible=True, which="minor", linewidth=0.35)
-    legend_above(ax, columns=3)
-    return figure
+def _prefix(largest: float) -> tuple[float, str]:
+    """Return the factor and the prefix of the unit in which a value has one to three digits."""
+    for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p")):
+        if largest * factor >= 1:
+            return factor, prefix
+    return 1e15, "f"
 
 
 @dataclass(frozen=True)
@@ -240,47 +117,59 @@ def stiffness_pull(point: StiffnessPoint, joint: Fit | None) -> float | None:
     return (point.omega2_2.value - model[0]) / math.sqrt(variance) if variance > 0 else None
 
 
-def stiffness_against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Figure:
+def stiffness_against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Plot:
     """Draw omega2_2 against F_max_2: each experiment alone, the joint fit's model, and their distance."""
     points = sorted(points, key=lambda p: (p.F_max_2, p.N_max_2))
     F = 1e12 * np.array([p.F_max_2 for p in points])
     reach = 1.06 * max(*F, 1.0)
     models = [found for p in points if (found := reconstruction(joint, p.F_max_2, p.N_max_2))]
-    figure = Figure(figsize=(WIDTH, 4.2 if models else 3.0))
+    pulls = [stiffness_pull(p, joint) for p in points]
+    figure = Figure(figsize=(WIDTH, 3.0 if models else 2.1), layout="constrained")
     ratios = (2, 1) if models else (1,)
     axes = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
     alone = 1e7 * np.array([(p.omega2_2.value, p.omega2_2.sigma) for p in points])
-    dots = {"fmt": "o", "color": COLOURS["ink"], "markersize": 4, "elinewidth": 1.0, "zorder": 3}
-    axes[0].errorbar(F, *alone.T, capsize=2.5, label="each experiment alone", **dots)
-    axes[0].set_ylabel(r"$\omega^2_2$  [$10^{-7}$ s$^{-2}$]")
+    dots = {"fmt": "o", "color": COLOURS["ink"], "markersize": 2.8, "elinewidth": 0.7, "zorder": 3}
+    axes[0].errorbar(F, *alone.T, capsize=1.8, label="each experiment alone", **dots)
+    axes[0].set_ylabel("ω²₂  [10⁻⁷ s⁻²]")
     if models:
-        squares = {"fmt": "s", "color": COLOURS["orange"], "markersize": 8, "markerfacecolor": "none"}
+        squares = {"fmt": "s", "color": COLOURS["orange"], "markersize": 5.5, "markerfacecolor": "none"}
         axes[0].errorbar(
-            F, *1e7 * np.array(models).T, capsize=5, label="joint fit (eq. stiff_model)", **squares
+            F, *1e7 * np.array(models).T, capsize=3.5, label="joint fit (eq. stiff_model)", **squares
         )
         for N_max in sorted({p.N_max_2 for p in points}):
             ends = [found[0] for f in (0.0, 1e-12 * reach) if (found := reconstruction(joint, f, N_max))]
-            axes[0].plot([0, reach], 1e7 * np.array(ends), color=COLOURS["orange"], linewidth=0.7, alpha=0.6)
-            at = {"textcoords": "offset points", "color": COLOURS["muted"], "fontsize": 8, "va": "center"}
+            axes[0].plot([0, reach], 1e7 * np.array(ends), color=COLOURS["orange"], linewidth=0.5, alpha=0.6)
+            at = {"textcoords": "offset points", "color": COLOURS["muted"], "fontsize": 5.8, "va": "center"}
             axes[0].annotate(f"{1e12 * N_max:.3g} pN m", (reach, 1e7 * ends[1]), (4, 0), **at)
-        _pulls(axes[1], points, joint, F, reach)
+        _pulls(axes[1], pulls, F, reach)
     legend_above(axes[0], columns=2)
-    axes[-1].set_xlabel(r"force authority $F_{\rm max,2}$  [pN]")
+    axes[-1].set_xlabel("force authority of test mass 2  [pN]")
     axes[-1].set_xlim(-0.05 * reach, reach)
-    return figure
+    told: dict[str, Array | list[float]] = {
+        "F_max_2 [pN]": F,
+        "N_max_2 [pN m]": [1e12 * p.N_max_2 for p in points],
+        "omega2_2 [1e-7 s-2]": alone[:, 0],
+        "sigma [1e-7 s-2]": alone[:, 1],
+    }
+    if models:
+        told |= {
+            f"joint {key} [1e-7 s-2]": 1e7 * column
+            for key, column in zip(("omega2_2", "sigma"), np.array(models).T, strict=True)
+        }
+        told["(alone - joint) / sigma"] = [math.nan if pull is None else pull for pull in pulls]
+    return Plot(figure, told)
 
 
-def _pulls(ax: Axes, points: Sequence[StiffnessPoint], joint: Fit | None, F: Array, reach: float) -> None:
+def _pulls(ax: Axes, pulls: Sequence[float | None], F: Array, reach: float) -> None:
     """Draw how many sigma each experiment lies off the model, those of equal authority side by side."""
-    for i, point in enumerate(points):
-        pull = stiffness_pull(point, joint)
+    for i, pull in enumerate(pulls):
         if pull is not None:
             twins = np.flatnonzero(F[i] == F)
             x = F[i] + 0.014 * reach * (i - twins.mean())
-            ax.plot([x, x], [0, pull], color=COLOURS["ink"], linewidth=1.0, zorder=3)
-            ax.plot(x, pull, "o", color=COLOURS["ink"], markersize=4, zorder=3)
+            ax.plot([x, x], [0, pull], color=COLOURS["ink"], linewidth=0.7, zorder=3)
+            ax.plot(x, pull, "o", color=COLOURS["ink"], markersize=2.8, zorder=3)
     ax.axhspan(-1, 1, color=COLOURS["grid"], alpha=0.7, linewidth=0)
-    ax.axhline(0, color=COLOURS["muted"], linewidth=0.8)
+    ax.axhline(0, color=COLOURS["muted"], linewidth=0.6)
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, -2.5), max(high, 2.5))
     ax.set_ylabel("alone − joint\n[σ]")
