@@ -66,9 +66,13 @@ def parameter_head(parameter: Parameter, of: str = "") -> tuple[Markup, int]:
     """Return the head of a line on a parameter, and the power of ten its numbers share."""
     exponent = tables.power_of_ten(parameter.value)
     unit = tables.unit_text(parameter.unit, exponent)
-    name = f"{parameter.name} [{unit}]" if unit else parameter.name
-    text = Markup("{}{}<code>{}</code><small>{}</small>").format(Markup(parameter.html), of, name, unit)
-    return text, exponent
+    return name_head(Markup("{}{}").format(Markup(parameter.html), of), parameter.name, unit), exponent
+
+
+def name_head(symbol: Markup, name: str, unit: str = "") -> Markup:
+    """Return the head of a line: symbol, name as in the files, and unit in print."""
+    named = f"{name} [{unit}]" if unit else name
+    return Markup("{}<code>{}</code><small>{}</small>").format(symbol, named, unit)
 
 
 def flagged(text: str, bad: bool) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup, escape
 
-from fit import figures, figures_mission, report_motion, report_stiffness, tables
+from fit import figures_mission, report_motion, report_stiffness, tables
 from fit.drawings import Drawing, drawing
 from fit.grids import Cell, Grid, Line, Part, fitted_for, flagged, parameter_head
 from fit.parameters import FLIGHT, Parameter, joint_names, joint_parameter
@@ -23,17 +23,18 @@ FLIGHT_MEAN, FLIGHT_CHI2_RED, FLIGHT_SCATTER = (1.080, 0.003), 90, 0.005
 STRONG = 0.9  # correlation that is pointed out
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 NAMED = 10  # strongest correlations
+LONGEST = 20  # characters of a label in a figure
 
 
 def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
     """Return the sections that the results give matter for, their figures written to ``folder``."""
     found = [
-        _side_by_side(results, telemetries),
-        _correlation(results.joint, folder),
         _gain(results, telemetries, folder),
         report_stiffness.model(results, telemetries, folder),
         report_stiffness.prediction(results.joint),
+        _side_by_side(results, telemetries),
         _residuals(results, folder),
+        _correlation(results.joint, folder),
     ]
     return [part for part in found if part]
 
@@ -95,16 +96,18 @@ def _correlation(joint: Fit | None, folder: Path) -> Part | None:
     table = tables.correlation(joint)
     names = list(joint.parameters)
     matrix = np.array(table.rows)
-    labels = [f"${joint_parameter(n).latex}$" if _known(n) else n.replace("$", r"\$") for n in names]
+    labels = [f"${joint_parameter(n).latex}$" if _known(n) else _plain(n) for n in names]
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
-    titles = {f"cell-{i}-{j}": f"{names[j]}, {names[i]}: {signed(matrix[i, j], 4)}" for i, j in pairs}
     picture = drawing(
         folder,
         "correlation",
         "Correlation matrix of the joint estimates as a map of colours",
         "Correlation of the joint estimates, blue positive and orange negative; the value shows where the "
         "pointer rests. Strong colour marks two parameters whose errors go together.",
-        figures_mission.with_titles(figures.svg(figures_mission.correlations, labels, matrix), titles),
+        figures_mission.correlations,
+        names,
+        labels,
+        matrix,
     )
     strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:NAMED]
     lines = tuple(
@@ -134,6 +137,12 @@ def _correlation(joint: Fit | None, folder: Path) -> Part | None:
 def _combination(coefficients: Mapping[str, float]) -> Markup:
     several = len(coefficients) > 1
     return tables.combination_text(coefficients) if several else tables.symbol(next(iter(coefficients)))
+
+
+def _plain(name: str) -> str:
+    """Return a name as text of a figure that is no mathematics and not long."""
+    short = name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
+    return short.replace("$", r"\$")
 
 
 def _known(name: str) -> bool:
@@ -218,7 +227,9 @@ def _gain_figure(results: Results, telemetries: Sequence[Telemetry], folder: Pat
         "Gain of test mass 2 against date, one point per experiment",
         "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
         "gainevolution). An open dot takes its stiffness from the joint fit.",
-        figures.svg(figures_mission.gain_evolution, points, joint),
+        figures_mission.gain_evolution,
+        points,
+        joint,
     )
     return (picture,)
 
@@ -247,7 +258,9 @@ def _residuals(results: Results, folder: Path) -> Part | None:
         "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
         "normal variable. The band holds 95 % of normal samples at each quantile. A slope means a wrong "
         "level, ends that bend away from it mean tails.",
-        figures.svg(figures_mission.quantiles, found, {n: results.experiments[n].dof for n in found}),
+        figures_mission.quantiles,
+        found,
+        {n: results.experiments[n].dof for n in found},
     )
     return Part("residuals", "Residuals", text, (Grid(about, head, tuple(lines)),), (picture,), below=True)
 

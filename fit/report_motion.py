@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fit import deltag, figures, figures_motion, tables
+from fit import deltag, figures_motion, report_warnings, tables
 from fit.drawings import Drawing, drawing
 from fit.parameters import Parameter, cross_talk_parameter
-from fit.results import Fit, Results
+from fit.results import Estimate, Fit, Results
 from fit.telemetry import Telemetry, inertial_period
 
 #: Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by period.
@@ -53,10 +53,17 @@ def _cross_talk(epoch: str, fit: Fit) -> Part:
     about = (
         "Cross-talk of the spacecraft's motion (eq. bump), fitted along with the dynamics. Noise in the "
         "read-outs attenuates the coefficients, b3 to b6 most of all: they subtract best, but are no "
-        "couplings."
+        "couplings. Those that the warnings say are biased have no pull."
     )
+    fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
     table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
     return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, fit, table)
+
+
+def _without_pull(fit: Fit) -> dict[str, Estimate]:
+    """Return what is known not to be the truth, so that it is not judged by it."""
+    names = report_warnings.biased(fit) & fit.parameters.keys()
+    return {name: replace(fit.parameters[name], pull=None) for name in names}
 
 
 def _scaled(parameter: Parameter, fit: Fit) -> Parameter:
@@ -107,7 +114,8 @@ def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: 
             f"Correction for rotation, {days:.3g} days in {len(runs)} runs. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
             f"± {error:.2f}. Bands: ±1 σ of the averages.",
-            figures.svg(figures_motion.rotation, found),
+            figures_motion.rotation,
+            found,
         ),
         drawing(
             folder,
@@ -115,6 +123,7 @@ def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: 
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "
             "stiffness terms and the cross-talk of the spacecraft's motion, and what remains.",
-            figures.svg(figures_motion.breakdown, found),
+            figures_motion.breakdown,
+            found,
         ),
     )

@@ -18,16 +18,7 @@ from fit.telemetry import Telemetry
 
 def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
     """Return the section on eq. stiff_model, where two experiments or more determine omega2_2 alone."""
-    runs = results.provenance.get("joint_runs")
-    points = {
-        run.experiment: figures.StiffnessPoint(
-            run.F_max_2,
-            run.N_max_2,
-            fit.parameters["omega2_2"],
-            in_joint=not isinstance(runs, list) or run.run in runs,
-        )
-        for run, fit in fitted_for("omega2_2", results, telemetries)
-    }
+    points = stiffness_points(results, telemetries)
     if len(points) < 2:
         return None
     pulls = {name: figures.stiffness_pull(point, results.joint) for name, point in points.items()}
@@ -50,9 +41,25 @@ def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
         "Where the joint fit determines the stiffness model (eq. stiff_model), squares show it at the same "
         "authority, lines in between, one for each torque authority; the lower panel gives the differences "
         "in units of their σ, the correlation of the two fits included.",
-        figures.svg(figures.stiffness_against_authority, list(points.values()), results.joint),
+        figures.stiffness_against_authority,
+        list(points.values()),
+        results.joint,
     )
     return Part("stiffness", "Stiffness model", text, (Grid(about, head, lines),), (picture,))
+
+
+def stiffness_points(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, figures.StiffnessPoint]:
+    """Return omega2_2 of every experiment that determines it alone, by name."""
+    runs = results.provenance.get("joint_runs")
+    return {
+        run.experiment: figures.StiffnessPoint(
+            run.F_max_2,
+            run.N_max_2,
+            fit.parameters["omega2_2"],
+            in_joint=not isinstance(runs, list) or run.run in runs,
+        )
+        for run, fit in fitted_for("omega2_2", results, telemetries)
+    }
 
 
 def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: Fit | None) -> Line:

@@ -1,14 +1,15 @@
-"""What the report says in words and numbers: parameter tables, the verdict, correlations."""
+"""What the report says in words and numbers: parameter tables, correlations."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from fit.parameters import Parameter, joint_parameter
-from fit.results import Estimate, Fit, Results
+from fit.parameters import Parameter, cross_talk_parameter, experiment_parameter, joint_parameter
+from fit.results import WITHHELD, Estimate, Fit
 
 LIMIT = 4.0  # sigma: more is called a disagreement
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -46,19 +47,12 @@ class Row:
 class Table:
     """Rows of parameters; the pull is against truth or, where no parameter has one, the flight value.
 
-    Against flight, it is the difference in units of both sigmas together.
+    Against flight, it is the difference in units of both sigmas together. Of a fit that is not sound neither
+    sigmas nor pulls are told.
     """
 
     rows: tuple[Row, ...]
     has_truth: bool
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """The line above all others; `state` is ``good``, ``bad`` or ``open``."""
-
-    state: str
-    text: Markup
 
 
 def signed(value: float, decimals: int) -> str:
@@ -91,11 +85,20 @@ def unit_text(unit: str, exponent: int = 0) -> str:
 
 
 def symbol(name: str) -> Markup:
-    """Return the symbol of a joint parameter; of all texts only the parameters' own are trusted as HTML."""
-    try:
-        return Markup(joint_parameter(name).html)
-    except KeyError:
-        return escape(name)
+    """Return the symbol of a parameter; of all texts only the parameters' own are trusted as HTML."""
+    for known in (joint_parameter, cross_talk_parameter, _of_an_experiment):
+        with suppress(KeyError):
+            return Markup(known(name).html)
+    return escape(name)
+
+
+def _of_an_experiment(name: str) -> Parameter:
+    return experiment_parameter(name, F_max=(0.0, 0.0), N_max=(0.0, 0.0), epoch=1)
+
+
+def undetermined(fit: Fit) -> list[str]:
+    """Return the names that the warnings list as indeterminable, each once."""
+    return list(dict.fromkeys(n for w in fit.warnings if w.code == "indeterminable" for n in w.parameters))
 
 
 def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
@@ -108,7 +111,13 @@ def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
     listed = [p for p in parameters if p.name in fit.parameters or p.name in lost]
     names = {p.name for p in listed}
     listed += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
-    return Table(tuple(_row(p, fit.parameters.get(p.name), has_truth) for p in listed), has_truth)
+    rows = [_row(p, fit.parameters.get(p.name), has_truth) for p in listed]
+    if fit.unsound:
+        rows = [
+            replace(row, estimate=row.estimate and Number(row.estimate.value, WITHHELD), pull=None)
+            for row in rows
+        ]
+    return Table(tuple(rows), has_truth)
 
 
 def _unlisted(name: str, estimate: Estimate) -> Parameter:
@@ -143,57 +152,6 @@ def _row(parameter: Parameter, estimate: Estimate | None, has_truth: bool) -> Ro
         pull=pull,
         flight=number(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
     )
-
-
-def undetermined(fit: Fit) -> list[str]:
-    """Return the names that the warnings list as indeterminable, each once."""
-    return list(dict.fromkeys(n for w in fit.warnings if w.code == "indeterminable" for n in w.parameters))
-
-
-def _listed(symbols: Iterable[Markup]) -> Markup:
-    return Markup(", ").join(symbols)
-
-
-def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
-    """Say in one line whether the fits found the truth or, without one, agree with the flight.
-
-    Parameters
-    ----------
-    results : Results
-        Judged by the joint fit or, without one, by the experiments.
-    shown : sequence of Table
-        The table of the joint fit or those of the experiments.
-    """
-    joint = results.joint
-    fits = list(results.experiments.values()) if joint is None else [joint]
-    has_truth = any(t.has_truth for t in shown)
-    rows = [row for t in shown for row in t.rows if row.estimate]
-    pulls = {(row.symbol, i): row.pull for i, row in enumerate(rows) if row.pull is not None}
-    head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "No truth in the telemetry. ")
-    failed = not all(fit.converged for fit in fits)
-    tail = Markup()
-    if joint and (lost := undetermined(joint)):
-        tail += Markup(" Not determined by these data: {}.").format(_listed(map(symbol, lost)))
-    if failed:
-        tail += " The fit did not converge."
-    if not pulls:
-        return Verdict("bad" if failed else "open", head + "Nothing to compare the estimates with." + tail)
-    what = (
-        f"{'joint' if joint else 'single-experiment'} parameters{' that have one' * (len(pulls) < len(rows))}"
-    )
-    target = f"{LIMIT:g} σ of {'truth' if has_truth else 'the flight values'}"
-    beyond = [name for (name, _), pull in pulls.items() if abs(pull) > LIMIT]
-    if beyond:
-        head += f"{len(beyond)} of {len(pulls)} {what} lie further than {target}: " + _listed(beyond)
-    else:
-        head += f"All {len(pulls)} {what} lie within {target}"
-    (worst, _), largest = max(pulls.items(), key=lambda item: abs(item[1]))
-    measure = "pull" if has_truth else "difference / σ"
-    text = Markup("{}; largest |{}| {:.1f} ({}).{}").format(head, measure, abs(largest), worst, tail)
-    # Another spacecraft need not agree with the flight; a simulation has to agree with its truth.
-    if failed or (beyond and has_truth):
-        return Verdict("bad", text)
-    return Verdict("good" if has_truth else "open", text)
 
 
 @dataclass(frozen=True)
