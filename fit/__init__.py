@@ -1,1 +1,62 @@
-"""Calibration of drag-free spacecraft from telemetry: the estimators, usable on any contract file."""
+"""Calibration of drag-free spacecraft from telemetry: the estimators, usable on any contract file.
+
+::
+
+    runs = fit.load("quickstart/telemetry")
+    results = fit.calibrate(runs)
+    results.joint["lambda_2"].value
+    delta_g = fit.delta_g(runs[0], results).to_xarray()
+    fit.plot.spectra(results, runs, "D")
+    fit.save_report(results, runs, "folder")
+
+These and the other names below are read in when first used, so that ``import fit`` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fit import plot
+    from fit.api import calibrate, calibrate_inertial, load, load_results, save_report
+    from fit.deltag import delta_g
+    from fit.errors import CalibrationError, FitError, InputError
+    from fit.results import Estimate, Fit, FitWarning, Results
+    from fit.telemetry import Telemetry
+
+__all__ = [
+    "CalibrationError",
+    "Estimate",
+    "Fit",
+    "FitError",
+    "FitWarning",
+    "InputError",
+    "Results",
+    "Telemetry",
+    "calibrate",
+    "calibrate_inertial",
+    "delta_g",
+    "load",
+    "load_results",
+    "plot",
+    "save_report",
+]
+_HOME = {
+    "api": ("calibrate", "calibrate_inertial", "load", "load_results", "save_report"),
+    "deltag": ("delta_g",),
+    "errors": ("CalibrationError", "FitError", "InputError"),
+    "results": ("Estimate", "Fit", "FitWarning", "Results"),
+    "telemetry": ("Telemetry",),
+}
+
+
+def __getattr__(name: str) -> object:
+    if name == "plot":
+        return import_module("fit.plot")
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(import_module(f"fit.{module}"), name)
+    raise AttributeError(f"module 'fit' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -17,13 +17,17 @@ from typing import Any, TextIO
 
 import h5py
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
+from fit.datasets import check_storage
+from fit.documents import is_file, key
 from fit.errors import InputError
 
 Array = NDArray[np.float64]
 
+_TEXT = (".csv", ".tsv", ".txt", ".dat")
+_LONGEST_LINE = 2**20  # letters
 BLOCK = 2**14  # samples held at a time
 
 
@@ -80,7 +84,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     if reader is None:
         known = ", ".join(suffix for suffixes in _READERS for suffix in suffixes)
         raise InputError(f"{path}: of no known format, expected a name that ends in one of {known}")
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{path}: no such file, expected a table of telemetry")
     try:
         with reader(path, table) as found:
@@ -89,8 +93,13 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         raise _damaged(path, error) from error
 
 
+def is_text(path: Path) -> bool:
+    """Tell whether an archive is text, which no library but Python's own reads."""
+    return path.name.lower().endswith(_TEXT)
+
+
 def _damaged(path: Path, error: Exception) -> InputError:
-    why = str(error).partition("\n")[0]
+    why = str(error).partition("\n")[0][:200]
     return InputError(f"{path}: cannot be read ({why}), expected a table of telemetry")
 
 
@@ -100,7 +109,7 @@ class _Text(Table):
     def __init__(self, file: TextIO, path: Path) -> None:
         self._file, self._path = file, path
         self._first, comment, line = 1, "", ""
-        for number, text in enumerate(file, 1):
+        for number, text in self._numbered():
             if _is_data(text):
                 self._first, line = number, text
                 break
@@ -133,9 +142,17 @@ class _Text(Table):
 
     def _lines(self) -> Iterator[tuple[int, str]]:
         """Yield number and text of every line of data."""
-        self._file.seek(0)
-        numbered = enumerate(self._file, 1)
+        numbered = self._numbered()
         return ((number, text) for number, text in numbered if number >= self._first and _is_data(text))
+
+    def _numbered(self) -> Iterator[tuple[int, str]]:
+        self._file.seek(0)
+        for number, text in enumerate(iter(lambda: self._file.readline(_LONGEST_LINE), ""), 1):
+            if len(text) == _LONGEST_LINE:
+                raise InputError(
+                    f"{self._path}: line {number}: {_LONGEST_LINE} letters or more, expected a row of cells"
+                )
+            yield number, text
 
     def _rows(self, lines: Sequence[str]) -> Iterator[list[str]]:
         blank = self._delimiter == " "
@@ -211,20 +228,22 @@ def _matlab(path: Path, table: str | int | None) -> Iterator[Table]:
     if h5py.is_hdf5(path):  # version 7.3
         with h5py.File(path) as file:
             arrays: dict[str, Any] = {}
-            file.visititems(lambda name, item: _keep(arrays, name, item))
+            file.visititems(lambda name, item: _keep(path, arrays, name, item))
             yield _Arrays(_inside(path, arrays, table))
     else:
         try:
-            variables = loadmat(path, simplify_cells=True)
+            variables = scipy.io.loadmat(path, simplify_cells=True)
         except Exception as error:  # a damaged file makes it raise almost anything
             raise _damaged(path, error) from error
         named = {name: value for name, value in variables.items() if not name.startswith("__")}
         yield _Arrays(_inside(path, dict(_flat(named)), table))
 
 
-def _keep(arrays: dict[str, Any], name: str, item: object) -> None:
+def _keep(path: Path, arrays: dict[str, Any], name: str, item: object) -> None:
     """Keep a dataset of a .mat file of version 7.3, unless it only stands for letters or nothing."""
     if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+        if item.size and item.dtype.kind in "iufb":
+            check_storage(item, f"{path}: column {key(name)}")
         marked = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
         arrays[name.replace("/", ".")] = np.empty(()) if marked else item
 
@@ -285,7 +304,7 @@ def _field(hdu: Any, column: Any) -> Any:
 
 _Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
 _READERS: Mapping[tuple[str, ...], _Reader] = {
-    (".csv", ".tsv", ".txt", ".dat"): _text,
+    _TEXT: _text,
     (".mat",): _matlab,
     (".fits", ".fit", ".fits.gz"): _fits,
 }

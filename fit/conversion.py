@@ -15,8 +15,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.archives import Table, opened
+from fit import probe
+from fit.archives import Table, is_text, opened
 from fit.datasets import MAX_SAMPLES, check_finite, check_missing, check_time, check_values
+from fit.documents import key
 from fit.errors import InputError
 from fit.mapping import Column, Map, attributes_of, check_unit, load, unit_of
 from fit.telemetry import SCHEMA, check_root
@@ -68,6 +70,8 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
             twin = places.setdefault(source.run, place)
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
+    archives = {p.parent / source.file: source.table for p, found in maps.items() for source in found.runs}
+    probe.check([path for path in archives if not is_text(path)], "table", archives)
     earlier = _converted(folder)
     above = next(p for p in folder.resolve().parents if p.is_dir())
     with tempfile.TemporaryDirectory(prefix=".conversion-", dir=above) as made:
@@ -166,10 +170,10 @@ def _copy(
 
 def _find(archive: Path, table: Table, column: Column, meaning: str, unit: str) -> _Found:
     """Look up a column; `meaning` says what it is for, `unit` is the one of the contract."""
-    place = f"{archive}: column {column.column}{meaning}"
+    place = f"{archive}: column {key(column.column)}{meaning}"
     there = table.columns.get(column.column)
     if there is None:
-        names = ", ".join(table.columns)
+        names = ", ".join(map(key, table.columns))
         shown = names if len(names) <= 200 else f"{names[:200]} ..."
         raise InputError(f"{place}: missing, expected it among the columns: {shown or 'there are none'}")
     if there.size is None:

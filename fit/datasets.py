@@ -3,19 +3,25 @@
 Every function raises `fit.errors.InputError`; its message names the file, the place and what was expected.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError
+from fit.documents import key
+from fit.errors import InputError, shown
 from fit.units import REQUIRED, expected_unit, same_unit
 
+MAX_MEMBERS = 10_000  # of a file
+MAX_CHUNK = 2**24  # values that are unpacked at a time
 MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
 MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
 MAX_GAP = 600.0  # s
+#: What may stand between a chunk and the file: these are safe with whatever they are given.
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
 
 
 def plain(value: object) -> object:
@@ -29,12 +35,12 @@ def plain(value: object) -> object:
 
 def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np.float64]:
     """Return a part of the time axis [s], checked to be uniform with steps of 1/fs."""
-    dataset = file.get("time")
-    if not isinstance(dataset, h5py.Dataset):
+    dataset = _own(file, path, "time", "time")
+    if dataset is None:
         raise InputError(f"{path}: time: missing, expected the seconds since t0")
     units = plain(dataset.attrs.get("units", "s"))
     if units not in ("s", "sec", "second", "seconds"):
-        raise InputError(f"{path}: time: units {units!r}, expected 's'")
+        raise InputError(f"{path}: time: units {shown(units)}, expected 's'")
     _check_size(dataset, path, "time", None)
     time = np.asarray(dataset[part], dtype=np.float64)
     check_time(f"{path}: time", time, fs, part.start or 0)
@@ -72,11 +78,16 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
 
     What the contract knows is checked, but for the values.
     """
+    if len(file) > MAX_MEMBERS:
+        raise InputError(f"{path}: {len(file)} datasets and groups, expected at most {MAX_MEMBERS}")
     units: dict[str, str] = {}
-    for name in (*REQUIRED, *(key for key in file if key not in {"time", *REQUIRED})):
-        dataset = file.get(name)
+    for name in (*REQUIRED, *(other for other in file if other not in {"time", *REQUIRED})):
         expected = expected_unit(name)
-        if not isinstance(dataset, h5py.Dataset):
+        place = f"channel {key(name)}"
+        if expected is None and not isinstance(file.get(name, getlink=True), h5py.HardLink):
+            continue
+        dataset = _own(file, path, place, name)
+        if dataset is None:
             if name in REQUIRED:
                 raise InputError(f"{path}: channel {name}: missing, expected for a calibration")
             continue
@@ -84,11 +95,17 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
             continue
         found = plain(dataset.attrs.get("units", ""))
         if expected is not None and not (isinstance(found, str) and same_unit(found, expected)):
-            stated = f"units {found!r}" if "units" in dataset.attrs else "without units"
-            raise InputError(f"{path}: channel {name}: {stated}, expected {expected!r}")
-        _check_size(dataset, path, f"channel {name}", size)
+            stated = f"units {shown(found)}" if "units" in dataset.attrs else "without units"
+            raise InputError(f"{path}: {place}: {stated}, expected {expected!r}")
+        _check_size(dataset, path, place, size)
         units[name] = str(found)
     return units
+
+
+def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
+    """Return what the file says channels are, for those of which it does."""
+    told = {name: plain(file[name].attrs.get("long_name")) for name in channels}
+    return {name: text for name, text in told.items() if isinstance(text, str)}
 
 
 def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
@@ -143,5 +160,41 @@ def _check_size(dataset: h5py.Dataset, path: Path, place: str, size: int | None)
         raise InputError(f"{path}: {place}: {dataset.shape[0]} samples, expected the {size} of time")
     if not 2 <= dataset.shape[0] <= MAX_SAMPLES:
         raise InputError(f"{path}: {place}: {dataset.shape[0]} samples, expected 2 to {MAX_SAMPLES}")
-    if dataset.id.get_storage_size() == 0:
-        raise InputError(f"{path}: {place}: declared but never written, expected {dataset.shape[0]} samples")
+    check_storage(dataset, f"{path}: {place}")
+
+
+def check_storage(dataset: h5py.Dataset, place: str) -> None:
+    """Refuse a dataset that is kept in other files, or whose values take far more room than the file.
+
+    What was left out reads as zeros, and a few bytes that stand for a chunk can stand for gigabytes.
+    """
+    if dataset.is_virtual or dataset.external:
+        raise InputError(f"{place}: kept in other files, expected its values in this one")
+    size = dataset.size or 0
+    held = dataset.id.get_storage_size()
+    if held > dataset.file.id.get_filesize():
+        raise InputError(f"{place}: declares {held} bytes, more than the file has")
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+    if dataset.chunks is None:
+        written = held // dataset.dtype.itemsize
+    else:
+        chunk = math.prod(dataset.chunks)
+        if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):
+            raise InputError(
+                f"{place}: chunks of {chunk} values through the filters {filters}, expected at most "
+                f"{MAX_CHUNK} through each of gzip, lzf, shuffle and fletcher32 at most once"
+            )
+        written = dataset.id.get_num_chunks() * chunk
+    if 2 * written < size:
+        told = f"only {written} values of {size}" if written else "never"
+        raise InputError(f"{place}: declared but {told} written, expected {size} values")
+
+
+def _own(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:
+    """Return a dataset of the file; a link might lead into any other."""
+    link = file.get(name, getlink=True)
+    if link is not None and not isinstance(link, h5py.HardLink):
+        raise InputError(f"{path}: {place}: a link, expected the dataset itself")
+    found = None if link is None else file[name]
+    return found if isinstance(found, h5py.Dataset) else None

@@ -20,15 +20,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import firwin, kaiser_beta, oaconvolve
 
 from fit import dynamics, inertial, rate, rotation
 from fit.errors import InputError
 from fit.known import Dynamics, dynamics_of
-from fit.results import Fit, Results
+from fit.results import Fit, Results, joint_of
 from fit.separation import is_separated
-from fit.stretches import Stretch, differentiated, grid, reduced, stretches
+from fit.stretches import Grid, Stretch, differentiated, grid, reduced, stretches
 from fit.telemetry import SCHEMA, Telemetry, inertial_period, read_stretch, samples
 from fit.writer import Writer
 
@@ -103,13 +103,8 @@ def write_delta_g(
     FitError
         If the product cannot be written.
     """
-    head = read_stretch(path, 0, 2)
-    size = grid(samples(path), head.fs)
-    if not size.outputs:
-        raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")
-    recipe = _recipe(head, results, joint)
-    names = [*TERMS, *(name for name in SUMS if name not in _missing(recipe))]
-    described = {name: (UNIT, SUMS[name] if name in SUMS else TERMS[name][2]) for name in names}
+    head, size, recipe = _begun(path, results, joint)
+    described = {name: (UNIT, what) for name, what in _described(recipe).items()}
     attributes = {
         **head.attributes,
         **{name: getattr(head, name) for name in ("run", "experiment", "kind", "t0", "m_tm")},
@@ -122,8 +117,42 @@ def write_delta_g(
     }
     with Writer(out, size.outputs, described, attributes) as writer:
         for time, channels in _series(path, head.fs, recipe):
-            writer.append(time, {name: channels[name] for name in names})
+            writer.append(time, {name: channels[name] for name in described})
     return recipe.notes
+
+
+def delta_g(run: Telemetry, results: Results) -> Telemetry:
+    """Return Delta g of a run, every term of it a channel [m s^-2], all of it in memory at 1 to 2 Hz.
+
+    Parameters
+    ----------
+    run : Telemetry
+        As read from a file.
+    results : Results
+        A calibration with a joint fit; the rest as in `write_delta_g`.
+
+    Returns
+    -------
+    Telemetry
+        What `write_delta_g` writes; its attribute ``notes`` tells what was left out or is doubtful.
+
+    Raises
+    ------
+    InputError
+        As `write_delta_g`, or if there is no joint fit.
+    """
+    head, size, recipe = _begun(run.path, results, joint_of(results))
+    described = _described(recipe)
+    pieces = list(_series(run.path, head.fs, recipe))
+    return replace(
+        head,
+        fs=head.fs / size.factor,
+        time=np.concatenate([time for time, _ in pieces]),
+        channels={name: np.concatenate([found[name] for _, found in pieces]) for name in described},
+        units=dict.fromkeys(described, UNIT),
+        long_names=described,
+        attributes={**head.attributes, "notes": "\n".join(recipe.notes)},
+    )
 
 
 def series(path: Path, results: Results, joint: Fit) -> tuple[Array, dict[str, Array]]:
@@ -141,6 +170,22 @@ def series(path: Path, results: Results, joint: Fit) -> tuple[Array, dict[str, A
         np.concatenate([time for time, _ in pieces]),
         {name: np.concatenate([channels[name] for _, channels in pieces]) for name in names},
     )
+
+
+def _begun(path: Path, results: Results, joint: Fit) -> tuple[Telemetry, Grid, _Recipe]:
+    """Return the first samples of a file, the grid of its Delta g and what turns it into that."""
+    head = read_stretch(path, 0, 2)
+    size = grid(samples(path), head.fs)
+    if not size.outputs:
+        raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")
+    return head, size, _recipe(head, results, joint)
+
+
+def _described(recipe: _Recipe) -> dict[str, str]:
+    """Return the channels of the product and what they are."""
+    left_out = _missing(recipe)
+    of_terms = {name: what for name, (_, _, what) in TERMS.items()}
+    return of_terms | {name: what for name, what in SUMS.items() if name not in left_out}
 
 
 def _missing(recipe: _Recipe) -> set[str]:
@@ -260,6 +305,7 @@ def slow_part(x: Array, fs: float) -> Array:
     """Return what is slower than `SPLIT`, shape of `x`; its ends continue as their mirror image would."""
     half = round((RIPPLE - 7.95) / (2.285 * 2 * np.pi * (SPLIT[1] - SPLIT[0]) / fs) / 2)
     half = min(half, x.size - 1)
-    taps = firwin(2 * half + 1, sum(SPLIT) / 2, window=("kaiser", kaiser_beta(RIPPLE)), fs=fs)
+    window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
+    taps = scipy.signal.firwin(2 * half + 1, sum(SPLIT) / 2, window=window, fs=fs)
     padded = np.pad(x, half, mode="reflect", reflect_type="odd")
-    return np.asarray(oaconvolve(padded, taps, mode="valid"), dtype=np.float64)
+    return np.asarray(scipy.signal.oaconvolve(padded, taps, mode="valid"), dtype=np.float64)

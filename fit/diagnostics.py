@@ -16,9 +16,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
-from scipy.interpolate import CubicSpline
 
 from fit import dynamics, linear
 from fit.irls import Outcome
@@ -116,9 +115,9 @@ def judge(left: Residual, taken: int) -> Diagnostics:
         chi2_red=float(values @ values) / (values.size - taken),
         chi2_red_sigma=math.sqrt(max(variance, 0.0)) / power.size,
         whiteness=_whiteness(left, power),
-        kurtosis=float(stats.kurtosis(values)),
+        kurtosis=float(scipy.stats.kurtosis(values)),
         kurtosis_sigma=float(np.sqrt(24 / values.size)),
-        quantiles=np.quantile(values, stats.norm.cdf(SCORES)).tolist(),
+        quantiles=np.quantile(values, scipy.stats.norm.cdf(SCORES)).tolist(),
     )
 
 
@@ -143,7 +142,8 @@ def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
     """Return the covariance of the normalised power summed over the first bins, up to each of `ends`."""
     knots = left.noise.knots
     at = np.clip(np.log(left.f), knots[0], knots[-1])
-    basis = CubicSpline(knots, np.eye(knots.size), bc_type="natural")(at)  # derivatives of log S
+    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
+    basis = spline(at)  # derivatives of log S
     walk = np.minimum.outer(ends, ends)
     if left.independent:
         followed = np.cumsum(basis, axis=0)[ends - 1]

@@ -125,7 +125,15 @@ class Channels:
 
 def channels(telemetry: Telemetry) -> Channels:
     """Low-pass and decimate what the equation needs."""
-    taps, factor = spectra.low_pass(telemetry.fs)
+    return _channels(telemetry, *spectra.low_pass(telemetry.fs))
+
+
+def archived(telemetry: Telemetry) -> Channels:
+    """Return what the equation needs as it was archived, to look beyond the fitted band."""
+    return _channels(telemetry, np.ones(1), 1)
+
+
+def _channels(telemetry: Telemetry, taps: Array, factor: int) -> Channels:
     raw = {name: telemetry.channels[name] for name in CHANNELS} | means(telemetry)
     filled, masked = zip(*(spectra.bridge(x, telemetry.fs) for x in raw.values()), strict=True)
     touched = spectra.decimate(np.any(masked, axis=0).astype(float), np.ones_like(taps), factor)

@@ -10,9 +10,8 @@ delayed as in the other fits, where LTPDA linearises about zero delay.
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import rfft
-from scipy.signal import windows
 
 from fit import spectra
 from fit.dynamics import Columns
@@ -34,12 +33,12 @@ def transform(terms: Columns) -> tuple[Array, Spectrum]:
     """
     N = len(terms.values)
     n = math.floor(N / (1 + (STRETCHES - 1) * (1 - OVERLAP)))
-    w = np.asarray(windows.blackmanharris(n, sym=False), dtype=np.float64)
+    w = np.asarray(scipy.signal.windows.blackmanharris(n, sym=False), dtype=np.float64)
     step = round(n * (1 - OVERLAP))
     starts = np.minimum(np.arange(STRETCHES) * step, N - n)
     bins = slice(FIRST, math.floor(min(spectra.F_MAX, terms.fs / 10) * n / terms.fs) + 1, STRIDE)
     scale = math.sqrt(2 / (terms.fs * float(w @ w)))
-    found = [rfft(w[:, None] * terms.values[a : a + n], axis=0)[bins] * scale for a in starts]
+    found = [scipy.fft.rfft(w[:, None] * terms.values[a : a + n], axis=0)[bins] * scale for a in starts]
     return np.arange(n // 2 + 1)[bins] * terms.fs / n, np.stack(found)
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from fit import dynamics, linear, selection, spectra
 from fit.errors import FitError, InputError
@@ -162,9 +162,9 @@ class _Expectation:
         residual = np.einsum("k,bkl,l->b", c, power, c)
         x, of_x = np.log(terms.f), np.log(self._f)
         # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
-        S = np.exp(CubicSpline(of_x, np.log(residual))(x))
+        S = np.exp(scipy.interpolate.CubicSpline(of_x, np.log(residual))(x))
         U, left = linear.whiten(terms, S)
-        of_bin = CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
+        of_bin = scipy.interpolate.CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
         u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
         tone = linear.single_tone(terms.f, u)
         even = weights("gaussian", terms.f, u)

@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft
 
 from fit import dynamics, linear, rate, rotation, spectra
 from fit.errors import FitError, InputError
@@ -196,7 +196,7 @@ def _solve(stretches: Sequence[_Stretch], models: Sequence[spectra.NoiseModel]) 
         # The window makes neighbouring bins one noise: covariance of the scores, as in linear.Block.
         padded = np.zeros((w.size // 2 + 1, 4), dtype=np.complex128)
         padded[stretch.first : stretch.first + len(A)] = A
-        z = irfft(padded, w.size, axis=0) * (w.size / 2) * w[:, None] * np.sqrt(2 / (w @ w))
+        z = scipy.fft.irfft(padded, w.size, axis=0) * (w.size / 2) * w[:, None] * np.sqrt(2 / (w @ w))
         M += z.T @ z
         whitened.append(U)
     known = np.diag([0.0, 0.0, *(1 / cross_talk_parameter(name).prior_sigma ** 2 for name in CROSS_TALK)])

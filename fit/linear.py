@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import lmfit
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft
 
 from fit import dynamics
 from fit.errors import FitError
@@ -90,7 +89,7 @@ class Block:
         padded[1 : len(self.columns) + 1] = self.columns * np.sqrt(self.weights.score)[:, None]
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
-        z = irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
+        z = scipy.fft.irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
         return np.asarray(z.T @ z)
 
     def _root(self, factors: Array) -> Array:
@@ -284,6 +283,8 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     FitError
         If the minimiser fails.
     """
+    import lmfit  # takes its time
+
     rows = prior.rows * width
 
     def parameters(p: lmfit.Parameters) -> Array:

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import windows
-from scipy.stats import chi2
 
 Array = NDArray[np.float64]
 
@@ -69,7 +68,7 @@ def log_psd(series: Sequence[Array], fs: float) -> LogSpectrum:
         if power.size:
             found.append((f, power.mean() * 2 / fs, power.size / (1 + 2 * overlap * (1 - 1 / power.size))))
     f, psd, averages = np.array(found).reshape(-1, 3).T
-    low, high = (psd * 2 * averages / chi2.ppf(p, 2 * averages) for p in (0.8413, 0.1587))
+    low, high = (psd * 2 * averages / scipy.stats.chi2.ppf(p, 2 * averages) for p in (0.8413, 0.1587))
     return LogSpectrum(f, psd, low, high, averages)
 
 
@@ -78,7 +77,7 @@ def _kernel(cycles: float, size: int) -> tuple[NDArray[np.complex128], float]:
 
     To take the straight line out of the kernel is to take it out of every segment.
     """
-    w = windows.hann(size, sym=False)
+    w = scipy.signal.windows.hann(size, sym=False)
     n = np.arange(size)
     kernel = w * np.exp(-2j * np.pi * cycles * n)
     line = np.linalg.qr(np.stack([np.ones(size), n - n.mean()], axis=1))[0]

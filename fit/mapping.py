@@ -1,7 +1,6 @@
 """A map, schema ``lpf-map/1``: which columns of which files are the channels of which runs, in what units."""
 
 import re
-import tomllib
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -9,7 +8,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fit.errors import InputError
+from fit import documents
+from fit.errors import InputError, shown
 from fit.quantities import factor, to_si
 from fit.telemetry import check_root
 from fit.units import REQUIRED, expected_unit
@@ -77,29 +77,24 @@ def load(path: Path) -> Map:
     InputError
         If the file cannot be read or breaks the schema; the message names file, place and what was expected.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read, expected a map of schema {SCHEMA!r}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: {error}") from error
+    document = documents.toml(path, f"a map of schema {SCHEMA!r}")
     if document.get("schema") != SCHEMA:
-        stated = repr(document["schema"]) if "schema" in document else "missing"
+        stated = shown(document["schema"]) if "schema" in document else "missing"
         raise InputError(f"{path}: schema: {stated}, expected {SCHEMA!r}")
     try:
         found = Map.model_validate(document)
     except ValidationError as error:
         fault = error.errors()[0]
-        given = "" if isinstance(fault["input"], dict | list) else f"{fault['input']!r}: "
-        raise InputError(f"{path}: {_place(fault['loc'])}: {given}{fault['msg']}") from error
+        given = "" if isinstance(fault["input"], dict | list) else f"{shown(fault['input'])}: "
+        raise InputError(f"{path}: {documents.place(fault['loc'])}: {given}{fault['msg']}") from error
     _check_channels(path, found)
     for i, source in enumerate(found.runs):
         attributes = attributes_of(path, found, i)
         if found.time is None and "fs" not in attributes:
             raise InputError(f"{path}: time: missing, expected the column it is in, or an attribute fs")
         check_root(f"{path}: runs[{i}]", {"fs": 1.0, **attributes})
-        if not (path.parent / source.file).is_file():
-            raise InputError(f"{path}: runs[{i}].file: {source.file!r}, no such file beside the map")
+        if not documents.is_file(path.parent / source.file):
+            raise InputError(f"{path}: runs[{i}].file: {shown(source.file)}, no such file beside the map")
     return found
 
 
@@ -115,21 +110,22 @@ def attributes_of(path: Path, found: Map, i: int) -> dict[str, str | int | float
     places = dict.fromkeys(found.attributes, "attributes") | dict.fromkeys(own, f"runs[{i}]")
     values: dict[str, str | int | float] = {}
     for name, value in {**found.attributes, **own}.items():
-        where = f"{path}: {places[name]}.{name}"
+        where = f"{path}: {places[name]}.{documents.key(name)}"
         if name not in ATTRIBUTES:
             raise InputError(f"{where}: not known, expected one of {', '.join(ATTRIBUTES)}")
         unit = ATTRIBUTES[name]
         if isinstance(value, date):  # or a datetime, which is one
             value = value.isoformat()
         if not isinstance(value, str | int | float):
-            raise InputError(f"{where}: {value!r}, expected a number or a text")
+            raise InputError(f"{where}: {shown(value)}, expected a number or a text")
         if unit is None:
             values[name] = value
         else:
             try:
                 values[name] = to_si(value, unit)
             except ValueError as error:
-                raise InputError(f"{where}: {value!r}, {error}, expected a quantity in {unit!r}") from error
+                told = f"{shown(value)}, {error}"
+                raise InputError(f"{where}: {told}, expected a quantity in {unit!r}") from error
     return values
 
 
@@ -158,11 +154,8 @@ def _check_channels(path: Path, found: Map) -> None:
             raise InputError(f"{path}: channels.{name}: missing, expected the column it is in")
     for name, column in found.channels.items():
         if expected_unit(name) is None and not _QUATERNION.fullmatch(name):
-            raise InputError(f"{path}: channels.{name}: not known, expected a channel of the contract")
+            place = f"{path}: channels.{documents.key(name)}"
+            raise InputError(f"{place}: not known, expected a channel of the contract")
         check_unit(f"{path}: channels.{name}.unit", column.unit, unit_of(name))
     if found.time is not None:
         check_unit(f"{path}: time.unit", found.time.unit, "s")
-
-
-def _place(loc: tuple[int | str, ...]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc).lstrip(".")

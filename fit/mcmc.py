@@ -21,6 +21,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fit import atomic, probe
+from fit.datasets import check_storage
 from fit.errors import FitError, InputError
 from fit.irls import Outcome
 from fit.posterior import Posterior
@@ -38,6 +40,7 @@ BURN_IN = 0.1  # share of the chain
 LONG = 50  # autocorrelation times that a chain must last
 APART = 4.0  # standard errors that the means of its halves may differ by
 SAME = 1e-4  # in the logarithm of the density, by which the same posterior may seem to differ
+_HELD = ("names", "centre", "root", "fingerprint", *(f"mcmc/{n}" for n in ("chain", "log_prob", "accepted")))
 _FEW = 10  # kept steps, below which a chain says nothing of itself
 
 
@@ -147,7 +150,7 @@ def sample(
 def _open(posterior: Posterior, path: Path) -> None:
     """Make the file of a chain or make sure that it is this posterior's."""
     if not path.exists():
-        partial = path.with_name(path.name + ".partial")
+        partial = atomic.temporary(path)
         with h5py.File(partial, "w") as file:
             file.attrs["description"] = (
                 f"mcmc/chain: every {KEPT}th step of the walkers, as z in theta = centre + root z"
@@ -155,7 +158,8 @@ def _open(posterior: Posterior, path: Path) -> None:
             file["names"] = list(posterior.names)
             file["centre"], file["root"] = posterior.centre, posterior.root
             file["fingerprint"] = posterior.fingerprint
-        partial.replace(path)
+        atomic.settle(partial, path)
+    probe.check([path], "chain")
     try:
         with h5py.File(path) as file:
             names = tuple(file["names"].asstr()[:])
@@ -167,6 +171,20 @@ def _open(posterior: Posterior, path: Path) -> None:
             f"{path}: the chain of another posterior, expected the same telemetry, settings and version of "
             "the software; move it away to start anew"
         )
+
+
+def look_at_chain(path: Path) -> None:
+    """Read the file of a chain; InputError if it cannot be read, or its numbers lie elsewhere."""
+    try:
+        with h5py.File(path) as file:
+            for name in _HELD:
+                if name in file:
+                    check_storage(file[name], f"{path}: {name}")
+                    file[name][()]
+            for group in (file, file.get("mcmc", file)):
+                dict(group.attrs)
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: not a chain, expected what an earlier call left") from error
 
 
 def _chain(posterior: Posterior, backend: "emcee.backends.HDFBackend") -> Chain:
@@ -258,6 +276,4 @@ def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict
 
 def write(document: Mapping[str, object], path: Path) -> None:
     """Write a summary as JSON; the file appears whole or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(path)
+    atomic.write(path, json.dumps(document, indent=1, allow_nan=False) + "\n")

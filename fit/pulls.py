@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fit import atomic
 from fit.results import Results
 
 SCHEMA = "lpf-montecarlo/1"
@@ -101,6 +102,4 @@ def write(
         "parameters": {name: vars(pulls) for name, pulls in found.items()},
         "provenance": dict(more),
     }
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(path)
+    atomic.write(path, json.dumps(document, indent=1, allow_nan=False) + "\n")

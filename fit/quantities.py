@@ -3,8 +3,10 @@
 import re
 from decimal import Decimal
 from functools import cache
+from typing import TYPE_CHECKING
 
-import pint
+if TYPE_CHECKING:
+    import pint
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(?=[^\d\s.])(.*\S)\s*")
 _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 of m s-2
@@ -12,7 +14,9 @@ _POWER_OF_A_NUMBER = re.compile(r"\d\s*(\^|\*\*)")  # no unit needs 9^9^9^9, and
 
 
 @cache
-def _registry() -> pint.UnitRegistry[float]:
+def _registry() -> "pint.UnitRegistry[float]":
+    import pint  # takes its time
+
     return pint.UnitRegistry()
 
 

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from fit.errors import InputError
 from fit.results import FitWarning
@@ -66,7 +66,7 @@ class Slow:
         If the star tracker turns against the torques, and was reversed for that.
     """
 
-    rate: BSpline
+    rate: "scipy.interpolate.BSpline"
     warnings: tuple[FitWarning, ...]
 
 
@@ -100,7 +100,7 @@ def slow_rate(path: Path, stretches: Iterable[Motion], start: float, end: float)
         both = np.concatenate([stretch.attitude, twice(once(stretch.dOmega))], axis=1)
         means.append(_means(stretch, both))
         if stretch.pointed.any():
-            basis: Any = BSpline.design_matrix(stretch.time[stretch.pointed], knots, DEGREE)
+            basis: Any = scipy.interpolate.BSpline.design_matrix(stretch.time[stretch.pointed], knots, DEGREE)
             normal += (basis.T @ basis).toarray()
             right += basis.T @ both[stretch.pointed]
             seen += int(stretch.pointed.sum())
@@ -108,11 +108,11 @@ def slow_rate(path: Path, stretches: Iterable[Motion], start: float, end: float)
         raise InputError(f"{path}: star tracker (ast_*): {seen} samples that are not missing, expected more")
     third = np.diff(np.eye(size), 3, axis=0)
     stiff = STIFF * np.trace(normal) * third.T @ third
-    spline = BSpline(knots, np.linalg.solve(normal + stiff, right), DEGREE)
+    spline = scipy.interpolate.BSpline(knots, np.linalg.solve(normal + stiff, right), DEGREE)
     times, series = np.split(np.concatenate(means), [1], axis=1)
     backwards = _backwards(series - spline(times[:, 0]))
     attitude, integral = np.split(spline.c, 2, axis=1)
-    s = BSpline(knots, (-attitude if backwards else attitude) - integral, DEGREE)
+    s = scipy.interpolate.BSpline(knots, (-attitude if backwards else attitude) - integral, DEGREE)
     return Slow(s.derivative(), (_reversed(),) if backwards else ())
 
 

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fit import spectra
 from fit.errors import InputError
@@ -214,7 +214,8 @@ def attitude(telemetry: Telemetry, found: Sources, reference: Array | None = Non
     there = np.isfinite(columns).all(axis=1)
     if there.any():
         first = first_quaternion(telemetry) if reference is None else reference
-        turned = Rotation.from_quat(np.asarray(first)).inv() * Rotation.from_quat(columns[there])
+        from_quat = scipy.spatial.transform.Rotation.from_quat
+        turned = from_quat(np.asarray(first)).inv() * from_quat(columns[there])
         angles[there] = turned.as_rotvec()[:, [2, 1]]  # about z and y
     return angles
 

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class Scatter:
         # the experiments that tell the parameter, not those that have hardly a signal in it
         alone = float(np.sort(np.sqrt(np.diag(V)))[: max(2, own.size // 2)].mean())
         low, high = np.log(LEAST * alone), np.log(10 * self.start)
-        s = float(np.exp(minimize_scalar(cost, bounds=(low, high), method="bounded").x))
+        s = float(np.exp(scipy.optimize.minimize_scalar(cost, bounds=(low, high), method="bounded").x))
         C = V + s**2 * np.eye(own.size)
         inverse = np.linalg.inv(C)
         once = inverse.sum(axis=0)

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import prev_fast_len, rfft
-from scipy.interpolate import CubicSpline
-from scipy.signal import firwin, kaiser_beta, upfirdn, windows
 
 from fit.errors import FitError
 
@@ -81,7 +79,7 @@ def bridge(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
     filled = x.copy()
     filled[masked] = np.interp(n[masked], n[~missing], x[~missing])
     if short.any():
-        filled[short] = CubicSpline(n[~missing], x[~missing])(n[short])
+        filled[short] = scipy.interpolate.CubicSpline(n[~missing], x[~missing])(n[short])
     return filled, masked
 
 
@@ -102,21 +100,22 @@ def low_pass(fs: float) -> tuple[Array, int]:
     width = fs / factor - 2 * F_MAX  # from F_MAX to where aliases would reach F_MAX
     half = (RIPPLE - 7.95) / (2.285 * 2 * math.pi * width / fs) / 2
     half = factor * math.ceil(half / factor)
-    taps = firwin(2 * half + 1, F_MAX + width / 2, window=("kaiser", kaiser_beta(RIPPLE)), fs=fs)
+    window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
+    taps = scipy.signal.firwin(2 * half + 1, F_MAX + width / 2, window=window, fs=fs)
     return np.asarray(taps, dtype=np.float64), factor
 
 
 def decimate(x: Array, taps: Array, factor: int) -> Array:
     """Filter and keep every factor-th sample, the first at index ``taps.size // 2`` of `x`."""
     lost = taps.size - 1  # a multiple of factor
-    kept = upfirdn(taps, x, down=factor)[lost // factor : (x.size - 1) // factor + 1]
+    kept = scipy.signal.upfirdn(taps, x, down=factor)[lost // factor : (x.size - 1) // factor + 1]
     return np.asarray(kept, dtype=np.float64)
 
 
 def window(valid: NDArray[np.bool_], fs: float) -> Array:
     """Return a Tukey window over the run with a smooth notch at every masked stretch, shape (N,)."""
     n = np.arange(valid.size)
-    w = np.asarray(windows.tukey(valid.size + 2, TAPER)[1:-1], dtype=np.float64)
+    w = np.asarray(scipy.signal.windows.tukey(valid.size + 2, TAPER)[1:-1], dtype=np.float64)
     for start, stop in stretches(~valid):
         distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
         w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2
@@ -150,14 +149,14 @@ def transform(columns: Array, valid: NDArray[np.bool_], fs: float) -> Spectra:
 
     Of the end of the run up to 0.5 % is left out, for a length that transforms fast.
     """
-    n = prev_fast_len(len(columns))
+    n = scipy.fft.prev_fast_len(len(columns))
     w = window(valid[:n], fs)
     bins = slice(1, math.floor(min(F_MAX, fs / 10) * n / fs) + 1)
     scale = math.sqrt(2 / (fs * float(w @ w)))
     ramp = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
 
     def spectrum(x: Array) -> Spectrum:
-        return np.asarray(rfft(w[:, None] * x[:n], axis=0)[bins] * scale, dtype=np.complex128)
+        return np.asarray(scipy.fft.rfft(w[:, None] * x[:n], axis=0)[bins] * scale, dtype=np.complex128)
 
     return Spectra(np.arange(n // 2 + 1)[bins] * fs / n, spectrum(columns), spectrum(ramp), w)
 
@@ -202,7 +201,7 @@ def _spline_basis(knots: Array, f: Array) -> Array:
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths, and each is asked for again and again
 def _basis(of_knots: bytes, of_f: bytes) -> Array:
     knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
-    spline = CubicSpline(knots, np.eye(knots.size), bc_type="natural")
+    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
     u = np.log(f)
     inside = np.clip(u, knots[0], knots[-1])
     basis = np.asarray(spline(inside) + spline(inside, 1) * (u - inside)[:, None], dtype=np.float64)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
 from fit.results import Estimate, Fit
 
@@ -63,13 +63,15 @@ def stationarity(estimates: Sequence[Estimate]) -> Stationarity:
         return float(np.sum((x - mean(extra)[0]) ** 2 / (variance + extra)))
 
     # chi2 falls with the extra variance, and is below dof for certain where that exceeds the spread
-    extra = 0.0 if chi2(0.0) <= dof else float(optimize.brentq(lambda v: chi2(v) - dof, 0.0, np.ptp(x) ** 2))
+    extra = 0.0
+    if chi2(0.0) > dof:
+        extra = float(scipy.optimize.brentq(lambda v: chi2(v) - dof, 0.0, np.ptp(x) ** 2))
     value, squared = mean(0.0)
     return Stationarity(
         mean=value,
         sigma=float(np.sqrt(squared)),
         chi2_red=chi2(0.0) / dof,
-        p_value=float(stats.chi2.sf(chi2(0.0), dof)),
+        p_value=float(scipy.stats.chi2.sf(chi2(0.0), dof)),
         scatter=float(np.sqrt(extra)),
         sigma_with_scatter=float(np.sqrt(mean(extra)[1])),
         dof=dof,

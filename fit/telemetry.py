@@ -6,27 +6,34 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
-from fit.datasets import channel_units, check_missing, plain, read_channel, read_time
-from fit.errors import InputError
+from fit import probe
+from fit.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
+from fit.display import Displayed
+from fit.errors import InputError, shown
 from fit.units import REQUIRED
+
+if TYPE_CHECKING:
+    import xarray
 
 SCHEMA = "lpf-telemetry/1"
 
+_BLOCK = 2**20  # samples
 _Authority = Annotated[float, Field(ge=0)]
 
 
-@dataclass(frozen=True)
-class Telemetry:
+@dataclass(frozen=True, repr=False)
+class Telemetry(Displayed):
     """One run.
 
     Attributes
@@ -56,6 +63,8 @@ class Telemetry:
         As written in the file; ``""`` where an unknown channel has none.
     attributes : dict of str to object
         Every other root attribute.
+    long_names : dict of str to str
+        What the channels are, for those of which the file says it.
     """
 
     path: Path
@@ -74,11 +83,35 @@ class Telemetry:
     channels: Mapping[str, NDArray[np.float64]]
     units: dict[str, str]
     attributes: dict[str, object]
+    long_names: dict[str, str] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:
         """Length of the run, N / fs [s]."""
         return self.time.size / self.fs
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the run, all of it in memory, as a dataset with units, as xarray would open the file.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        try:
+            xr = import_module("xarray")
+        except ImportError:
+            raise InputError("to_xarray needs xarray, of the extra lpfcosim[notebook]") from None
+        channels = {}
+        for name, values in self.channels.items():
+            told = {"units": self.units.get(name), "long_name": self.long_names.get(name)}
+            channels[name] = ("time", values, {key: text for key, text in told.items() if text})
+        time = ("time", self.time, {"units": "s", "long_name": f"time since {self.t0}"})
+        root = {name: getattr(self, name) for name in Root.model_fields}
+        dataset: xarray.Dataset = xr.Dataset(
+            channels, {"time": time}, {"schema": SCHEMA, **root, **self.attributes}
+        )
+        return dataset
 
 
 def read(path: Path) -> Telemetry:
@@ -109,6 +142,22 @@ def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
         return _read(file, path, slice(start, stop))
 
 
+def look(path: Path) -> None:
+    """Read what the library of HDF5 has to interpret: everything but plain rows of numbers.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    with _opened(path) as file:
+        names = ("time", *_read(file, path, slice(0, 2)).channels)
+        for dataset in (file[name] for name in names):
+            for start in range(0, dataset.size if dataset.chunks else 0, _BLOCK):
+                dataset[start : start + _BLOCK]
+    read_truth(path)
+
+
 def samples(path: Path) -> int:
     """Return the number of samples of a file that `read_stretch` accepts.
 
@@ -121,22 +170,32 @@ def samples(path: Path) -> int:
         return int(file["time"].shape[0])
 
 
-def read_all(paths: Sequence[Path]) -> list[Telemetry]:
+def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     """Read files, and the ``*.h5`` of folders, sorted by start time, then by run.
 
     A file reached twice is read once.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files and folders.
+    own : bool
+        They were written by this program just now, so that no other process need try them first.
 
     Raises
     ------
     InputError
         If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
     """
+    found = files(paths)
+    if not own:
+        probe.check(found)
     runs: dict[str, Telemetry] = {}
-    for telemetry in map(read, files(paths)):
+    for telemetry in map(read, found):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
-                f"{telemetry.path}: attribute run: {telemetry.run!r} is also the run of {twin.path}, "
+                f"{telemetry.path}: attribute run: {shown(telemetry.run)} is also the run of {twin.path}, "
                 "expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (_utc(t.t0), t.run))
@@ -157,7 +216,7 @@ def inertial_period(telemetry: Telemetry) -> str:
     if isinstance(value, str) and value.strip():
         return value.strip()
     raise InputError(
-        f"{telemetry.path}: attribute inertial_period: {value!r}, expected a whole number, zero or more"
+        f"{telemetry.path}: attribute inertial_period: {shown(value)}, expected a whole number, zero or more"
     )
 
 
@@ -225,7 +284,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     try:
         with h5py.File(path, "r") as file:
             yield file
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
 
@@ -275,7 +334,7 @@ def check_root(place: str, attributes: Mapping[str, object]) -> Root:
     except ValidationError as error:
         fault = error.errors()[0]
         name = str(fault["loc"][0])
-        found = repr(attributes[name]) if name in attributes else "missing"
+        found = shown(attributes[name]) if name in attributes else "missing"
         raise InputError(f"{place}: attribute {name}: {found}, expected: {fault['msg']}") from error
 
 
@@ -283,7 +342,7 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     attributes = {name: plain(value) for name, value in file.attrs.items()}
     schema = attributes.pop("schema", None)
     if schema != SCHEMA:
-        found = "missing" if schema is None else repr(schema)
+        found = "missing" if schema is None else shown(schema)
         raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}")
     root = check_root(str(path), attributes)
     time = read_time(file, path, root.fs, part)
@@ -295,4 +354,5 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
         channels=_OnDemand(path, list(units), part, root.fs),
         units=units,
         attributes=dict(root.model_extra or {}),
+        long_names=channel_names(file, units),
     )

@@ -36,6 +36,8 @@ def same_unit(a: str, b: str) -> bool:
 
 def _powers(unit: str) -> dict[str, int] | str:
     """Return the power of every symbol, or the text itself where it is no product of powers."""
+    if len(unit) > 80:
+        return unit
     text = re.sub(r"\s*/\s*", "/", unit.replace("**", "^")).replace("·", " ").replace("*", " ").strip()
     powers: Counter[str] = Counter()
     for slash, symbol, power, other in _SYMBOL.findall(text):

@@ -1,1 +1,36 @@
-"""Co-simulation of LISA Pathfinder through FMUs compiled from Modelica."""
+"""Co-simulation of LISA Pathfinder through FMUs compiled from Modelica.
+
+::
+
+    campaign = lpfcosim.load_campaign("campaigns/quickstart.toml")
+    lpfcosim.simulate(campaign, "quickstart")               # fmus=False: through the plant without FMUs
+    runs = fit.load("quickstart")
+
+The names below are read in when first used, so that ``import lpfcosim`` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lpfcosim.campaign import Campaign
+    from lpfcosim.errors import InputError, LpfcosimError, RunError
+    from lpfcosim.simulation import load_campaign, simulate
+
+__all__ = ["Campaign", "InputError", "LpfcosimError", "RunError", "load_campaign", "simulate"]
+_HOME = {
+    "campaign": ("Campaign",),
+    "errors": ("InputError", "LpfcosimError", "RunError"),
+    "simulation": ("load_campaign", "simulate"),
+}
+
+
+def __getattr__(name: str) -> object:
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(import_module(f"lpfcosim.{module}"), name)
+    raise AttributeError(f"module 'lpfcosim' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

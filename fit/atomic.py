@@ -1,0 +1,44 @@
+"""Files that appear whole or not at all, also when the process is killed or the power fails."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from fit.errors import FitError
+
+
+def temporary(path: Path) -> Path:
+    """Return the name under which this process writes ``path``."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def settle(partial: Path, path: Path) -> None:
+    """Give a file that is complete its name."""
+    with partial.open("rb+") as file:
+        os.fsync(file.fileno())
+    partial.replace(path)
+    if os.name == "posix":  # elsewhere folders cannot be opened
+        handle = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file at once, text as UTF-8 with the line ends it has.
+
+    Raises
+    ------
+    FitError
+        If it cannot be written; what was there before is still there.
+    """
+    partial = temporary(path)
+    try:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        settle(partial, path)
+    except OSError as error:
+        raise FitError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)

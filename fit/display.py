@@ -1,0 +1,31 @@
+"""How results and telemetry show themselves, as text in a terminal and as HTML in a notebook.
+
+What a type looks like is registered in `fit.notebook`, which knows the tables of the report; those know the
+types, so that the types cannot know them.
+"""
+
+from functools import singledispatch
+
+
+@singledispatch
+def text(value: object) -> str:
+    """Return a value as plain text of a few lines."""
+    return f"<{type(value).__name__}>"
+
+
+@singledispatch
+def html(value: object) -> str | None:  # noqa: ARG001 - what it is decides
+    """Return a value as an element of a page, None where it has no such form."""
+    return None
+
+
+class Displayed:
+    """Shows itself as `text` and `html` say."""
+
+    def __repr__(self) -> str:
+        return text(self)
+
+    def _repr_html_(self) -> str | None:
+        """Return what Jupyter shows."""
+        found = html(self)
+        return None if found is None else str(found)
