@@ -6,8 +6,6 @@ What is wrong with a file is said in one sentence that gives the path inside it,
 
 import hashlib
 import json
-import re
-import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -17,7 +15,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from lpfcosim import network
+from lpfcosim import merged, network
 from lpfcosim.control import DRAG_FREE, SUSPENSION, Controller
 from lpfcosim.errors import InputError
 from lpfcosim.messages import closest, describe, quote
@@ -35,9 +33,6 @@ from lpfcosim.run import (
 from lpfcosim.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable, SpacecraftTable
 from lpfcosim.spacecraft import Spacecraft
 from lpfcosim.wiring import Component
-
-# tomllib takes minutes and gigabytes for a key of thousands of parts
-_DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
 
 
 @dataclass(frozen=True)
@@ -129,7 +124,7 @@ class Campaign:
         said = asdict(self)
         del said["fit"]
         for replacement in said["replacements"]:
-            del replacement["archive"]
+            del replacement["archive"], replacement["sha256"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
@@ -141,7 +136,7 @@ def load(path: Path) -> Campaign:
     InputError
         If the file cannot be read, is not TOML, or is not a campaign; one sentence with the path inside it.
     """
-    raw = _merged(path)
+    raw = merged.read(path)
     try:
         return _build(CampaignTable.model_validate(raw))
     except ValidationError as error:
@@ -150,64 +145,14 @@ def load(path: Path) -> Campaign:
         raise InputError(f"{path}: {error}") from None
 
 
+def resolved(path: Path) -> dict[str, Any]:
+    """Return what a campaign file says, together with what it extends; InputError as `load`."""
+    return {key: value for key, value in merged.read(path).items() if key != "extends"}
+
+
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a campaign file, for editors that complete and check as one types."""
     return CampaignTable.model_json_schema(by_alias=True)
-
-
-def _merged(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return what a file says, on top of what it extends."""
-    raw = _raw(path)
-    fmus = raw.get("fmus")
-    for entry in fmus.values() if isinstance(fmus, dict) else ():
-        if isinstance(entry, dict) and isinstance(entry.get("path"), str) and entry["path"]:
-            entry["path"] = str(path.parent / entry["path"])  # as seen from the file that says it
-    if "extends" not in raw:
-        return raw
-    base = raw["extends"]
-    if not isinstance(base, str) or not base:
-        raise InputError(f"{path}: extends: {quote(base)} is not the name of a campaign file")
-    beneath = path.parent / base
-    chain = (*below, path.resolve())
-    if beneath.resolve() in chain:
-        raise InputError(f"{path}: extends: {quote(base)} extends this file in turn")
-    if not beneath.is_file():
-        raise InputError(f"{path}: extends: {beneath}: no such file")
-    return _onto(_merged(beneath, chain), raw)
-
-
-def _onto(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
-    """Add to the tables of `base`; values and lists are replaced."""
-    both = {
-        key: _onto(base[key], value) if isinstance(value, dict) and isinstance(base.get(key), dict) else value
-        for key, value in more.items()
-    }
-    return base | both
-
-
-def _raw(path: Path) -> dict[str, Any]:
-    try:
-        return _parse(path.read_bytes().decode("utf-8-sig"))
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, expected a campaign file") from None
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start}), expected a TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: {_place_first(str(error))}") from None
-    except ValueError:  # what is left: Python refuses to convert thousands of digits
-        raise InputError(f"{path}: holds a number of too many digits") from None
-    except RecursionError:
-        raise InputError(f"{path}: is nested too deeply") from None
-
-
-def _parse(text: str) -> dict[str, Any]:
-    if _DEEP_KEY.search(text):
-        raise RecursionError
-    return tomllib.loads(text)
 
 
 def _told(error: ValidationError) -> str:
@@ -215,6 +160,11 @@ def _told(error: ValidationError) -> str:
         return describe(error.errors()[0])
     except RecursionError:  # the offending value itself is to be shown
         return "is nested too deeply"
+
+
+def _shown(path: Path) -> str:
+    """Return a path as it is, if that is for showing."""
+    return str(path) if str(path).isprintable() and len(str(path)) < 500 else quote(str(path))
 
 
 class _ConflictError(Exception):
@@ -302,9 +252,14 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
     except OSError as error:
         known_as = error.strerror or str(error)
     if known_as:
-        raise _ConflictError(f"{where}.path: {archive}: {known_as}")
+        raise _ConflictError(f"{where}.path: {_shown(archive)}: {known_as}")
     return Replacement(
-        component.model, archive, dict(entry.variables), tuple(entry.unused), dict(entry.values)
+        component.model,
+        archive,
+        dict(entry.variables),
+        tuple(entry.unused),
+        dict(entry.values),
+        entry.sha256,
     )
 
 
@@ -433,9 +388,3 @@ def _pN(force: float) -> str:
 
 def _iso(time: datetime) -> str:
     return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
-
-
-def _place_first(message: str) -> str:
-    """Turn tomllib's "What (at line 3, column 5)" into "line 3, column 5: what"."""
-    match = re.fullmatch(r"(.*) \(at (.*)\)", message, flags=re.DOTALL)
-    return f"{match[2]}: {match[1][0].lower()}{match[1][1:]}" if match else message

@@ -1,4 +1,4 @@
-"""What the commands have in common."""
+"""What the commands have in common; light, as every call of the command line reads it in."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,10 +10,54 @@ import typer
 from lpfcosim.errors import InputError
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign.")]
-Out = Annotated[
-    Path | None, typer.Option("--out", help="Folder for the results [default: named after the input].")
+Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of an earlier run or fit.")]
+Paths = Annotated[
+    list[Path], typer.Argument(metavar="PATH", help="Telemetry, folders of it, maps of archives (.toml).")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Folder for the results [default: named after the input]."),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", min=1, metavar="N", help="Processes [default: one per processor]."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Work on the Dask cluster of this scheduler, as tcp://HOST:8786 (needs lpfcosim[dask]).",
+    ),
+]
+Trust = Annotated[
+    bool, typer.Option("--trust", help="Let FMUs of other origin run of which the campaign gives no digest.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if asked for.")]
+
+
+def examples(*lines: str) -> str:
+    """Return what stands at the end of a command's help."""
+    return "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
+
+
+def help_without_command(context: typer.Context) -> None:
+    """Show the help of a group of commands that is called without any, which is a mistake."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help(), err=True)
+        raise typer.Exit(2)
+
+
+def duration(text: str) -> float:
+    """Return a duration [s] from what an option says."""
+    from pydantic_core import PydanticCustomError
+
+    from lpfcosim.units import Quantity
+
+    try:
+        return Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
+    except PydanticCustomError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 @contextmanager

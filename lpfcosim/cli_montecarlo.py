@@ -4,62 +4,38 @@ import json
 import multiprocessing as mp
 import os
 import signal
-import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
 
-import numpy as np
-import rich.console
-import typer
 from rich.table import Table
 
-import fit.errors
-from fit import dynamics, figures, pulls
-from fit.pipeline import calibrate
-from fit.results import Results, with_truth
-from fit.settings import Settings, settings
-from fit.telemetry import Telemetry, read_all
+from fit import figure_files, pulls
+from fit.settings import settings
 from lpfcosim import campaign as campaigns
-from lpfcosim import cli_fmu, montecarlo, runner, spectral, stability, telemetry
-from lpfcosim.cli_common import CampaignFile, Out, Quiet, about, check_folder
-from lpfcosim.cli_study import in_memory
+from lpfcosim import cli_fmu, cluster, files, lock, runner, stability, trust
+from lpfcosim.cli_common import about, check_folder
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.run import Run
-
-Line = dict[str, Any]  # what is kept of one campaign
+from lpfcosim.trials import Line, Work, trial
 
 
-def montecarlo_command(
-    campaign: CampaignFile,
-    n: Annotated[int, typer.Option("-n", min=2, help="Number of campaigns.")] = 200,
-    out: Out = None,
-    redraw: Annotated[
-        bool,
-        typer.Option("--redraw", help="New truths in each: gains within 5 %, stiffness and delays 30 %."),
-    ] = False,
-    fmus: Annotated[
-        bool, typer.Option("--fmus", help="Simulate through the FMUs, which takes many times as long.")
-    ] = False,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", min=1, help="Processes [default: one per processor].")
-    ] = None,
-    quiet: Quiet = False,
+def montecarlo(
+    campaign: Path,
+    n: int,
+    out: Path | None,
+    console: Console,
+    *,
+    redraw: bool,
+    fmus: bool,
+    trusted: bool,
+    jobs: int | None,
+    scheduler: str | None,
 ) -> None:
-    """Repeat a campaign with new noise, fit each, tell pulls and coverage; continues what was interrupted.
-
-    Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU; the fit is that
-    of `lpfcosim fit`. Of the whole spacecraft only what the joint fit reads is drawn so; with --fmus the
-    inertial calibration takes part. The folder holds montecarlo.json, figures/pulls.svg and campaigns.jsonl.
-    """
-    from fit import figures_montecarlo
-
-    console = Console(quiet=quiet)
+    """Repeat a campaign with new noise, fit each, tell pulls and coverage."""
     plan = campaigns.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     directory = out or Path(f"{campaign.stem}-montecarlo")
@@ -69,50 +45,65 @@ def montecarlo_command(
             stability.check(run)
     archives: dict[str, Path] = {}
     if fmus or plan.replacements:
-        with console.stage("FMUs"):
-            archives = cli_fmu.fmus(plan)
+        archives = cli_fmu.fmus(plan, console)
+        with about(campaign):
+            trust.check(plan, trusted=trusted)
     header = {
         "campaign_digest": plan.digest,
         "settings": chosen.model_dump(),
         "redraw": redraw,
-        "fmus": bool(archives),
+        "fmus": {model: files.digest(path) for model, path in archives.items()},
+        "lpfcosim_version": metadata.version("lpfcosim"),
     }
-    (directory / "figures").mkdir(parents=True, exist_ok=True)
-    log = directory / "campaigns.jsonl"
-    lines = _kept(log, header)
-    missing = [number for number in range(n) if number not in lines]
-    work = _Work(plan, chosen, archives, redraw)
-    with console.counted("campaigns", n) as progress, log.open("a", encoding="utf-8") as file:
-        progress(n - len(missing))
-        for line in _done(work, missing, jobs):
-            lines[line["number"]] = line
-            file.write(json.dumps(line) + "\n")
-            file.flush()
-            progress(len(lines))
-    failed = {k: line["failed"] for k, line in sorted(lines.items()) if "failed" in line and k < n}
-    drawn = [line["estimates"] for k, line in sorted(lines.items()) if "estimates" in line and k < n]
+    with lock.held(directory):
+        log = directory / "campaigns.jsonl"
+        lines = _kept(log, header)
+        missing = [number for number in range(n) if number not in lines]
+        work = Work(plan, chosen, redraw)
+        with (
+            console.counted("campaigns", n, n - len(missing)) as progress,
+            log.open("a", encoding="utf-8") as file,
+        ):
+            # in which order they are done does not matter, each has its own seed
+            for line in _done(work, archives, missing, jobs, scheduler):
+                lines[line["number"]] = line
+                file.write(json.dumps(line) + "\n")
+                file.flush()
+                progress(len(lines))
+        _tell(
+            console,
+            directory,
+            plan,
+            header,
+            {k: line for k, line in sorted(lines.items()) if k < n},
+        )
+
+
+def _tell(
+    console: Console,
+    directory: Path,
+    plan: campaigns.Campaign,
+    header: Mapping[str, object],
+    lines: Mapping[int, Line],
+) -> None:
+    """Write and print what the campaigns say together."""
+    from fit import figures_montecarlo
+
+    failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
+    drawn = [line["estimates"] for line in lines.values() if "estimates" in line]
     for number, told in failed.items():
         console.note(f"campaign {number} failed: {told}")
     found = pulls.summary(drawn)
     if not found:
-        raise RunError(f"{campaign}: of {n} campaigns {len(failed)} failed; there are no pulls to tell of")
+        told = f"of {len(lines)} campaigns {len(failed)} failed; there are no pulls to tell of"
+        raise RunError(f"{plan.name}: {told}")
     more = {"campaign": plan.name, **header}
     pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
-    svg = figures.svg(figures_montecarlo.histograms, found, drawn)
-    (directory / "figures" / "pulls.svg").write_text(svg, encoding="utf-8")
-    if not quiet:
-        rich.console.Console().print(_table(found))
+    (directory / "figures").mkdir(exist_ok=True)
+    figure_files.write(directory / "figures", "pulls", figures_montecarlo.histograms, found, drawn)
+    console.document((directory / "montecarlo.json").read_text(encoding="utf-8"))
+    console.show(_table(found))
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed: {directory / 'montecarlo.json'}")
-
-
-@dataclass(frozen=True)
-class _Work:
-    """What every process has to know."""
-
-    plan: campaigns.Campaign
-    chosen: Settings
-    archives: Mapping[str, Path]
-    redraw: bool
 
 
 def _kept(log: Path, header: Mapping[str, object]) -> dict[int, Line]:
@@ -133,16 +124,33 @@ def _kept(log: Path, header: Mapping[str, object]) -> dict[int, Line]:
     return lines
 
 
-def _done(work: _Work, numbers: Sequence[int], jobs: int | None) -> Iterator[Line]:
-    """Yield the campaigns as they are done; the order does not matter, each has its own seed."""
+def _done(
+    work: Work, fmus: Mapping[str, Path], numbers: Sequence[int], jobs: int | None, scheduler: str | None
+) -> Iterator[Line]:
+    """Yield the campaigns as they are done."""
     if not numbers:
-        return
+        return iter(())
+    if scheduler:
+        return _on_cluster(scheduler, work, fmus, numbers)
+    return _on_processes(jobs, work, fmus, numbers)
+
+
+def _on_cluster(address: str, work: Work, fmus: Mapping[str, Path], numbers: Sequence[int]) -> Iterator[Line]:
+    with cluster.connected(address) as connection:
+        items = {f"campaign {number}": number for number in numbers}
+        for name, line in connection.results(trial, work, items, fmus):
+            yield {"number": items[name], "failed": str(line)} if isinstance(line, LpfcosimError) else line
+
+
+def _on_processes(
+    jobs: int | None, work: Work, fmus: Mapping[str, Path], numbers: Sequence[int]
+) -> Iterator[Line]:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each processor does better
     workers = min(jobs or runner.processors(), len(numbers))
     others = mp.active_children()
-    pool = ProcessPoolExecutor(workers, mp.get_context("spawn"), _prepare, (work,))
+    pool = ProcessPoolExecutor(workers, mp.get_context("spawn"), _prepare, (work, fmus))
     try:
-        for future in as_completed([pool.submit(_campaign, number) for number in numbers]):
+        for future in as_completed([pool.submit(_trial, number) for number in numbers]):
             yield future.result()
     except BrokenProcessPool:
         raise RunError("a worker process was killed (out of memory?); the same command continues") from None
@@ -169,15 +177,14 @@ def _table(found: Mapping[str, pulls.Pulls]) -> Table:
     return table
 
 
-# In a worker -------------------------------------------------------------------------------------------
+# In a process of the pool ------------------------------------------------------------------------------
 
-_work: _Work | None = None
-_simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
+_given: tuple[Work, Mapping[str, Path]] | None = None
 
 
-def _prepare(work: _Work) -> None:
-    global _work
-    _work = work
+def _prepare(work: Work, fmus: Mapping[str, Path]) -> None:
+    global _given
+    _given = work, fmus
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # to end the workers is up to the parent
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -189,47 +196,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _campaign(number: int) -> Line:
-    assert _work is not None
-    plan = montecarlo.numbered(_work.plan, number, redraw=_work.redraw)
-    try:
-        results = _through_fmus(plan, _work) if _work.archives else _from_spectra(plan, number, _work)
-    except (fit.errors.CalibrationError, LpfcosimError) as error:
-        return {"number": number, "failed": str(error)}
-    drawn = {"truth": telemetry.truth(plan.runs[0])} if _work.redraw else {}
-    return {"number": number, "estimates": pulls.estimates(results), **drawn}
-
-
-def _through_fmus(plan: campaigns.Campaign, work: _Work) -> Results:
-    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        for run in plan.runs:
-            runner.record(run, work.archives, Path(folder) / f"{run.name}.h5", {})
-        telemetries = read_all([Path(folder)])
-        return with_truth(calibrate(telemetries, work.chosen), telemetries)
-
-
-def _from_spectra(plan: campaigns.Campaign, number: int, work: _Work) -> Results:
-    telemetries = [
-        _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
-    ]
-    results = calibrate(telemetries, work.chosen)
-    return with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
-
-
-def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
-    of_run, simulation = _simulations.get(run.name, (None, None))
-    if of_run is None or simulation is None or of_run.truth != run.truth:
-        stability.check(run)  # other truths may not be stable where the campaign's are
-        simulation = spectral.Simulation(run, _channels(run))
-        _simulations[run.name] = (run, simulation)
-    channels = simulation.record(generator)
-    limit = run.authority.F_max_2 / run.m_tm
-    if np.abs(channels["f_x_2"]).max() >= limit:
-        raise RunError(f"{run.name}: f_x_2 reaches its limit, which only the FMUs know: add --fmus")
-    return in_memory(run, channels)
-
-
-def _channels(run: Run) -> list[str]:
-    """Return what the joint fit reads."""
-    of_means = (name for parts in dynamics.MEANS.values() for name in parts) if run.spacecraft else ()
-    return [*dynamics.CHANNELS, *of_means]
+def _trial(number: int) -> Line:
+    assert _given is not None
+    work, fmus = _given
+    return trial(work, number, fmus)

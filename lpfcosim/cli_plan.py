@@ -1,15 +1,12 @@
-"""The commands before a campaign is run: ``new``, ``check``, ``schema``, ``margins``."""
+"""The commands about a campaign before it is run: ``check``, ``schema``, ``margins``."""
 
 import json
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import rich.console
-import typer
-from pydantic import TypeAdapter, ValidationError
 from rich.table import Table
 
 import fit.errors
@@ -17,16 +14,15 @@ from fit import forecast, selection
 from fit import settings as fit_settings
 from fit.results import Fit
 from lpfcosim import campaign as campaigns
-from lpfcosim import cli_study, margins, runner, stability
-from lpfcosim.cli_common import CampaignFile, about
+from lpfcosim import cli_study, runner, stability
+from lpfcosim import margins as stability_margins
+from lpfcosim.cli_common import about
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError
 from lpfcosim.run import Run
-from lpfcosim.schema import Name
 from lpfcosim.spacecraft import Spacecraft
 
 SCHEMA = "lpf-check/1"
-STARTER = Path("quickstart.toml")  # beside this file in a wheel, among the campaigns in a checkout
 
 # What `run` takes on a processor of 2024 [s]: the command and its workers start, a run is set up, a sample of
 # 10 Hz costs its simulation with noise and file, an experiment its fit and its figures.
@@ -36,42 +32,11 @@ SAMPLE = {"along x": 0.35e-6, "whole spacecraft": 3.5e-6}
 EXPERIMENT = {"along x": 1.0, "whole spacecraft": 1.8}
 
 
-def new_command(
-    file: Annotated[
-        Path, typer.Argument(metavar="[NAME.toml]", help="The file to write; the campaign has its name.")
-    ] = Path("campaign.toml"),
-) -> None:
-    """Write a commented starter campaign, to change at will; never over a file that is there."""
-    if file.suffix != ".toml":
-        raise InputError(f"{file}: expected a name that ends in .toml")
-    try:
-        TypeAdapter(Name).validate_python(file.stem)
-    except ValidationError as error:
-        raise InputError(f"{file}: {error.errors()[0]['msg']}") from None
-    text = starter().replace('name = "quickstart"', f'name = "{file.stem}"')
-    text = text.replace("campaigns/quickstart.toml", file.name)
-    try:
-        with file.open("x", encoding="utf-8") as written:
-            written.write(text)
-    except FileExistsError:
-        raise InputError(f"{file}: is there already, expected a new name") from None
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{file}: {file.parent} is not a folder, expected one that is there") from None
-    print(f"{file}: written; see what it will tell with: lpfcosim check {file}")
-
-
-def check_command(
-    campaign: CampaignFile,
-    as_json: Annotated[bool, typer.Option("--json", help=f"Print JSON, schema {SCHEMA}.")] = False,
-) -> None:
-    """Validate a campaign and tell what to expect of it, before anything is simulated; needs no FMU.
-
-    It tells runs, loop margins, the sigmas of the joint fit as forecast does, and how long run will take.
-    """
+def check(campaign: Path, console: Console) -> None:
+    """Tell what to expect of a campaign, before anything is simulated."""
     plan = campaigns.load(campaign)
     chosen = fit_settings.settings(plan.fit, f"{campaign}: fit")
-    console = Console(quiet=False)
-    loops: list[margins.Margin] = []
+    loops: list[stability_margins.Margin] = []
     expected, warnings = None, []
     try:
         _check_durations(plan)
@@ -89,56 +54,48 @@ def check_command(
         raise InputError(f"{campaign}: {error}") from None
     jobs = runner.processors()
     seconds = wall_time(plan, jobs)
-    if as_json:
-        told = {
-            "schema": SCHEMA,
-            "campaign": plan.name,
-            "digest": plan.digest,
-            "runs": [_run_document(run) for run in plan.runs],
-            "duration": sum(map(_duration, plan.runs)),
-            "loops": [_finite(asdict(margin)) for margin in loops],
-            "forecast": forecast.document(expected) if expected else None,
-            "warnings": warnings,
-            "wall_time": round(seconds),
-        }
-        print(json.dumps(told, indent=1, allow_nan=False))
-        return
+    warnings += [w.message for w in (expected.warnings if expected else ())]
+    told = {
+        "schema": SCHEMA,
+        "campaign": plan.name,
+        "digest": plan.digest,
+        "runs": [_run_document(run) for run in plan.runs],
+        "duration": sum(map(_duration, plan.runs)),
+        "loops": _loop_documents(loops),
+        "forecast": forecast.document(expected) if expected else None,
+        "warnings": warnings,
+        "wall_time": round(seconds),
+    }
+    console.document(json.dumps(told, indent=1, allow_nan=False))
     runs = f"{len(plan.runs)} run{'s' * (len(plan.runs) > 1)}"
-    print(f"{campaign}: in order; {_world(plan)}, {runs}, {_hours(*plan.runs):g} h\n")
-    screen = rich.console.Console()
-    screen.print(_runs_table(plan), "")
+    console.say(f"{campaign}: in order; {_world(plan)}, {runs}, {_hours(*plan.runs):g} h\n")
+    console.show(_runs_table(plan))
+    console.say("")
     if loops:
-        print(*margin_lines(loops), "", sep="\n")
+        console.say("\n".join([*margin_lines(loops), ""]))
     if expected:
-        screen.print(cli_study.table(expected), "")
+        console.show(cli_study.table(expected))
+        console.say("")
     idle = f"{jobs} idle processors" if jobs > 1 else "an idle processor"
-    print(f"run: about {_about(seconds)} on {idle}, once the FMUs are built")
-    for line in (*warnings, *(w.message for w in (expected.warnings if expected else ()))):
+    console.say(f"run: about {_about(seconds)} on {idle}, once the FMUs are built")
+    for line in warnings:
         console.note(f"warning: {line}")
 
 
-def schema_command() -> None:
-    """Print the JSON Schema of a campaign file, with which editors complete it and check it as one types.
-
-    Save it as lpf-campaign.json and let a campaign begin with the line: #:schema lpf-campaign.json
-    """
+def print_schema() -> None:
+    """Print the JSON Schema of a campaign file; ``lpf-campaign.json`` beside this file holds the same."""
     print(json.dumps(json_schema(), indent=1))
 
 
-def margins_command(campaign: CampaignFile) -> None:
-    """Print unity gain, phase and gain margin of every control loop, the others being closed."""
-    run = campaigns.load(campaign).runs[0]
+def margins(campaign: Path, console: Console) -> None:
+    """Print the margins of every control loop."""
+    plan = campaigns.load(campaign)
     with about(campaign):
-        stability.check(run)
-    print(*margin_lines(loop_margins(run)), sep="\n")
-
-
-def starter() -> str:
-    """Return the text of the quick start, as the wheel or the checkout has it."""
-    here = Path(__file__).parent
-    packaged = here / STARTER
-    path = packaged if packaged.is_file() else here.parent / "campaigns" / STARTER
-    return path.read_text(encoding="utf-8")
+        stability.check(plan.runs[0])
+    loops = loop_margins(plan.runs[0])
+    told = {"schema": "lpf-margins/1", "campaign": plan.name, "loops": _loop_documents(loops)}
+    console.document(json.dumps(told, indent=1, allow_nan=False))
+    console.say("\n".join(margin_lines(loops)))
 
 
 def json_schema() -> dict[str, Any]:
@@ -161,13 +118,14 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 
 
-def loop_margins(run: Run) -> list[margins.Margin]:
+def loop_margins(run: Run) -> list[stability_margins.Margin]:
     """Return the margins of the loops that a run has."""
     whole = replace(run, spacecraft=run.spacecraft or Spacecraft())
-    return [m for m in margins.margins(whole) if run.spacecraft or m.loop in ("drag_free_x", "suspension_x")]
+    found = stability_margins.margins(whole)
+    return [m for m in found if run.spacecraft or m.loop in ("drag_free_x", "suspension_x")]
 
 
-def margin_lines(loops: list[margins.Margin]) -> Iterator[str]:
+def margin_lines(loops: list[stability_margins.Margin]) -> Iterator[str]:
     """Yield the lines of a table of margins."""
     yield f"{'loop':18s} {'unity gain':>12s} {'phase margin':>13s} {'gain margin':>12s}"
     for m in loops:
@@ -241,9 +199,12 @@ def _run_document(run: Run) -> dict[str, object]:
     }
 
 
-def _finite(record: dict[str, Any]) -> dict[str, Any]:
-    """Write what JSON has no number for as null: a margin of a gain that is never one."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in record.items()}
+def _loop_documents(loops: list[stability_margins.Margin]) -> list[dict[str, Any]]:
+    """Return margins for JSON; what it has no number for is null, a margin of a gain that is never one."""
+    return [
+        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(loop).items()}
+        for loop in loops
+    ]
 
 
 def _runs_table(plan: campaigns.Campaign) -> Table:

@@ -5,15 +5,14 @@ from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import rich.console
-import typer
 from rich.table import Table
 
 import fit.errors
-from fit.forecast import Planned, document, forecast
+from fit.forecast import Planned, document
+from fit.forecast import forecast as expectation
 from fit.parameters import FLIGHT
 from fit.results import Fit
 from fit.runs import Experiment
@@ -27,22 +26,8 @@ from lpfcosim.errors import InputError
 from lpfcosim.run import Run
 
 
-def forecast_command(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign to forecast.")],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, schema lpf-forecast/1, with the correlations.")
-    ] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder to write forecast.json to.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and JSON.")] = False,
-) -> None:
-    """Tell the sigmas of the joint fit before anything is simulated; needs no FMU.
-
-    They are those of the Fisher matrix at the true parameters of the campaign, with the closed-loop noise of
-    the channels, which carries information of its own. They hold for the default estimator and no scatter
-    between experiments, and are the mean over campaigns: those of one fit vary by up to 10 %, as the noise
-    PSDs do that it estimates. The angles of the inertial calibration are not forecast.
-    """
-    console = Console(quiet=quiet)
+def forecast(campaign: Path, out: Path | None, console: Console) -> None:
+    """Tell the sigmas of the joint fit before anything is simulated."""
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file, expected a folder for the forecast")
     plan = campaigns.load(campaign)
@@ -51,17 +36,15 @@ def forecast_command(
         console.note("FMUs of other origin are taken to behave as ours do")
     try:
         with console.stage("forecast"):
-            expected = forecast(planned(plan), chosen)
+            expected = expectation(planned(plan), chosen)
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
     text = json.dumps(document(expected), indent=1, allow_nan=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "forecast.json").write_text(text + "\n", encoding="utf-8")
-    if as_json:
-        print(text)
-    elif not quiet:
-        rich.console.Console().print(table(expected))
+    console.document(text)
+    console.show(table(expected))
     for warning in expected.warnings:
         console.note(f"warning: {warning.message}")
 

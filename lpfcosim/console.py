@@ -6,63 +6,90 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import rich.console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
-from fit.results import Results
+if TYPE_CHECKING:
+    from fit.results import Results
 
 
 class Console:
-    """Progress on standard error, results on standard output; nothing of either if ``quiet``."""
+    """Progress on standard error, results on standard output.
 
-    def __init__(self, *, quiet: bool) -> None:
-        self._quiet = quiet
+    Parameters
+    ----------
+    quiet : bool
+        Show neither.
+    as_json : bool
+        Let standard output hold one JSON document, and no result in words.
+    """
+
+    def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
+        self._quiet, self._as_json = quiet, as_json
         self._progress = rich.console.Console(stderr=True, quiet=quiet)
+        self._live = self._progress.is_terminal and not quiet
 
     def say(self, line: str) -> None:
         """Print a line of the result."""
-        if not self._quiet:
+        if not self._quiet and not self._as_json:
             print(line)
+
+    def show(self, table: Table) -> None:
+        """Print a table of the result."""
+        if not self._quiet and not self._as_json:
+            rich.console.Console().print(table)
+
+    def document(self, text: str) -> None:
+        """Print the result as JSON, if that is wanted."""
+        if self._as_json:
+            print(text.rstrip("\n"))
 
     def note(self, line: str) -> None:
         """Print a line about the work."""
         if not self._quiet:
             print(line, file=sys.stderr, flush=True)
 
+    def _bars(self, *columns: ProgressColumn) -> Progress:
+        first = (SpinnerColumn(), TextColumn("{task.description}"))
+        return Progress(*first, *columns, console=self._progress, transient=True, disable=not self._live)
+
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a piece of work whose progress is not known, and how long it took."""
+        """Announce a piece of work whose progress is not known, and how long it takes."""
         started = time.perf_counter()
-        if self._progress.is_terminal and not self._quiet:
-            with self._progress.status(f"{name} …"):
-                yield
-        else:
+        with self._bars(TimeElapsedColumn()) as bars:
+            bars.add_task(name, total=None)
             yield
         self.note(f"{name}: {time.perf_counter() - started:.1f} s")
 
     @contextmanager
-    def counted(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Follow a piece of work of at most `total` parts; yields the function to tell how many are done."""
-        started, made = time.perf_counter(), 0
+    def counted(self, name: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
+        """Follow a piece of work of at most `total` parts, `done` of them before.
 
-        def keep(done: int) -> None:
-            nonlocal made
-            made = done
+        Yields the function to tell how many are done by now.
+        """
+        started, made = time.perf_counter(), done
+        with self._bars(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bars:
+            task = bars.add_task(name, total=total, completed=done)
 
-        if self._progress.is_terminal and not self._quiet:
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-            with Progress(*columns, console=self._progress) as bars:
-                task = bars.add_task(name, total=total)
+            def advance(now: int) -> None:
+                nonlocal made
+                made = now
+                bars.update(task, completed=now)
 
-                def advance(done: int) -> None:
-                    keep(done)
-                    bars.update(task, completed=done)
-
-                yield advance
-        else:
-            yield keep
+            yield advance
         self.note(f"{name}: {made}, {time.perf_counter() - started:.1f} s")
 
     @contextmanager
@@ -71,42 +98,44 @@ class Console:
     ) -> Iterator[tuple[Callable[[str, int], None], Callable[[str], None]]]:
         """Follow runs of known numbers of samples.
 
-        Yields the functions to tell ``(run, samples done)``, and ``(run)`` of one that need not be simulated.
+        On a terminal there is a bar for all and one for each run under way. Yields the functions to tell
+        ``(run, samples done)``, and ``(run)`` of one that need not be simulated.
         """
         started = time.perf_counter()
         simulated = dict(sizes)
-        if self._progress.is_terminal and not self._quiet:
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-            )
-            with Progress(*columns, console=self._progress) as bars:
-                tasks = {name: bars.add_task(name, total=size) for name, size in sizes.items()}
+        with self._bars(BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn()) as bars:
+            whole = bars.add_task("simulation", total=sum(sizes.values()))
+            tasks = {name: bars.add_task(name, total=size, visible=False) for name, size in sizes.items()}
+            made = dict.fromkeys(sizes, 0)
 
-                def keep(name: str) -> None:
-                    bars.update(tasks[name], description=f"{name} (kept)", completed=simulated.pop(name))
-
-                yield lambda name, done: bars.update(tasks[name], completed=done), keep
-        else:
+            def advance(name: str, done: int) -> None:
+                made[name] = done
+                bars.update(tasks[name], completed=done, visible=done < sizes[name])
+                bars.update(whole, completed=sum(made.values()))
+                if done == sizes[name] and not self._live:
+                    self.note(f"run {name}: {done} samples")
 
             def keep(name: str) -> None:
                 del simulated[name]
-                self.note(f"run {name}: kept")
+                bars.update(whole, total=sum(simulated.values()))
+                if not self._live:
+                    self.note(f"run {name}: kept")
 
-            def line(name: str, done: int) -> None:
-                if done == sizes[name]:
-                    self.note(f"run {name}: {done} samples")
-
-            yield line, keep
+            yield advance, keep
+        n = len(sizes) - len(simulated)
+        kept = f", {n} runs kept" if n and self._live else ""
         total = sum(simulated.values())
-        self.note(f"simulation: {total} samples, {time.perf_counter() - started:.1f} s")
+        self.note(f"simulation: {total} samples{kept}, {time.perf_counter() - started:.1f} s")
 
     def table(self, results: Results) -> None:
-        """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods."""
+        """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods.
+
+        Of a fit that is not sound there are no sigmas and pulls, which do not hold.
+        """
         if self._quiet or results.joint is None:
             return
+        from fit.results import WITHHELD  # which other commands do without
+
         (only,) = results.experiments.values() if len(results.experiments) == 1 else (None,)
         table = Table("parameter", "unit", "estimate", "sigma", "truth", "pull", box=None)
         fits = {"": only or results.joint} | {f" ({period})": fit for period, fit in results.inertial.items()}
@@ -117,10 +146,10 @@ class Console:
                     name + period,
                     estimate.unit,
                     f"{estimate.value:.6g}",
-                    f"{estimate.sigma:.2g}",
+                    WITHHELD if fit.unsound else f"{estimate.sigma:.2g}",
                     f"{estimate.truth:.6g}" if known else "",
-                    f"{estimate.pull:+.2f}" if estimate.pull is not None else "",
+                    "" if fit.unsound or estimate.pull is None else f"{estimate.pull:+.2f}",
                 )
-        rich.console.Console().print(table)
+        self.show(table)
         for message in dict.fromkeys(w.message for fit in fits.values() for w in fit.warnings):
             self.note(f"warning: {message}")

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import firwin, kaiserord, oaconvolve
 
 from lpfcosim.run import Run
 
@@ -37,8 +37,8 @@ def taps(factor: int) -> Array:
     """Coefficients of the low-pass, an odd number of them, for a decimation by ``factor``."""
     if factor == 1:
         return np.ones(1)
-    length, beta = kaiserord(120, 2 * (STOPPED - PASSED) / factor)
-    return np.asarray(firwin(length | 1, (STOPPED + PASSED) / factor, window=("kaiser", beta)))
+    length, beta = scipy.signal.kaiserord(120, 2 * (STOPPED - PASSED) / factor)
+    return np.asarray(scipy.signal.firwin(length | 1, (STOPPED + PASSED) / factor, window=("kaiser", beta)))
 
 
 def grid(run: Run) -> Grid:
@@ -74,6 +74,7 @@ def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mappin
         n = max(0, (next(iter(held.values())).size - low_pass.size) // factor + 1)
         if n:
             yield {
-                name: oaconvolve(x, low_pass, mode="valid")[::factor][:n].copy() for name, x in held.items()
+                name: scipy.signal.oaconvolve(x, low_pass, mode="valid")[::factor][:n].copy()
+                for name, x in held.items()
             }
         left = {name: x[n * factor :] for name, x in held.items()}

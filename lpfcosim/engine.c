@@ -45,8 +45,10 @@ typedef struct {
 } Slave;
 
 typedef struct {
-    int32_t slave, status; /* who refused a call and how; -1 and 0 if nobody did */
-} Outcome;
+    int64_t sample;
+    int32_t slave;  /* whose code runs; -1: nobody's */
+    int32_t status; /* how it refused a call; 0: it did not */
+} Where;
 
 static int step_2(const Slave *s, double *bus, double time, double h) {
     int status = s->n_inputs ? s->set.v2(s->instance, s->inputs, s->n_inputs, s->values) : 0;
@@ -77,24 +79,25 @@ static int exchange(const Slave *s, double *bus, double time, double h) {
     return status;
 }
 
-/* Steps the slaves in their order through samples first … first + n - 1; returns the number of samples done.
-   feeds is n by n_feeds and comes first on the bus; recorded is n by n_record, of the places in record. */
-EXPORT int64_t run_block(const Slave *slaves, size_t n_slaves, double *bus, const double *feeds, size_t n_feeds,
-                         const int32_t *record, size_t n_record, double *recorded, int64_t first, int64_t n, double h,
-                         Outcome *outcome) {
-    outcome->slave = -1;
-    outcome->status = 0;
+/* Steps the slaves in their order through samples first … first + n - 1, or until one refuses.
+   feeds is n by n_feeds and comes first on the bus; recorded is n by n_record, of the places in record.
+   Another process may look at where, also when this one is no more: it is kept up to date. */
+EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const double *feeds, size_t n_feeds,
+                      const int32_t *record, size_t n_record, double *recorded, int64_t first, int64_t n, double h,
+                      volatile Where *where) {
     for (int64_t i = 0; i < n; i++) {
+        where->sample = first + i;
         memcpy(bus, feeds + (size_t)i * n_feeds, n_feeds * sizeof *bus);
         for (size_t j = 0; j < n_slaves; j++) {
+            where->slave = (int32_t)j;
             int status = exchange(slaves + j, bus, (double)(first + i) * h, h);
             if (status > WARNING) {
-                outcome->slave = (int32_t)j;
-                outcome->status = status;
-                return i;
+                where->status = status;
+                return;
             }
         }
         for (size_t j = 0; j < n_record; j++) recorded[(size_t)i * n_record + j] = bus[record[j]];
     }
-    return n;
+    where->sample = first + n;
+    where->slave = -1;
 }

@@ -11,6 +11,7 @@ from typing import Any
 
 import fmpy
 
+from lpfcosim import archive as archives
 from lpfcosim.errors import InputError
 from lpfcosim.run import Replacement
 from lpfcosim.wiring import Component
@@ -151,6 +152,7 @@ def describe(archive: Path) -> Any:
 
 @lru_cache(maxsize=32)
 def _describe(archive: Path, _changed: int, _size: int) -> Any:
+    archives.check(archive)
     try:
         return fmpy.read_model_description(str(archive))
     except Exception as error:  # FMPy raises bare exceptions for broken archives

@@ -8,8 +8,8 @@ differential forces on the test masses, which the thrusters then follow.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from lpfcosim import reference
 from lpfcosim.control import Lead
@@ -171,7 +171,8 @@ def controllers(run: Run) -> tuple[Array, Array, Array, Array]:
         parts.append((np.diag(decay), entry, np.ones(3), direct))
     A, B, C, D = zip(*parts, strict=True)
     columns, rows = ([b[:, np.newaxis] for b in B], [c[np.newaxis] for c in C])
-    return block_diag(*A), block_diag(*columns), block_diag(*rows), np.diag(D)
+    A_c, B_c, C_c = (scipy.linalg.block_diag(*blocks) for blocks in (A, columns, rows))
+    return A_c, B_c, C_c, np.diag(D)
 
 
 def _lead(settings: Lead, h: float) -> tuple[Array, Array, Array, float]:
@@ -200,7 +201,7 @@ def loop(run: Run) -> Loop:
     M = actuation(run)
     over_commands, over_f_x_1 = applied(run)
 
-    A = block_diag(body.A, A_c)
+    A = scipy.linalg.block_diag(body.A, A_c)
     A[n:] += B_c @ E
     B, D_r = np.zeros((len(A), n_w)), np.zeros((9, n_w))
     B[n:] = B_c @ D_e

@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
 
 BLOCK = 10_000  # samples that are in memory at a time
+LOADING = -1
 _SAID = {
     2: "reports 'discard'",
     3: "reports 'error'",
@@ -41,6 +42,26 @@ _SAID = {
     EARLY: "returns before the end of its step",
     NOT_FINITE: "puts out a value that is not finite",
 }
+
+
+class Where(ctypes.Structure):
+    """Where a run is, up to date in the midst of a call: whoever shares its memory sees it.
+
+    Attributes
+    ----------
+    sample : int
+        Number of the sample; `LOADING` before the first.
+    slave : int
+        Place, in `network.components`, of the FMU whose code runs; -1: none.
+    status : int
+        How it refused a call.
+    """
+
+    _fields_ = (("sample", ctypes.c_int64), ("slave", ctypes.c_int32), ("status", ctypes.c_int32))
+
+    def reset(self) -> None:
+        """Nothing has been done yet."""
+        self.sample, self.slave, self.status = LOADING, -1, 0
 
 
 def simulate(
@@ -68,7 +89,9 @@ def simulate(
     return {name: np.concatenate([p[name] for p in parts]) for name in network.record(run)}
 
 
-def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> Iterator[dict[str, Array]]:
+def blocks(
+    run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled", where: Where | None = None
+) -> Iterator[dict[str, Array]]:
     """Co-simulate one run, a block of at most `BLOCK` samples at a time.
 
     Parameters
@@ -79,6 +102,8 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
         The FMU of each component.
     engine : {"compiled", "fmpy"}
         Which loop steps the FMUs.
+    where : Where, optional
+        Kept up to date.
 
     Yields
     ------
@@ -92,21 +117,27 @@ def blocks(run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled") -> I
     RunError
         If an FMU reports an error or a read-out leaves its range.
     """
+    where = where or Where()
+    where.reset()
     with contextlib.ExitStack() as stack:
         found = interfaces(run, fmus)
-        slaves = start(stack, run, found)
+        slaves = start(stack, run, found, where)
         try:
-            yield from Loop(run, [i.component for i in found], slaves, engine).blocks()
+            yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
         except FMICallException as error:
             said = "".join(f"; {s.name}: {s.said}" for s in slaves if s.said)
             raise RunError(f"run '{run.name}': an FMU refused a call: {error}{said}") from None
 
 
-def start(stack: contextlib.ExitStack, run: Run, found: Iterable[Interface]) -> list[Slave]:
+def start(
+    stack: contextlib.ExitStack, run: Run, found: Iterable[Interface], where: Where | None = None
+) -> list[Slave]:
     """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
+    where = where or Where()
     values = network.parameters(run)
-    return [
-        Slave(
+    slaves = []
+    for where.slave, i in enumerate(found):
+        slave = Slave(
             stack,
             i.archive,
             i.model,
@@ -115,8 +146,8 @@ def start(stack: contextlib.ExitStack, run: Run, found: Iterable[Interface]) -> 
             i.outputs,
             guarded=i.replacement is not None,
         )
-        for i in found
-    ]
+        slaves.append(slave)
+    return slaves
 
 
 def _refused(run: Run, slave: Slave, status: int, time: float) -> RunError:
@@ -137,12 +168,19 @@ class Loop:
         One for each component, with its inputs and outputs in their order.
     engine : {"compiled", "fmpy"}
         Which loop steps them.
+    where : Where, optional
+        Kept up to date.
     """
 
     def __init__(
-        self, run: Run, components: Sequence[Component], slaves: list[Slave], engine: Engine
+        self,
+        run: Run,
+        components: Sequence[Component],
+        slaves: list[Slave],
+        engine: Engine,
+        where: Where | None = None,
     ) -> None:
-        self._run, self._slaves = run, slaves
+        self._run, self._slaves, self._where = run, slaves, where or Where()
         self._noise = signals.Noise(run)
         self._feeds = signals.names(run)
         self._channels = network.record(run)
@@ -183,11 +221,13 @@ class Loop:
     def initialize(self, feeds: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
         self._bus[: self._n_feeds] = feeds
-        for slave, sources, outputs in zip(self._slaves, self._sources, self._outputs, strict=True):
+        every = zip(self._slaves, self._sources, self._outputs, strict=True)
+        for self._where.slave, (slave, sources, outputs) in enumerate(every):
             slave.inputs.values[:] = self._bus[sources].tolist()
             slave.exchange()
             self._bus[outputs] = slave.outputs.values[:]
-        for slave in self._slaves:
+        for place, slave in enumerate(self._slaves):
+            self._where.slave = place
             slave.exit_initialization()
 
     def advance(self, feeds: Array, recorded: Array, start: int) -> None:
@@ -205,21 +245,27 @@ class Loop:
         if self._compiled is None:
             self._plain(feeds, recorded, start)
         else:
-            self._compiled(self._run, self._bus, feeds, self._record, recorded, start)
+            self._compiled(self._bus, feeds, self._record, recorded, start, self._run.h, self._where)
+        if self._where.status:
+            slave = self._slaves[self._where.slave]
+            raise _refused(self._run, slave, self._where.status, self._where.sample * self._run.h)
 
     def _plain(self, feeds: Array, recorded: Array, start: int) -> None:
-        bus, h, record = self._bus.tolist(), self._run.h, self._record.tolist()
+        bus, h, record, where = self._bus.tolist(), self._run.h, self._record.tolist(), self._where
         steps = list(zip(self._slaves, self._sources, self._outputs, strict=True))
         for i, feed in enumerate(feeds.tolist()):
+            where.sample = start + i
             bus[: self._n_feeds] = feed
-            for slave, sources, outputs in steps:
+            for where.slave, (slave, sources, outputs) in enumerate(steps):
                 slave.inputs.values[:] = [bus[k] for k in sources]
                 status = slave.step((start + i) * h, h)
                 if status > 1:  # beyond a warning
-                    raise _refused(self._run, slave, status, (start + i) * h)
+                    where.status = status
+                    return
                 bus[outputs] = slave.outputs.values[:]
             recorded[i] = [bus[k] for k in record]
         self._bus[:] = bus
+        where.sample, where.slave = start + len(feeds), -1
 
     def _check_range(self, recorded: Array, start: int) -> None:
         limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else math.inf for c in self._channels]
@@ -257,10 +303,6 @@ class _SlaveTable(ctypes.Structure):
     )
 
 
-class _Outcome(ctypes.Structure):
-    _fields_ = (("slave", ctypes.c_int32), ("status", ctypes.c_int32))
-
-
 _FUNCTIONS = {
     2: ("fmi2SetReal", "fmi2GetReal", "fmi2DoStep"),
     3: ("fmi3SetFloat64", "fmi3GetFloat64", "fmi3DoStep"),
@@ -270,7 +312,7 @@ _FUNCTIONS = {
 @cache
 def _library() -> ctypes.CDLL:
     library = ctypes.CDLL(str(engine_library()))
-    library.run_block.restype = ctypes.c_int64
+    library.run_block.restype = None
     return library
 
 
@@ -295,15 +337,15 @@ class _Compiled:
 
     def __call__(
         self,
-        run: Run,
         bus: Array,
         feeds: Array,
         record: npt.NDArray[np.int32],
         recorded: Array,
         start: int,
+        h: float,
+        where: Where,
     ) -> None:
-        outcome = _Outcome()
-        done = _library().run_block(
+        _library().run_block(
             self._table,
             ctypes.c_size_t(len(self._table)),
             ctypes.c_void_p(bus.ctypes.data),
@@ -314,8 +356,6 @@ class _Compiled:
             ctypes.c_void_p(recorded.ctypes.data),
             ctypes.c_int64(start),
             ctypes.c_int64(len(feeds)),
-            ctypes.c_double(run.h),
-            ctypes.byref(outcome),
+            ctypes.c_double(h),
+            ctypes.byref(where),
         )
-        if outcome.slave >= 0:
-            raise _refused(run, self._slaves[outcome.slave], outcome.status, (start + done) * run.h)

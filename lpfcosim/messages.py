@@ -7,12 +7,33 @@ from collections.abc import Iterable
 
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+_SAID = {  # what pydantic calls at fault, in our words
+    "float_type": "{given} is not a number",
+    "int_type": "{given} is not a whole number",
+    "int_from_float": "{given} is not a whole number",
+    "string_type": "{given} is not a text, write it in quotes",
+    "list_type": "{given} is not a list, write [{given}]",
+    "greater_than_equal": "{given} is too small, expected {ge:g} or more",
+    "greater_than": "{given} is too small, expected more than {gt:g}",
+    "less_than_equal": "{given} is too large, expected {le:g} or less",
+    "less_than": "{given} is too large, expected less than {lt:g}",
+    "finite_number": "{given} is not a finite number",
+    "too_short": "has {actual_length} of its values, expected at least {min_length}",
+    "too_long": "has {actual_length} of its values, expected at most {max_length}",
+}
+_TOML = {  # what tomllib says, and what to write instead
+    "cannot overwrite a value": "; a key and a [table] stand once, a list of tables is written [[name]]",
+    "invalid statement": ", expected key = value or [table]",
+    "invalid value": ", a text stands in quotes",
+}
 SHAPES = ("sine", "half_cosine", "pulse")  # of injections
 
 
 def quote(text: object) -> str:
     """Show what a file says, on one line and not at length."""
     shown = json.dumps(text, ensure_ascii=False, default=str)
+    if not shown.isprintable():  # what would move the cursor, or the letters after it
+        shown = json.dumps(text, default=str)
     return shown if len(shown) <= 80 else f"{shown[:77]}..."
 
 
@@ -29,8 +50,9 @@ def key_problem(key: str, text: str) -> PydanticCustomError:
 def closest(name: str, known: Iterable[str]) -> str:
     """Say which names there are, and which one was probably meant."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f', did you mean "{close[0]}"?' if close else ""
+    folded = {known.casefold(): known for known in names}
+    close = difflib.get_close_matches(name.casefold(), folded, n=1)
+    hint = f', did you mean "{folded[close[0]]}"?' if close else ""
     return f"{hint} (known: {', '.join(names) if names else 'none'})"
 
 
@@ -57,10 +79,23 @@ def describe(error: ErrorDetails) -> str:
             loc.append("shape")
             given = quote(context["tag"])
         text = f"{given} is not known{closest(given.strip(chr(34)), names)}"
+    elif kind in _SAID:
+        text = _SAID[kind].format(given=given, **context)
+        if kind in ("float_type", "int_type") and isinstance(error["input"], str):
+            text += ", write it without quotes"
     else:
         text = f"{error['msg'][0].lower()}{error['msg'][1:]}, got {given}"
-    keys = [str(part) if re.fullmatch(r"[\w-]+", str(part)) else quote(part) for part in loc]
+    keys = [str(part) if re.fullmatch(r"[\w-]{1,80}", str(part)) else quote(part) for part in loc]
     path = "".join(
         f"[{key}]" if isinstance(part, int) else f".{key}" for part, key in zip(loc, keys, strict=True)
     )
     return f"{path.removeprefix('.')}: {text}"
+
+
+def toml_problem(message: str) -> str:
+    """Turn tomllib's "What (at line 3, column 5)" into "line 3, column 5: what", and say what to write."""
+    match = re.fullmatch(r"(.*) \(at (.*)\)", message, flags=re.DOTALL)
+    if not match:
+        return message
+    what = f"{match[1][0].lower()}{match[1][1:]}"
+    return f"{match[2]}: {what}{_TOML.get(what, '')}"

@@ -13,8 +13,8 @@ step. The plant is linear, so each step is exact: the old value acts up to the s
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, expm
 
 from lpfcosim import signals
 from lpfcosim.control import Controller
@@ -82,7 +82,7 @@ def plant(run: Run) -> Plant:
     continuous[3] = force_2 - a_sc
     continuous[4, [4, 5]] = np.array([-1, 1]) / run.thruster_lag
 
-    whole = expm(continuous * h)[:5]
+    whole = scipy.linalg.expm(continuous * h)[:5]
     transports = (run.thruster_delay, max(run.tau_1 - h / 2, 0.0), max(run.tau_2 - h / 2, 0.0))
     values = (run.F_x_sc_start, 0.0, run.f_x_2_start)  # commands issued before the run
     lengths = [int(transport // h) + 1 for transport in transports]
@@ -92,7 +92,8 @@ def plant(run: Run) -> Plant:
     B[:5, 3:] = whole[:, 8:]
     first = 5
     for i, (transport, length, value) in enumerate(zip(transports, lengths, values, strict=True)):
-        after = expm(continuous * (length * h - transport))[:5, 5 + i]  # the new value acts after the switch
+        # the new value acts after the switch
+        after = scipy.linalg.expm(continuous * (length * h - transport))[:5, 5 + i]
         before = whole[:, 5 + i] - after
         A[:5, first + length - 1] += before
         if length > 1:
@@ -142,7 +143,7 @@ def loop(run: Run) -> Loop:
     c_2 = -direct_2 * C[1]
     c_2[n + 3 :] = -1
 
-    A = block_diag(body.A, np.diag(decay_1), np.diag(decay_2))
+    A = scipy.linalg.block_diag(body.A, np.diag(decay_1), np.diag(decay_2))
     A[n : n + 3] += np.outer(entry_1, C[0])
     A[n + 3 :] += np.outer(entry_2, C[1])
     B = np.zeros((n + 6, len(LOOP_INPUTS)))

@@ -166,6 +166,8 @@ class Replacement:
         Inputs and parameters of the place that the FMU does without.
     values : mapping of str to float
         Values of the FMU's own parameters, in their own units.
+    sha256 : str
+        Digest of the archive that is meant; ``""`` where the campaign does not tell it.
     """
 
     model: str
@@ -173,6 +175,7 @@ class Replacement:
     variables: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict)
+    sha256: str = ""
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,7 @@ class Table(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     more_keys: ClassVar[re.Pattern[str] | None] = None
+    more_known: ClassVar[tuple[str, ...]] = ()  # an example of them
 
     @model_validator(mode="before")
     @classmethod
@@ -119,7 +120,7 @@ class Table(BaseModel):
         fields = {field.alias or name: field for name, field in cls.model_fields.items()}
         for key in raw:
             if key not in fields and not (cls.more_keys and cls.more_keys.fullmatch(key)):
-                raise key_problem(key, f"unknown key{closest(key, fields)}")
+                raise key_problem(key, f"unknown key{closest(key, [*fields, *cls.more_known])}")
         for key, field in fields.items():
             if field.is_required() and key not in raw:
                 quantities = [f'{key} = "{m.example}"' for m in field.metadata if isinstance(m, Quantity)]
@@ -139,6 +140,7 @@ class TruthTable(Table):
         },
     )
     more_keys = _DELTA_IFO
+    more_known = ("delta_ifo_1",)
     __pydantic_extra__: dict[str, DeltaIfo]
 
     lambda_1: Gain | None = None
@@ -334,6 +336,7 @@ class FmuTable(Table):
     variables: dict[str, Annotated[str, Strict(), Field(min_length=1)]] = {}
     unused: list[Annotated[str, Strict()]] = []
     values: dict[str, Number] = {}
+    sha256: Annotated[str, Strict(), Field(pattern=r"^([0-9a-f]{64})?$")] = ""
 
 
 class CampaignTable(Table):

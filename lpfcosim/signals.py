@@ -5,8 +5,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from lpfcosim.run import Pulse, Run, Sine
 
@@ -216,5 +216,5 @@ class _Red:
             if n:
                 drawn[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
             self._state = np.zeros(1)
-        red, self._state = lfilter([1.0], [1.0, -self._rho], drawn, zi=self._state)
+        red, self._state = scipy.signal.lfilter([1.0], [1.0, -self._rho], drawn, zi=self._state)
         return np.asarray(red)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import logging
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,8 @@ from fmpy.fmi3 import FMU3Slave
 
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.interface import describe, resolve, size
+
+_messages = logging.getLogger(__name__)
 
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
@@ -127,9 +130,11 @@ class Slave:
         return f" ({self.said})" if self.said else ""
 
     def hear(self, status: int, message: bytes | None) -> None:
-        """Note a message of the FMU that is worse than a warning."""
+        """Log a message of the FMU, and note one that is worse than a warning."""
+        text = " ".join((message or b"").decode("utf-8", "replace").split())
+        _messages.info("%s: %s", self.name, text)
         if status > 1:
-            self.said = " ".join((message or b"").decode("utf-8", "replace").split())
+            self.said = text
 
     def _instantiate(self, stack: contextlib.ExitStack) -> None:
         if self.version == 2:

@@ -6,8 +6,9 @@ Same content, same bytes: nothing in the file depends on when or where it was wr
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Container, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim import decimation
+from lpfcosim import decimation, files
 from lpfcosim.errors import RunError
 from lpfcosim.parameters import CHANNELS
 from lpfcosim.run import Run
@@ -70,27 +71,32 @@ class Writer:
         self._untold, self._grid = untold, decimation.grid(run)
         self._path, self._run, self._names, self._done = path, run, sorted(names), 0
         self._provenance = provenance
-        self._partial = path.with_name(f".{path.name}{_suffix(os.getpid())}")
+        self._channels: dict[str, h5py.Dataset] = {}
+        self._partial = files.temporary(path)
         for name in self._names:
             if name not in CHANNELS:
                 raise RunError(f"{run.name}: no unit is known for channel {name}")
 
     def __enter__(self) -> Writer:
-        with self._told():
-            self._partial.open("wb").close()  # the operating system's words for a path that cannot be
-            self._file = h5py.File(self._partial, "w")
-            self._lay_out()
+        with ExitStack() as undo:
+            undo.callback(self._discard)
+            with self._told():
+                self._partial.open("wb").close()  # the operating system's words for a path that cannot be
+                self._file = _create(self._partial)
+                self._lay_out()
+            undo.pop_all()
         return self
 
     def _lay_out(self) -> None:
         run, file = self._run, self._file
         _annotate(file, {**self._provenance, **attributes(run)})
-        time = file.create_dataset("time", (self._grid.n,), dtype="f8")
+        # Held until the end: h5py swallows what goes wrong when a channel is closed.
+        self._channels["time"] = time = file.create_dataset("time", (self._grid.n,), dtype="f8")
         _annotate(time, {"units": "s", "long_name": f"time since {run.t0}"})
         time.make_scale("time")
         for name in self._names:
             unit, long_name = CHANNELS[name]
-            channel = file.create_dataset(name, (self._grid.n,), dtype="f8")
+            self._channels[name] = channel = file.create_dataset(name, (self._grid.n,), dtype="f8")
             _annotate(channel, {"units": unit, "long_name": long_name})
             channel.dims[0].attach_scale(time)
         told = {name: value for name, value in truth(run).items() if name not in self._untold}
@@ -112,9 +118,9 @@ class Writer:
                 time = self._grid.time(first + i, first + i + 1)[0]
                 raise RunError(f"{run.name}: {name} is {values[i]} at t = {time:g} s, nothing is recorded")
         with self._told():
-            self._file["time"][first:last] = self._grid.time(first, last)
+            self._channels["time"][first:last] = self._grid.time(first, last)
             for name in self._names:
-                self._file[name][first:last] = block[name]
+                self._channels[name][first:last] = block[name]
         self._done = last
 
     def annotate(self, name: str, value: str | int | float) -> None:
@@ -125,20 +131,25 @@ class Writer:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             with self._told():
+                if kind is None:
+                    self._file.flush()
                 self._file.close()
                 if kind is None:
                     self._finish()
         finally:
-            with suppress(OSError):
-                self._partial.unlink(missing_ok=True)
+            self._discard()
+
+    def _discard(self) -> None:
+        self._channels.clear()
+        with suppress(Exception):  # after a failure it may still be open
+            self._file.close()
+        with suppress(OSError):
+            self._partial.unlink(missing_ok=True)
 
     def _finish(self) -> None:
         if self._done != self._grid.n:
             raise RunError(f"{self._run.name}: {self._done} samples came, expected {self._grid.n}")
-        with self._partial.open("rb+") as file:
-            os.fsync(file.fileno())
-        self._partial.replace(self._path)
-        _sync_folder(self._path.parent)
+        files.settle(self._partial, self._path)
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -146,19 +157,21 @@ class Writer:
         try:
             yield
         except (OSError, RuntimeError) as error:
-            why = getattr(error, "strerror", None) or str(error).splitlines()[0]
-            raise RunError(f"{self._run.name}: {self._path} cannot be written ({why})") from error
+            raise RunError(f"{self._run.name}: {self._path} cannot be written ({reason(error)})") from error
 
 
-def discard(folder: Path, process: int) -> None:
-    """Remove what a process that was killed left unfinished in ``folder``."""
-    for partial in folder.glob(f".*{_suffix(process)}"):
-        with suppress(OSError):
-            partial.unlink()
+def _create(path: Path) -> h5py.File:
+    """Create a file as h5py does, but let HDF5 write samples at once, not when a channel is closed."""
+    with h5py.File(path, "w") as file:
+        access = file.id.get_access_plist()
+    access.set_sieve_buf_size(0)
+    return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, fapl=access))
 
 
-def _suffix(process: int) -> str:
-    return f".{process}.part"
+def reason(error: OSError | RuntimeError) -> str:
+    """Return what the operating system says, which HDF5 hides in a sentence of its own."""
+    said = re.search("error message = '([^']*)'", str(error))
+    return said[1] if said else getattr(error, "strerror", None) or " ".join(str(error).split())
 
 
 def _annotate(place: h5py.HLObject, attributes: Mapping[str, str | int | float]) -> None:
@@ -206,13 +219,3 @@ def truth(run: Run) -> dict[str, float]:
         "tau_1": run.tau_1,
         "tau_2": run.tau_2,
     }
-
-
-def _sync_folder(path: Path) -> None:
-    """Make the new name in a folder survive a power cut, where folders can be opened."""
-    if os.name == "posix":
-        handle = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -5,24 +5,42 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import pint
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from lpfcosim.messages import problem, quote
 
+if TYPE_CHECKING:
+    import pint
+    from pint.facets.plain import PlainQuantity
+
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _NUMBER_AND_UNIT = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\d\s.])|\s+(?=1\s*/))(.*\S)\s*")
 _POWER_OF_A_NUMBER = re.compile(r"\d\s*(\^|\*\*)")  # no unit needs 9^9^9^9, and none may take for ever
+_PER_ROOT_HERTZ = " Hz^-0.5"
+_ROOT_HERTZ = re.compile(r"\s*/\s*(?:sqrt\s*\(?\s*Hz\s*\)?|rt\s*\(?\s*Hz\s*\)?|√\s*\(?\s*Hz\s*\)?)\s*")
 YEAR = 366 * 86400.0  # s
 _SIGNS = {"positive": "above zero", "not negative": "zero or above", "not positive": "zero or below"}
 
 
 @cache
-def _registry() -> pint.UnitRegistry[float]:
+def _registry() -> "pint.UnitRegistry[float]":
+    import pint  # takes its time
+
     return pint.UnitRegistry()
+
+
+def _in_root_units(unit: str) -> "PlainQuantity[float] | None":
+    """Return a unit as a quantity in root units, None if there is no such unit."""
+    registry = _registry()
+    try:
+        return registry.Quantity(
+            1.0, registry.parse_units(f"1{unit}" if unit.startswith("/") else unit)
+        ).to_root_units()
+    except Exception:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
+        return None
 
 
 @dataclass(frozen=True)
@@ -75,20 +93,28 @@ class Quantity:
         return value
 
     def _factor(self, raw: str, unit: str) -> float:
-        registry = _registry()
-        try:
-            parsed = registry.Quantity(
-                1.0, registry.parse_units(f"1{unit}" if unit.startswith("/") else unit)
-            ).to_root_units()
-        except Exception:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
-            raise problem(
-                f'{quote(raw)} has no known unit, write {self.name} like "{self.example}"'
-            ) from None
-        wanted = registry.Quantity(1.0, registry.parse_units(self.unit)).to_root_units()
+        parsed, wanted = _in_root_units(unit), _in_root_units(self.unit)
         # Root units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
-        if parsed.units != wanted.units:
-            raise problem(f'{quote(raw)} is not {self.name}, write it like "{self.example}"')
-        return float(parsed.magnitude / wanted.magnitude)
+        if parsed is not None and wanted is not None and parsed.units == wanted.units:
+            return float(parsed.magnitude / wanted.magnitude)
+        if meant := self._per_root_hertz(raw):
+            raise problem(f'{quote(raw)} is not {self.name}, which is per root hertz: write "{meant}"')
+        if parsed is None:
+            raise problem(f'{quote(raw)} has no known unit, write {self.name} like "{self.example}"')
+        raise problem(f'{quote(raw)} is not {self.name}, write it like "{self.example}"')
+
+    def _per_root_hertz(self, raw: str) -> str:
+        """Return a spectral density as it is to be written, if the root of hertz is all that it lacks."""
+        if not self.unit.endswith(_PER_ROOT_HERTZ):
+            return ""
+        bare = _ROOT_HERTZ.sub("", raw).strip()
+        match, wanted = (
+            _NUMBER_AND_UNIT.fullmatch(bare),
+            _in_root_units(self.unit.removesuffix(_PER_ROOT_HERTZ)),
+        )
+        parsed = _in_root_units(match[2]) if match else None
+        fits = parsed is not None and wanted is not None and parsed.units == wanted.units
+        return bare + _PER_ROOT_HERTZ if fits else ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_before_validator_function(self.to_si, handler(source))

@@ -10,7 +10,18 @@ ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for package in ("lpfcosim", "fit") for p in (ROOT / package).rglob("*.py"))
 COMMAND_LINE = {
     f"lpfcosim.{name}"
-    for name in ("cli", "cli_mcmc", "cli_montecarlo", "cli_plan", "cli_study", "console", "__main__")
+    for name in (
+        "cli",
+        "cli_mcmc",
+        "cli_montecarlo",
+        "cli_plan",
+        "cli_run",
+        "cli_shortfall",
+        "cli_study",
+        "console",
+        "trials",
+        "__main__",
+    )
 }
 
 
@@ -74,14 +85,7 @@ def test_reference_plants_are_free_of_fmus():
 
 def test_only_the_report_uses_matplotlib():
     users = {name(p) for p in SOURCES if "matplotlib" in p.read_text(encoding="utf-8")}
-    assert users <= {
-        "fit.figures",
-        "fit.figures_mcmc",
-        "fit.figures_montecarlo",
-        "fit.figures_mission",
-        "fit.figures_motion",
-        "fit.report",
-    }
+    assert all(user.startswith(("fit.figure", "fit.report")) for user in users)
 
 
 @pytest.mark.parametrize(

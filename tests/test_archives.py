@@ -284,7 +284,7 @@ def in_archive(old, new, line=None):
 
 
 FAULTS = {
-    "no map": (lambda where: where.unlink(), "map.toml: cannot be read"),
+    "no map": (lambda where: where.unlink(), "map.toml: not a readable file"),
     "no TOML": (in_map("schema = ", "schema "), r"map\.toml: Expected"),
     "unknown schema": (
         in_map("lpf-map/1", "lpf-map/9"),

@@ -7,12 +7,16 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from lpfcosim import cluster
+from lpfcosim import campaign, cluster, runner
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.modelica import build
+from tests.faulty import SEGFAULT, after, faulty
+from tests.test_montecarlo import SMALL
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
@@ -123,3 +127,65 @@ def test_a_scheduler_lost_is_told(tmp_path):
     finally:
         scheduler.kill()
         scheduler.wait()
+
+
+def test_montecarlo_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcosim):
+    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    command = ("montecarlo", "small.toml", "-n", 8, "--redraw", "--quiet")
+    assert lpfcosim(*command, "--out", "alone", "--jobs", 1)[0] == 0
+
+    killer = threading.Thread(target=kill_a_worker, args=(address, tmp_path / "spread" / "campaigns.jsonl"))
+    killer.start()
+    status, _, error = lpfcosim(*command, "--out", "spread", "--scheduler", address)
+    killer.join()
+    assert (status, error) == (0, "")
+    alone, spread = (
+        json.loads((tmp_path / name / "montecarlo.json").read_text(encoding="utf-8"))
+        for name in ("alone", "spread")
+    )
+    assert spread == alone
+    assert spread["n"] == 8
+
+
+def kill_a_worker(address, log):
+    """Kill one of the workers as soon as the first campaign is done."""
+    with distributed.Client(address, set_as_default=False) as client:
+        process = next(iter(client.run(os.getpid).values()))
+        while not log.exists() or len(log.read_text(encoding="utf-8").splitlines()) < 2:
+            time.sleep(0.02)
+        os.kill(process, signal.SIGKILL)
+
+
+@pytest.mark.fmu
+def test_run_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcosim):
+    (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
+    command = ("run", "two.toml", "--quiet")
+    alone = lpfcosim(*command, "--out", "alone", "--jobs", 1)
+    killer = threading.Thread(target=kill_a_worker, args=(address, tmp_path / "spread" / "telemetry.sha256"))
+    killer.start()
+    spread = lpfcosim(*command, "--out", "spread", "--scheduler", address)
+    killer.join()
+    assert spread == alone
+    assert spread[0] == 0
+    for name in ("one.h5", "one-noise.h5"):
+        first, second = (tmp_path / folder / "telemetry" / name for folder in ("alone", "spread"))
+        assert first.read_bytes() == second.read_bytes()
+    first, second = (
+        json.loads((tmp_path / folder / "results.json").read_text(encoding="utf-8"))
+        for folder in ("alone", "spread")
+    )
+    assert first == second
+
+
+@pytest.mark.fmu
+def test_a_crash_on_the_cluster_fails_its_own_run(address, tmp_path):
+    (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
+    plan = campaign.load(tmp_path / "two.toml")
+    ours, model = build.build(), "OpticalMetrology"
+    bad = {**ours, model: faulty(ours[model], tmp_path / "bad.fmu", step=after(10000.0, SEGFAULT))}
+    plan = replace(plan, experiments=tuple(replace(e, n_noise_samples=60000) for e in plan.experiments))
+    done = runner.simulate(plan, tmp_path / "out" / "telemetry", bad, scheduler=address)
+    assert (list(done.files), list(done.failures)) == (["one-noise"], ["one"])
+    assert "OpticalMetrology FMU crashed (SIGSEGV" in str(done.failures["one"])
+    assert "at 10000.0 s" in str(done.failures["one"])
+    assert "Fatal Python error" in (tmp_path / "out" / "logs" / "one.log").read_text(encoding="utf-8")

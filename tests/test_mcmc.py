@@ -283,6 +283,9 @@ def test_command(lpfcosim, calibrated):
         assert entry["truth"] == joint["parameters"][name]["truth"]
     assert {"lambda_1", "C_1"} < set(document["indeterminable"])
     assert "<svg" in (calibrated / "figures" / "corner.svg").read_text(encoding="utf-8")
+    page = (calibrated / "report.html").read_text(encoding="utf-8")
+    assert f"{document['steps']} steps of {document['walkers']} walkers" in page
+    assert page.count("data:image/svg+xml") == 1
 
 
 @pytest.mark.parametrize(
@@ -313,4 +316,4 @@ def test_results_that_cannot_be_repeated(lpfcosim, calibrated, change, message):
 def test_folder_without_results(lpfcosim, tmp_path):
     status, _, err = lpfcosim("mcmc", tmp_path)
     assert status == 2
-    assert "results.json: not a readable file of results" in err
+    assert "results.json: not a readable file (no such file), expected" in err

@@ -163,7 +163,7 @@ FAULTS = {
     json.dumps(document(covariance=[[0.1]])): "joint.covariance: expected the squares of positive sigmas",
     json.dumps(
         document(warnings=[{"code": "x", "parameters": "C_2", "message": ""}])
-    ): "warnings.0.parameters",
+    ): "warnings[0].parameters",
 }
 
 

@@ -2,6 +2,7 @@
 
 import multiprocessing as mp
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 from lpfcosim import campaign, reference, runner
-from lpfcosim.errors import InputError, RunError
+from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.run import Authority, Sine
 from tests.campaign_text import ONE_EXPERIMENT
@@ -63,7 +64,12 @@ def seen():
 def files(fmus, plan, tmp_path_factory, seen):
     """The campaign simulated once, by two processes."""
     folder = tmp_path_factory.mktemp("out")
-    return runner.simulate(plan, folder, fmus, jobs=2, progress=seen.__setitem__)
+    done = runner.simulate(plan, folder / "telemetry", fmus, jobs=2, progress=seen.__setitem__)
+    return list(done.files.values())
+
+
+def folder_of(path):
+    return sorted(p.name for p in path.iterdir())
 
 
 def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
@@ -80,24 +86,108 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
 
 def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_path):
     plain = runner.simulate(plan, tmp_path / "plain", fmus, jobs=1, engine="fmpy")
-    for a, b in zip(files, plain, strict=True):
+    for a, b in zip(files, plain.files.values(), strict=True):
         assert a.read_bytes() == b.read_bytes()
 
 
-def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, files, tmp_path, monkeypatch):
-    kept, lost = (tmp_path / "out" / f.name for f in files)
-    shutil.copytree(files[0].parent, tmp_path / "out")
+@pytest.fixture
+def copied(files, tmp_path):
+    """A copy of what the simulation of `files` left: its two files of telemetry."""
+    shutil.copytree(files[0].parent.parent, tmp_path, dirs_exist_ok=True)
+    return [tmp_path / "telemetry" / f.name for f in files]
+
+
+def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copied):
+    kept, lost = copied
     stamp, content = kept.stat().st_mtime_ns, lost.read_bytes()
-    lost.write_bytes(content[: len(content) // 2])
-    seen, told = set(), []
-    runner.simulate(plan, tmp_path / "out", fmus, progress=lambda name, _: seen.add(name), kept=told.append)
-    assert (seen, told) == ({lost.stem}, [kept.stem])
-    assert kept.stat().st_mtime_ns == stamp
-    assert lost.read_bytes() == content
+    for damage in (content[: len(content) // 2], content[:-100] + b"?" + content[-99:], b"", None):
+        lost.unlink()
+        if damage is not None:
+            lost.write_bytes(damage)
+        seen, again, told = set(), [], []
+        runner.simulate(
+            plan,
+            kept.parent,
+            fmus,
+            progress=lambda name, _, seen=seen: seen.add(name),
+            kept=again.append,
+            told=told.append,
+        )
+        assert (seen, again) == ({lost.stem}, [kept.stem])
+        wanted = [f"run one: {lost} is not as it was finished, simulated again"]
+        assert told == ([] if damage is None else wanted)
+        assert kept.stat().st_mtime_ns == stamp
+        assert lost.read_bytes() == content
+
+
+def test_a_byte_changed_anywhere_is_noticed(fmus, plan, copied, monkeypatch):
     asked = []
-    monkeypatch.setattr(runner, "_simulate_all", lambda tasks, *_: asked.extend(tasks))
-    runner.simulate(replace(plan, seed=8), tmp_path / "out", fmus)
-    assert asked == [kept.stem, lost.stem]
+    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.append([*items]) or [])
+    lost = copied[1]
+    content = lost.read_bytes()
+    ledger = lost.parent.with_suffix(".sha256").read_text()
+    places = [0, 9, len(content) // 3, content.index(b"campaign_digest"), len(content) - 1]
+    for place in places:
+        lost.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        lost.parent.with_suffix(".sha256").write_text(ledger)
+        runner.simulate(plan, lost.parent, fmus)
+    assert asked == [[lost.stem]] * len(places)
+
+
+def test_a_ledger_that_is_lost_or_damaged_costs_time_only(fmus, plan, copied, monkeypatch):
+    asked = []
+    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.append({*items}) or [])
+    ledger = copied[0].parent.with_suffix(".sha256")
+    for damage in (ledger.read_bytes()[40:], b"\xff\0\n  \n", b""):
+        ledger.write_bytes(damage)
+        runner.simulate(plan, copied[0].parent, fmus)
+    assert asked == [{"one-noise"}, {"one-noise", "one"}, {"one-noise", "one"}]
+
+
+def test_sha256sum_reads_the_ledger(copied):
+    if shutil.which("sha256sum") is None:
+        pytest.skip("no sha256sum here")
+    folder = copied[0].parent.parent
+    subprocess.run(["sha256sum", "--strict", "-c", "telemetry.sha256"], cwd=folder, check=True)
+
+
+def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copied, monkeypatch):
+    folder = copied[0].parent
+    reseeded = replace(plan, seed=8)
+    other_fmu = copied[0].parent / "other.fmu"
+    other_fmu.write_bytes(fmus["Plant"].read_bytes() + b"0")
+    longer = replace(plan, experiments=(replace(plan.experiments[0], n_samples=2001),))
+    monkeypatch.setattr(runner.workers, "results", None)  # nothing must be simulated
+    for changed, its, said in (
+        (reseeded, fmus, "simulated with seed 7, now it is 8"),
+        (longer, fmus, "simulated when the campaign said something else"),
+        (replace(plan, name="brief"), fmus, "simulated with campaign short, now it is brief"),
+        (plan, {**fmus, "Plant": other_fmu}, "simulated with another Plant FMU"),
+        (plan, {k: v for k, v in fmus.items() if k != "Plant"}, "simulated with an FMU Plant, which is not"),
+    ):
+        with pytest.raises(InputError, match=rf"one-noise\.h5: {said}.*; choose another .* give --rerun"):
+            runner.simulate(changed, folder, its)
+    with monkeypatch.context() as patch:
+        patch.setattr(runner.metadata, "version", lambda _: "9.9")
+        with pytest.raises(InputError, match=r"one-noise\.h5: simulated with version .*, now it is 9\.9"):
+            runner.simulate(plan, folder, fmus)
+    asked = []
+    monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.extend(items) or [])
+    runner.simulate(reseeded, folder, fmus, rerun=True)
+    assert asked == ["one", "one-noise"]
+    # a second try after a rerun that was interrupted
+    with pytest.raises(InputError, match="simulated with seed 7, now it is 8"):
+        runner.simulate(reseeded, folder, fmus)
+
+
+def test_telemetry_of_no_run_of_the_campaign_is_left_alone(fmus, plan, tmp_path):
+    stranger = tmp_path / "telemetry" / "two.h5"
+    stranger.parent.mkdir()
+    stranger.write_bytes(b"somebody's")
+    with pytest.raises(InputError, match=r"two\.h5: belongs to no run of this campaign; choose"):
+        runner.simulate(plan, stranger.parent, fmus)
+    assert folder_of(tmp_path) == ["telemetry"]
+    assert folder_of(stranger.parent) == ["two.h5"]
 
 
 def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
@@ -107,22 +197,26 @@ def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
     class Plan:
         name, seed, digest, runs = plan.name, plan.seed, plan.digest, (bad, good)
 
-    with pytest.raises(RunError, match=f"run '{bad.name}' diverges"):
-        runner.simulate(Plan, tmp_path / "out", fmus, jobs=1)
-    assert (tmp_path / "out" / f"{good.name}.h5").is_file()
-    assert not (tmp_path / "out" / f"{bad.name}.h5").exists()
+    done = runner.simulate(Plan, tmp_path / "telemetry", fmus, jobs=1)
+    assert re.match(f"run '{bad.name}' diverges", str(done.failures[bad.name]))
+    assert done.files == {good.name: tmp_path / "telemetry" / f"{good.name}.h5"}
+    assert folder_of(tmp_path / "telemetry") == [f"{good.name}.h5"]
 
 
-def test_a_foreign_file_is_not_ours_whatever_its_attributes(tmp_path):
+def test_a_foreign_file_is_not_ours_whatever_its_attributes(fmus, plan, tmp_path):
     path = tmp_path / "one.h5"
-    for odd in (np.arange(3), h5py.Empty("f8"), [b"a", b"b"], np.void(b"raw"), np.nan):
+    for odd in (np.arange(3), h5py.Empty("f8"), [b"a", b"b"], np.void(b"raw"), np.nan, None):
         with h5py.File(path, "w") as file:
-            file.attrs["seed"] = odd
-        assert not runner._is_there(path, {"seed": 7})
+            file.attrs.update(runner.provenance(plan, fmus))
+            del file.attrs["seed"]
+            if odd is not None:
+                file.attrs["seed"] = odd
+        with pytest.raises(InputError, match=r"one\.h5: .* seed.*; choose another --out or give --rerun"):
+            runner.simulate(plan, tmp_path, fmus)
 
 
 def test_a_folder_in_the_place_of_a_file_is_told_first(fmus, plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "_simulate_all", None)
+    monkeypatch.setattr(runner.workers, "results", None)
     (tmp_path / "one.h5").mkdir()
     with pytest.raises(InputError, match=r"one\.h5: is a folder"):
         runner.simulate(plan, tmp_path, fmus)
@@ -154,39 +248,45 @@ def long(plan):
     return replace(plan, experiments=(replace(first, n_samples=65 * 36_000, injections=()),))
 
 
-def kill_the_workers():
-    for worker in mp.active_children():
-        os.kill(worker.pid, signal.SIGKILL)
-
-
-def interrupt():
-    raise KeyboardInterrupt
-
-
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-@pytest.mark.parametrize(
-    ("event", "error", "sentence"),
-    [
-        (kill_the_workers, RunError, r"^a worker process was killed \(.*\?\); .* continues$"),
-        (interrupt, KeyboardInterrupt, "^$"),
-    ],
-)
-def test_what_is_finished_stays_and_nothing_else(fmus, long, tmp_path, scratch, event, error, sentence):
-    noise, sysid = (tmp_path / "out" / f"{run.name}.h5" for run in long.runs)
+def test_workers_that_are_killed_fail_their_runs_only(fmus, long, tmp_path, scratch):
+    noise, sysid = (tmp_path / "telemetry" / f"{run.name}.h5" for run in long.runs)
+
+    def progress(name, done):
+        if noise.exists() and name == sysid.stem and done:
+            for worker in mp.active_children():
+                os.kill(worker.pid, signal.SIGKILL)
+
+    begun = time.monotonic()
+    # the plain loop, which takes minutes
+    done = runner.simulate(long, noise.parent, fmus, jobs=2, engine="fmpy", progress=progress)
+    assert time.monotonic() - begun < 30
+    assert list(done.files) == [noise.stem]
+    killed = r"run 'one': its process was killed \(SIGKILL; out of memory\?\)"
+    assert re.match(killed, str(done.failures["one"]))
+    assert mp.active_children() == []
+    assert folder_of(noise.parent) == [noise.name]
+    assert list(scratch.iterdir()) == []
+
+
+def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_path, scratch):
+    noise, sysid = (tmp_path / "telemetry" / f"{run.name}.h5" for run in long.runs)
 
     def progress(name, done):
         if noise.exists() and name == sysid.stem:
-            assert not sysid.exists()
-            event()
+            raise KeyboardInterrupt
 
     begun = time.monotonic()
-    with pytest.raises(error, match=sentence):
-        # the plain loop, which takes minutes
-        runner.simulate(long, tmp_path / "out", fmus, jobs=2, engine="fmpy", progress=progress)
+    with pytest.raises(KeyboardInterrupt):
+        runner.simulate(long, noise.parent, fmus, jobs=2, engine="fmpy", progress=progress)
     assert time.monotonic() - begun < 30
     assert mp.active_children() == []
-    assert list((tmp_path / "out").iterdir()) == [noise]
+    assert folder_of(noise.parent) == [noise.name]
     assert list(scratch.iterdir()) == []
+    kept = []
+    short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
+    with pytest.raises(InputError, match="when the campaign said something else"):
+        runner.simulate(short, noise.parent, fmus, kept=kept.append)
 
 
 ORPHANS = """
@@ -197,7 +297,7 @@ from lpfcosim.modelica import build
 
 if __name__ == "__main__":
     plan = campaign.load(Path(sys.argv[1]))
-    runner.simulate(plan, Path("out"), build.build(), jobs=2, engine="fmpy")
+    runner.simulate(plan, Path("telemetry"), build.build(), jobs=2, engine="fmpy")
 """
 
 
@@ -214,14 +314,16 @@ def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
     )
     try:
         begun = time.monotonic()
-        while len(list(tmp_path.glob("out/.*.part"))) < 2:
+        while len(list(tmp_path.glob("telemetry/.*.part"))) < 2:
             assert process.poll() is None
             assert time.monotonic() - begun < 60
             time.sleep(0.05)
         process.kill()
-        process.communicate(timeout=5)  # until nobody holds its standard error
-        assert list((tmp_path / "out").iterdir()) == []
-        assert list(scratch.iterdir()) == []
+        process.communicate(timeout=5)
+        killed = time.monotonic()
+        while [*(tmp_path / "telemetry").iterdir(), *scratch.iterdir()]:
+            assert time.monotonic() - killed < 5
+            time.sleep(0.05)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

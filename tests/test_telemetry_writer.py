@@ -1,10 +1,12 @@
 """The telemetry file: what the contract asks of it, its bytes, and what happens when it cannot be written."""
 
+import re
+
 import h5py
 import numpy as np
 import pytest
 
-from lpfcosim import reference, telemetry
+from lpfcosim import files, reference, telemetry
 from lpfcosim.errors import RunError
 from lpfcosim.parameters import PARAMETERS
 from lpfcosim.run import Sine
@@ -131,11 +133,41 @@ def test_a_failed_write_leaves_the_old_file(path, run, channels, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(telemetry.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(RunError, match=r"D: .*D\.h5 cannot be written \(No space left on device\)"):
         telemetry.write(path, run, channels, PROVENANCE)
     assert path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == ["D.h5"]
+
+
+def test_a_disk_that_is_full_at_any_byte_is_told_and_leaves_nothing(tmp_path, make_run):
+    """A limit on the size of files stands in for the disk: HDF5 must not swallow a write that failed."""
+    resource = pytest.importorskip("resource")
+    run = make_run(name="D", n_samples=4000)
+    generator = np.random.default_rng(1)
+    channels = {name: generator.standard_normal(run.n_samples) for name in ("o_1", "o_12", "f_x_1", "f_x_2")}
+
+    def write(path):
+        with telemetry.Writer(path, run, channels, PROVENANCE) as writer:
+            for first in range(0, run.n_samples, 700):
+                writer.append({name: values[first : first + 700] for name, values in channels.items()})
+
+    write(tmp_path / "whole.h5")
+    size = (tmp_path / "whole.h5").stat().st_size
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for limit in [*range(0, size, 2003), size - 1, size + 4096]:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        try:
+            write(tmp_path / "D.h5")
+        except RunError as error:
+            assert re.fullmatch(r"D: .*D\.h5 cannot be written \([Ff]ile too large\)", str(error))
+            assert [p.name for p in tmp_path.iterdir()] == ["whole.h5"]
+        else:
+            assert limit > size
+            assert (tmp_path / "D.h5").read_bytes() == (tmp_path / "whole.h5").read_bytes()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (tmp_path / "D.h5").is_file()
 
 
 def test_a_missing_folder_is_one_sentence(tmp_path, run, channels):

@@ -8,6 +8,7 @@ from pathlib import Path
 import fmpy
 from fmpy.validation import validate_fmu
 
+from lpfcosim.archive import check
 from lpfcosim.errors import InputError
 
 
@@ -19,8 +20,7 @@ def problems(archive: Path) -> list[str]:
     InputError
         If the archive cannot be read, or the second checker is not installed.
     """
-    if not archive.is_file():
-        raise InputError(f"{archive}: no such file; expected an FMU")
+    check(archive)
     try:
         description = fmpy.read_model_description(str(archive), validate=False)
     except Exception as error:  # FMPy raises bare exceptions for broken archives

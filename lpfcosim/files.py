@@ -1,0 +1,124 @@
+"""Files that survive: they appear whole or not at all, and what they should hold is written down."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_SCRATCH = ".lpfcosim-"
+
+
+def temporary(path: Path) -> Path:
+    """Return the name under which this process writes ``path``."""
+    return path.with_name(f".{path.name}{_suffix(os.getpid())}")
+
+
+def settle(partial: Path, path: Path) -> None:
+    """Give a file that is complete its name, so that a power cut leaves it or what was there before."""
+    with partial.open("rb+") as file:
+        os.fsync(file.fileno())
+    partial.replace(path)
+    if os.name == "posix":  # elsewhere folders cannot be opened
+        handle = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file at once, text as UTF-8 with the line ends it has."""
+    partial = temporary(path)
+    try:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        settle(partial, path)
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def discard(folder: Path, process: int) -> None:
+    """Remove files that a process did not finish in ``folder``."""
+    _discard(folder, process)
+
+
+def discard_all(folder: Path) -> None:
+    """Remove files that nobody finished in ``folder``, and places for temporary files."""
+    _discard(folder, "*")
+    for place in folder.glob(f"{_SCRATCH}*"):
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _discard(folder: Path, process: int | str) -> None:
+    for partial in folder.glob(f".*{_suffix(process)}"):
+        if partial.name.split(".")[-2].isdecimal():
+            with suppress(OSError):
+                partial.unlink()
+
+
+@contextmanager
+def scratch(folder: Path) -> Iterator[Path]:
+    """Make a place for temporary files where `discard_all` finds it if this process is killed."""
+    with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True) as place:
+        yield Path(place).resolve()
+
+
+def _suffix(process: int | str) -> str:
+    return f".{process}.part"
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class Ledger:
+    """The digests of finished files, in the format of ``sha256sum``.
+
+    Parameters
+    ----------
+    path : Path
+        Of the ledger. Files are named as seen from its folder; a line that names none does not count.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._digests: dict[str, str] = {}
+        with suppress(OSError):
+            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+                recorded, _, name = line.partition("  ")
+                self._digests[name] = recorded
+
+    def holds(self, file: Path) -> bool | None:
+        """Tell whether a file is as it was when it was finished; None if that is not known."""
+        recorded = self._digests.get(self._name(file))
+        try:
+            return None if recorded is None else digest(file) == recorded
+        except OSError:
+            return False
+
+    def add(self, file: Path, recorded: str) -> None:
+        """Note that a file is finished, on disk before this returns."""
+        self._digests[self._name(file)] = recorded
+        self._write()
+
+    def forget(self, files: Iterable[Path]) -> None:
+        """Take files out."""
+        for file in files:
+            self._digests.pop(self._name(file), None)
+        self._write()
+
+    def _write(self) -> None:
+        write(self._path, "".join(f"{self._digests[name]}  {name}\n" for name in sorted(self._digests)))
+
+    def _name(self, file: Path) -> str:
+        return file.relative_to(self._path.parent).as_posix()

@@ -1,0 +1,220 @@
+"""The command line from outside: how it starts, helps, completes, shows progress and speaks JSON."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lpfcosim.console import Console
+from tests.campaign_text import ONE_EXPERIMENT
+
+GROUPS = {
+    (): "new check run fit report deltag forecast montecarlo mcmc margins reproduce schema fmu",
+    ("fmu",): "build list validate export-ssp container",
+}
+COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]
+HEAVY = ("fmpy", "h5py", "lmfit", "matplotlib", "scipy", "sympy")
+
+
+def python(code, *arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, **options
+    )
+
+
+# Start-up -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["--version"], ["run", "--help"], ["fmu", "list"], ["new", "mine.toml"], ["lunch"]],
+)
+def test_what_needs_no_numbers_reads_no_heavy_library(arguments, tmp_path):
+    code = (
+        "import sys, lpfcosim.cli\n"
+        "try: lpfcosim.cli.main()\n"
+        f"finally: print([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
+    )
+    done = python(code, *arguments, cwd=tmp_path)
+    assert done.stderr.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(("module", "arguments"), [("typer", ["--help"]), ("scipy", ["margins", "one.toml"])])
+def test_interrupt_while_it_starts_is_one_sentence(module, arguments):
+    code = f"""
+import os, signal, sys, time
+class Interrupted:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+sys.meta_path.insert(0, Interrupted())
+from lpfcosim.cli import main
+main()
+"""
+    done = python(code, *arguments)
+    assert (done.returncode, done.stdout) == (1, "")
+    sentence = "interrupted; what is finished is kept, the same command continues"
+    assert done.stderr == f"lpfcosim: error: {sentence}\n"
+
+
+# Help -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_fits_and_has_an_example(lpfcosim, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "80")
+    status, out, err = lpfcosim(*command, "--help")
+    assert (status, err) == (0, "")
+    assert max(map(len, out.splitlines())) <= 80
+    assert f"\n    lpfcosim {' '.join(command)}" in out.split("Examples:")[1]
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_commands_are_told_in_one_whole_line_each(lpfcosim, monkeypatch, group):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = lpfcosim(*group, "--help")
+    shown = out.split("Commands:\n")[1].split("\n\n")[0].splitlines()
+    assert [line.split()[0] for line in shown] == GROUPS[group].split()
+    assert all(line.endswith(".") and not line.endswith("...") for line in shown)
+
+
+def test_version(lpfcosim):
+    from importlib import metadata
+
+    assert lpfcosim("--version") == (0, f"lpfcosim {metadata.version('lpfcosim')}\n", "")
+
+
+# Completion -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def complete(tmp_path):
+    """Press the tabulator key twice in bash; returns what it offers."""
+    bash = shutil.which("bash")
+    program = Path(sys.executable).with_name("lpfcosim")
+    if os.name != "posix" or bash is None or not program.is_file():
+        pytest.skip("needs bash and an installed lpfcosim")
+    environment = {**os.environ, "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}"}
+    code = "from typer._completion_shared import get_completion_script as script; "
+    code += "print(script(prog_name='lpfcosim', complete_var='_LPFCOSIM_COMPLETE', shell='bash'))"
+    installed = python(code, check=True).stdout
+
+    def press(*words):
+        line = f"""{installed}
+COMP_WORDS=(lpfcosim {" ".join(f"'{word}'" for word in words)}); COMP_CWORD={len(words)}
+_lpfcosim_completion lpfcosim; printf '%s\\n' "${{COMPREPLY[@]}}"; complete -p lpfcosim"""
+        done = subprocess.run(
+            [bash, "--norc", "-c", line], env=environment, cwd=tmp_path, capture_output=True, text=True
+        )
+        assert done.stderr == ""
+        *offered, rule = done.stdout.splitlines()
+        assert "-o default" in rule  # where nothing is offered bash completes names of files
+        return [word for word in offered if word]
+
+    return press
+
+
+def test_bash_completes_commands_options_and_files(complete):
+    assert complete("") == GROUPS[()].split()
+    assert complete("m") == ["montecarlo", "mcmc", "margins"]
+    assert complete("fmu", "") == GROUPS[("fmu",)].split()
+    assert complete("run", "--q") == ["--quiet"]
+    assert {"--out", "--jobs", "--json", "--help"} < set(complete("run", "--"))
+    assert complete("run", "--engine", "") == ["compiled", "fmpy"]
+    assert complete("run", "") == complete("run", "quick") == complete("fit", "a.h5", "") == []  # files
+
+
+# JSON -----------------------------------------------------------------------------------------------------
+
+
+def parsed(result, status=0):
+    got, out, err = result
+    assert got == status, err
+    return json.loads(out, parse_constant=pytest.fail)
+
+
+@pytest.fixture
+def one(tmp_path):
+    file = tmp_path / "one.toml"
+    head = 'schema = "lpf-campaign/1"\nname = "one"\nseed = 1\n'
+    file.write_text(f'{head}{ONE_EXPERIMENT}noise_duration = "12 h"\n', encoding="utf-8")
+    return file
+
+
+def test_margins_as_json(lpfcosim, one):
+    told = parsed(lpfcosim("margins", one, "--json"))
+    assert (told["schema"], told["campaign"]) == ("lpf-margins/1", "one")
+    assert [loop["loop"] for loop in told["loops"]] == ["drag_free_x", "suspension_x"]
+    assert told["loops"][0]["phase_margin"] == pytest.approx(45.6, abs=0.1)
+
+
+def test_check_as_json_takes_quiet(lpfcosim, one):
+    result = lpfcosim("check", one, "--json", "--quiet")
+    assert result[2] == ""
+    assert parsed(result)["campaign"] == "one"
+    assert lpfcosim("check", one, "--quiet") == (0, "", "")
+
+
+def test_list_of_fmus_as_json(lpfcosim):
+    told = parsed(lpfcosim("fmu", "list", "--json"))
+    assert told["schema"] == "lpf-fmus/1"
+    plain = lpfcosim("fmu", "list")[1].splitlines()
+    assert [fmu["path"] for fmu in told["fmus"]] == [line.split()[-1] for line in plain]
+    assert all(fmu["built"] == Path(fmu["path"]).is_file() for fmu in told["fmus"])
+
+
+@pytest.mark.fmu
+def test_faults_of_fmus_as_json(lpfcosim, tmp_path):
+    archive = Path(lpfcosim("fmu", "build", "OpticalMetrology")[1].strip())
+    told = parsed(lpfcosim("fmu", "validate", archive, "--json"))
+    assert told == {"schema": "lpf-faults/1", "fmus": [{"path": str(archive), "faults": []}]}
+
+
+# Progress -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def test_terminal_sees_the_time_left(terminal, capsys):
+    console = Console()
+    with console.counted("campaigns", 10, 4) as progress:
+        progress(5)
+    with console.samples({"A": 10, "B": 10}) as (progress, kept):
+        kept("A")
+        progress("B", 5)
+    with console.stage("fit"):
+        pass
+    out, err = capsys.readouterr()
+    assert out == ""
+    for shown in ("5/10", "-:--:--", "simulation", " 50 %", "fit", "0:00:00"):
+        assert shown in err
+    assert "campaigns: 5, 0.0 s\n" in err
+    assert "simulation: 10 samples, 1 runs kept, 0.0 s\n" in err
+
+
+def test_log_sees_plain_lines(capsys):
+    console = Console()
+    with console.samples({"A": 10, "B": 10}) as (progress, kept):
+        kept("A")
+        progress("B", 5)
+        progress("B", 10)
+    with console.counted("steps", 10) as progress:
+        progress(7)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "run A: kept",
+        "run B: 10 samples",
+        "simulation: 10 samples, 0.0 s",
+        "steps: 7, 0.0 s",
+    ]

@@ -1,0 +1,101 @@
+"""One process at a time on a folder; what dead ones left goes, what a living one writes stays."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from lpfcosim import files, lock
+from lpfcosim.errors import InputError, RunError
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from lpfcosim import files, lock
+
+folder = Path(sys.argv[1])
+with lock.held(folder), files.scratch(folder) as scratch:
+    files.temporary(folder / "results.json").write_text("half")
+    (folder / "telemetry").mkdir()
+    files.temporary(folder / "telemetry" / "A.h5").write_text("half")
+    (scratch / "library.so").write_text("unpacked")
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another process that works in ``tmp_path / "out"``, and its unfinished files."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path / "out")], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "held\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def names(folder):
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*")} - {".lock"}
+
+
+def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
+    before = names(tmp_path / "out")
+    with pytest.raises(InputError) as refusal, lock.held(tmp_path / "out"):
+        pass
+    told = str(refusal.value)
+    assert told.startswith(f"{tmp_path / 'out'}: another process works in it (process {other.pid} on ")
+    assert told.endswith("; wait for it or choose another --out")
+    assert names(tmp_path / "out") == before
+    assert len(before) == 6
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_path):
+    other.send_signal(signal.SIGKILL)
+    other.wait()
+    somebodys = {"telemetry/.film.part", "telemetry/.film.b.part", "mine/.film.1.part"}
+    (tmp_path / "out" / "mine").mkdir()
+    for name in somebodys:
+        (tmp_path / "out" / name).write_text("")
+    with lock.held(tmp_path / "out"):
+        assert names(tmp_path / "out") == {"telemetry", "mine", ".lock-holder", *somebodys}
+        assert str(os.getpid()) in (tmp_path / "out" / ".lock-holder").read_text()
+    assert names(tmp_path / "out") == {"telemetry", "mine", *somebodys}
+    with lock.held(tmp_path / "out"):  # and again, and within
+        half = files.temporary(tmp_path / "out" / "results.json")
+        half.write_text("half")
+        with lock.held(tmp_path / "out" / ".." / "out"):
+            assert half.exists()
+        second = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
+        done = subprocess.run(second, capture_output=True, text=True, check=False)
+        assert "another process works in it" in done.stderr
+
+
+def test_what_cannot_be_locked_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(RunError, match=r"file: cannot be locked: (File exists|Not a directory)"),
+        lock.held(tmp_path / "file"),
+    ):
+        pass
+
+
+def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "results.json"
+    files.write(path, "before")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(OSError, match="No space left") as refusal:
+        files.write(path, "after")
+    assert refusal.value.filename == str(path)
+    assert path.read_text() == "before"
+    assert names(tmp_path) == {"results.json"}
