@@ -1,0 +1,74 @@
+"""Write the tables of keys in formats.md from the JSON Schema: ``python docs/campaign_keys.py``."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from lpfcosim.cli_plan import json_schema
+
+PAGE = Path(__file__).with_name("formats.md")
+BEGIN, END = "<!-- from the schema: python docs/campaign_keys.py -->\n", "<!-- end -->\n"
+TABLES = {  # in the order of a campaign file
+    "TruthTable": "[truth]",
+    "AuthorityTable": "[authority.NAME]",
+    "NoiseTable": "[noise]",
+    "SineTable": "An injection of shape sine",
+    "HalfCosineTable": "An injection of shape half_cosine",
+    "PulseTable": "An injection of shape pulse",
+    "ExperimentTable": "[[experiments]]",
+    "ControllerTable": "[control.drag_free], [control.suspension]",
+    "SpacecraftTable": "[spacecraft]",
+    "MisalignmentTable": "[spacecraft.period.K]",
+    "FmuTable": "[fmus.MODEL]",
+}
+
+
+def section() -> str:
+    """Return the tables, markers included."""
+    schema = json_schema()
+    parts = [("At the top", schema)] + [(TABLES[name], schema["$defs"][name]) for name in TABLES]
+    return BEGIN + "\n".join(_table(head, part, schema) for head, part in parts) + END
+
+
+def _table(head: str, part: dict[str, Any], schema: dict[str, Any]) -> str:
+    needed = set(part.get("required", schema["anyOf"][1]["required"] if part is schema else ()))
+    rows = [
+        f"| `{name}` | {_value(known)} | {'needed' if name in needed else _default(known)} |"
+        for name, known in part["properties"].items()
+    ]
+    title = f"**`{head}`**" if head.startswith("[") else f"**{head}**"
+    told = " ".join(part.get("description", "").replace("``", "`").split())
+    told = re.sub(r"^\[\S+( or \S+)?: ", "", told)  # the table it is, which is the title
+    return "\n".join([f"{title} {told}", "", "| key | value | if left out |", "|---|---|---|", *rows, ""])
+
+
+def _value(known: dict[str, Any]) -> str:
+    """Say in words what a key takes, with an example."""
+    choices = [choice for choice in known.get("anyOf", [known]) if choice.get("type") != "null"]
+    one = choices[0]
+    if "enum" in one:
+        return " or ".join(f'`"{value}"`' for value in one["enum"])
+    if "const" in one:
+        return f'`"{one["const"]}"`'
+    if one.get("type") == "array" and "description" in one["items"]:
+        return f"a list: {_value(one['items'])}"
+    words = one.get("description", "") if "properties" not in one else ""
+    if not words:
+        words = {"array": "a list", "object": "a table", None: "a table", "string": "a text"}.get(
+            one.get("type"), f"a{'n' * (one.get('type') == 'integer')} {one.get('type')}"
+        )
+    examples = [re.sub(r"^\w+ = ", "", example).strip('"') for example in one.get("examples", ())]
+    shown = [f'`"{e}"`' if one.get("type") == "string" else f"`{e}`" for e in examples]
+    return f"{words}, such as {shown[0]}" if shown else words
+
+
+def _default(known: dict[str, Any]) -> str:
+    value = known.get("default")
+    if value in (None, "") or isinstance(value, dict | list):
+        return ""
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
+
+
+if __name__ == "__main__":
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    PAGE.write_text(before + section() + rest.split(END)[1], encoding="utf-8")
