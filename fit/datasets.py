@@ -18,6 +18,7 @@ from fit.units import REQUIRED, expected_unit, same_unit
 MAX_MEMBERS = 10_000  # of a file
 MAX_CHUNK = 2**24  # values that are unpacked at a time
 MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
+LARGEST = 1e6  # in SI, of any channel; squares and products of such values keep their digits
 MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
 MAX_GAP = 600.0  # s
 #: What may stand between a chunk and the file: these are safe with whatever they are given.
@@ -111,17 +112,22 @@ def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
 def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
     """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
     values = np.asarray(file[name][part], dtype=np.float64)
-    check_values(f"{path}: channel {name}", values, fs, part.start or 0)
+    check_values(
+        f"{path}: channel {key(name)}", values, fs, part.start or 0, known=expected_unit(name) is not None
+    )
     return values
 
 
-def check_values(place: str, values: NDArray[np.float64], fs: float, start: int = 0) -> None:
-    """Refuse an infinite value; the first one has number `start`."""
-    if np.isinf(values).any():
-        n = int(np.argmax(np.isinf(values)))
+def check_values(
+    place: str, values: NDArray[np.float64], fs: float, start: int = 0, *, known: bool = True
+) -> None:
+    """Refuse an infinite value, and in a known channel one that is none of a spacecraft; the first has `start`."""
+    low, high = (-LARGEST, LARGEST) if known else (-np.finfo(float).max, np.finfo(float).max)
+    if (beyond := (values < low) | (values > high)).any():
+        n = int(np.argmax(beyond))
+        wanted = f"a value of at most {LARGEST:g}" if np.isfinite(values[n]) else "a finite value"
         raise InputError(
-            f"{place}: {values[n]} at sample {start + n} (t = {(start + n) / fs:.10g} s), "
-            "expected a finite value"
+            f"{place}: {values[n]:g} at sample {start + n} (t = {(start + n) / fs:.10g} s), expected {wanted}"
         )
 
 

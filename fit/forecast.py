@@ -196,6 +196,18 @@ def responses(run: Run, names: Sequence[str], f: Array) -> Spectrum:
     weights_of = []
     for name in names:
         channels = {other: pulse if other == name else still for other in names}
-        alone = replace(run.telemetry, fs=fs, time=np.arange(still.size) / fs, channels=channels)
-        weights_of.append(dynamics.columns(dynamics.channels(alone), run.tau).values)
+        alone = replace(
+            run.channels,
+            time=np.arange(still.size) / fs,
+            valid=np.ones(still.size, dtype=bool),
+            o_1=channels["o_1"],
+            o_12=channels["o_12"],
+            f_x_1=channels["f_x_1"],
+            f_x_2=channels["f_x_2"],
+            means={
+                mean: np.sum([weight * channels[key] for key, weight in dynamics.MEANS[mean].items()], axis=0)
+                for mean in run.channels.means  # those of the run, also where they are still
+            },
+        )
+        weights_of.append(dynamics.columns(alone, run.tau).values)
     return np.asarray(np.einsum("bm,cmk->bkc", np.exp(-2j * np.pi * f[:, None] * lags), weights_of))

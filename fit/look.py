@@ -5,6 +5,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from fit.chains import head
 from fit.errors import InputError
 from fit.telemetry import look
 
@@ -19,9 +20,7 @@ def main() -> None:
             if task["kind"] == "telemetry":
                 look(path)
             elif task["kind"] == "chain":
-                from fit.mcmc import look_at_chain
-
-                look_at_chain(path)
+                head(path)
             else:
                 _look_at_table(path, table)
         except InputError as error:

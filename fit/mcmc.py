@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit import atomic, probe
-from fit.datasets import check_storage
+from fit.chains import WALKERS, head
 from fit.errors import FitError, InputError
 from fit.irls import Outcome
 from fit.posterior import Posterior
@@ -33,14 +33,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SCHEMA = "lpf-mcmc/1"
-WALKERS = 4  # per parameter
 KEPT = 10  # of so many steps one is kept; those between are nearly the same
 CHECK = 1000  # steps between looks at the convergence
 BURN_IN = 0.1  # share of the chain
 LONG = 50  # autocorrelation times that a chain must last
 APART = 4.0  # standard errors that the means of its halves may differ by
 SAME = 1e-4  # in the logarithm of the density, by which the same posterior may seem to differ
-_HELD = ("names", "centre", "root", "fingerprint", *(f"mcmc/{n}" for n in ("chain", "log_prob", "accepted")))
 _FEW = 10  # kept steps, below which a chain says nothing of itself
 
 
@@ -160,31 +158,14 @@ def _open(posterior: Posterior, path: Path) -> None:
             file["fingerprint"] = posterior.fingerprint
         atomic.settle(partial, path)
     probe.check([path], "chain")
-    try:
-        with h5py.File(path) as file:
-            names = tuple(file["names"].asstr()[:])
-            found = file["fingerprint"][:]
-    except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a chain, expected what an earlier call left") from error
-    if names != posterior.names or np.max(np.abs(found - posterior.fingerprint)) > SAME:
+    names, found = head(path)
+    if (names, found.shape) != (posterior.names, posterior.fingerprint.shape) or np.max(
+        np.abs(found - posterior.fingerprint)
+    ) > SAME:
         raise InputError(
             f"{path}: the chain of another posterior, expected the same telemetry, settings and version of "
             "the software; move it away to start anew"
         )
-
-
-def look_at_chain(path: Path) -> None:
-    """Read the file of a chain; InputError if it cannot be read, or its numbers lie elsewhere."""
-    try:
-        with h5py.File(path) as file:
-            for name in _HELD:
-                if name in file:
-                    check_storage(file[name], f"{path}: {name}")
-                    file[name][()]
-            for group in (file, file.get("mcmc", file)):
-                dict(group.attrs)
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: not a chain, expected what an earlier call left") from error
 
 
 def _chain(posterior: Posterior, backend: "emcee.backends.HDFBackend") -> Chain:

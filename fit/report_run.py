@@ -24,7 +24,6 @@ def summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str
         "Campaign digest": _text(_said("campaign_digest", results, telemetries))[:DIGITS],
         "Seed": _text(_said("seed", results, telemetries)),
         "Fit": _settings(results),
-        "Wall time": _seconds(results),
     }
     return {name: text for name, text in facts.items() if text}
 
@@ -93,10 +92,3 @@ def _settings(results: Results) -> str:
     end = results.provenance.get("f_max")
     band = f"up to {end:g} Hz" if isinstance(end, float | int) else ""
     return ", ".join(text for text in (f"estimator {estimator}" if estimator else "", band) if text)
-
-
-def _seconds(results: Results) -> str:
-    spent = {what: results.provenance.get(f"seconds_{what}") for what in ("simulating", "fitting")}
-    return ", ".join(
-        f"{value:.3g} s {what}" for what, value in spent.items() if isinstance(value, float | int)
-    )

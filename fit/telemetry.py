@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SCHEMA = "lpf-telemetry/1"
 
 _BLOCK = 2**20  # samples
-_Authority = Annotated[float, Field(ge=0)]
+_Authority = Annotated[float, Field(ge=0, le=1e3)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -230,11 +230,14 @@ def files(paths: Sequence[Path]) -> list[Path]:
     """
     unique: dict[Path, Path] = {}
     for path in paths:
-        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        try:
+            found = [(f.resolve(), f) for f in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
+        except (OSError, ValueError):
+            raise InputError(f"{shown(str(path))}: no file can have this name, expected telemetry") from None
         if not found:
             raise InputError(f"{path}: folder without telemetry, expected files *.h5 in it")
-        for file in found:
-            unique.setdefault(file.resolve(), file)
+        for resolved, file in found:
+            unique.setdefault(resolved, file)
     return list(unique.values())
 
 
@@ -305,20 +308,29 @@ def _whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
+def _printable(name: str) -> str:
+    if not name.isprintable():
+        raise ValueError("should have letters that can be printed")
+    return name
+
+
+_Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
+
+
 class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     """The root attributes; the fields have the names of `Telemetry`."""
 
-    run: Annotated[str, Field(min_length=1)]
-    experiment: Annotated[str, Field(min_length=1)]
+    run: _Name
+    experiment: _Name
     kind: Literal["sysid", "noise"]
-    fs: Annotated[float, Field(gt=0, le=10)]
+    fs: Annotated[float, Field(ge=1e-3, le=10)]
     t0: Annotated[str, AfterValidator(_iso_8601)]
     F_max_1: _Authority
     F_max_2: _Authority
     N_max_1: _Authority
     N_max_2: _Authority
     alignment_epoch: Annotated[int, Field(ge=0), BeforeValidator(_whole)]
-    m_tm: Annotated[float, Field(gt=0)]
+    m_tm: Annotated[float, Field(ge=1e-3, le=1e6)]
 
 
 def check_root(place: str, attributes: Mapping[str, object]) -> Root:

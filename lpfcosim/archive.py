@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
 from lpfcosim.errors import InputError
+from lpfcosim.messages import line
 
 MAX_FILES = 10_000
 MAX_SIZE = 2**30  # bytes, unpacked
@@ -47,7 +48,7 @@ def check(path: Path) -> None:
                 if name in names:
                     _check_xml(f"{path}: {name}", archive.read(name))
     except (OSError, zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
-        raise InputError(f"{path}: not a readable FMU: {' '.join(str(error).split())}") from None
+        raise InputError(f"{path}: not a readable FMU: {line(error)}") from None
 
 
 def _check_files(path: Path, files: Sequence[zipfile.ZipInfo]) -> None:
@@ -100,5 +101,5 @@ def _check_xml(place: str, content: bytes) -> None:
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(content, True)
-    except (expat.ExpatError, LookupError) as error:
+    except (expat.ExpatError, LookupError, ValueError) as error:
         raise InputError(f"{place}: not readable XML: {error}") from None

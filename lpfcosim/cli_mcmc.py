@@ -1,6 +1,7 @@
 """The command ``mcmc``: the posterior of an earlier calibration, sampled."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from fit import figure_files, refit
@@ -8,15 +9,31 @@ from fit import mcmc as chains
 from fit import report as fit_report
 from fit.errors import InputError
 from fit.posterior import Posterior
+from fit.results import Results
+from fit.telemetry import Telemetry
+from lpfcosim import lock
 from lpfcosim.console import Console
 
 
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
     """Sample the posterior of the joint fit in a folder; continue what is there."""
-    from fit import figures_mcmc
-
     with console.stage("reading"):
         results, telemetries = refit.load(directory)
+    with lock.held(directory):
+        _sample(directory, results, telemetries, console, steps=steps, seed=seed)
+
+
+def _sample(
+    directory: Path,
+    results: Results,
+    telemetries: Sequence[Telemetry],
+    console: Console,
+    *,
+    steps: int,
+    seed: int,
+) -> None:
+    from fit import figures_mcmc
+
     with console.stage("fit"):
         outcome = refit.refit(results, telemetries, directory / "results.json")
     try:

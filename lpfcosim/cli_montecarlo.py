@@ -10,10 +10,12 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from importlib import metadata
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import BaseModel, Field
 from rich.table import Table
 
-from fit import figure_files, pulls
+from fit import documents, figure_files, pulls
 from fit.settings import settings
 from lpfcosim import campaign as campaigns
 from lpfcosim import cli_fmu, cluster, files, lock, runner, stability, trust
@@ -21,6 +23,8 @@ from lpfcosim.cli_common import about, check_folder
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.trials import Line, Work, trial
+
+_LARGEST = 2**28  # bytes of a log
 
 
 def montecarlo(
@@ -106,16 +110,24 @@ def _tell(
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed: {directory / 'montecarlo.json'}")
 
 
+class _Done(BaseModel, extra="allow", allow_inf_nan=False):
+    """A line of the log about a campaign that was fitted."""
+
+    number: Annotated[int, Field(ge=0)]
+    estimates: dict[str, tuple[float, float]]
+
+
 def _kept(log: Path, header: Mapping[str, object]) -> dict[int, Line]:
     """Return the campaigns of an earlier call and leave the file ready to be added to."""
     lines: dict[int, Line] = {}
     if log.exists():
-        text = log.read_text(encoding="utf-8")
+        text = documents.text(log, "a log of campaigns", _LARGEST)
         whole = text[: text.rfind("\n") + 1].splitlines()  # a killed process leaves half a line
         try:
             first, *rest = [json.loads(line) for line in whole] or [header]
-            lines = {int(line["number"]): line for line in rest if "estimates" in line}
-        except (ValueError, KeyError, TypeError) as error:
+            done = [_Done.model_validate(line) for line in rest if "estimates" in line]
+            lines = {line.number: line.model_dump() for line in done}
+        except (ValueError, TypeError, RecursionError) as error:
             raise InputError(f"{log}: not a log of campaigns, expected one line of JSON for each") from error
         if first != header:
             raise InputError(f"{log}: of another campaign or other options, expected another folder (--out)")

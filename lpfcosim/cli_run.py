@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -25,11 +23,11 @@ from lpfcosim import (
     cli_fmu,
     cli_shortfall,
     dossier,
-    files,
     lock,
     network,
     placement,
     runner,
+    simulation,
     stability,
     trust,
 )
@@ -68,7 +66,7 @@ def run(
         trust.check(plan, trusted=trusted)
     for line in _told_of_replacements(plan, fmus):
         console.note(line)
-    with lock.held(directory), _held(plan, fmus, directory) as held:
+    with lock.held(directory), simulation.held(plan, fmus, directory) as held:
         theirs = {r.model: held[r.model] for r in plan.replacements}
 
         def begin() -> None:
@@ -159,16 +157,6 @@ def report(directory: Path, console: Console) -> None:
     with lock.held(directory), console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")
-
-
-@contextmanager
-def _held(plan: campaigns.Campaign, fmus: Mapping[str, Path], directory: Path) -> Iterator[dict[str, Path]]:
-    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
-    with files.scratch(directory) as folder:
-        copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
-        for model, copy in copies.items():
-            shutil.copyfile(fmus[model], copy)
-        yield {**fmus, **copies}
 
 
 def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[str]:

@@ -13,6 +13,7 @@ import fmpy
 
 from lpfcosim import archive as archives
 from lpfcosim.errors import InputError
+from lpfcosim.messages import line
 from lpfcosim.run import Replacement
 from lpfcosim.wiring import Component
 
@@ -156,7 +157,7 @@ def _describe(archive: Path, _changed: int, _size: int) -> Any:
     try:
         return fmpy.read_model_description(str(archive))
     except Exception as error:  # FMPy raises bare exceptions for broken archives
-        raise InputError(f"{archive}: not a readable FMU: {' '.join(str(error).split())}") from None
+        raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
 
 
 def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) -> tuple[Any, int]:

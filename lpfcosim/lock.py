@@ -28,7 +28,7 @@ def held(directory: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another process works in the folder; names it.
+        If another process works in the folder, which is named, or it is a file.
     RunError
         If the folder cannot be made or locked.
     """
@@ -44,6 +44,8 @@ def held(directory: Path) -> Iterator[None]:
             who = f" ({holder.read_text(encoding='utf-8').strip()})"
         told = f"{directory}: another process works in it{who}; wait for it or choose another --out"
         raise InputError(told) from None
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(f"{directory}: is a file or lies in one, expected a folder for the results") from None
     except OSError as error:
         raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None
     with acquired:

@@ -37,6 +37,13 @@ def quote(text: object) -> str:
     return shown if len(shown) <= 80 else f"{shown[:77]}..."
 
 
+def line(said: object) -> str:
+    """Show what a library says, or what stands in a file, on one line and not at length."""
+    text = " ".join(str(said).split())
+    text = text if len(text) <= 300 else f"{text[:297]}..."
+    return text if text.isprintable() else ascii(text)[1:-1]
+
+
 def problem(text: str) -> PydanticCustomError:
     """Make an error that pydantic passes on word by word."""
     return PydanticCustomError("problem", "{text}", {"text": text})

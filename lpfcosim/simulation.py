@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,8 @@ import h5py
 
 from lpfcosim import (
     decimation,
+    files,
+    lock,
     network,
     placement,
     reference,
@@ -83,18 +84,16 @@ def simulate(
     for run in plan.runs if not plan.replacements else ():  # the poles are those of our loop
         stability.check(run)
     directory = Path(folder) / "telemetry"
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be made ({error.strerror}), expected a folder") from None
-    if not fmus:
-        return _without_fmus(plan, directory)
-    archives = archives_of(plan)
-    for run in plan.runs:
-        placement.interfaces(run, archives)
-    trust.check(plan, trusted=trusted)
-    with held(plan, archives) as copies:
-        simulated = runner.simulate(plan, directory, copies, jobs=jobs)
+    with lock.held(Path(folder)):
+        if not fmus:
+            directory.mkdir(exist_ok=True)
+            return _without_fmus(plan, directory)
+        archives = archives_of(plan)
+        for run in plan.runs:
+            placement.interfaces(run, archives)
+        trust.check(plan, trusted=trusted)
+        with held(plan, archives, Path(folder)) as copies:
+            simulated = runner.simulate(plan, directory, copies, jobs=jobs)
     if simulated.failures:
         raise RunError("; ".join(dict.fromkeys(map(str, simulated.failures.values()))))
     return list(simulated.files.values())
@@ -108,10 +107,10 @@ def archives_of(plan: Campaign, fmi: str = "3.0") -> dict[str, Path]:
 
 
 @contextmanager
-def held(plan: Campaign, fmus: Mapping[str, Path]) -> Iterator[dict[str, Path]]:
+def held(plan: Campaign, fmus: Mapping[str, Path], directory: Path) -> Iterator[dict[str, Path]]:
     """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
-    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        copies = {r.model: Path(folder) / f"{r.model}.fmu" for r in plan.replacements}
+    with files.scratch(directory) as folder:
+        copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
         for model, copy in copies.items():
             shutil.copyfile(fmus[model], copy)
         yield {**fmus, **copies}

@@ -20,9 +20,11 @@ from fmpy.fmi3 import FMU3Slave
 
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.interface import describe, resolve, size
+from lpfcosim.messages import line, quote
 
 _messages = logging.getLogger(__name__)
 
+_MOST = 10_000  # elements of an array
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
 
@@ -117,7 +119,7 @@ class Slave:
             self._instantiate(stack)
             stack.callback(self._free)
         except Exception as error:  # likewise bare
-            why = _line(error).replace(folder, str(archive))
+            why = line(error).replace(folder, str(archive))
             raise InputError(f"{archive}: cannot be loaded: {why}{self.reason}") from None
         try:
             self._initialize(settings)
@@ -131,7 +133,7 @@ class Slave:
 
     def hear(self, status: int, message: bytes | None) -> None:
         """Log a message of the FMU, and note one that is worse than a warning."""
-        text = " ".join((message or b"").decode("utf-8", "replace").split())
+        text = line((message or b"").decode("utf-8", "replace"))
         _messages.info("%s: %s", self.name, text)
         if status > 1:
             self.said = text
@@ -168,7 +170,7 @@ class Slave:
             variable, element = resolve(self._archive, self._variables, name, self.name)
             if variable.name not in first:
                 first[variable.name] = len(starts)
-                starts += _starts(variable)
+                starts += _starts(self._archive, variable)
             places.append(first[variable.name] + element)
         references = [self._variables[n].valueReference for n in first]
         return Port(
@@ -228,12 +230,8 @@ def _unpack(stack: contextlib.ExitStack, archive: Path) -> str:
         place = f"{archive}: cannot be unpacked in {tempfile.gettempdir()}"
         raise RunError(f"{place}: {error.strerror or error}") from None
     except Exception as error:  # FMPy and zipfile
-        raise InputError(f"{archive}: not a readable FMU: {_line(error)}") from None
+        raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
     return folder
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 _listening: dict[int, Slave] = {}  # FMI 2.0 instances by what they pass to the logger
@@ -261,8 +259,18 @@ _logger = fmi2.fmi2CallbackLoggerTYPE(_log)
 _callbacks = _make_callbacks()
 
 
-def _starts(variable: Any) -> list[float]:
+def _starts(archive: Path, variable: Any) -> list[float]:
     """Start values of a variable, as many as it has elements."""
+    count = size(variable)
+    if not 0 <= count <= _MOST:
+        raise InputError(
+            f"{archive}: variable {quote(variable.name)} has {count} elements; expected at most {_MOST}"
+        )
     texts = str(variable.start if variable.start is not None else "0").split()
-    values = [float(t) for t in texts]
-    return values if len(values) == size(variable) else [values[0] if values else 0.0] * size(variable)
+    try:
+        values = [float(text) for text in texts]
+    except ValueError:
+        raise InputError(
+            f"{archive}: variable {quote(variable.name)} starts at {quote(variable.start)}; expected numbers"
+        ) from None
+    return values if len(values) == count else [values[0] if values else 0.0] * count

@@ -58,10 +58,10 @@ def guarded(seconds: int = PATIENCE) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def survives(reader: Callable[[], object], path: Path, case: object) -> str | None:
+def survives(reader: Callable[[], object], path: Path | None, case: object) -> str | None:
     """Return the sentence a reader refuses its input with, None if it succeeds; fail with the case otherwise.
 
-    The sentence must be one line for a terminal and name the file or something in its folder.
+    The sentence must be one line for a terminal and name the file or something in its folder, if there is one.
     """
     try:
         with guarded():
@@ -70,7 +70,7 @@ def survives(reader: Callable[[], object], path: Path, case: object) -> str | No
         said = str(refusal)
         assert said.isprintable(), f"{case}: {said!r}"
         assert len(said) <= LONGEST, f"{case}: {len(said)} letters: {said[:300]}"
-        assert str(path.parent) in said, f"{case}: names no file: {said}"
+        assert path is None or str(path.parent) in said, f"{case}: names no file: {said}"
         return said
     except HangError:
         raise AssertionError(f"{case}: hangs") from None
@@ -133,7 +133,9 @@ def hostile(rng: random.Random, depth: int = 0) -> object:
     """Return a value of some type, be it a table or list of such."""
     how = rng.randrange(8)
     if how == 0 and depth < 3:
-        return {rng.choice((*TEXTS[:16], "a", "name")): hostile(rng, depth + 1) for _ in range(rng.randrange(4))}
+        return {
+            rng.choice((*TEXTS[:16], "a", "name")): hostile(rng, depth + 1) for _ in range(rng.randrange(4))
+        }
     if how == 1 and depth < 3:
         return [hostile(rng, depth + 1) for _ in range(rng.randrange(4))]
     if how == 2:
@@ -146,7 +148,9 @@ def restructured(document: dict, rng: random.Random) -> dict:
     places = list(_places(document))
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         holder, key = rng.choice(places)
-        if (isinstance(holder, dict) and key not in holder) or (isinstance(holder, list) and key >= len(holder)):
+        if (isinstance(holder, dict) and key not in holder) or (
+            isinstance(holder, list) and key >= len(holder)
+        ):
             continue
         how = rng.randrange(6)
         if how == 0:
@@ -155,7 +159,9 @@ def restructured(document: dict, rng: random.Random) -> dict:
             holder[rng.choice(TEXTS)] = holder.pop(key)
         elif how == 2:
             other, there = rng.choice(places)
-            if (isinstance(other, dict) and there in other) or (isinstance(other, list) and there < len(other)):
+            if (isinstance(other, dict) and there in other) or (
+                isinstance(other, list) and there < len(other)
+            ):
                 holder[key] = _copied(other[there])
         elif how == 3 and isinstance(holder[key], list):
             holder[key] = holder[key] * rng.choice((0, 2, 50))
@@ -191,7 +197,12 @@ def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> 
             fields.get("crc", zlib.crc32(content)), len(packed), fields.get("size", len(content)), len(encoded), 0,
         )  # fmt: skip
         mode = fields.get("mode", 0o100644) << 16
-        directory += b"PK\x01\x02" + struct.pack("<H", 0x0314) + common + struct.pack("<HHHII", 0, 0, 0, mode, len(body))
+        directory += (
+            b"PK\x01\x02"
+            + struct.pack("<H", 0x0314)
+            + common
+            + struct.pack("<HHHII", 0, 0, 0, mode, len(body))
+        )
         directory += encoded
         body += b"PK\x03\x04" + common + encoded + packed
     end = struct.pack("<HHHHIIH", 0, 0, len(entries), len(entries), len(directory), len(body), 0)

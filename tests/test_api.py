@@ -372,7 +372,7 @@ def test_what_is_simulated_already_is_kept(campaign, folder):
 
 def test_a_folder_that_cannot_be(campaign, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(simulator.InputError, match="cannot be made"):
+    with pytest.raises(simulator.InputError, match="is a file or lies in one"):
         simulator.simulate(campaign, tmp_path / "file", fmus=False)
 
 

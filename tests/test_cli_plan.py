@@ -84,6 +84,13 @@ def test_check_of_the_whole_spacecraft_has_all_loops(lpfcosim, tmp_path):
     ]
 
 
+def test_check_forecasts_the_cross_talk_of_the_whole_spacecraft(lpfcosim, quickstart):
+    status, out, err = lpfcosim("check", quickstart.with_name("spacecraft.toml"), "--json")
+    assert status == 0, err
+    expected = json.loads(out)["forecast"]["parameters"]
+    assert expected["lambda_2"]["sigma"] == pytest.approx(3.4e-5, rel=0.1)
+
+
 def test_noise_alone_is_in_order_but_told(lpfcosim, tmp_path):
     (tmp_path / "one.toml").write_text(f'{HEAD}{ONE_EXPERIMENT}noise_duration = "12 h"\n', encoding="utf-8")
     status, out, err = lpfcosim("check", "one.toml")

@@ -43,6 +43,7 @@ def test_what_needs_no_numbers_reads_no_heavy_library(arguments, tmp_path):
     assert done.stderr.splitlines()[-1] == "[]"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot interrupt itself")
 @pytest.mark.parametrize(("module", "arguments"), [("typer", ["--help"]), ("scipy", ["margins", "one.toml"])])
 def test_interrupt_while_it_starts_is_one_sentence(module, arguments):
     code = f"""

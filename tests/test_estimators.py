@@ -179,7 +179,7 @@ def test_an_experiment_may_be_left_out():
         ({"shared": {"lambda_3": "campaign"}}, "shared.lambda_3: not known"),
         ({"shared": {"lambda_2": "week"}}, "shared.lambda_2: 'week'"),
         ({"shared": "all"}, "expected a table"),
-        ({"scatter": ["omega2_1_0"]}, "scatter.0"),
+        ({"scatter": ["omega2_1_0"]}, "scatter[0]"),
         (
             {"scatter": ["lambda_2"], "shared": {"lambda_2": "experiment"}},
             "a value for each experiment already",

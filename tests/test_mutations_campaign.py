@@ -86,7 +86,7 @@ def mutated(text, rng):
 
 def test_campaigns(tmp_path, cases):
     told = [0, 0]
-    for n in range(cases(0.3, 250)):
+    for n in range(cases(0.2, 250)):
         rng = random.Random(n)
         path = written(tmp_path, "c.toml", mutated(rng.choice(CAMPAIGNS), rng))
         said = survives(lambda path=path: campaign.load(path).runs, path, f"campaign {n}")
@@ -201,7 +201,9 @@ def test_what_extends_nothing_good(tmp_path, base):
 def test_a_long_chain_of_campaigns(tmp_path):
     for k in range(30):
         (tmp_path / f"{k}.toml").write_text(f'extends = "{k + 1}.toml"\n')
-    assert "one on top of the other" in survives(lambda: campaign.load(tmp_path / "0.toml"), tmp_path / "0.toml", 0)
+    assert "one on top of the other" in survives(
+        lambda: campaign.load(tmp_path / "0.toml"), tmp_path / "0.toml", 0
+    )
 
 
 def test_a_table_without_line_ends(tmp_path):

@@ -261,11 +261,11 @@ def test_long_missions_fold_their_experiments(tmp_path):
 
 
 def test_what_was_run_is_told_at_the_top(tmp_path, campaign):
-    origin = {"campaign_digest": 64 * "a", "seed": 5, "seconds_fitting": 1.234, "f_max": 0.1}
+    origin = {"campaign_digest": 64 * "a", "seed": 5, "f_max": 0.1}
     origin["versions"] = {"lpfcosim": "0.1.0", "numpy": "2.1"}
     page = written(tmp_path, results(experiments={"A1": experiment_fit()}, provenance=origin), campaign())
     top, whole = page.text.split("Provenance", maxsplit=1)
-    for text in ("lpfcosim 0.1.0, numpy 2.1", "aaaaaaaaaaaa", "1.23 s fitting", "up to 0.1 Hz"):
+    for text in ("lpfcosim 0.1.0, numpy 2.1", "aaaaaaaaaaaa", "up to 0.1 Hz"):
         assert text in top
     assert 64 * "a" not in top
     assert 64 * "a" in whole

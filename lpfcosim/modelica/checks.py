@@ -10,6 +10,7 @@ from fmpy.validation import validate_fmu
 
 from lpfcosim.archive import check
 from lpfcosim.errors import InputError
+from lpfcosim.messages import line
 
 
 def problems(archive: Path) -> list[str]:
@@ -24,7 +25,7 @@ def problems(archive: Path) -> list[str]:
     try:
         description = fmpy.read_model_description(str(archive), validate=False)
     except Exception as error:  # FMPy raises bare exceptions for broken archives
-        raise InputError(f"{archive}: not a readable FMU: {error}") from None
+        raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
     found = [f"FMPy: {p}" for p in validate_fmu(str(archive))]
     if description.fmiVersion not in ("2.0", "3.0"):
         return [*found, f"FMI version {description.fmiVersion} is not 2.0 or 3.0"]
