@@ -88,6 +88,7 @@ ADVICE = {
     "too_many_glitches": (
         "Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise."
     ),
+    "wrong_sign": "Check sign and unit of the channel in the archive, or of the map that reads it.",
     "torque_alone": (
         "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques."
     ),

@@ -10,6 +10,7 @@ from fit.datasets import check_storage
 from fit.errors import InputError
 
 WALKERS = 4  # per parameter
+_LARGEST = 1e9  # coordinate of a walker, in sigmas, and logarithm of its density
 
 
 def head(path: Path) -> tuple[tuple[str, ...], NDArray[np.float64]]:
@@ -42,6 +43,6 @@ def _is_whole(group: h5py.Group, P: int) -> bool:
         (int(group.attrs["nwalkers"]), int(group.attrs["ndim"])) == (walkers, P)
         and group["accepted"].shape == (walkers,)
         and all(0 <= made <= len(group[n]) and group[n].shape[1:] == s for n, s in shapes.items())
-        and all(bool(np.isfinite(group[n][:made]).all()) for n in shapes)
+        and all(bool((np.abs(group[n][:made]) <= _LARGEST).all()) for n in shapes)
         and (made == 0 or "random_state_0" in group.attrs)
     )

@@ -121,7 +121,7 @@ def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float)
 def check_values(
     place: str, values: NDArray[np.float64], fs: float, start: int = 0, *, known: bool = True
 ) -> None:
-    """Refuse an infinite value, and in a known channel one that is none of a spacecraft; the first has `start`."""
+    """Refuse an infinite value, or in a known channel one beyond `LARGEST`; the first has number `start`."""
     low, high = (-LARGEST, LARGEST) if known else (-np.finfo(float).max, np.finfo(float).max)
     if (beyond := (values < low) | (values > high)).any():
         n = int(np.argmax(beyond))

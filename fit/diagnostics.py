@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from fit import dynamics, linear
 from fit.irls import Outcome
-from fit.results import Diagnostics
+from fit.results import QUANTILES, Diagnostics
 from fit.runs import Experiment, noise_model
 from fit.spectra import NoiseModel
 
 Array = NDArray[np.float64]
 
-SCORES = np.linspace(-3.25, 3.25, 27)  # normal scores at which the quantiles are told
+SCORES = np.linspace(-3.25, 3.25, QUANTILES)  # normal scores at which the quantiles are told
 DRAWS = 4000  # of the departure under noise, for its p-value: +- 0.003 at 5 %
 FIRST = 128  # bins to accumulate before a departure counts; fewer are no normal variable yet
 POINTS = 120  # at most, along the cumulative periodogram

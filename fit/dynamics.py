@@ -287,4 +287,15 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
 
 def _known(terms: Columns, weights: Array) -> Array:
     """Return the sum of the columns times `weights`, NaN where samples are missing."""
-    return np.where(terms.valid, terms.values @ weights, np.nan)
+    return np.where(terms.valid, combined(terms.values, weights), np.nan)
+
+
+def combined(values: Array, weights: Array) -> Array:
+    """Return the sum of the columns of `values`, shape (N, K), times `weights`, the same bits everywhere.
+
+    The last bits of a product of matrices depend on how many threads share it, and these terms cancel.
+    """
+    total = np.zeros(len(values))
+    for column, weight in zip(values.T, weights, strict=True):
+        total += weight * column
+    return total

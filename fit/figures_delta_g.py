@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fit import dynamics, spectra
 from fit.binned import Estimator
+from fit.errors import InputError
 from fit.figure_files import COLOURS, MOVES, VANISHES, Curve, Plot, column, legend_above, loglog, table
 from fit.figures import envelope
 from fit.telemetry import Telemetry
@@ -82,11 +83,12 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
         columns.fs,
         Estimator(columns.valid, columns.fs, HIGHEST),
         columns.values[:, 0].copy(),
-        columns.values @ coefficients,
+        dynamics.combined(columns.values, coefficients),
         {
             name: term
             for name, i in at.items()
-            if np.any(term := columns.values[:, i] @ coefficients[i])  # not where nothing is commanded
+            # not where nothing is commanded
+            if np.any(term := dynamics.combined(columns.values[:, i], coefficients[i]))
         },
     )
 
@@ -168,8 +170,15 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
         Those of `fit.dynamics.residual`.
     masked : sequence of tuple of float
         Begin and end [s] of the stretches that were taken for glitches.
+
+    Raises
+    ------
+    InputError
+        If the parameters leave nothing of the run, such as a delay that is longer.
     """
     time, delta_g = dynamics.residual(run, parameters)
+    if not np.isfinite(delta_g).any():
+        raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
     delta_g -= np.nanmean(delta_g)
     fs = (time.size - 1) / (time[-1] - time[0])
     start = float(run.time[0])

@@ -123,7 +123,7 @@ def _columns(fit: Fit) -> list[str]:
     rows: list[tuple[str, ...]] = [("parameter", "unit", "estimate", "sigma", "truth", "pull")]
     for name, e in fit.parameters.items():
         truth = "" if e.truth is None else _digits(e.truth, e.sigma)
-        pull = "" if e.pull is None else f"{e.pull:+.2f}"
+        pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
         sigma = WITHHELD if fit.unsound else f"{e.sigma:#.2g}"
         rows.append((name, e.unit, _digits(e.value, e.sigma), sigma, truth, pull))
     if all(e.truth is None for e in fit.parameters.values()):

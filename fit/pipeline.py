@@ -83,7 +83,11 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
     for run in telemetries if results.joint else ():
         if inertial.takes_part(run):
             periods.setdefault(inertial_period(run), []).append(run)
-    fits = {name: inertial.fit_period(runs, results.joint) for name, runs in periods.items() if results.joint}
+    fits = {
+        name: _doubted(inertial.fit_period(runs, results.joint), results.joint)
+        for name, runs in periods.items()
+        if results.joint
+    }
     if not fits:
         return results
     runs = {name: [run.run for run in runs] for name, runs in periods.items()}
@@ -93,6 +97,11 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
         cross_talk=_separated(results, fits),
         provenance={**results.provenance, "inertial_runs": runs, "inertial_band": list(inertial.BAND)},
     )
+
+
+def _doubted(fit: Fit, joint: Fit | None) -> Fit:
+    """Return a fit that rests on the joint fit with what keeps that from being sound."""
+    return replace(fit, warnings=(*fit.warnings, *(joint.unsound if joint else ())))
 
 
 def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
@@ -107,8 +116,6 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
 
 def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly."""
-    for e in found:
-        soundness.check_guidance(e.sysid.telemetry)
     sharing = Sharing(chosen.shared)
     prepared = {p.experiment.name: p for p in prepare(found, chosen)}
     experiments = [p.experiment for p in prepared.values()]
@@ -118,11 +125,15 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
         taking_part = [e for e in taking_part if e not in spoilt]
     alone = {e.name: _alone(e, None, chosen) for e in experiments}
     fitted = {name: own for name, own in alone.items() if isinstance(own, Outcome)}
-    soundness.check_gains(fitted, experiments)
+    for e in taking_part:
+        soundness.check_guidance(e.sysid.telemetry)
+    soundness.check_gains(fitted, taking_part)
     try:
         outcome = fit_joint(taking_part, chosen) if taking_part else None
     except FitError as error:
         raise FitError(f"{error}{soundness.suspects(alone)}") from error
+    if outcome:  # what determines a gain only together
+        soundness.check_gains({e.name: outcome for e in taking_part}, taking_part)
     joint = as_fit(outcome, taking_part) if outcome else None
     fits, of_joint = {}, []
     for e in experiments:
@@ -137,7 +148,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
             of_joint.append(FitWarning("not_fitted_alone", (), str(own)))
             continue
         fit = as_fit(own, [e], from_joint=bool(known and own.tone))
-        more = (*prepared[e.name].warnings, *soundness.of_experiment(e, fit))
+        more = (*prepared[e.name].warnings, *soundness.of_experiment(e, own, fit))
         fits[e.name] = replace(fit, diagnostics=diagnose(e, own), warnings=(*fit.warnings, *more))
     for e in spoilt:
         if e not in taking_part:
@@ -173,6 +184,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     }
     turning = any(rotation.sources(e.sysid.telemetry) for e in taking_part)
     cross_talk = {k: separation.joined(f) if turning else f for k, f in cross_talk.items()}
+    cross_talk = {k: _doubted(f, joint) for k, f in cross_talk.items()}
     return Results(joint, fits, cross_talk, {}, provenance)
 
 

@@ -49,7 +49,7 @@ def check(
 
 
 def look_at(files: Sequence[Path], kind: Kind, tables: Mapping[Path, str | int | None]) -> list[str | None]:
-    """Return why files are refused, None for sound ones; the list ends with the first that ends the process."""
+    """Return why files are refused, None for sound ones, as far as the first that ends the process."""
     if not files:
         return []
     allowance = PATIENCE + sum(path.stat().st_size for path in files) / _PACE
@@ -89,4 +89,5 @@ def _end(code: int) -> str:
     """Tell how a process ended that did not come to the end of its list."""
     if code >= 0:
         return f"the process that reads it ends with status {code}"
-    return f"the process that reads it ends by {signal.Signals(-code).name}"
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+    return f"the process that reads it ends by {name}"

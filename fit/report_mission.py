@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -28,15 +29,26 @@ LONGEST = 20  # characters of a label in a figure
 
 def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
     """Return the sections that the results give matter for, their figures written to ``folder``."""
+    sound = _sound(results)
     found = [
-        _gain(results, telemetries, folder),
-        report_stiffness.model(results, telemetries, folder),
-        report_stiffness.prediction(results.joint),
-        _side_by_side(results, telemetries),
+        _gain(sound, telemetries, folder),
+        report_stiffness.model(sound, telemetries, folder),
+        report_stiffness.prediction(sound.joint),
+        _side_by_side(sound, telemetries),
         _residuals(results, folder),
-        _correlation(results.joint, folder),
+        _correlation(sound.joint, folder),
     ]
     return [part for part in found if part]
+
+
+def _sound(results: Results) -> Results:
+    """Return the results without the fits whose sigmas do not hold."""
+    kept = {
+        section: {name: fit for name, fit in getattr(results, section).items() if not fit.unsound}
+        for section in ("experiments", "cross_talk", "inertial")
+    }
+    joint = None if results.joint and results.joint.unsound else results.joint
+    return replace(results, joint=joint, **kept)
 
 
 def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:

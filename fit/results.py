@@ -5,10 +5,11 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from fit import atomic, documents
 from fit.display import Displayed
@@ -18,10 +19,21 @@ from fit.telemetry import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-results/1"
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
+QUANTILES = 27  # of a residual
+_Score = Annotated[float, Field(ge=-1e9, le=1e9)]
+_Count = Annotated[int, Field(ge=0, le=2**53)]
+_LARGEST = 1e100  # value or sigma in any unit, whose square is still a number
 _SECTIONS = ("experiments", "cross_talk", "inertial")
 #: Codes of warnings with which the sigmas of a fit do not hold.
 UNSOUND = frozenset(
-    {"contradiction", "noise_mismatch", "not_converged", "saturated_too_long", "too_many_glitches"}
+    {
+        "contradiction",
+        "noise_mismatch",
+        "not_converged",
+        "saturated_too_long",
+        "too_many_glitches",
+        "wrong_sign",
+    }
 )
 WITHHELD = "?"  # what tables show in the place of such a sigma
 
@@ -88,7 +100,7 @@ class Diagnostics:
     whiteness: float
     kurtosis: float
     kurtosis_sigma: float
-    quantiles: list[float]
+    quantiles: Annotated[list[_Score], Field(min_length=QUANTILES, max_length=QUANTILES)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,6 +192,14 @@ class Results(Displayed):
     cross_talk: dict[str, Fit]
     inertial: dict[str, Fit]
     provenance: dict[str, object]
+
+    @property
+    def unsound(self) -> list[tuple[str, FitWarning]]:
+        """Where sigmas do not hold, and why: in the joint fit, without one in experiments, and inertial."""
+        alone = {f"experiments.{name}": fit for name, fit in self.experiments.items()}
+        first = {"joint": self.joint} if self.joint else alone
+        fits = first | {f"inertial.{k}": f for k, f in self.inertial.items()}
+        return [(place, warning) for place, fit in fits.items() for warning in fit.unsound]
 
     def save(self, path: str | Path) -> None:
         """Write the results as JSON, schema ``lpf-results/1``; see `write`."""
@@ -323,11 +343,11 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     names: list[str]
     covariance: list[list[float]]
     chi2: float
-    dof: int
+    dof: _Count
     converged: bool
     sound: bool | None = None  # told to programs; here the warnings tell
     warnings: list[FitWarning]
-    masked_samples: int | None = None
+    masked_samples: _Count | None = None
     diagnostics: Diagnostics | None = None
 
 
@@ -380,8 +400,13 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         raise InputError(f"{place}.covariance: expected {len(fit.names)} rows of {len(fit.names)} numbers")
     covariance = np.array(fit.covariance).reshape(2 * [len(fit.names)])
     sigmas = np.array([fit.parameters[name].sigma for name in fit.names])
+    values = np.array([fit.parameters[name].value for name in fit.names])
+    if np.any(np.abs((values, sigmas)) > _LARGEST) or np.any(np.abs(covariance) > 1.01 * _LARGEST**2):
+        raise InputError(f"{place}: too large to work with, expected values and sigmas below {_LARGEST:g}")
     if not (np.all(sigmas > 0) and np.allclose(np.diag(covariance), sigmas**2, rtol=1e-6, atol=0)):
         raise InputError(f"{place}.covariance: expected the squares of positive sigmas on the diagonal")
+    if np.any(np.abs(covariance / sigmas / sigmas[:, None]) > 1 + 1e-6):
+        raise InputError(f"{place}.covariance: expected correlations of at most 1")
     return Fit(
         parameters={name: fit.parameters[name] for name in fit.names},
         covariance=covariance,

@@ -29,17 +29,17 @@ def check_guidance(telemetry: Telemetry) -> None:
     if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
         return
     guidance, o_1 = (np.nan_to_num(telemetry.channels[name]) for name in ("guidance_o_1", "o_1"))
-    if not np.any(guidance):
-        return
+    if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
+        return  # constant
     every = np.ones(o_1.size, dtype=bool)
     pair = np.stack([guidance - guidance.mean(), o_1 - o_1.mean()], axis=1)
     found = spectra.transform(pair, every, telemetry.fs)
-    followed = (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])
-    G, followed_by = found.columns[followed].T
-    tones = np.abs(G) > 0.1 * np.max(np.abs(G), initial=0.0)
-    gain = (
-        np.vdot(G[tones], followed_by[tones]).real / np.vdot(G[tones], G[tones]).real if tones.any() else 1.0
-    )
+    tones = np.abs(found.columns[:, 0]) > 0.1 * np.max(np.abs(found.columns[:, 0]))
+    G, answer = found.columns[tones & (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])].T
+    power, answered = np.vdot(G, G).real, np.vdot(answer, answer).real
+    if not power or abs(np.vdot(G, answer)) ** 2 < 0.9 * power * answered:
+        return  # no tone there, or none that o_1 answers
+    gain = np.vdot(G, answer).real / power
     if gain < -0.5:
         raise InputError(
             f"{telemetry.path}: o_1 moves against guidance_o_1, by {gain:.2f} times; expected it to follow: "
@@ -55,21 +55,25 @@ def check_gains(outcomes: Mapping[str, Outcome], experiments: Sequence[Experimen
     InputError
         If there are any; which channel it must be is said where that can be told.
     """
-    told = []
-    for experiment in experiments:
-        gains = _gains(outcomes[experiment.name]) if experiment.name in outcomes else {}
-        wrong = [name for name, value in gains.items() if not PLAUSIBLE[0] < value < PLAUSIBLE[1]]
-        if wrong:
-            force = f"f_x_{wrong[0][-1]}"
-            culprit = "o_12" if len(wrong) == 2 else force if len(gains) == 2 else f"o_12 or {force}"
-            told.append((experiment.sysid.telemetry.path, culprit, wrong[0], gains[wrong[0]]))
-    if told:
-        paths, (_, culprit, name, value) = ", ".join(str(path) for path, *_ in told), told[0]
-        fault = "sign" if value < 0 else "unit"
-        raise InputError(
-            f"{paths}: {culprit} has the wrong {fault}: {name} comes out as {value:.3g}, "
-            "expected about 1 with o_12 = x_2 - x_1 in m and forces along +x in m s-2"
-        )
+    wrong = [e for e in experiments if e.name in outcomes and wrong_gain(outcomes[e.name])]
+    if wrong:
+        paths = ", ".join(str(e.sysid.telemetry.path) for e in wrong)
+        raise InputError(f"{paths}: {wrong_gain(outcomes[wrong[0].name])}")
+
+
+def wrong_gain(outcome: Outcome) -> str:
+    """Return what is wrong with a channel, told by a gain that no actuator has; empty if there is none."""
+    gains = _gains(outcome)
+    wrong = [name for name, value in gains.items() if not PLAUSIBLE[0] < value < PLAUSIBLE[1]]
+    if not wrong:
+        return ""
+    force = f"f_x_{wrong[0][-1]}"
+    culprit = "o_12" if len(wrong) == 2 else force if len(gains) == 2 else f"o_12 or {force}"
+    value = gains[wrong[0]]
+    return (
+        f"{culprit} has the wrong {'sign' if value < 0 else 'unit'}: {wrong[0]} comes out as {value:.3g}, "
+        "expected about 1 with o_12 = x_2 - x_1 in m and forces along +x in m s-2"
+    )
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:
@@ -99,8 +103,11 @@ def is_off(fit: Fit) -> bool:
     return not 1 / OFF < fit.chi2 / max(fit.dof, 1) < OFF
 
 
-def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:
-    """Doubt the noise run of an experiment that was fitted on its own."""
+def of_experiment(experiment: Experiment, outcome: Outcome, fit: Fit) -> list[FitWarning]:
+    """Doubt the signs and units of an experiment that was fitted on its own, and its noise run."""
+    wrong = wrong_gain(outcome)
+    if wrong:
+        return [FitWarning("wrong_sign", (), f"{experiment.name}: {wrong}")]
     if experiment.noise is None or not is_off(fit):
         return []
     excess = fit.chi2 / fit.dof

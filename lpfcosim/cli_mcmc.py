@@ -34,6 +34,8 @@ def _sample(
 ) -> None:
     from fit import figures_mcmc
 
+    for warning in results.joint.unsound if results.joint else ():
+        console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     with console.stage("fit"):
         outcome = refit.refit(results, telemetries, directory / "results.json")
     try:

@@ -18,13 +18,14 @@ from rich.table import Table
 from fit import documents, figure_files, pulls
 from fit.settings import settings
 from lpfcosim import campaign as campaigns
-from lpfcosim import cli_fmu, cluster, files, lock, runner, stability, trust
+from lpfcosim import cli_fmu, cluster, files, lock, runner, simulation, stability, trust
 from lpfcosim.cli_common import about, check_folder
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.trials import Line, Work, trial
 
 _LARGEST = 2**28  # bytes of a log
+_Number = Annotated[float, Field(ge=-1e60, le=1e60)]
 
 
 def montecarlo(
@@ -51,15 +52,17 @@ def montecarlo(
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)
         with about(campaign):
-            trust.check(plan, trusted=trusted)
-    header = {
-        "campaign_digest": plan.digest,
-        "settings": chosen.model_dump(),
-        "redraw": redraw,
-        "fmus": {model: files.digest(path) for model, path in archives.items()},
-        "lpfcosim_version": metadata.version("lpfcosim"),
-    }
-    with lock.held(directory):
+            trust.check(plan, archives, trusted=trusted)
+    with lock.held(directory), simulation.held(plan, archives, directory) as held:
+        with about(campaign):
+            trust.check(plan, held, trusted=trusted)  # what is loaded, as it is now
+        header = {
+            "campaign_digest": plan.digest,
+            "settings": chosen.model_dump(),
+            "redraw": redraw,
+            "fmus": {model: files.digest(path) for model, path in held.items()},
+            "lpfcosim_version": metadata.version("lpfcosim"),
+        }
         log = directory / "campaigns.jsonl"
         lines = _kept(log, header)
         missing = [number for number in range(n) if number not in lines]
@@ -69,7 +72,7 @@ def montecarlo(
             log.open("a", encoding="utf-8") as file,
         ):
             # in which order they are done does not matter, each has its own seed
-            for line in _done(work, archives, missing, jobs, scheduler):
+            for line in _done(work, held, missing, jobs, scheduler):
                 lines[line["number"]] = line
                 file.write(json.dumps(line) + "\n")
                 file.flush()
@@ -114,7 +117,7 @@ class _Done(BaseModel, extra="allow", allow_inf_nan=False):
     """A line of the log about a campaign that was fitted."""
 
     number: Annotated[int, Field(ge=0)]
-    estimates: dict[str, tuple[float, float]]
+    estimates: dict[str, tuple[_Number, _Number]]
 
 
 def _kept(log: Path, header: Mapping[str, object]) -> dict[int, Line]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import h5py
 
+from lpfcosim import campaign as campaigns
 from lpfcosim import dossier, files
 from lpfcosim.console import Console
 from lpfcosim.errors import InputError, RunError
@@ -28,9 +29,15 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
     recorded = sorted((directory / "telemetry").glob("*.h5"))
     if not recorded:
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
+    # a digest that the folder gives of its own FMU is the word of whoever made the folder
+    if campaigns.load(campaign).replacements and not trusted:
+        raise InputError(
+            f"{campaign}: names FMUs of other origin, native code that would run with all your rights: if "
+            "you trust it, add --trust"
+        )
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
         again = Path(name) / "again"
-        command = [sys.executable, "-m", "lpfcosim", "run", str(campaign), "--out", str(again)]
+        command = [sys.executable, "-P", "-m", "lpfcosim", "run", str(campaign), "--out", str(again)]
         options = ["--quiet"] * quiet + ["--trust"] * trusted + (["--jobs", str(jobs)] if jobs else [])
         status = subprocess.run([*command, *options], stdout=subprocess.DEVNULL, check=False).returncode
         if status == 2 or not (again / "telemetry").is_dir():
@@ -77,6 +84,8 @@ def _results(old: Path, new: Path) -> str:
             return what
         except (ValueError, OSError):
             return "differs (it is damaged)"
+    if not all(isinstance(document, dict) for document in documents):
+        return "differs (it is damaged)"
     sections = [key for key in documents[0] | documents[1] if key != "provenance"]
     different = [key for key in sections if documents[0].get(key) != documents[1].get(key)]
     return f"differs ({', '.join(different)})" if different else ""

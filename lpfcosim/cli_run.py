@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 
 import fit.errors
+from fit import probe
 from fit import report as fit_report
 from fit import results as fit_results
 from fit import settings as fit_settings
@@ -63,10 +64,12 @@ def run(
     with about(campaign):
         for entry in plan.runs:
             placement.interfaces(entry, fmus)
-        trust.check(plan, trusted=trusted)
+        trust.check(plan, fmus, trusted=trusted)
     for line in _told_of_replacements(plan, fmus):
         console.note(line)
     with lock.held(directory), simulation.held(plan, fmus, directory) as held:
+        with about(campaign):
+            trust.check(plan, held, trusted=trusted)  # what is loaded, as it is now
         theirs = {r.model: held[r.model] for r in plan.replacements}
 
         def begin() -> None:
@@ -90,13 +93,13 @@ def run(
                 begin=begin,
             )
         for name, n in runner.saturated(done.files.values()).items():
-            console.note(f"run {name}: a command is at its limit in {n} samples, where the fit does not hold")
+            console.note(f"run {name}: a command is at its limit in {n} samples, which the fit masks")
         complete, missing = cli_shortfall.divide(plan, done)
         if not complete:
             raise cli_shortfall.error(plan, done, directory)
         origin = runner.provenance(plan, held)
         try:
-            _calibrate(console, directory, complete, chosen, origin=origin, missing=missing)
+            _calibrate(console, directory, complete, chosen, own=True, origin=origin, missing=missing)
         except fit.errors.CalibrationError as error:
             if not missing:
                 raise
@@ -130,7 +133,10 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
     check_folder(directory / "telemetry")
     results = fit_results.load(calibration)
     joint = _joint(results, calibration)
+    for warning in joint.unsound:
+        console.note(f"warning: {calibration}: joint: {warning.message}")
     inputs = fit_telemetry.files(_telemetry(console, paths, directory, any_gaps=True))
+    probe.check(inputs)
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
     for path in inputs:
         if outputs[f"{path.stem}-deltag.h5"] is not path:
@@ -212,6 +218,7 @@ def _calibrate(
     paths: Sequence[Path],
     chosen: fit_settings.Settings,
     *,
+    own: bool = False,
     calibration: Path | None = None,
     origin: dict[str, str | int | float] | None = None,
     missing: Mapping[str, str] | None = None,
@@ -221,7 +228,7 @@ def _calibrate(
         _joint(known, calibration)
         origin = {"calibration": str(calibration), "calibration_sha256": _digest(calibration)}
     with console.stage("reading"):
-        telemetries = fit_telemetry.read_all(paths)
+        telemetries = fit_telemetry.read_all(paths, own=own)
     with console.stage("fit"):
         if calibration is not None:
             results = calibrate_inertial(telemetries, known)
@@ -244,5 +251,5 @@ def _calibrate(
     console.table(results)
     console.document((directory / "results.json").read_text(encoding="utf-8"))
     console.say(f"report: {page}")
-    if results.joint and results.joint.unsound:
-        raise FitError(f"{directory / 'results.json'}: joint: {results.joint.unsound[0].message}")
+    for place, warning in results.unsound:
+        raise FitError(f"{directory / 'results.json'}: {place}: {warning.message}")

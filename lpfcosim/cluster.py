@@ -122,6 +122,7 @@ def connected(address: str) -> Iterator[Cluster]:
 
 def _outcome(future: Future, name: str) -> Any:
     from distributed import CancelledError
+    from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
 
     try:
@@ -130,10 +131,16 @@ def _outcome(future: Future, name: str) -> Any:
         return error
     except KilledWorker:
         return RunError(f"{name}: every worker that took it on died, which may be its doing")
-    except (CancelledError, OSError):
+    except (CancelledError, CommClosedError):
         raise RunError(
             "the Dask scheduler is lost; what is finished is kept, the same command continues"
         ) from None
+    except Exception as error:  # whatever a task of another machine, or Dask itself, raises
+        why = " ".join(str(error).split())[:200]
+        return RunError(
+            f"{name}: {type(error).__name__} on the cluster: {why}; scheduler and workers need "
+            "lpfcosim[dask] in this version"
+        )
 
 
 def _versions() -> dict[str, str]:

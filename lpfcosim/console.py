@@ -132,13 +132,16 @@ class Console:
 
         Of a fit that is not sound there are no sigmas and pulls, which do not hold.
         """
-        if self._quiet or results.joint is None:
+        if self._quiet:
             return
         from fit.results import WITHHELD  # which other commands do without
 
         (only,) = results.experiments.values() if len(results.experiments) == 1 else (None,)
         table = Table("parameter", "unit", "estimate", "sigma", "truth", "pull", box=None)
-        fits = {"": only or results.joint} | {f" ({period})": fit for period, fit in results.inertial.items()}
+        alone = {f" ({name})": fit for name, fit in results.experiments.items()}
+        whole = only or results.joint
+        first = {"": whole} if whole else alone
+        fits = first | {f" ({period})": fit for period, fit in results.inertial.items()}
         for period, fit in fits.items():
             for name, estimate in fit.parameters.items():
                 known = estimate.truth is not None

@@ -45,7 +45,8 @@ def held(directory: Path) -> Iterator[None]:
         told = f"{directory}: another process works in it{who}; wait for it or choose another --out"
         raise InputError(told) from None
     except (FileExistsError, NotADirectoryError):
-        raise InputError(f"{directory}: is a file or lies in one, expected a folder for the results") from None
+        told = f"{directory}: is a file or lies in one, expected a folder for the results"
+        raise InputError(told) from None
     except OSError as error:
         raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None
     with acquired:

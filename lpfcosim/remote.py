@@ -72,8 +72,9 @@ def results(
 
 
 def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Path) -> Any:
-    if delivery.log:
-        with suppress(OSError):  # a run without a log says less
+    with suppress(OSError):  # a run without a log says less
+        setting.log(name).unlink(missing_ok=True)
+        if delivery.log:
             setting.logs.mkdir(parents=True, exist_ok=True)
             setting.log(name).write_bytes(delivery.log)
     if isinstance(delivery.result, str):

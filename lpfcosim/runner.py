@@ -112,6 +112,8 @@ def simulate(
     RunError
         If the folder cannot be made.
     """
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs: {jobs}, expected one or more processes")
     origin = provenance(campaign, fmus)
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -132,6 +134,8 @@ def simulate(
     failures: dict[str, RunError] = {}
     if missing:
         ledger.forget(paths[run.name] for run in missing)
+        for run in missing:  # lest old and new lie side by side, should this be killed
+            paths[run.name].unlink(missing_ok=True)
         if engine == "compiled":
             engine_library()  # once, here, and not in every worker
         setting = workers.Setting(_simulate, directory, logs)
@@ -159,6 +163,9 @@ def simulate(
             )
         )
         failures = _settled(campaign, outcomes, ledger, paths, progress, setting)
+        for run in missing:  # whoever was to do it said nothing
+            if run.name not in failures and not paths[run.name].is_file():
+                failures[run.name] = RunError(f"run '{run.name}': was not simulated")
     with suppress(OSError):  # unless something stands in it
         logs.rmdir()
     return Simulated({n: p for n, p in paths.items() if n not in failures}, failures)

@@ -97,6 +97,7 @@ def _utc(raw: object) -> datetime:
 Name = Annotated[str, Strict(), AfterValidator(_usable)]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Gain = Annotated[Number, Field(ge=0.01, le=100)]
+ForceGain = Annotated[Number, Field(gt=0.7, lt=1.5)]  # beyond, a fit takes it for a wrong sign or unit
 DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
 Duration = Annotated[
     float, Quantity("a time", "s", "6 h", "not negative", largest=YEAR), AfterValidator(_whole_samples)
@@ -143,8 +144,8 @@ class TruthTable(Table):
     more_known = ("delta_ifo_1",)
     __pydantic_extra__: dict[str, DeltaIfo]
 
-    lambda_1: Gain | None = None
-    lambda_2: Gain | None = None
+    lambda_1: ForceGain | None = None
+    lambda_2: ForceGain | None = None
     C_1: Delay | None = None
     C_2: Delay | None = None
     omega2_1_0: Stiffness | None = None

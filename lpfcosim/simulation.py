@@ -91,8 +91,8 @@ def simulate(
         archives = archives_of(plan)
         for run in plan.runs:
             placement.interfaces(run, archives)
-        trust.check(plan, trusted=trusted)
         with held(plan, archives, Path(folder)) as copies:
+            trust.check(plan, copies, trusted=trusted)
             simulated = runner.simulate(plan, directory, copies, jobs=jobs)
     if simulated.failures:
         raise RunError("; ".join(dict.fromkeys(map(str, simulated.failures.values()))))

@@ -52,6 +52,8 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path]) -> Line:
         results = _through_fmus(plan, work.chosen, fmus) if fmus else _from_spectra(plan, number, work)
     except (fit.errors.CalibrationError, LpfcosimError) as error:
         return {"number": number, "failed": str(error)}
+    if results.joint and results.joint.unsound:
+        return {"number": number, "failed": results.joint.unsound[0].message}
     drawn = {"truth": telemetry.truth(plan.runs[0])} if work.redraw else {}
     return {"number": number, "estimates": pulls.estimates(results), **drawn}
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 from lpfcosim import files
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 
 
-def check(plan: Campaign, *, trusted: bool = False) -> None:
+def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False) -> None:
     """Refuse FMUs of other origin of which neither the campaign gives the digest nor the user says a word.
 
     Parameters
     ----------
     plan : Campaign
         Whose replacements are meant.
+    archives : mapping of str to Path
+        What is going to be loaded in their places: copies, which nobody changes after this.
     trusted : bool
         The user vouches for those without a digest.
 
@@ -26,7 +31,7 @@ def check(plan: Campaign, *, trusted: bool = False) -> None:
     ours = _ours() if plan.replacements else set()
     for replacement in plan.replacements:
         try:
-            found = files.digest(replacement.archive)
+            found = files.digest(archives[replacement.model])
         except OSError as error:
             raise InputError(f"fmus.{replacement.model}: {replacement.archive}: {error.strerror}") from None
         place = f"fmus.{replacement.model}.sha256"

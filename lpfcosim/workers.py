@@ -213,7 +213,7 @@ def _told(code: int | None) -> tuple[str, bool]:
         return "does not answer", False
     if code >= 0:
         return f"ended the process with status {code if code < 256 else hex(code)}", True
-    name = signal.Signals(-code).name
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
     if name in _CRASHES:
         return f"crashed ({name}, {signal.strsignal(-code)})", True
     return f"was killed ({name}{'; out of memory?' if name == 'SIGKILL' else ''})", False

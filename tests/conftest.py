@@ -65,3 +65,10 @@ def lpfcosim(monkeypatch, capfd, tmp_path):
         return stopped.value.code or 0, captured.out, captured.err
 
     return run
+
+
+@pytest.fixture
+def cases(request) -> Callable[[float, int], int]:
+    """Return how many cases a test of mutated input makes, by its share of ``--cases`` or by default."""
+    total = request.config.getoption("--cases")
+    return lambda share, default: round(total * share) if total else default

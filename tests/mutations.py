@@ -27,12 +27,30 @@ REFUSALS = (fit.errors.CalibrationError, lpfcosim.errors.LpfcosimError)
 #: What stands in the place of a value; every one of them has been the end of some program.
 TEXTS = (
     "", " ", "\x00", "\x1b[2J", "a\nb", "../../etc/passwd", "/dev/zero", "con", "." * 300, "x" * 100_000,
-    "nan", "1e999", "-1e308 m", "1 m^9^9^9", "{}", "%s%n", "{0.__class__}", "<script>alert(1)</script>", "\u202e",
-    "\ud7ff\ue000", "💥" * 50, "1" * 5000, "None", "true", "0x10", "1_0", "１", "e\u0301",
+    "nan", "1e999", "-1e308 m", "1 m^9^9^9", "{}", "%s%n", "{0.__class__}", "<script>alert(1)</script>",
+    "\u202e", "\ud7ff\ue000", "💥" * 50, "1" * 5000, "None", "true", "0x10", "1_0", "１", "e\u0301",
 )  # fmt: skip
 NUMBERS = (
     0, -1, 1, 2**31, 2**63, 2**64, -(2**63), 10**400, 0.0, -0.0, 1e-320, 1e308, -1e308, math.inf, math.nan,
 )  # fmt: skip
+
+
+_SYNTAX = (
+    "=",
+    "[",
+    "]",
+    "[[",
+    '"',
+    '"""',
+    "{",
+    "}",
+    ".",
+    ".a" * 500,
+    "[" * 2000,
+    "\\u0000",
+    "true",
+    "1979-05-27",
+)
 
 
 class HangError(BaseException):
@@ -61,7 +79,7 @@ def guarded(seconds: int = PATIENCE) -> Iterator[None]:
 def survives(reader: Callable[[], object], path: Path | None, case: object) -> str | None:
     """Return the sentence a reader refuses its input with, None if it succeeds; fail with the case otherwise.
 
-    The sentence must be one line for a terminal and name the file or something in its folder, if there is one.
+    The sentence must be one line for a terminal and name the file, if there is one, or one beside it.
     """
     try:
         with guarded():
@@ -121,10 +139,9 @@ def swapped(text: str, rng: random.Random) -> str:
         else:
             words = lines[at].split(" ")
             place = rng.randrange(len(words))
-            words[place] = rng.choice((
-                str(rng.choice(NUMBERS)), rng.choice(TEXTS), '"' + rng.choice(TEXTS) + '"', "=", "[", "]", "[[", '"""',
-                "{", "}", ".", ".a" * 500, "[" * 2000, words[rng.randrange(len(words))], "\\u0000", "true", "1979-05-27",
-            ))  # fmt: skip
+            words[place] = rng.choice(
+                (str(rng.choice(NUMBERS)), rng.choice(TEXTS), rng.choice(words), *_SYNTAX)
+            )
             lines[at] = " ".join(words)
     return "\n".join(lines)
 
@@ -193,8 +210,9 @@ def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> 
         packed = zlib.compress(content)[2:-4]
         encoded = name.encode("utf-8", "surrogatepass")
         common = struct.pack(
-            "<HHHHHIIIHH", 20, 0x800 | fields.get("flags", 0), fields.get("method", zipfile.ZIP_DEFLATED), 0, 0x21,
-            fields.get("crc", zlib.crc32(content)), len(packed), fields.get("size", len(content)), len(encoded), 0,
+            "<HHHHHIIIHH", 20, 0x800 | fields.get("flags", 0), fields.get("method", zipfile.ZIP_DEFLATED), 0,
+            0x21, fields.get("crc", zlib.crc32(content)), len(packed), fields.get("size", len(content)),
+            len(encoded), 0,
         )  # fmt: skip
         mode = fields.get("mode", 0o100644) << 16
         directory += (

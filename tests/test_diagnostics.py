@@ -57,6 +57,7 @@ def several(count, seed, own=False, **options):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.stat
 def test_false_positives():
     # 150 runs: p < 0.1 is binomial about 0.1, of standard deviation 0.025; 3.5 of these are false once in
@@ -74,6 +75,7 @@ def test_false_positives():
     np.testing.assert_allclose(np.mean([d.quantiles for d in found], axis=0), SCORES, atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.stat
 def test_without_a_noise_run_the_model_follows_level_and_lines():
     # as above, 80 runs

@@ -6,6 +6,7 @@
 import json
 import re
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from fit import irls
 from fit.errors import CalibrationError, InputError
 from fit.pipeline import calibrate
+from fit.settings import settings
 from tests.contract_file import UNITS, write_contract_file
 from tests.synthetic import World, pair
 
@@ -54,7 +56,7 @@ def clipped(level):
     return fault
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fault:
     """A fault and what becomes of it.
 
@@ -146,6 +148,7 @@ FAULTS = [
 ]
 
 
+@cache
 def told(fault):
     """Return what becomes of a fault, the results if there are any, and what is said of it."""
     try:
@@ -168,6 +171,59 @@ def test_fault_is_named(fault):
     if results is not None and fault.outcome in ("sound", "left out"):  # what is shown holds
         for name, estimate in results.joint.parameters.items():
             assert abs(estimate.value - getattr(World(), name)) < 4.5 * estimate.sigma, name
+
+
+def single(name, tone, fault):
+    return [fault(r) for r in pair(World(), "A", seed=1, experiment=name, tones_12=(tone,), tones_1=())]
+
+
+def test_a_gain_that_only_all_together_determine_is_looked_at():
+    flipped = [*single("A", 1e-3, lambda r: changed(r, o_12=negative))]
+    flipped += single("B", 2e-2, lambda r: changed(r, o_12=negative))
+    with pytest.raises(InputError, match=r"A-sysid\.h5, B-sysid\.h5: o_12 or f_x_2 has the wrong sign"):
+        calibrate(flipped)
+
+
+def test_what_is_excluded_stops_nothing_and_is_no_sound_fit():
+    wrong = of("A-sysid", lambda r: changed(r, o_12=negative))
+    results = calibrate(wrong, settings({"exclude": ["A"]}))
+    assert not results.joint.unsound
+    assert [w.code for w in results.experiments["A"].unsound] == ["wrong_sign"]
+    assert not results.unsound
+
+
+@pytest.mark.parametrize(
+    "guidance",
+    [
+        lambda t: np.full(t.size, 3e-9),
+        lambda t: 1e-9 * np.sin(2 * np.pi * 0.08 * t),
+        lambda t: 1e-9 * np.sin(2 * np.pi * 0.03 * t),
+        lambda t: 1e-12 * np.sin(2 * np.pi * 0.0011 * t),
+    ],
+    ids=["constant", "80 mHz", "30 mHz", "unanswered"],
+)
+def test_guidance_that_tells_no_sign_is_no_fault(guidance):
+    sysid, *others = runs()
+    with_guidance = sysid.channels | {"guidance_o_1": guidance(sysid.time)}
+    assert not calibrate([replace(sysid, channels=with_guidance), *others]).joint.unsound
+
+
+def test_what_rests_on_the_joint_fit_shares_its_doubts(monkeypatch):
+    monkeypatch.setattr(irls, "TOLERANCE", 0.0)
+    results = calibrate(mission_runs())
+    assert results.cross_talk
+    for fit in results.cross_talk.values():
+        assert "not_converged" in {w.code for w in fit.unsound}
+
+
+def mission_runs():
+    found = [*pair(World(), "A", seed=1)]
+    rng = np.random.default_rng(4)
+    names = ("o_phi_1", "o_phi_12")
+    return [
+        replace(r, channels=r.channels | {n: 1e-8 * rng.standard_normal(r.time.size) for n in names})
+        for r in found
+    ]
 
 
 def test_a_sound_calibration_says_so():

@@ -64,6 +64,7 @@ def sigmas(fit):
     return {name: estimate.sigma for name, estimate in fit.parameters.items()}
 
 
+@pytest.mark.slow
 def test_sigmas_are_those_of_fits_on_average():
     # sigmas of one fit scatter by some 8 % with its noise PSDs: the mean of six by 3 %
     found = [sigmas(calibrate(noisy(World(), seed=seed, drive_1=1e-12)).joint) for seed in range(6)]

@@ -58,7 +58,7 @@ def test_operations_are_one_experiment():
     assert names == ["today-noise", "today"]
 
 
-@pytest.mark.parametrize("redraw", [False, True], ids=["flight", "far"])
+@pytest.mark.parametrize("redraw", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["flight", "far"])
 def test_approximations_bias_nothing(plan, redraw):
     """Noise-free injections, weights from noise runs: estimates are off by what the fit approximates."""
     plan = montecarlo.numbered(plan, 4, redraw=redraw)

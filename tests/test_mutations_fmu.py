@@ -1,4 +1,4 @@
-"""FMU archives that are damaged or hostile, and those that are merely not ours: nothing of them runs unasked."""
+"""FMU archives that are damaged or hostile, and those merely not ours, of which nothing runs unasked."""
 
 import contextlib
 import os
@@ -25,13 +25,6 @@ pytestmark = pytest.mark.fmu
 MODEL = "OpticalMetrology"
 XML = "modelDescription.xml"
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
-
-
-@pytest.fixture
-def cases(request):
-    """Number of cases of a test that has a share of all."""
-    total = request.config.getoption("--cases")
-    return lambda share, default: round(total * share) if total else default
 
 
 @pytest.fixture(scope="module")
@@ -282,12 +275,16 @@ def plan(tmp_path, ours):
     return make, files.digest(path)
 
 
+def check(plan, **options):
+    trust.check(plan, {r.model: r.archive for r in plan.replacements}, **options)
+
+
 def test_an_fmu_of_other_origin_is_told(plan):
     make, digest = plan
     with pytest.raises(InputError, match=rf'native code .* write sha256 = "{digest}", or add --trust$'):
-        trust.check(campaign.load(make()))
-    trust.check(campaign.load(make()), trusted=True)
-    trust.check(campaign.load(make(f'sha256 = "{digest}"')))
+        check(campaign.load(make()))
+    check(campaign.load(make()), trusted=True)
+    check(campaign.load(make(f'sha256 = "{digest}"')))
 
 
 def test_another_fmu_than_the_recorded_one_is_refused_whatever_is_said(plan):
@@ -295,7 +292,7 @@ def test_another_fmu_than_the_recorded_one_is_refused_whatever_is_said(plan):
     changed = campaign.load(make(f'sha256 = "{digest[::-1]}"'))
     for trusted in (False, True):
         with pytest.raises(InputError, match=rf"has the digest {digest}; expected {digest[::-1]}"):
-            trust.check(changed, trusted=trusted)
+            check(changed, trusted=trusted)
 
 
 def test_the_digest_does_not_make_another_campaign(plan):
@@ -309,7 +306,7 @@ def test_the_digest_does_not_make_another_campaign(plan):
 def test_ours_need_no_word(plan, ours, tmp_path, fmi):
     make, _ = plan
     (tmp_path / "theirs.fmu").write_bytes(ours[fmi][MODEL].read_bytes())
-    trust.check(campaign.load(make()))
+    check(campaign.load(make()))
 
 
 def test_the_command_line_asks(plan, lpfcosim):

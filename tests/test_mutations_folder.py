@@ -34,13 +34,6 @@ ROOT = (
 )
 
 
-@pytest.fixture
-def cases(request):
-    """Number of cases of a test that has a share of all."""
-    total = request.config.getoption("--cases")
-    return lambda share, default: round(total * share) if total else default
-
-
 def write(run, path, changes=None):
     attributes = {
         "schema": "lpf-telemetry/1",
@@ -95,7 +88,7 @@ def test_results(copied, cases, monkeypatch):
 
 @pytest.mark.parametrize(
     "name",
-    ["../../evil", "/tmp/evil", "a/b", "..", "x" * 300, "y" * 100, "\u202eevil", "<evil>", "a\nb", "con"],
+    ["../../evil", "/tmp/evil", "a/b", "..", "x" * 300, "y" * 90, "\u202eevil", "<evil>", "a\nb", "con"],
 )
 def test_names_of_experiments(tmp_path, name):
     folder = tmp_path / "in" / "out"
@@ -109,12 +102,14 @@ def test_names_of_experiments(tmp_path, name):
         runs = refit.read_all(paths, own=True)
         report.write_report(folder, calibrate(runs), runs)
 
-    survives(work, folder / "telemetry" / "x", name)
+    said = survives(work, folder / "telemetry" / "x", name)
+    assert (said is None) == (name.isprintable() and len(name) <= 100)
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in (tmp_path / "in").iterdir()} == {"out"}
     assert {p.name for p in folder.iterdir()} <= {"telemetry", "figures", "report.html"}
-    assert all(p.is_file() for p in (folder / "figures").iterdir())
-    assert "<evil>" not in (folder / "report.html").read_text(encoding="utf-8")
+    if said is None:
+        assert all(p.is_file() for p in (folder / "figures").iterdir())
+        assert "<evil>" not in (folder / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("document", ["mcmc.json", "montecarlo.json"])

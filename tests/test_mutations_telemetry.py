@@ -27,13 +27,6 @@ GIGA = 2**30
 
 
 @pytest.fixture
-def cases(request):
-    """Number of cases of a test that has a share of all."""
-    total = request.config.getoption("--cases")
-    return lambda share, default: round(total * share) if total else default
-
-
-@pytest.fixture
 def file(tmp_path):
     return write_contract_file(tmp_path / "A1.h5", samples=N, truth={"lambda_1": 1.07})
 
@@ -174,12 +167,13 @@ def _link(target):
     return change
 
 
+KIND = h5py.enum_dtype({"A": 0, "B": 1})
 FAULTS = {
     "compound": lambda h5: put(h5, "o_1", data=np.zeros(N, [("a", "f8"), ("b", "i4")])),
     "objects": lambda h5: put(h5, "o_1", (N,), h5py.ref_dtype),
     "texts": lambda h5: put(h5, "o_1", data=["x"] * N, dtype=h5py.string_dtype()),
     "rows of rows": lambda h5: put(h5, "o_1", (N,), h5py.vlen_dtype("f8")),
-    "booleans of another kind": lambda h5: put(h5, "o_1", data=np.zeros(N, "u1"), dtype=h5py.enum_dtype({"A": 0, "B": 1})),
+    "booleans of another kind": lambda h5: put(h5, "o_1", data=np.zeros(N, KIND)),
     "nothing": lambda h5: put(h5, "o_1", data=h5py.Empty("f8")),
     "a scalar": lambda h5: put(h5, "o_1", data=1.0),
     "many dimensions": lambda h5: put(h5, "o_1", data=np.zeros((1,) * 30 + (N,))),
@@ -193,7 +187,7 @@ FAULTS = {
     "virtual": virtual,
     "sparse": sparse,
     "a terabyte": lambda h5: put(h5, "o_1", (10**12,), "f8"),
-    "a huge chunk": lambda h5: put(h5, "o_1", (N,), "f8", maxshape=(None,), chunks=(2**28,), compression="gzip"),
+    "a huge chunk": lambda h5: put(h5, "o_1", (N,), "f8", maxshape=(None,), chunks=(2**28,)),
     "time in a group": lambda h5: (h5.pop("time"), h5.create_group("time")),
     "time nan": lambda h5: h5["time"].__setitem__(3, np.nan),
     "time backwards": lambda h5: h5["time"].__setitem__(slice(None), -np.arange(N) / 10),
@@ -248,9 +242,9 @@ def test_hostile_attributes(tmp_path, cases):
                 holder = rng.choice((h5, h5, h5, h5["o_1"], h5["time"]))
                 name = rng.choice(ATTRIBUTES) if holder is h5 else rng.choice(("units", "long_name"))
                 value = rng.choice((
-                    rng.choice(TEXTS[:12] + TEXTS[13:14]), rng.choice(NUMBERS), np.zeros(3), ["a", "b"], h5py.Empty("f8"),
-                    np.bool_(1), np.float32(1), np.array([[1]]), b"\xff\xfe", np.array("x", "S3"), h5["o_1"].ref, 1j,
-                    np.zeros((), [("a", "i4")]), np.datetime64("nat").view("i8"), "9999-12-31T23:59:59-23:59", "0001-01-01",
+                    rng.choice(TEXTS), rng.choice(NUMBERS), np.zeros(3), ["a", "b"], h5py.Empty("f8"),
+                    1j, np.bool_(1), np.float32(1), np.array([[1]]), b"\xff\xfe", np.array("x", "S3"),
+                    h5["o_1"].ref, np.zeros((), [("a", "i4")]), "9999-12-31T23:59:59-23:59", "0001-01-01",
                 ))  # fmt: skip
                 try:
                     holder.attrs[name] = value
@@ -312,7 +306,7 @@ def test_damaged_archives(tmp_path, cases, monkeypatch):
 def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
     monkeypatch.setattr(probe, "MEMORY", 2 * GIGA)
     path = tmp_path / "a.fits.gz"
-    monkeypatch.setattr(probe, "PATIENCE", 5.0)
+    monkeypatch.setattr(probe, "PATIENCE", 3.0)
     path.write_bytes(
         gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
     )
@@ -371,7 +365,7 @@ def spoilt(run, rng):
 
 def test_calibrations_of_hostile_numbers(cases):
     good = [*pair(World(), "A", seed=1), *pair(World(), "E", seed=2, drive_1=1e-12)]
-    for n in range(cases(0.02, 25)):
+    for n in range(cases(0.02, 4)):
         rng = random.Random(n)
         runs = good[: rng.choice((2, 4))]
         for _ in range(rng.choice((1, 1, 2))):
