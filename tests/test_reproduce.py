@@ -45,7 +45,7 @@ def test_a_folder_holds_what_makes_it_again(made, copied, lpfcosim):
     assert plan.digest == campaign.load(made.parent / "plan.toml").digest
     assert plan.fit == campaign.load(made.parent / "plan.toml").fit
     before = content(copied)
-    status, out, err = lpfcosim("reproduce", copied, "--jobs", "2")
+    status, out, err = lpfcosim("reproduce", copied, "--jobs", "2", "--trust")
     assert status == 0, err
     told = [line.removeprefix(f"{copied}{os.sep}") for line in out.splitlines()]
     files = ("telemetry/one-noise.h5", "telemetry/one.h5", "results.json")
@@ -66,7 +66,7 @@ def test_what_is_not_reproduced_is_told(copied, lpfcosim):
     document = json.loads(results.read_text())
     document["joint"]["chi2"] *= 1 + 1e-12
     results.write_text(json.dumps(document))
-    status, out, err = lpfcosim("reproduce", copied)
+    status, out, err = lpfcosim("reproduce", copied, "--trust")
     assert status == 1
     told = [line.removeprefix(f"{copied}{os.sep}") for line in out.splitlines()]
     assert told == [
