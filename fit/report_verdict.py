@@ -12,7 +12,7 @@ from fit.tables import LIMIT, Table, symbol, undetermined
 #: Warnings that spoil the fit they are raised in, and those that cast doubt on it, in words.
 _FAILURES = {
     "not_converged": "Did not converge",
-    "chi2": "χ² is off, so that sigmas do not hold",
+    "chi2": "χ² is off by more than 20 %, and sigmas by more than 10 %",
     "noise_mismatch": "The noise is not that of the noise run",
     "contradiction": "The experiments contradict each other",
 }

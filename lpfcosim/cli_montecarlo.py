@@ -41,6 +41,8 @@ def montecarlo(
     scheduler: str | None,
 ) -> None:
     """Repeat a campaign with new noise, fit each, tell pulls and coverage."""
+    if jobs and scheduler:
+        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
     plan = campaigns.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     directory = out or Path(f"{campaign.stem}-montecarlo")

@@ -53,6 +53,8 @@ def run(
     trusted: bool,
 ) -> None:
     """Simulate a campaign, fit it, report."""
+    if jobs and scheduler:
+        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
     plan = campaigns.load(campaign)
     chosen = fit_settings.settings(plan.fit, f"{campaign}: fit")
     directory = out or Path(campaign.stem)
