@@ -73,7 +73,7 @@ class Estimator:
         u = np.where(self._valid, np.linspace(-1, 1, x.size), 0.0)
         u -= self._valid * (u.sum() / np.count_nonzero(self._valid))
         x -= self._valid * (x.sum() / np.count_nonzero(self._valid))
-        x -= u * float(u @ x) / float(u @ u)
+        x -= u * float(np.sum(u * x)) / float(np.sum(u * u))  # no @: its last bits depend on threads
         power = np.abs(scipy.fft.rfft(self._window * x)[1 : self._f.size + 1]) ** 2 * self._scale
         starts = _starts(self._f, power)
         count = np.diff(starts, append=power.size)
