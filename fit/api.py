@@ -13,7 +13,7 @@ from fit import results as fit_results
 from fit.conversion import convert, is_map
 from fit.results import Results, with_truth
 from fit.settings import settings
-from fit.telemetry import Telemetry, read_all, read_truth
+from fit.telemetry import Telemetry, inside, read_all, read_truth
 
 PathLike = str | os.PathLike[str]
 
@@ -43,13 +43,7 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
     if maps:
         converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
         given = convert(given, converted, any_gaps=False)
-    return read_all([_of_run(path) for path in given])
-
-
-def _of_run(path: Path) -> Path:
-    """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
-    inner = path / "telemetry"
-    return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+    return read_all([inside(path) for path in given])
 
 
 def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from fit import report_warnings
 from fit.results import Fit, Results
-from fit.tables import LIMIT, Table, symbol, undetermined
+from fit.tables import LIMIT, Table, symbol
 
 #: Warnings that spoil the fit they are raised in, and those that cast doubt on it, in words.
 _FAILURES = {
@@ -61,7 +61,7 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     failed = _named(judged, _FAILURES)
     doubts = [*_named(judged, _DOUBTS), *_named(others, _FAILURES), *_outliers(others)]
     head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "No truth in the telemetry. ")
-    lost = undetermined(joint) if joint else []
+    lost = joint.undetermined if joint else ()
     told = [*failed, agreement]
     if lost:
         told.append(Markup("Not determined by these data: {}.").format(_listed(map(symbol, lost))))

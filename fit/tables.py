@@ -96,18 +96,13 @@ def _of_an_experiment(name: str) -> Parameter:
     return experiment_parameter(name, F_max=(0.0, 0.0), N_max=(0.0, 0.0), epoch=1)
 
 
-def undetermined(fit: Fit) -> list[str]:
-    """Return the names that the warnings list as indeterminable, each once."""
-    return list(dict.fromkeys(n for w in fit.warnings if w.code == "indeterminable" for n in w.parameters))
-
-
 def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
     """Return the rows of a fit: `parameters`, undetermined ones too, then what else it estimates.
 
     A parameter that was neither estimated nor found indeterminable, a gain never driven say, has no row.
     """
     has_truth = any(e.truth is not None for e in fit.parameters.values())
-    lost = undetermined(fit)
+    lost = fit.undetermined
     listed = [p for p in parameters if p.name in fit.parameters or p.name in lost]
     names = {p.name for p in listed}
     listed += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]

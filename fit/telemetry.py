@@ -220,6 +220,12 @@ def inertial_period(telemetry: Telemetry) -> str:
     )
 
 
+def inside(path: Path) -> Path:
+    """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
+    inner = path / "telemetry"
+    return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+
+
 def files(paths: Sequence[Path]) -> list[Path]:
     """Return files, and the ``*.h5`` of folders, each once.
 

@@ -173,11 +173,9 @@ def container(
 
 def fmus(plan: Campaign, console: Console, fmi: str = "3.0") -> dict[str, Path]:
     """Return the FMUs of a campaign: the user's, and ours in the other places."""
-    from lpfcosim import network
+    from lpfcosim import simulation
 
-    theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [c.model for c in network.every(plan.runs[0]) if c.model not in theirs]
-    return {**_built(ours, console, fmi=fmi), **theirs}
+    return simulation.archives_of(plan, lambda models: _built(models, console, fmi=fmi))
 
 
 def _built(

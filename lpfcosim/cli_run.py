@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -10,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import fit.errors
-from fit import probe
+from fit import probe, refit
 from fit import report as fit_report
 from fit import results as fit_results
 from fit import settings as fit_settings
@@ -24,6 +23,7 @@ from lpfcosim import (
     cli_fmu,
     cli_shortfall,
     dossier,
+    files,
     lock,
     network,
     placement,
@@ -145,7 +145,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
             raise InputError(f"{path}: a second file of that name, expected different names")
     origin = {
         "lpfcosim_version": metadata.version("lpfcosim"),
-        "calibration_sha256": _digest(calibration),
+        "calibration_sha256": files.digest(calibration),
     }
     for name, path in outputs.items():
         with lock.held(directory), console.stage(str(path)):
@@ -157,11 +157,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
 
 def report(directory: Path, console: Console) -> None:
     """Rebuild the report from what a folder holds."""
-    results = fit_results.load(directory / "results.json")
-    recorded = results.provenance.get("telemetry")
-    if not isinstance(recorded, list) or not all(isinstance(p, str) for p in recorded):
-        raise InputError(f"{directory / 'results.json'}: provenance.telemetry: expected a list of file names")
-    telemetries = fit_telemetry.read_all([directory / p for p in recorded])
+    results, telemetries = refit.load(directory)
     with lock.held(directory), console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")
@@ -187,13 +183,7 @@ def _telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_
     if any(map(is_map, paths)):
         with console.stage("conversion"):
             paths = convert(paths, directory / "telemetry", any_gaps=any_gaps)
-    return [_telemetry_folder(path) for path in paths]
-
-
-def _telemetry_folder(path: Path) -> Path:
-    """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
-    inner = path / "telemetry"
-    return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+    return [fit_telemetry.inside(path) for path in paths]
 
 
 def _default_folder(path: Path, suffix: str = "fit") -> Path:
@@ -210,10 +200,6 @@ def _joint(results: fit_results.Results, path: Path) -> fit_results.Fit:
     return results.joint
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def _calibrate(
     console: Console,
     directory: Path,
@@ -228,7 +214,7 @@ def _calibrate(
     if calibration is not None:
         known = fit_results.load(calibration)
         _joint(known, calibration)
-        origin = {"calibration": str(calibration), "calibration_sha256": _digest(calibration)}
+        origin = {"calibration": str(calibration), "calibration_sha256": files.digest(calibration)}
     with console.stage("reading"):
         telemetries = fit_telemetry.read_all(paths, own=own)
     with console.stage("fit"):

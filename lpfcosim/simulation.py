@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -99,11 +99,13 @@ def simulate(
     return list(simulated.files.values())
 
 
-def archives_of(plan: Campaign, fmi: str = "3.0") -> dict[str, Path]:
-    """Return the FMUs of a campaign by model: the user's, and ours, built if need be, in the other places."""
+def archives_of(
+    plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
+) -> dict[str, Path]:
+    """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
     theirs = {r.model: r.archive for r in plan.replacements}
     ours = [c.model for c in network.every(plan.runs[0]) if c.model not in theirs]
-    return {**build.build(ours, fmi=fmi), **theirs}
+    return {**built(ours), **theirs}
 
 
 @contextmanager
