@@ -53,7 +53,9 @@ class ReadyMade(BuildHookInterface):
         except LpfcosimError as error:
             self.app.abort(str(error))
         build_data["force_include"][self._folder.name] = "lpfcosim/prebuilt"
-        build_data["force_include"][str(ROOT / "campaigns" / "quickstart.toml")] = "lpfcosim/quickstart.toml"
+        build_data["force_include"][str(ROOT / "campaigns" / "quickstart.toml")] = (
+            "lpfcosim/campaign/quickstart.toml"
+        )
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
         """Remove what was built; the wheel holds it now."""

@@ -16,12 +16,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fit import plot
     from fit.api import calibrate, calibrate_inertial, load, load_results, save_report
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
+    from fit.report import plot
     from fit.results import Estimate, Fit, FitWarning, Results
-    from fit.telemetry import Telemetry
+    from fit.telemetry.reader import Telemetry
 
 __all__ = [
     "CalibrationError",
@@ -45,13 +45,13 @@ _HOME = {
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
     "results": ("Estimate", "Fit", "FitWarning", "Results"),
-    "telemetry": ("Telemetry",),
+    "telemetry.reader": ("Telemetry",),
 }
 
 
 def __getattr__(name: str) -> object:
     if name == "plot":
-        return import_module("fit.plot")
+        return import_module("fit.report.plot")
     for module, names in _HOME.items():
         if name in names:
             return getattr(import_module(f"fit.{module}"), name)

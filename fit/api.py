@@ -8,12 +8,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from fit import notebook, pipeline  # noqa: F401 - the notebook, for how what is returned shows itself
+from fit import pipeline
 from fit import results as fit_results
-from fit.conversion import convert, is_map
+from fit.report import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.results import Results, with_truth
 from fit.settings import settings
-from fit.telemetry import Telemetry, inside, read_all, read_truth
+from fit.telemetry.conversion import convert, is_map
+from fit.telemetry.reader import Telemetry, inside, read_all, read_truth
 
 PathLike = str | os.PathLike[str]
 
@@ -118,7 +119,7 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     FitError
         If a number in the results is not finite.
     """
-    from fit import report  # what draws takes its time
+    from fit.report import page as report  # what draws takes its time
 
     directory = Path(folder)
     directory.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@
 
 Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi, and the Euler term is
 d delta_phi phi'' and -d delta_eta eta'', the shape of b_1 and b_2. Where the calibration has told the two
-apart (`fit.separation`), both terms count at all frequencies. Where it has not, b_1 and b_2 hold the Euler
+apart (`separation`), both terms count at all frequencies. Where it has not, b_1 and b_2 hold the Euler
 term; lest it be counted twice, g_dOmega is then taken below `SPLIT`, where delta_phi and delta_eta were
 fitted, and delta_g_SC above, where b_1 to b_6 were; the two filters add up to one. What that leaves out
 below, true b_1 and b_2 times phi'' and eta'', is some 3 % of the Euler term.
@@ -23,14 +23,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit import dynamics, inertial, rate, rotation
 from fit.errors import InputError
-from fit.known import Dynamics, dynamics_of
+from fit.estimate import inertial
+from fit.estimate.separation import is_separated
+from fit.model import dynamics, rate, rotation
+from fit.model.known import Dynamics, dynamics_of
+from fit.model.stretches import Grid, Stretch, differentiated, grid, reduced, stretches
 from fit.results import Fit, Results, joint_of
-from fit.separation import is_separated
-from fit.stretches import Grid, Stretch, differentiated, grid, reduced, stretches
-from fit.telemetry import SCHEMA, Telemetry, inertial_period, read_stretch, samples
-from fit.writer import Writer
+from fit.telemetry.reader import SCHEMA, Telemetry, inertial_period, read_stretch, samples
+from fit.telemetry.writer import Writer
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """How results and telemetry show themselves, as text in a terminal and as HTML in a notebook.
 
-What a type looks like is registered in `fit.notebook`, which knows the tables of the report; those know the
+What a type looks like is registered in the notebook of the report, which knows the tables of the report; those know the
 types, so that the types cannot know them.
 """
 

@@ -3,18 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fit import bump, inertial, rotation, selection, separation, soundness, spectra
-from fit.diagnostics import diagnose
 from fit.errors import FitError, InputError
-from fit.irls import Known, Outcome
-from fit.joint import fit_experiment, fit_joint, known_of
-from fit.preparation import prepare
+from fit.estimate import bump, inertial, selection, separation, soundness
+from fit.estimate.diagnostics import diagnose
+from fit.estimate.irls import Known, Outcome
+from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.preparation import prepare
+from fit.estimate.runs import Experiment
+from fit.estimate.verdict import as_fit
+from fit.model import rotation
+from fit.model.sharing import Sharing
 from fit.results import Fit, FitWarning, Results
-from fit.runs import Experiment
 from fit.settings import Settings, settings
-from fit.sharing import Sharing
-from fit.telemetry import Telemetry, inertial_period
-from fit.verdict import as_fit
+from fit.signal import spectra
+from fit.telemetry.reader import Telemetry, inertial_period
 
 
 def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:

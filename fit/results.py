@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError
 
-from fit import atomic, documents
 from fit.display import Displayed
 from fit.errors import FitError, InputError, shown
-from fit.parameters import stiffness
-from fit.telemetry import Telemetry, inertial_period, read_truth
+from fit.files import atomic, documents
+from fit.paper import stiffness
+from fit.telemetry.reader import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-results/1"
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
@@ -92,7 +92,7 @@ class Diagnostics:
     kurtosis, kurtosis_sigma : float
         Excess kurtosis of the normalised residual, 0 expected, and the scatter to expect.
     quantiles : list of float
-        Of the normalised residual at the normal scores `fit.diagnostics.SCORES`, which they should equal.
+        Of the normalised residual at the normal scores `diagnostics.SCORES`, which they should equal.
     """
 
     chi2_red: float

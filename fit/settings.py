@@ -11,10 +11,10 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from fit import documents
 from fit.errors import InputError, shown
-from fit.irls import Estimator
-from fit.sharing import Group
+from fit.estimate.irls import Estimator
+from fit.files import documents
+from fit.model.sharing import Group
 
 _Scattering = Literal["lambda_1", "lambda_2", "C_1", "C_2"]
 

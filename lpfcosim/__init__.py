@@ -13,15 +13,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lpfcosim.campaign import Campaign
+    from lpfcosim.campaign.campaign import Campaign
     from lpfcosim.errors import InputError, LpfcosimError, RunError
-    from lpfcosim.simulation import load_campaign, simulate
+    from lpfcosim.running.simulation import load_campaign, simulate
 
 __all__ = ["Campaign", "InputError", "LpfcosimError", "RunError", "load_campaign", "simulate"]
 _HOME = {
-    "campaign": ("Campaign",),
+    "campaign.campaign": ("Campaign",),
     "errors": ("InputError", "LpfcosimError", "RunError"),
-    "simulation": ("load_campaign", "simulate"),
+    "running.simulation": ("load_campaign", "simulate"),
 }
 
 

@@ -1,5 +1,5 @@
 """``python -m lpfcosim``."""
 
-from lpfcosim.cli import main
+from lpfcosim.cli.start import main
 
 main()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from tests.synthetic import AUTHORITIES, World, of_run
 
 BASELINE = 0.376

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from lpfcosim.run import Authority, Noise, Run
+from lpfcosim.spacecraft.run import Authority, Noise, Run
 
 settings.register_profile("deterministic", deadline=None, derandomize=True)
 settings.load_profile("deterministic")
@@ -53,7 +53,7 @@ def quickstart() -> Path:
 @pytest.fixture
 def lpfcosim(monkeypatch, capfd, tmp_path):
     """Run the command line in ``tmp_path``; returns (status, standard output, standard error)."""
-    from lpfcosim import cli  # takes its time, and only these tests need it
+    from lpfcosim.cli import start as cli  # takes its time, and only these tests need it
 
     monkeypatch.chdir(tmp_path)
 

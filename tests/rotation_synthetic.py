@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fit.parameters import joint_names, joint_parameter
+from fit.paper import joint_names, joint_parameter
 from fit.results import Estimate, Fit, Results
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from tests.contract_file import write_contract_file
 
 BASELINE = 0.376

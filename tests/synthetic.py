@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 
 TONES_12 = (0.833e-3, 1.667e-3, 3.333e-3, 13.33e-3, 53.33e-3)
 TONES_1 = (0.833e-3, 1.667e-3, 6.67e-3, 26.7e-3, 53.3e-3)

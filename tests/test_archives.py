@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from fit.conversion import convert
 from fit.errors import InputError
 from fit.pipeline import calibrate
-from fit.telemetry import read, read_all
+from fit.telemetry.conversion import convert
+from fit.telemetry.reader import read, read_all
 from tests.contract_file import write_contract_file
 from tests.synthetic import World, pair
 
@@ -193,7 +193,7 @@ def test_no_time_column(runs, tmp_path):
 
 
 def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr("fit.archives.BLOCK", 1000)
+    monkeypatch.setattr("fit.telemetry.archives.BLOCK", 1000)
     for suffix in FORMATS:
         first, _ = convert([archive(suffix)], tmp_path / "telemetry", any_gaps=False)
         np.testing.assert_array_equal(read(first).channels["o_12"], runs[0].channels["o_12"])

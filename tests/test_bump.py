@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit import bump, dynamics, spectra
-from fit.bump import cross_talk
-from fit.joint import fit_experiment, fit_joint, known_of
-from fit.runs import Experiment, Run
+from fit.estimate import bump
+from fit.estimate.bump import cross_talk
+from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.runs import Experiment, Run
+from fit.estimate.verdict import as_fit
+from fit.model import dynamics
+from fit.model.sharing import Sharing
 from fit.settings import settings
-from fit.sharing import Sharing
-from fit.verdict import as_fit
+from fit.signal import spectra
 from tests.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.synthetic import World, of_run
 

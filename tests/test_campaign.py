@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lpfcosim import campaign, signals
-from lpfcosim.control import DRAG_FREE
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
-from lpfcosim.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
+from lpfcosim.plant import signals
+from lpfcosim.spacecraft.control import DRAG_FREE
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
 
 TEXT = (Path(__file__).parent / "two_experiments.toml").read_text(encoding="utf-8")
 

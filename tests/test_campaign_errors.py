@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim import campaign
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 
 TEXT = (Path(__file__).parent / "two_experiments.toml").read_text(encoding="utf-8")

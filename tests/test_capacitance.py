@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fit import capacitance
-from fit.capacitance import alpha_phi, alpha_x, background, predictions
+from fit.report import capacitance
+from fit.report.capacitance import alpha_phi, alpha_x, background, predictions
 from fit.results import Estimate, Fit
 
 

@@ -12,9 +12,12 @@ from contextlib import suppress
 import fmpy
 import pytest
 
-from lpfcosim import campaign, placement, reference, runner, telemetry
+from lpfcosim.campaign import campaign
+from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build as fmu_build
+from lpfcosim.plant import reference
+from lpfcosim.running import runner, telemetry
 from tests.campaign_text import ONE_EXPERIMENT
 
 SHORT = f"""

@@ -3,13 +3,14 @@
 import json
 import re
 import tomllib
-from pathlib import Path
 
 import jsonschema
 import pytest
 
 from fit.settings import settings
-from lpfcosim import campaign, cli_new, cli_plan
+from lpfcosim.campaign import campaign
+from lpfcosim.cli import new as cli_new
+from lpfcosim.cli import plan as cli_plan
 from lpfcosim.modelica import build
 from tests.campaign_text import ONE_EXPERIMENT
 
@@ -171,7 +172,7 @@ def test_new_has_a_name_of_its_own(lpfcosim, tmp_path):
 
 
 def test_wheel_has_the_starter_beside_its_code(monkeypatch, tmp_path):
-    monkeypatch.setattr(cli_new, "__file__", str(tmp_path / "cli_new.py"))
+    monkeypatch.setattr(cli_new, "ROOM", tmp_path)
     (tmp_path / "quickstart.toml").write_text("packaged", encoding="utf-8")
     assert cli_new.starter() == "packaged"
 
@@ -243,7 +244,7 @@ def test_schema_asks_for_a_base_or_all_the_rest(schema, quickstart):
 
 
 def test_schema_is_shipped(schema):
-    shipped = Path(cli_plan.__file__).with_name("lpf-campaign.json").read_text(encoding="utf-8")
+    shipped = (cli_new.ROOM / "lpf-campaign.json").read_text(encoding="utf-8")
     told = "lpfcosim schema > lpfcosim/lpf-campaign.json makes it anew"
     assert json.loads(shipped) == schema, told
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.console import Console
+from lpfcosim.cli.console import Console
 from tests.campaign_text import ONE_EXPERIMENT
 
 GROUPS = {

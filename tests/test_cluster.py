@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim import campaign, cluster, runner
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
+from lpfcosim.running import cluster, runner
 from tests.faulty import SEGFAULT, after, faulty
 from tests.test_montecarlo import SMALL
 

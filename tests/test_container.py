@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from lpfcosim import along_x, master, placement, signals
-from lpfcosim.container import container
+from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError
+from lpfcosim.export.container import container
 from lpfcosim.modelica import build, checks
-from lpfcosim.run import Authority, HalfCosine, Pulse, Sine
+from lpfcosim.network import along_x
+from lpfcosim.plant import signals
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 
 pytestmark = pytest.mark.fmu
 

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lpfcosim import decimation, telemetry
+from lpfcosim.plant import decimation
+from lpfcosim.running import telemetry
 
 
 def thinned(run, values, sizes=(10_000,)):

@@ -12,11 +12,11 @@ from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 
 from fit import results as fit_results
-from fit import stretches
 from fit.deltag import write_delta_g
 from fit.errors import FitError, InputError
+from fit.model import stretches
 from fit.results import Estimate, Fit
-from lpfcosim import cli
+from lpfcosim.cli import start as cli
 from tests.rotation_synthetic import BASELINE, World, calibration, run, write
 
 DAY = 86400.0

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit import linear, spectra
-from fit.diagnostics import SCORES, Residual, diagnose, judge, residual
-from fit.joint import fit_experiment
+from fit.estimate import linear
+from fit.estimate.diagnostics import SCORES, Residual, diagnose, judge, residual
+from fit.estimate.joint import fit_experiment
+from fit.estimate.runs import Experiment, Run
+from fit.estimate.verdict import as_fit
 from fit.results import Results, load, write
-from fit.runs import Experiment, Run
-from fit.verdict import as_fit
+from fit.signal import spectra
 from tests.synthetic import World, pair, telemetry
 
 HOURS = 3600

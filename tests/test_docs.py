@@ -150,8 +150,8 @@ def alike(shown: str, printed: str) -> bool:
 
 def fragment(text: str) -> None:
     """Load a map, or a part of a campaign on top of the quick start; files they name need not be there."""
-    from fit import mapping
-    from lpfcosim import campaign
+    from fit.telemetry import maps as mapping
+    from lpfcosim.campaign import campaign
 
     document = tomllib.loads(text)
     for entry in (*document.get("fmus", {}).values(), *document.get("runs", ())):

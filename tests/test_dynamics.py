@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit import dynamics, spectra
-from fit.telemetry import Telemetry
-from lpfcosim import reference
-from lpfcosim.run import Noise, Run, Sine
+from fit.model import dynamics
+from fit.signal import spectra
+from fit.telemetry.reader import Telemetry
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Noise, Run, Sine
 from tests.synthetic import World, of_run, telemetry, without
 
 EPOCH_1 = {"lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo"}

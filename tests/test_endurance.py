@@ -20,10 +20,10 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from lpfcosim import master
+from lpfcosim.cosim import master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.run import Truth
+from lpfcosim.spacecraft.run import Truth
 from tests.test_slave import repack
 
 PROCESS = Path("/proc/self")

@@ -5,11 +5,13 @@ import pytest
 from scipy.optimize import minimize
 from scipy.signal import get_window
 
-from fit import dynamics, flscov, likelihood, pipeline
+from fit import pipeline
 from fit.errors import FitError, InputError
-from fit.joint import fit_experiment
+from fit.estimate import flscov, likelihood
+from fit.estimate.joint import fit_experiment
+from fit.estimate.runs import Run
+from fit.model import dynamics
 from fit.pipeline import calibrate
-from fit.runs import Run
 from fit.settings import read, settings
 from tests.synthetic import World, of_run, pair, telemetry
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit import irls
 from fit.errors import CalibrationError, InputError
+from fit.estimate import irls
 from fit.pipeline import calibrate
 from fit.settings import settings
 from tests.contract_file import UNITS, write_contract_file

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit import figure_files
-from fit.drawings import drawing
-from fit.figure_files import MOVES, Curve, Plot, column, legend_above, loglog, table
+from fit.figures import files as figure_files
+from fit.figures.drawings import drawing
+from fit.figures.files import MOVES, Curve, Plot, column, legend_above, loglog, table
 from tests.browser import Page, needs_browser
 
 pytestmark = needs_browser

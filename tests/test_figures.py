@@ -11,8 +11,12 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from fit import figure_files, figures_delta_g, figures_mission, glitches, report_drawings
-from fit.runs import Experiment, Run
+from fit.estimate import glitches
+from fit.estimate.runs import Experiment, Run
+from fit.figures import delta_g as figures_delta_g
+from fit.figures import files as figure_files
+from fit.figures import mission as figures_mission
+from fit.report import drawings as report_drawings
 from tests.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")

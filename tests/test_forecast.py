@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.forecast import Planned, forecast
-from fit.parameters import joint_names
+from fit.estimate.forecast import Planned, forecast
+from fit.estimate.runs import Experiment, Run
+from fit.paper import joint_names
 from fit.pipeline import calibrate
-from fit.runs import Experiment, Run
 from fit.settings import settings
-from lpfcosim import campaign, loops, margins, planning, reference, whole
-from lpfcosim.cli_study import planned
-from lpfcosim.run import Authority, HalfCosine, Noise, Sine
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.campaign import campaign
+from lpfcosim.cli.study import planned
+from lpfcosim.plant import loops, margins, planning, reference, whole
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.synthetic import World, of_run, pair, telemetry
 from tests.test_joint import recorded
 

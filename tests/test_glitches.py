@@ -6,13 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fit import glitches
-from fit.joint import fit_experiment, fit_joint
+from fit.estimate import glitches
+from fit.estimate.joint import fit_experiment, fit_joint
+from fit.estimate.runs import Experiment, Run
 from fit.pipeline import calibrate
-from fit.runs import Experiment, Run
 from fit.settings import settings
-from lpfcosim import campaign, reference
-from lpfcosim.run import Noise, Pulse
+from lpfcosim.campaign import campaign
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Noise, Pulse
 from tests.synthetic import World, pair, without
 from tests.test_joint import OFF, recorded
 

@@ -9,12 +9,12 @@ import pytest
 from scipy.signal import csd, welch
 from scipy.spatial.transform import Rotation
 
-from fit import rate, rotation
 from fit.errors import InputError
-from fit.inertial import fit_period, takes_part
+from fit.estimate.inertial import fit_period, takes_part
+from fit.model import rate, rotation
 from fit.pipeline import calibrate, calibrate_inertial
-from fit.telemetry import read_all
-from lpfcosim import cli
+from fit.telemetry.reader import read_all
+from lpfcosim.cli import start as cli
 from tests import synthetic
 from tests.rotation_synthetic import Plane, World, calibration, run, write
 from tests.synthetic import without

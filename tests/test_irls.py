@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.fft import prev_fast_len
 
-from fit import irls, linear, spectra
 from fit.errors import FitError
+from fit.estimate import irls, linear
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.signal import spectra
 from tests.synthetic import World, of_run, pair, telemetry, without
 
 NAMES = ["lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo"]

@@ -8,9 +8,10 @@ from dataclasses import replace
 import fmpy
 import pytest
 
-from lpfcosim import campaign, runner
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
+from lpfcosim.running import runner
 from tests.faulty import FAULTS, SEGFAULT, after, by_value, faulty
 from tests.test_runner import PLAN
 

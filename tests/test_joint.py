@@ -8,13 +8,14 @@ import pytest
 from scipy.signal import decimate
 
 from fit.errors import InputError
-from fit.parameters import joint_names
+from fit.model.sharing import Sharing
+from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.sharing import Sharing
-from fit.telemetry import Telemetry
-from lpfcosim import campaign, reference
-from lpfcosim.run import Noise, Truth
+from fit.telemetry.reader import Telemetry
+from lpfcosim.campaign import campaign
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Noise, Truth
 from tests.synthetic import World, of_run, pair, telemetry, without
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))

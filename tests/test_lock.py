@@ -7,8 +7,9 @@ import sys
 
 import pytest
 
-from lpfcosim import files, lock
 from lpfcosim.errors import InputError
+from lpfcosim.running import ledger as files
+from lpfcosim.running import lock
 
 HOLD = """
 import sys, time

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim import loops, margins
-from lpfcosim.control import Lead
-from lpfcosim.run import Truth
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.plant import loops, margins
+from lpfcosim.spacecraft.control import Lead
+from lpfcosim.spacecraft.run import Truth
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 H = 0.1
 M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376

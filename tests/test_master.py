@@ -6,10 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim import along_x, campaign, master, network, reference
+from lpfcosim.campaign import campaign
+from lpfcosim.cosim import master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.run import Authority, HalfCosine, Pulse, Sine
+from lpfcosim.network import along_x, network
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 
 pytestmark = pytest.mark.fmu
 

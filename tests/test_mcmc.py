@@ -8,16 +8,18 @@ import h5py
 import numpy as np
 import pytest
 
-from fit import linear, mcmc, results, telemetry
+from fit import results
 from fit.errors import FitError, InputError
-from fit.irls import Outcome
-from fit.joint import fit_joint
-from fit.likelihood import weights
-from fit.parameters import FLIGHT
+from fit.estimate import linear, mcmc
+from fit.estimate.irls import Outcome
+from fit.estimate.joint import fit_joint
+from fit.estimate.likelihood import weights
+from fit.estimate.posterior import Posterior, inflation
+from fit.estimate.runs import Experiment, Run
+from fit.paper import FLIGHT
 from fit.pipeline import calibrate
-from fit.posterior import Posterior, inflation
-from fit.runs import Experiment, Run
 from fit.settings import settings
+from fit.telemetry import reader as telemetry
 from tests.contract_file import write_contract_file
 from tests.synthetic import World, pair
 

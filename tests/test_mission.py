@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit.parameters import FLIGHT, joint_names
+from fit.paper import FLIGHT, joint_names
 from fit.pipeline import calibrate
-from lpfcosim import campaign, montecarlo, planning, spectral
-from lpfcosim.cli_study import in_memory
-from lpfcosim.run import Noise
-from lpfcosim.telemetry import truth
+from lpfcosim.campaign import campaign, montecarlo
+from lpfcosim.cli.study import in_memory
+from lpfcosim.plant import planning, spectral
+from lpfcosim.running.telemetry import truth
+from lpfcosim.spacecraft.run import Noise
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")

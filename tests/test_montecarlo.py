@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from fit import pulls
+from fit.estimate import pulls
 from fit.results import Estimate, Fit, Results
-from lpfcosim import campaign, montecarlo
+from lpfcosim.campaign import campaign, montecarlo
 from tests.campaign_text import ONE_EXPERIMENT
 
 HEAD = 'schema = "lpf-campaign/1"\nname = "small"\nseed = 3\n'

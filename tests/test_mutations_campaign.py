@@ -13,10 +13,11 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit import conversion, mapping
 from fit import results as fit_results
 from fit import settings as fit_settings
-from lpfcosim import campaign
+from fit.telemetry import conversion
+from fit.telemetry import maps as mapping
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 from tests.mutations import HangError, damaged, guarded, hostile, restructured, survives, swapped
 

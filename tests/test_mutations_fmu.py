@@ -12,10 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim import archive, campaign, files, interface, network, placement, slave, trust
+from lpfcosim.campaign import campaign
+from lpfcosim.cosim import archive, interface, placement, slave
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, checks
-from lpfcosim.run import Replacement
+from lpfcosim.network import network
+from lpfcosim.running import ledger as files
+from lpfcosim.running import trust
+from lpfcosim.spacecraft.run import Replacement
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.foreign import edited
 from tests.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives

@@ -8,13 +8,16 @@ import h5py
 import numpy as np
 import pytest
 
-from fit import mcmc, probe, refit, report
 from fit import results as fit_results
 from fit.errors import InputError
+from fit.estimate import mcmc, refit
+from fit.estimate.posterior import Posterior
 from fit.pipeline import calibrate
-from fit.posterior import Posterior
-from fit.writer import Writer
-from lpfcosim import cli_montecarlo, dossier
+from fit.report import page as report
+from fit.telemetry import guard as probe
+from fit.telemetry.writer import Writer
+from lpfcosim.cli import montecarlo as cli_montecarlo
+from lpfcosim.running import dossier
 from tests.mutations import damaged, hostile, restructured, survives
 from tests.synthetic import World, pair
 

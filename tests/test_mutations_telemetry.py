@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 import scipy
 
-from fit import probe, telemetry
-from fit.archives import opened
 from fit.errors import InputError
 from fit.pipeline import calibrate
-from fit.probe import look_at
+from fit.telemetry import guard as probe
+from fit.telemetry import reader as telemetry
+from fit.telemetry.archives import opened
+from fit.telemetry.guard import look_at
 from tests.contract_file import write_contract_file
 from tests.mutations import NUMBERS, TEXTS, damaged, survives
 from tests.synthetic import World, pair

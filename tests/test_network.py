@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lpfcosim import along_x, network, signals
 from lpfcosim.errors import InputError
-from lpfcosim.spacecraft import Spacecraft
-from lpfcosim.wiring import Component, check_feedthrough, endpoint, in_order
+from lpfcosim.network import along_x, network
+from lpfcosim.network.wiring import Component, check_feedthrough, endpoint, in_order
+from lpfcosim.plant import signals
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 
 def test_order_of_ours_is_that_of_the_signals(make_run):

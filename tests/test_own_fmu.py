@@ -11,13 +11,16 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim import campaign, master, network, placement, runner
+from lpfcosim.campaign import campaign
+from lpfcosim.cosim import master, placement
+from lpfcosim.cosim.interface import resolve
+from lpfcosim.cosim.placement import _exponents
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.interface import resolve
 from lpfcosim.modelica import build
-from lpfcosim.placement import _exponents
-from lpfcosim.run import Noise, Replacement, Sine
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.network import network
+from lpfcosim.running import runner
+from lpfcosim.spacecraft.run import Noise, Replacement, Sine
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.foreign import edited, renamed
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.signal import bilinear, lfilter
 
-from lpfcosim import reference, signals
 from lpfcosim.errors import RunError
-from lpfcosim.run import Authority, HalfCosine, Noise, Sine, Truth
+from lpfcosim.plant import reference, signals
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
 
 H = 0.1
 RATIO = 1.928 / 422.7

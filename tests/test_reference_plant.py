@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lpfcosim import reference
-from lpfcosim.run import Truth
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Truth
 
 H = 0.1
 RATIO = 1.928 / 422.7

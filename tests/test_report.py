@@ -13,11 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit import figure_files, figures, tables
-from fit.parameters import FLIGHT, joint_names
-from fit.report import write_report
+from fit.figures import files as figure_files
+from fit.figures import runs as figures
+from fit.paper import FLIGHT, joint_names
+from fit.report import tables
+from fit.report.page import write_report
 from fit.results import Estimate, Fit, FitWarning, Results
-from fit.telemetry import read
+from fit.telemetry.reader import read
 from tests.contract_file import write_contract_file
 
 SAMPLES = 3600

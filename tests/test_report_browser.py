@@ -4,12 +4,14 @@ import json
 
 import pytest
 
-from fit import figure_files, figures_montecarlo, mcmc, pulls
+from fit.estimate import mcmc, pulls
+from fit.figures import files as figure_files
+from fit.figures import montecarlo as figures_montecarlo
 from fit.pipeline import calibrate, calibrate_inertial
-from fit.report import write_report
+from fit.report.page import write_report
 from fit.results import with_truth
 from fit.settings import settings
-from fit.telemetry import read_all
+from fit.telemetry.reader import read_all
 from tests import rotation_synthetic, synthetic
 from tests.browser import Page, needs_browser
 from tests.contract_file import write_contract_file

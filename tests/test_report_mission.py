@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit import figure_files, figures_mission, report_mission
-from fit.diagnostics import SCORES
-from fit.figures import StiffnessPoint, stiffness_pull
-from fit.parameters import FLIGHT, joint_names
-from fit.report import write_report
+from fit.estimate.diagnostics import SCORES
+from fit.figures import files as figure_files
+from fit.figures import mission as figures_mission
+from fit.figures.runs import StiffnessPoint, stiffness_pull
+from fit.paper import FLIGHT, joint_names
+from fit.report import together as report_mission
+from fit.report.page import write_report
 from fit.results import Diagnostics, Estimate, Fit, FitWarning, Results
 from tests.synthetic import AUTHORITIES, World, telemetry
 

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from fit import figures_motion, report, separation
 from fit import results as fit_results
+from fit.estimate import separation
+from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
-from fit.report_motion import parts
+from fit.report import page as report
+from fit.report.motion import parts
 from fit.results import Estimate, Fit
-from fit.telemetry import read_all
+from fit.telemetry.reader import read_all
 from tests import rotation_synthetic as synthetic
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from fit import mcmc, pulls
 from fit.errors import InputError
-from fit.report import write_report
-from fit.report_sampling import parts
+from fit.estimate import mcmc, pulls
+from fit.report.page import write_report
+from fit.report.sampling import parts
 from tests.test_report import joint_fit, results
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from fit import report_warnings, tables
-from fit.advice import ADVICE
-from fit.parameters import FLIGHT, joint_names, joint_parameter
-from fit.report_verdict import verdict
+from fit.paper import FLIGHT, joint_names, joint_parameter
+from fit.report import tables
+from fit.report import warnings as report_warnings
+from fit.report.verdict import verdict
 from fit.results import Estimate, FitWarning
+from fit.warnings import ADVICE
 from tests.test_report import LOST, experiment_fit, joint_fit, make_fit, results
 
 ROOT = Path(__file__).parents[1]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim import campaign
+from lpfcosim.campaign import campaign
 from lpfcosim.modelica import build
 from tests.faulty import SEGFAULT, after, faulty
 from tests.test_cli import SHORT, one_sentence

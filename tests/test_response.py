@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from lpfcosim import campaign, planning, reference, signals
-from lpfcosim.run import Noise, Sine
+from lpfcosim.campaign import campaign
+from lpfcosim.plant import planning, reference, signals
+from lpfcosim.spacecraft.run import Noise, Sine
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 # m or m s^-2 or N: far from any limit, far above rounding

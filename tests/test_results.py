@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fit.errors import FitError, InputError
 from fit.results import Estimate, Fit, FitWarning, Results, load, with_truth, write
-from fit.telemetry import read
+from fit.telemetry.reader import read
 from tests.contract_file import write_contract_file
 
 TRUTH = {

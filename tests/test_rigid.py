@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lpfcosim import loops, rigid
-from lpfcosim.run import Truth
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.plant import loops, rigid
+from lpfcosim.spacecraft.run import Truth
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.whole_equations import FREE, I_SC, I_TM, M_SC, M_TM, NO_STIFFNESS, SKEW, D, H, equations
 
 

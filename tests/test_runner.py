@@ -16,10 +16,12 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim import campaign, reference, runner
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.run import Authority, Sine
+from lpfcosim.plant import reference
+from lpfcosim.running import runner
+from lpfcosim.spacecraft.run import Authority, Sine
 from tests.campaign_text import ONE_EXPERIMENT
 
 pytestmark = pytest.mark.fmu

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fit import separation
+from fit.estimate import separation
 from fit.results import Estimate, Fit
 
 

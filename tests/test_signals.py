@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import welch
 
-from lpfcosim import signals
-from lpfcosim.run import HalfCosine, Noise, Pulse, Sine
+from lpfcosim.plant import signals
+from lpfcosim.spacecraft.run import HalfCosine, Noise, Pulse, Sine
 
 TARGETS = ("guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2")
 

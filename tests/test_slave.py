@@ -8,10 +8,10 @@ import zipfile
 import fmpy
 import pytest
 
-from lpfcosim import master, slave
+from lpfcosim.cosim import master, slave
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.run import Truth
+from lpfcosim.spacecraft.run import Truth
 
 pytestmark = pytest.mark.fmu
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from lpfcosim import campaign, decimation, planning, reference, signals, spectral, whole
-from lpfcosim.run import Noise, Pulse
+from lpfcosim.campaign import campaign
+from lpfcosim.plant import decimation, planning, reference, signals, spectral, whole
+from lpfcosim.spacecraft.run import Noise, Pulse
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 

@@ -13,9 +13,12 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import get_connections, read_ssd, read_ssv
 from lxml import etree
 
-from lpfcosim import along_x, campaign, network, signals, ssp
+from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
+from lpfcosim.export import ssp
 from lpfcosim.modelica import build
+from lpfcosim.network import along_x, network
+from lpfcosim.plant import signals
 
 pytestmark = pytest.mark.fmu
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim import reference, stability
-from lpfcosim.campaign import load
-from lpfcosim.control import DRAG_FREE, SUSPENSION
+from lpfcosim.campaign.campaign import load
 from lpfcosim.errors import InputError
-from lpfcosim.run import Noise, Truth
+from lpfcosim.plant import reference, stability
+from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION
+from lpfcosim.spacecraft.run import Noise, Truth
 
 
 def test_every_run_of_the_quick_start_is_stable(quickstart):

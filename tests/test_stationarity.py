@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from fit.estimate.stationarity import independent, stationarity
 from fit.results import Estimate, Fit, FitWarning
-from fit.stationarity import independent, stationarity
 
 
 def estimates(values, sigmas):

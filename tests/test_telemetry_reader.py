@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import InputError
-from fit.telemetry import read, read_all, read_truth
+from fit.telemetry.reader import read, read_all, read_truth
 from tests.contract_file import UNITS, write_contract_file
 
 N = 200

@@ -6,10 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim import files, reference, telemetry
 from lpfcosim.errors import RunError
-from lpfcosim.parameters import PARAMETERS
-from lpfcosim.run import Sine
+from lpfcosim.plant import reference
+from lpfcosim.running import ledger as files
+from lpfcosim.running import telemetry
+from lpfcosim.spacecraft.parameters import PARAMETERS
+from lpfcosim.spacecraft.run import Sine
 
 PROVENANCE = {"version": "1.2.3", "campaign_digest": "ab" * 32, "seed": 7}
 CHANNELS = {"o_1", "o_12", "f_x_1", "f_x_2", "guidance_o_1", "guidance_o_12", "F_x_sc"}

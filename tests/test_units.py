@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lpfcosim.units import Quantity
+from lpfcosim.campaign.units import Quantity
 
 LENGTH = Quantity("a length", "m", "10 nm")
 ACCELERATION_NOISE = Quantity("an acceleration noise", "m s^-2 Hz^-0.5", "5.6 fm s^-2 Hz^-0.5")

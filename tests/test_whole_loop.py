@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim import master, network, whole
+from lpfcosim.cosim import master
 from lpfcosim.modelica import build
-from lpfcosim.run import Authority, Noise, Sine
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.network import network
+from lpfcosim.plant import whole
+from lpfcosim.spacecraft.run import Authority, Noise, Sine
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 pytestmark = pytest.mark.fmu
 

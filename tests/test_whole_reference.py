@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from lpfcosim import loops, margins, reference, rigid, signals, whole
 from lpfcosim.errors import RunError
-from lpfcosim.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.plant import loops, margins, reference, rigid, signals, whole
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests.whole_equations import I_SC, M_TM, SKEW, D, H, by_integration
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import bilinear, lfilter
 
-from lpfcosim.run import Truth
-from lpfcosim.spacecraft import Spacecraft
+from lpfcosim.spacecraft.run import Truth
+from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 H = 0.1
 M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376

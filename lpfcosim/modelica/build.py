@@ -39,7 +39,7 @@ MODELS = (
 )
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
-ENGINE = Path(__file__).parents[1] / "engine.c"
+ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
 _CORE = ("core.c", "core.h", "instance.c", "instance.h")
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),

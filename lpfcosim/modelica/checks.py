@@ -8,7 +8,7 @@ from pathlib import Path
 import fmpy
 from fmpy.validation import validate_fmu
 
-from lpfcosim.archive import check
+from lpfcosim.cosim.archive import check
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 

@@ -20,8 +20,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binom, norm
 
-from fit import pulls
-from fit.figure_files import COLOURS, WIDE, Plot, write
+from fit.estimate import pulls
+from fit.figures.files import COLOURS, WIDE, Plot, write
 
 DOCS = Path(__file__).parents[2] / "docs"
 HEAD = ("campaign", "parameter", "n", "mean", "mean_error", "std", "std_error", "within_1", "within_2")

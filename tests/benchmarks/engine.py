@@ -28,11 +28,15 @@ from pathlib import Path
 
 import numpy as np
 
-from lpfcosim import campaign, master, network, runner, signals
+from lpfcosim.campaign import campaign
+from lpfcosim.cosim import master
+from lpfcosim.cosim.placement import interfaces
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
-from lpfcosim.placement import interfaces
-from lpfcosim.run import Run
+from lpfcosim.network import network
+from lpfcosim.plant import signals
+from lpfcosim.running import runner
+from lpfcosim.spacecraft.run import Run
 
 HERE = Path(__file__).parent
 QUICKSTART = HERE.parents[1] / "campaigns" / "quickstart.toml"

@@ -19,13 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fit import telemetry
-from fit.inertial import fit_period
-from fit.parameters import joint_names, joint_parameter
+from fit.estimate.inertial import fit_period
+from fit.paper import joint_names, joint_parameter
 from fit.results import Estimate, Fit
-from lpfcosim import campaign, network, runner
+from fit.telemetry import reader as telemetry
+from lpfcosim.campaign import campaign
 from lpfcosim.modelica import build
-from lpfcosim.run import Run
+from lpfcosim.network import network
+from lpfcosim.running import runner
+from lpfcosim.spacecraft.run import Run
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "inertial.toml"
 NAMES = ("delta_phi", "delta_eta")

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fit import glitches, selection, telemetry
-from fit.joint import fit_joint
+from fit.estimate import glitches, selection
+from fit.estimate.joint import fit_joint
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.telemetry import reader as telemetry
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -1,0 +1,1 @@
+"""Estimation: from runs to estimates with true sigmas, verdicts, forecasts, samples of the posterior."""

@@ -1,0 +1,245 @@
+"""Cross-talk of spacecraft motion (eq. bump): its coefficients, what noisy read-outs do to them, the limit.
+
+The coefficients b_1 to b_6 are fitted along with the dynamics. Their regressors are read-outs and carry noise
+of their own, the capacitive y and z most of all. Least squares then finds what subtracts best: coefficients
+smaller than the couplings, the more so the higher the frequency. They are right for a correction and wrong as
+couplings, and that is said with them. Nor can any coefficients subtract more than the Wiener limit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.estimate import linear
+from fit.estimate.irls import Outcome
+from fit.estimate.runs import Experiment, Run, noise_model
+from fit.estimate.verdict import indeterminable, report
+from fit.model import dynamics
+from fit.model.sharing import Sharing
+from fit.results import Fit, FitWarning
+from fit.signal import spectra
+
+Array = NDArray[np.float64]
+
+NOTABLE = 1.0  # sigma, expected shift that is warned of
+COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
+DOUBTFUL = 0.5  # share of noise in some combination of the regressors, from which no shift is told
+#: Differences of read-outs that hold no motion but rotation, and the noise power of the mean in terms of
+#: theirs, for read-outs independent and alike.
+DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
+    "phi": ({"o_phi_12": 1.0}, 1.25),
+    "eta": ({"o_eta_12": 1.0}, 1.25),
+    "y": ({"grs_y_2": 1.0, "grs_y_1": -1.0}, 0.25),
+    "z": ({"grs_z_2": 1.0, "grs_z_1": -1.0}, 0.25),
+}
+
+
+def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> dict[str, Fit]:
+    """Return the coefficients of eq. bump by alignment epoch, as the joint fit found them.
+
+    Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
+    are those of the joint fit. Its warnings: ``indeterminable``; ``attenuated``, with the coefficients to
+    expect of read-outs without noise; ``correlation`` of delta_ifo with every b_i.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the joint fit.
+    experiments : sequence of Experiment
+        What was fitted.
+    sharing : Sharing
+        What they share.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number, or a noise PSD cannot be fitted.
+    """
+    of_epoch: dict[int, dict[str, str]] = {}
+    delta_ifo: dict[int, str] = {}
+    for experiment in experiments:
+        run = experiment.sysid.telemetry
+        delta_ifo[run.alignment_epoch] = sharing.name("delta_ifo", run)
+        for name in (n for n in experiment.parameters if n in COEFFICIENTS):
+            of_epoch.setdefault(run.alignment_epoch, {})[sharing.name(name, run)] = name
+    if not of_epoch:
+        return {}
+    shift = expected_shift(outcome, experiments)
+    fits = {}
+    for epoch, names in sorted(of_epoch.items()):
+        fits[str(epoch)] = report(
+            outcome,
+            experiments,
+            names,
+            [
+                *indeterminable(outcome, experiments, names),
+                *_attenuated(outcome, shift, names, delta_ifo[epoch]),
+                _correlation(outcome, names, delta_ifo[epoch]),
+            ],
+        )
+    return fits
+
+
+def _attenuated(outcome: Outcome, shift: Array, names: Mapping[str, str], delta_ifo: str) -> list[FitWarning]:
+    """Name the coefficients that noise in their regressors is expected to shift notably."""
+    sigma = np.sqrt(np.diag(outcome.solution.covariance))
+    told = {}
+    for i, p in enumerate(outcome.parameters):
+        if p.name in names and not outcome.lost[i] and not abs(shift[i]) < NOTABLE * sigma[i]:
+            value = float(outcome.solution.theta[i])
+            free = f"{value:.4g} instead of {value - shift[i]:.4g} {p.unit}".removesuffix(" 1")
+            told[names[p.name]] = (
+                f"{free} expected" if np.isfinite(shift[i]) else "by how much cannot be told"
+            )
+    if not told:
+        return []
+    row = [p.name for p in outcome.parameters].index(delta_ifo)
+    message = (
+        "the noise of the read-outs of spacecraft motion attenuates "
+        + ", ".join(f"{name} ({what})" for name, what in told.items())
+        + "; these coefficients subtract best but are no unbiased couplings"
+    )
+    if np.isfinite(shift[row]):
+        message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
+    return [FitWarning("attenuated", tuple(told), message)]
+
+
+def _correlation(outcome: Outcome, names: Mapping[str, str], delta_ifo: str) -> FitWarning:
+    """Report how the coefficients correlate with the leakage of x_1 in the same epoch."""
+    all_names = [p.name for p in outcome.parameters]
+    sigma = np.sqrt(np.diag(outcome.solution.covariance))
+    row = all_names.index(delta_ifo)
+    correlation = outcome.solution.covariance[row] / (sigma[row] * sigma)
+    found = {own: float(correlation[all_names.index(name)]) for name, own in names.items()}
+    told = ", ".join(f"{value:+.2f} ({own})" for own, value in found.items())
+    return FitWarning("correlation", (delta_ifo, *found), f"correlation of {delta_ifo} with b_i: {told}")
+
+
+def expected_shift(outcome: Outcome, experiments: Sequence[Experiment]) -> Array:
+    """Return by how much noise in the read-outs of spacecraft motion is expected to shift a fit.
+
+    Noise of PSD S_n in a regressor adds to the normal equations what stands for no signal, so that
+    ``E[theta] = (1 - G) truth`` with ``G = (H + prior)^-1 H_n``; the eigenvalues of G are the share of noise
+    in what the data say of a combination. S_n is measured, see `read_out_noise`; that the spacecraft answers
+    to the noise of its own sensors is left out: right above the band of the loops, where the cross-talk is
+    large.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the fit.
+    experiments : sequence of Experiment
+        What was fitted.
+
+    Returns
+    -------
+    ndarray, shape (P,)
+        Expected error of the parameters, SI; NaN where the regressors hold too much noise to tell.
+    """
+    theta, covariance = outcome.solution.theta, outcome.solution.covariance
+    width = np.array([p.prior_sigma for p in outcome.parameters])
+    H, H_n = np.diag(outcome.lost / width**2), np.zeros((theta.size, theta.size))
+    for experiment, block in zip(experiments, outcome.blocks, strict=True):
+        run, to_run = experiment.sysid, block.share
+        of_run = to_run @ theta
+        noise = noise_model(experiment, of_run, to_run @ covariance @ to_run.T, None)
+        terms = run.spectra(dynamics.delays(of_run))
+        H += linear.information([linear.block(terms, noise, run.tau, to_run)], theta)
+        weight, floor = 2 / noise.expected(terms.f), read_out_noise(run)
+        for mean, S_n in floor.items():
+            rows = np.zeros((terms.f.size, len(to_run)))
+            for i, name in enumerate(experiment.parameters):
+                if dynamics.CROSS_TALK.get(name, ("", 0))[0] == mean:
+                    rows[:, i] = (-((2 * np.pi * terms.f) ** 2)) ** (dynamics.CROSS_TALK[name][1] // 2)
+            H_n += to_run.T @ (rows.T * (S_n * weight)) @ rows @ to_run
+    root = np.linalg.inv(np.linalg.cholesky(width[:, None] * H * width))
+    share_of_noise, V = np.linalg.eigh(root @ (width[:, None] * H_n * width) @ root.T)
+    parts = width[:, None] * (root.T @ V) * np.linalg.solve(V, np.linalg.solve(root.T, theta / width))
+    doubtful = share_of_noise > DOUBTFUL
+    shift = -parts[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
+    unknown = np.abs(parts[:, doubtful]).sum(axis=1) > NOTABLE * np.sqrt(np.diag(covariance))
+    return np.where(unknown, np.nan, shift)
+
+
+def read_out_noise(run: Run) -> dict[str, float]:
+    """Measure the noise floor of the means of eq. bump in the upper half of the band.
+
+    It is what the `DIFFERENCES` of the read-outs hold beside rotation, which the mean angles tell. Noise
+    common to both read-outs does not show; without the angles, rotation counts as noise.
+
+    Returns
+    -------
+    dict of str to float
+        One-sided PSD [rad^2 Hz^-1] or [m^2 Hz^-1] of those of the `dynamics.MEANS` that the run has.
+    """
+    telemetry, channels = run.telemetry, run.channels
+    taps, factor = spectra.low_pass(telemetry.fs)
+
+    def prepared(parts: Mapping[str, float]) -> Array:
+        x = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
+        return spectra.decimate(spectra.bridge(x, telemetry.fs)[0], taps, factor)
+
+    angles = [channels.means[mean] for mean in ("phi", "eta") if mean in channels.means]
+    means = [mean for mean in channels.means if mean in DIFFERENCES]
+    series = [*(prepared(DIFFERENCES[mean][0]) for mean in means), *angles]
+    if not series:
+        return {}
+    terms = spectra.transform(np.stack(series, axis=1), channels.valid, channels.fs)
+    high = terms.columns[terms.f > terms.f[-1] / 2]
+    apart, rotation = np.split(np.concatenate([high.real, high.imag]), [len(means)], axis=1)
+    apart -= rotation @ np.linalg.lstsq(rotation, apart)[0]
+    power = 2 * np.mean(apart**2, axis=0)
+    return {mean: DIFFERENCES[mean][1] * float(p) for mean, p in zip(means, power, strict=True)}
+
+
+@dataclass(frozen=True)
+class Subtraction:
+    """One-sided PSDs of a run in frequency bands, each of shape (number of bands,) [m^2 s^-4 Hz^-1].
+
+    Attributes
+    ----------
+    before : ndarray
+        Of Delta g_x.
+    after : ndarray
+        Of Delta g_x + delta_g_SC.
+    limit : ndarray
+        Of what is left at best (Wiener): no combination of the noisy read-outs, even with other complex
+        coefficients in every band, leaves less.
+    """
+
+    before: Array
+    after: Array
+    limit: Array
+
+
+def subtraction(run: Run, parameters: Mapping[str, float], edges: Sequence[float]) -> Subtraction:
+    """Compare the subtraction of delta_g_SC with its limit, given by the read-outs of the run itself.
+
+    Parameters
+    ----------
+    run : Run
+        A noise run.
+    parameters : mapping
+        As for `dynamics.residual`.
+    edges : sequence of float
+        Of the bands [Hz]; each must hold many more bins than there are read-outs.
+    """
+    theta = np.array([parameters.get(name, 0.0) for name in run.channels.parameters])
+    terms = run.spectra(dynamics.delays(theta))
+    c, split = dynamics.coefficients(theta, run.tau), len(dynamics.COLUMNS)
+    delta_g_x = terms.columns[:, :split] @ c[:split]
+    delta_g = delta_g_x + terms.columns[:, split:] @ c[split:]
+    read_outs = sum(mean in DIFFERENCES for mean in run.channels.means)
+    second_derivatives = slice(split, split + read_outs)  # they come first
+    found = []
+    for low, high in pairwise(edges):
+        band = (terms.f >= low) & (terms.f < high)
+        x, target = terms.columns[band, second_derivatives], delta_g_x[band]
+        left = target - x @ np.linalg.lstsq(x, target)[0]
+        free = int(band.sum()) - x.shape[1]  # a fit to n bins takes out one bin's power a coefficient
+        power = [np.mean(np.abs(y[band]) ** 2) for y in (delta_g_x, delta_g)]
+        found.append([*power, np.sum(np.abs(left) ** 2) / free])
+    return Subtraction(*np.array(found, dtype=np.float64).T)

@@ -1,0 +1,155 @@
+"""What the residual of an experiment is like beside its noise model: level, whiteness, tails.
+
+Level: chi2 over its degrees of freedom, with the scatter to expect of it. Whiteness: Bartlett's test on the
+cumulative periodogram of the whitened residual (a Kolmogorov-Smirnov test), the largest departure of the
+accumulated share of power from the share of bins, in units of its standard deviation there. Three things
+shape that deviation and are in it: the window, which makes neighbouring bins one noise; the noise model,
+whose own error shifts whole stretches of bins; and, without a noise run, that the model has followed this
+very residual. Tails: quantiles and kurtosis of the normalised residual. A Gaussian likelihood takes all
+three for granted.
+
+Of 2000 synthetic runs of six hours beside noise runs of eight, 5.5 % fell below a p-value of 5 % and 0.9 %
+below one of 1 %; of 1000 without noise runs 7.0 % and 1.7 %.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.estimate import linear
+from fit.estimate.irls import Outcome
+from fit.estimate.runs import Experiment, noise_model
+from fit.model import dynamics
+from fit.results import QUANTILES, Diagnostics
+from fit.signal.spectra import NoiseModel
+
+Array = NDArray[np.float64]
+
+SCORES = np.linspace(-3.25, 3.25, QUANTILES)  # normal scores at which the quantiles are told
+DRAWS = 4000  # of the departure under noise, for its p-value: +- 0.003 at 5 %
+FIRST = 128  # bins to accumulate before a departure counts; fewer are no normal variable yet
+POINTS = 120  # at most, along the cumulative periodogram
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The whitened residual of one experiment.
+
+    Attributes
+    ----------
+    f : ndarray, shape (B,)
+        Frequencies [Hz].
+    z : ndarray of complex, shape (B,)
+        Real and imaginary part have variance 1 each where the model holds.
+    noise : NoiseModel
+        By which it was whitened.
+    correlation : float
+        Sum of the squared correlations of a bin with all bins: 1 without a window, 1.06 with the default.
+    independent : bool
+        Whether the noise model is that of another run.
+    """
+
+    f: Array
+    z: NDArray[np.complex128]
+    noise: NoiseModel
+    correlation: float
+    independent: bool
+
+
+def diagnose(experiment: Experiment, outcome: Outcome) -> Diagnostics:
+    """Judge the residual that a fit of one experiment on its own leaves.
+
+    Raises
+    ------
+    FitError
+        If the noise has no PSD.
+    """
+    share, solution = outcome.blocks[0].share, outcome.solution
+    left = residual(experiment, share @ solution.theta, share @ solution.covariance @ share.T)
+    return judge(left, taken=int(np.count_nonzero(~outcome.lost)) + 2)
+
+
+def residual(experiment: Experiment, theta: Array, covariance: Array) -> Residual:
+    """Whiten the residual of an experiment, however it was fitted, by the smooth PSD of its noise.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+    theta, covariance : ndarray, shapes (K,) and (K, K)
+        Estimate of the parameters of the experiment, in their order there.
+
+    Raises
+    ------
+    FitError
+        If the noise has no PSD.
+    """
+    noise = noise_model(experiment, theta, covariance, None)
+    run = experiment.sysid
+    terms = run.spectra(dynamics.delays(theta))
+    # the error of a model that has followed this very residual makes it neither louder nor quieter
+    S = noise.expected(terms.f) if experiment.noise else noise(terms.f)
+    U, _ = linear.whiten(terms, S)
+    w2 = terms.window**2
+    correlation = w2.size * float(w2 @ w2) / float(w2.sum()) ** 2
+    z = np.asarray(U @ dynamics.coefficients(theta, run.tau), dtype=np.complex128)
+    return Residual(terms.f, z, noise, correlation, experiment.noise is not None)
+
+
+def judge(left: Residual, taken: int) -> Diagnostics:
+    """Judge a residual.
+
+    Parameters
+    ----------
+    left : Residual
+        Of one experiment.
+    taken : int
+        How many real numbers the fit has taken out of it, constant and ramp included.
+    """
+    values = np.concatenate([left.z.real, left.z.imag])
+    power = np.abs(left.z) ** 2 / 2
+    variance = float(_accumulated(left, np.array([power.size]))[0, 0])
+    return Diagnostics(
+        chi2_red=float(values @ values) / (values.size - taken),
+        chi2_red_sigma=math.sqrt(max(variance, 0.0)) / power.size,
+        whiteness=_whiteness(left, power),
+        kurtosis=float(scipy.stats.kurtosis(values)),
+        kurtosis_sigma=float(np.sqrt(24 / values.size)),
+        quantiles=np.quantile(values, scipy.stats.norm.cdf(SCORES)).tolist(),
+    )
+
+
+def _whiteness(left: Residual, power: Array) -> float:
+    """Return how often noise departs farther from a straight cumulative periodogram than this residual."""
+    B = power.size
+    ends = np.unique(np.geomspace(min(FIRST, B // 2), B, POINTS).astype(int))
+    covariance = _accumulated(left, ends)
+    # the share of power, so that a wrong level is left to chi2: the walk becomes a bridge
+    bridge = np.eye(ends.size) - np.outer(ends / B, np.arange(ends.size) == ends.size - 1)
+    covariance = (bridge @ covariance @ bridge.T)[:-1, :-1]
+    departure = (np.cumsum(power)[ends - 1] / power.mean() - ends)[:-1]
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    sigma = np.sqrt(np.diag(covariance))
+    drawn = np.random.default_rng(0).standard_normal((DRAWS, sigma.size)) @ root.T / sigma
+    farther = np.max(np.abs(drawn), axis=1) >= np.max(np.abs(departure) / sigma)
+    return float((1 + np.count_nonzero(farther)) / (1 + DRAWS))
+
+
+def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
+    """Return the covariance of the normalised power summed over the first bins, up to each of `ends`."""
+    knots = left.noise.knots
+    at = np.clip(np.log(left.f), knots[0], knots[-1])
+    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
+    basis = spline(at)  # derivatives of log S
+    walk = np.minimum.outer(ends, ends)
+    if left.independent:
+        followed = np.cumsum(basis, axis=0)[ends - 1]
+        walk = walk + followed @ left.noise.covariance @ followed.T
+    else:  # the model has taken out what it could follow
+        followed = np.cumsum(np.linalg.qr(basis)[0], axis=0)[ends - 1]
+        walk = walk - followed @ followed.T
+    return np.asarray(left.correlation * walk, dtype=np.float64)

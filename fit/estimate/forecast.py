@@ -1,0 +1,215 @@
+"""What a joint fit will know, told before there are data: the fit of what a campaign is expected to measure.
+
+Every run is its noise-free response to the injections and the closed-loop noise of its channels, known by its
+cross-spectra. The noise in the columns carries information like any signal does (jitter of x_1 tells most of
+delta_ifo), and it makes the residual. Both enter here as expected sums over the bins, in place of those over
+data; everything else is as in the fit: weights, window, weak priors, and where the estimates end up.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.estimate import linear, selection
+from fit.estimate.irls import Outcome, beyond, common_tone
+from fit.estimate.likelihood import weights
+from fit.estimate.runs import Experiment, Run
+from fit.estimate.verdict import as_fit
+from fit.model import dynamics
+from fit.model.sharing import Sharing
+from fit.results import Fit
+from fit.settings import Settings, settings
+from fit.signal import spectra
+
+Array = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
+CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
+
+SCHEMA = "lpf-forecast/1"
+GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
+MAX_ITERATIONS = 20
+TOLERANCE = 0.01  # sigma; what moves less moves no sigma
+
+
+@dataclass(frozen=True)
+class Planned:
+    """An experiment that has not been flown.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        Its run without noise, at 1 to 2 Hz. Of its noise run it only counts that there is one: on average it
+        weighs the bins right, however long it is.
+    cross_spectra : callable
+        From names of C channels and frequencies [Hz], shape (n,), to the one-sided cross-spectral matrices
+        of their noise, shape (n, C, C): ``<x_i^* x_j>``, products of the units per Hz.
+    """
+
+    experiment: Experiment
+    cross_spectra: CrossSpectra
+
+
+@dataclass(frozen=True)
+class Expected(linear.Block):
+    """A whitened run as it is expected: noise in its columns adds to the sums over bins.
+
+    Attributes
+    ----------
+    jitter : ndarray, shape (K, K)
+        What noise adds to ``R^T R``.
+    """
+
+    jitter: Array
+
+    @cached_property
+    def R(self) -> Array:
+        """As that of `linear.Block`."""
+        scale = np.sqrt(np.diag(self.jitter))
+        scale[scale == 0] = 1.0  # a column without noise
+        values, vectors = np.linalg.eigh(self.jitter / np.outer(scale, scale))
+        rows = (vectors * np.sqrt(np.maximum(values, 0))).T * scale
+        return np.asarray(np.linalg.qr(np.concatenate([super().R, rows]), mode="r"))
+
+    @cached_property
+    def M(self) -> Array:
+        """As that of `linear.Block`."""
+        # Noise runs through the whole window: where the scores of a signal weigh w^2 where it is, these
+        # weigh the mean of it.
+        w = np.ones(1) if self.window is None else self.window
+        return np.asarray(super().M + self.jitter * w.size * np.sum(w**4) / np.sum(w**2) ** 2)
+
+
+def forecast(planned: Sequence[Planned], chosen: Settings | None = None) -> Fit:
+    """Return the joint fit to expect, its estimates where they are expected.
+
+    Parameters
+    ----------
+    planned : sequence of Planned
+        The experiments.
+    chosen : Settings, optional
+        Of the fit; what they say of the estimator and of scatter does not count.
+
+    Raises
+    ------
+    InputError
+        If no experiment takes part in the joint fit.
+    FitError
+        If the fit would come to nothing.
+    """
+    chosen = chosen or settings()
+    chosen_ones = selection.divide([p.experiment for p in planned], chosen)[0]
+    taking_part = [p for p in planned if p.experiment in chosen_ones]
+    if not taking_part:
+        raise InputError("no sysid run takes part in the joint fit, expected at least one of 6 h or more")
+    sharing = Sharing(chosen.shared)
+    runs = [p.experiment.sysid.telemetry for p in taking_part]
+    parameters = sharing.parameters(runs)
+    shares = [sharing.matrix(run, [p.name for p in parameters]) for run in runs]
+    expectations = [_Expectation(p, share) for p, share in zip(taking_part, shares, strict=True)]
+    centre = np.array([p.value for p in parameters])
+    width = np.array([p.prior_sigma for p in parameters])
+    theta = centre
+    for _ in range(MAX_ITERATIONS):
+        blocks = [expectation.block(theta) for expectation in expectations]
+        tone = common_tone(blocks)
+        lost, directions = linear.blind(linear.information(blocks, theta), width)
+        if tone is not None:
+            lost |= beyond(tone, shares[0])
+        prior = linear.Prior(centre, np.diag(1 / width)[lost])
+        solution = linear.solution(blocks, prior, linear.minimise(blocks, prior, theta, width), width)
+        moved = np.abs(solution.theta - theta)[~lost] / np.sqrt(np.diag(solution.covariance))[~lost]
+        theta = solution.theta
+        if moved.max(initial=0.0) < TOLERANCE:
+            outcome = Outcome(
+                tuple(parameters), solution, lost, directions, tone, True, tuple(blocks), prior, {}
+            )
+            return as_fit(outcome, [p.experiment for p in taking_part])
+    raise FitError(f"the expected fit still moves by {moved.max():.2g} sigma")
+
+
+def document(expected: Fit) -> dict[str, object]:
+    """Return a forecast as JSON holds it, schema ``lpf-forecast/1``."""
+    sigma = np.array([e.sigma for e in expected.parameters.values()])
+    return {
+        "schema": SCHEMA,
+        "parameters": {name: {"sigma": e.sigma, "unit": e.unit} for name, e in expected.parameters.items()},
+        "names": list(expected.parameters),
+        "correlation": (expected.covariance / np.outer(sigma, sigma)).tolist(),
+        "warnings": [{k: v for k, v in vars(w).items() if v is not None} for w in expected.warnings],
+    }
+
+
+class _Expectation:
+    """Makes the block of a run at the estimate of the parameters."""
+
+    def __init__(self, planned: Planned, share: Array) -> None:
+        self._sysid, self._share = planned.experiment.sysid, share
+        self._names = _channels(self._sysid)
+        lowest = 0.9 / self._sysid.telemetry.duration
+        n = int(GRID * np.log10(spectra.F_MAX / lowest)) + 2
+        self._f = np.geomspace(lowest, 1.01 * spectra.F_MAX, n)
+        self._noise = planned.cross_spectra(self._names, self._f)
+
+    def block(self, theta: Array) -> Expected:
+        of_run, run = self._share @ theta, self._sysid
+        terms = run.spectra(dynamics.delays(of_run))
+        c = dynamics.coefficients(of_run, run.tau)
+        T = responses(run, self._names, self._f)
+        power = np.einsum("bki,bij,blj->bkl", T.conj(), self._noise, T, optimize=True).real
+        residual = np.einsum("k,bkl,l->b", c, power, c)
+        x, of_x = np.log(terms.f), np.log(self._f)
+        # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
+        S = np.exp(scipy.interpolate.CubicSpline(of_x, np.log(residual))(x))
+        U, left = linear.whiten(terms, S)
+        of_bin = scipy.interpolate.CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
+        u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
+        tone = linear.single_tone(terms.f, u)
+        even = weights("gaussian", terms.f, u)
+        return Expected(run.tau, U, even, terms.window, tone, self._share, of_bin.sum(axis=0))
+
+
+def _channels(run: Run) -> tuple[str, ...]:
+    """Return the names of the channels that the columns of a run are made of."""
+    of_means = (name for mean in run.channels.means for name in dynamics.MEANS[mean])
+    return (*dynamics.CHANNELS, *of_means)
+
+
+def responses(run: Run, names: Sequence[str], f: Array) -> Spectrum:
+    """Return the frequency responses of the K columns of a run to channels, shape (B, K, C).
+
+    Parameters
+    ----------
+    run : Run
+        At 1 to 2 Hz; its delays are those at which its spectra stand.
+    names : sequence of str
+        The C channels.
+    f : ndarray, shape (B,)
+        Hz.
+    """
+    fs, still = run.channels.fs, np.zeros(4 * spectra.HALF + 1)
+    lags = np.arange(-spectra.HALF, spectra.HALF + 1) / fs
+    pulse = still.copy()
+    pulse[2 * spectra.HALF] = 1.0
+    weights_of = []
+    for name in names:
+        channels = {other: pulse if other == name else still for other in names}
+        alone = replace(
+            run.channels,
+            time=np.arange(still.size) / fs,
+            valid=np.ones(still.size, dtype=bool),
+            o_1=channels["o_1"],
+            o_12=channels["o_12"],
+            f_x_1=channels["f_x_1"],
+            f_x_2=channels["f_x_2"],
+            means={
+                mean: np.sum([weight * channels[key] for key, weight in dynamics.MEANS[mean].items()], axis=0)
+                for mean in run.channels.means  # those of the run, also where they are still
+            },
+        )
+        weights_of.append(dynamics.columns(alone, run.tau).values)
+    return np.asarray(np.einsum("bm,cmk->bkc", np.exp(-2j * np.pi * f[:, None] * lags), weights_of))

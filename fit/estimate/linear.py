@@ -1,0 +1,347 @@
+"""Weighted least squares on compressed runs: whitening, true sigmas, blind directions, minimisation.
+
+Whitened by a smooth PSD, a windowed run is 2 B real numbers per column. Its QR factor holds all of chi^2 in
+a triangle of one row per column, so that a joint minimisation costs milliseconds however long the runs are.
+
+The fitted band starts at the first bin. In closed loop the commands answer to the noise; the least-squares
+conditions stay free of bias because that answer is causal, so that its transfer sums to zero over the *whole*
+band. Leaving out the lowest bins would break the sum.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.estimate.likelihood import Likelihood, Weights, weights
+from fit.model import dynamics
+from fit.signal.spectra import NoiseModel, Spectra, Spectrum
+
+Array = NDArray[np.float64]
+
+FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
+SIGNAL = 100.0  # whitened power in one bin (noise: 2) from which it is no noise
+STRAY = 0.02  # share of the signal that switching a tone on and off scatters over other frequencies
+
+
+@dataclass(frozen=True)
+class Block:
+    """One whitened run.
+
+    Attributes
+    ----------
+    tau : tuple of float
+        The delays [s] about which its columns are expanded.
+    columns : ndarray of complex, shape (B, K)
+        Its K columns, see `dynamics.Columns`; the residual has variance 1 in real and imaginary part each.
+    weights : Weights
+        Of the bins.
+    window : ndarray, shape (N,), or None
+        The window of the run, which makes neighbouring bins one noise; None to take bins as independent.
+    tone : float or None
+        Frequency [Hz] of the signal in ``o_12''`` where there is just one, 0 without any, else None.
+    share : ndarray, shape (K - 1, P)
+        Linear map from the fitted parameters to those of the run.
+    """
+
+    tau: tuple[float, float]
+    columns: Spectrum
+    weights: Weights
+    window: Array | None
+    tone: float | None
+    share: Array
+
+    @property
+    def size(self) -> int:
+        """Number of real data, constant and ramp taken off."""
+        return 2 * (len(self.columns) - 1)
+
+    @cached_property
+    def R(self) -> Array:
+        """Shape (K, K): ``|R c|^2`` is the weighted sum of squares for the coefficients c of the columns."""
+        return self._root(self.weights.fit)
+
+    @cached_property
+    def plain(self) -> Array:
+        """As `R`, all bins alike."""
+        even = bool(np.all(self.weights.fit == 1))
+        return self.R if even else self._root(np.ones(len(self.columns)))
+
+    @cached_property
+    def H(self) -> Array:
+        """Curvature of half the weighted sum, shape (K, K)."""
+        same = np.array_equal(self.weights.curvature, self.weights.fit)
+        root = self.R if same else self._root(self.weights.curvature)
+        return np.asarray(root.T @ root)
+
+    @cached_property
+    def M(self) -> Array:
+        """Covariance of the scores ``columns^T residual`` under noise of the estimated PSD, shape (K, K)."""
+        if self.window is None:
+            root = self._root(self.weights.score)
+            return np.asarray(root.T @ root)
+        n, w = self.window.size, self.window
+        padded = np.zeros((n // 2 + 1, self.columns.shape[1]), dtype=np.complex128)
+        padded[1 : len(self.columns) + 1] = self.columns * np.sqrt(self.weights.score)[:, None]
+        # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
+        # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
+        z = scipy.fft.irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
+        return np.asarray(z.T @ z)
+
+    def _root(self, factors: Array) -> Array:
+        return np.asarray(np.linalg.qr(_real(self.columns * np.sqrt(factors)[:, None]), mode="r"))
+
+
+def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
+    """Scale to unit variance of real and imaginary part each and project constant and ramp out.
+
+    Returns
+    -------
+    columns : ndarray of complex, shape (B, P)
+        Whitened columns.
+    left : ndarray, shape (B,)
+        The fraction of the power that the projection leaves, from 0 to 1.
+    """
+    scale = np.sqrt(2 / S)[:, None]
+    Q = np.linalg.qr(_real(spectra.nuisance * scale))[0]
+    U = _real(spectra.columns * scale)
+    U -= Q @ (Q.T @ U)
+    taken = np.sum(Q**2, axis=1).reshape(2, -1).mean(axis=0)
+    return _complex(U), np.asarray(1 - taken, dtype=np.float64)
+
+
+def _real(x: Spectrum) -> Array:
+    return np.concatenate([x.real, x.imag])
+
+
+def _complex(x: Array) -> Spectrum:
+    half = len(x) // 2
+    return x[:half] + 1j * x[half:]
+
+
+def block(
+    spectra: Spectra,
+    noise: NoiseModel,
+    tau: tuple[float, float],
+    share: Array,
+    *,
+    likelihood: Likelihood = "gaussian",
+    c: Array | None = None,
+) -> Block:
+    """Whiten one run by the PSD of its noise and weigh its bins.
+
+    Parameters
+    ----------
+    spectra : Spectra
+        The run.
+    noise : NoiseModel
+        Of its noise.
+    tau, share
+        See `Block`.
+    likelihood : str
+        What the residual is taken to be like.
+    c : ndarray, shape (K,), optional
+        Coefficients of the columns at the previous estimate, which make the residual that tells the weights.
+    """
+    U, _ = whiten(spectra, noise.expected(spectra.f))
+    u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
+    tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
+    return Block(tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share)
+
+
+def single_tone(f: Array, power: Array) -> float | None:
+    """Return the frequency of a signal that lies within half an octave nearly whole, 0 without a signal.
+
+    Such a run cannot tell a gain from a stiffness (and without a signal, none of them at all), whatever the
+    noise seems to say: where the commands only answer to the noise, a fit leans on the model of that noise
+    more than it can bear.
+
+    Parameters
+    ----------
+    f, power : ndarray, shape (B,)
+        Frequencies [Hz] and whitened power, 2 where there is but noise.
+    """
+    signal = np.where(power > SIGNAL, power, 0.0)
+    if not signal.any():
+        return 0.0
+    peak = float(f[np.argmax(signal)])
+    apart = np.abs(np.log2(f / peak)) > 0.5
+    return peak if signal[apart].sum() < STRAY * signal.sum() else None
+
+
+def information(blocks: Sequence[Block], theta: Array) -> Array:
+    """Return the curvature of the cost that the data make at theta, shape (P, P)."""
+    return _sum([block.H for block in blocks], blocks, theta)
+
+
+def scores(blocks: Sequence[Block], theta: Array) -> Array:
+    """Return the covariance of the scores, shape (P, P); the information itself if no window were there."""
+    return _sum([block.M for block in blocks], blocks, theta)
+
+
+def _sum(of_columns: Sequence[Array], blocks: Sequence[Block], theta: Array) -> Array:
+    total = np.zeros((theta.size, theta.size))
+    for matrix, block in zip(of_columns, blocks, strict=True):
+        c = dynamics.gradient(block.share @ theta, block.tau) @ block.share
+        total += c.T @ matrix @ c
+    return total
+
+
+def blind(H: Array, widths: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Find what the data alone do not constrain to the width of the weak priors.
+
+    Parameters
+    ----------
+    H : ndarray, shape (P, P)
+        Information of the data.
+    widths : ndarray, shape (P,)
+        Of the weak priors.
+
+    Returns
+    -------
+    lost : ndarray of bool, shape (P,)
+        True for a parameter whose data-only sigma exceeds its width, or that has none.
+    directions : ndarray, shape (K, P)
+        Blind directions in units of the widths, one pivot of 1 each, as sparse as elimination makes them.
+    """
+    values, vectors = np.linalg.eigh(widths[:, None] * H * widths)
+    rounding = max(FLOOR, 1e-13 * float(values[-1]))
+    sigma = np.sqrt(np.sum(vectors**2 / np.where(values < rounding, FLOOR, values), axis=1))
+    lost = sigma > 1
+    rows = vectors[:, values < max(1.0, rounding)].T.copy()
+    for i in range(len(rows)):  # reduced row echelon form, the largest pivot first
+        k = int(np.argmax(np.max(np.abs(rows[i:]), axis=1))) + i
+        rows[[i, k]] = rows[[k, i]]
+        pivot = int(np.argmax(np.abs(rows[i])))
+        rows[i] /= rows[i, pivot]
+        others = np.arange(len(rows)) != i
+        rows[others] -= np.outer(rows[others, pivot], rows[i])
+    return lost, rows[np.argsort(np.argmax(np.abs(rows), axis=1))]  # in the order of the parameters
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Gaussian knowledge beside the data: chi^2 gains ``|rows (theta - centre)|^2``.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (P,)
+        SI.
+    rows : ndarray, shape (K, P)
+        One row per known direction, divided by its sigma.
+    """
+
+    centre: Array
+    rows: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The minimum of chi^2.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (P,)
+        Parameters, SI.
+    covariance : ndarray, shape (P, P)
+        True covariance, window and priors included.
+    chi2 : float
+        Of the data, priors left out.
+    dof : int
+        Data less the directions they determine.
+    """
+
+    theta: Array
+    covariance: Array
+    chi2: float
+    dof: int
+
+
+def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Array:
+    """Minimise chi^2 over the blocks (eq. jointlh for Gaussian noise of known PSD).
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        The data.
+    prior : Prior
+        What else is known.
+    start, width : ndarray, shape (P,)
+        Where to begin, and the natural scale of each parameter.
+
+    Returns
+    -------
+    ndarray, shape (P,)
+        The parameters, SI.
+
+    Raises
+    ------
+    FitError
+        If the minimiser fails.
+    """
+    import lmfit  # takes its time
+
+    rows = prior.rows * width
+
+    def parameters(p: lmfit.Parameters) -> Array:
+        return np.array([p[name].value for name in p]) * width
+
+    def residuals(p: lmfit.Parameters) -> Array:
+        theta = parameters(p)
+        data = [block.R @ dynamics.coefficients(block.share @ theta, block.tau) for block in blocks]
+        return np.concatenate([*data, prior.rows @ (theta - prior.centre)])
+
+    def jacobian(p: lmfit.Parameters) -> Array:
+        theta = parameters(p)
+        data = [
+            block.R @ dynamics.gradient(block.share @ theta, block.tau) @ block.share * width
+            for block in blocks
+        ]
+        return np.concatenate([*data, rows])
+
+    p = lmfit.Parameters()
+    for i, value in enumerate(start / width):
+        p.add(f"p_{i}", value=value)
+    found = lmfit.minimize(
+        residuals, p, method="leastsq", scale_covar=False, Dfun=jacobian, ftol=1e-14, xtol=1e-12
+    )
+    theta = parameters(found.params)
+    if not found.success or not np.isfinite(theta).all():
+        raise FitError(f"the minimisation failed: {found.message}")
+    return theta
+
+
+def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:
+    """Return the covariance that the curvature alone tells, shape (P, P): bins taken as independent.
+
+    Raises
+    ------
+    FitError
+        If the curvature is singular.
+    """
+    try:
+        inverse = np.linalg.inv(width[:, None] * (H + prior.rows.T @ prior.rows) * width)
+    except np.linalg.LinAlgError as error:
+        raise FitError("the data and the weak priors leave a direction free") from error
+    return np.asarray(width[:, None] * inverse * width)
+
+
+def solution(blocks: Sequence[Block], prior: Prior, theta: Array, width: Array) -> Solution:
+    """Give the minimum its covariance, chi^2 and degrees of freedom.
+
+    Raises
+    ------
+    FitError
+        If the curvature is singular.
+    """
+    H, known = information(blocks, theta), prior.rows.T @ prior.rows
+    inverse = curvature_covariance(H, prior, width)
+    covariance = inverse @ (scores(blocks, theta) + known) @ inverse
+    left = [block.plain @ dynamics.coefficients(block.share @ theta, block.tau) for block in blocks]
+    determined = round(float(np.trace(inverse @ H)))
+    dof = sum(block.size for block in blocks) - determined
+    return Solution(theta, covariance, float(np.sum(np.concatenate(left) ** 2)), dof)

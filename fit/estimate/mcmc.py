@@ -1,0 +1,261 @@
+"""Markov chain Monte Carlo over the joint posterior: an estimate beside least squares, without linearisation.
+
+An ensemble of walkers moves by differential evolution, which knows no scales: the difference of two walkers
+makes the step of a third. On these posteriors its autocorrelation time is a third of the stretch move's. (The
+snooker variant of emcee 3.1.6 is no alternative: its acceptance takes the root of the Jacobian, which leaves
+sigmas 8 to 15 % too small.) The chain lives in an HDF5 file with the state of the random numbers, and
+continues from there.
+
+It refuses to give numbers before the chain, a tenth as burn-in taken off, is 50 times as long as the
+autocorrelation time of every parameter and the means of its halves agree.
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.estimate.chains import WALKERS, head
+from fit.estimate.irls import Outcome
+from fit.estimate.posterior import Posterior
+from fit.files import atomic
+from fit.telemetry import guard as probe
+
+if TYPE_CHECKING:
+    import emcee
+
+Array = NDArray[np.float64]
+
+SCHEMA = "lpf-mcmc/1"
+KEPT = 10  # of so many steps one is kept; those between are nearly the same
+CHECK = 1000  # steps between looks at the convergence
+BURN_IN = 0.1  # share of the chain
+LONG = 50  # autocorrelation times that a chain must last
+APART = 4.0  # standard errors that the means of its halves may differ by
+SAME = 1e-4  # in the logarithm of the density, by which the same posterior may seem to differ
+_FEW = 10  # kept steps, below which a chain says nothing of itself
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A chain, burn-in taken off.
+
+    Attributes
+    ----------
+    z : ndarray, shape (N, W, P)
+        Every KEPT-th step of the W walkers in the coordinates of the `Posterior`.
+    theta : ndarray, shape (N, W, P)
+        The same as parameters, SI.
+    tau : ndarray, shape (P,)
+        Integrated autocorrelation times of the parameters in steps; NaN if the chain is too short for any.
+    apart : ndarray, shape (P,)
+        Difference between the means of the halves in standard errors.
+    steps, burn_in : int
+        Steps made, and how many of them are left out.
+    acceptance : float
+        Share of the proposals that were accepted.
+    """
+
+    z: Array
+    theta: Array
+    tau: Array
+    apart: Array
+    steps: int
+    burn_in: int
+    acceptance: float
+
+    @property
+    def needed(self) -> float:
+        """Steps that the chain must have, by the autocorrelation time as it looks now."""
+        return LONG * float(np.max(self.tau)) / (1 - BURN_IN)
+
+    @property
+    def converged(self) -> bool:
+        """Whether it is long enough and its halves agree."""
+        return self.steps >= self.needed and float(np.max(np.abs(self.apart))) < APART
+
+    @property
+    def ess(self) -> Array:
+        """Effective number of independent points for every parameter, shape (P,)."""
+        return np.asarray(self.z.shape[0] * self.z.shape[1] * KEPT / self.tau)
+
+
+def sample(
+    posterior: Posterior,
+    path: Path,
+    *,
+    steps: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Chain:
+    """Sample until the chain has converged; continue the chain in `path` if there is one.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        What to sample.
+    path : Path
+        HDF5 file of the chain.
+    steps : int
+        To make at most, rounded up to a multiple of KEPT.
+    seed : int
+        Of the random numbers of a new chain; an old one goes on with its own.
+    progress : callable
+        Told the steps made.
+
+    Raises
+    ------
+    InputError
+        If `path` holds something else, or a chain of another posterior.
+    FitError
+        If the chain has not converged; it is kept.
+    """
+    import emcee  # takes its time, and only this needs it
+
+    _open(posterior, path)
+    backend = emcee.backends.HDFBackend(path)
+    P = len(posterior.names)
+    sampler = emcee.EnsembleSampler(
+        WALKERS * P, P, posterior, moves=emcee.moves.DEMove(), backend=backend, vectorize=True
+    )
+    done = 0
+    if backend.iteration:
+        state = sampler.get_last_sample()
+    else:
+        rng = np.random.RandomState(seed)  # the kind whose state emcee keeps
+        state = emcee.State(rng.standard_normal((WALKERS * P, P)), random_state=rng.get_state())
+    while True:
+        made = int(backend.iteration) * KEPT
+        if made % CHECK == 0 or done >= steps:
+            chain = _chain(posterior, backend)
+            if chain.converged:
+                return chain
+            if done >= steps:
+                raise FitError(f"{path}: {_refusal(posterior, chain)}")
+        more = math.ceil(min(CHECK - made % CHECK, steps - done) / KEPT)
+        for reached in sampler.sample(state, iterations=more, thin_by=KEPT):
+            state = reached
+            done += KEPT
+            progress(done)
+
+
+def _open(posterior: Posterior, path: Path) -> None:
+    """Make the file of a chain or make sure that it is this posterior's."""
+    if not path.exists():
+        partial = atomic.temporary(path)
+        with h5py.File(partial, "w") as file:
+            file.attrs["description"] = (
+                f"mcmc/chain: every {KEPT}th step of the walkers, as z in theta = centre + root z"
+            )
+            file["names"] = list(posterior.names)
+            file["centre"], file["root"] = posterior.centre, posterior.root
+            file["fingerprint"] = posterior.fingerprint
+        atomic.settle(partial, path)
+    probe.check([path], "chain")
+    names, found = head(path)
+    if (names, found.shape) != (posterior.names, posterior.fingerprint.shape) or np.max(
+        np.abs(found - posterior.fingerprint)
+    ) > SAME:
+        raise InputError(
+            f"{path}: the chain of another posterior, expected the same telemetry, settings and version of "
+            "the software; move it away to start anew"
+        )
+
+
+def _chain(posterior: Posterior, backend: "emcee.backends.HDFBackend") -> Chain:
+    from emcee.autocorr import integrated_time
+
+    P, made = len(posterior.names), int(backend.iteration)
+    left = math.floor(BURN_IN * made)
+    kept = made - left
+    z = backend.get_chain(discard=left) if made else np.empty((0, 0, P))
+    theta = posterior.theta(z)
+    tau, apart = np.full(P, np.nan), np.full(P, np.nan)
+    if kept >= _FEW:
+        scaled = (theta - posterior.centre) / posterior.sigma
+        tau = integrated_time(scaled, tol=0) * KEPT
+        first, last = scaled[: kept // 2], scaled[-(kept // 2) :]
+        error = np.std(scaled, axis=(0, 1)) * np.sqrt(2 * tau / (first.shape[0] * first.shape[1] * KEPT))
+        apart = (last.mean(axis=(0, 1)) - first.mean(axis=(0, 1))) / error
+    acceptance = float(np.mean(backend.accepted) / made) if made else 0.0
+    return Chain(z, theta, tau, apart, made * KEPT, left * KEPT, acceptance)
+
+
+def _refusal(posterior: Posterior, chain: Chain) -> str:
+    if not math.isfinite(chain.needed):
+        reason = "too few to tell the autocorrelation time"
+    elif chain.steps < chain.needed:
+        slow = int(np.argmax(chain.tau))
+        reason = (
+            f"the autocorrelation time of {posterior.names[slow]} is some {chain.tau[slow]:.0f} steps, "
+            f"at least {KEPT * math.ceil(chain.needed / KEPT)} steps are needed"
+        )
+    else:
+        drifting = int(np.argmax(np.abs(chain.apart)))
+        reason = (
+            f"the means of {posterior.names[drifting]} in the halves of the chain differ by "
+            f"{abs(chain.apart[drifting]):.1f} standard errors"
+        )
+    return f"not converged after {chain.steps} steps: {reason}; the same command continues"
+
+
+def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict[str, object]:
+    """Return what a chain says of the parameters, and how least squares compares, for JSON.
+
+    The errors of the comparison are standard deviations from the effective sample size; that of the ratio
+    takes the squares to be as slow as the parameter, which is on the safe side.
+
+    Parameters
+    ----------
+    chain : Chain
+        A converged one.
+    outcome : Outcome
+        Of the joint fit whose posterior it sampled.
+    truths : mapping of str to float
+        The simulated values, as far as they are known.
+    """
+    least_squares = np.sqrt(np.diag(outcome.solution.covariance))
+    flat = chain.theta.reshape(-1, chain.theta.shape[2])
+    mean, sigma = flat.mean(axis=0), flat.std(axis=0)
+    quantiles = np.quantile(flat, (0.16, 0.5, 0.84), axis=0)
+    shift, ratio = (mean - outcome.solution.theta) / least_squares, sigma / least_squares
+    found = {}
+    for i in np.flatnonzero(~outcome.lost):
+        name = outcome.parameters[i].name
+        entry = {
+            "mean": mean[i],
+            "sigma": sigma[i],
+            **{f"quantile_{q}": quantiles[k, i] for k, q in enumerate((16, 50, 84))},
+            "tau": chain.tau[i],
+            "ess": chain.ess[i],
+            "shift_in_sigma": shift[i],
+            "shift_error": ratio[i] / np.sqrt(chain.ess[i]),
+            "sigma_ratio": ratio[i],
+            "sigma_ratio_error": ratio[i] / np.sqrt(2 * chain.ess[i]),
+        }
+        if name in truths:
+            entry["truth"] = truths[name]
+        found[name] = {"unit": outcome.parameters[i].unit} | {key: float(x) for key, x in entry.items()}
+    return {
+        "schema": SCHEMA,
+        "parameters": found,
+        "indeterminable": [p.name for p, lost in zip(outcome.parameters, outcome.lost, strict=True) if lost],
+        "largest_shift_in_sigma": float(np.max(np.abs(shift[~outcome.lost]), initial=0.0)),
+        "steps": chain.steps,
+        "burn_in": chain.burn_in,
+        "walkers": chain.z.shape[1],
+        "acceptance": chain.acceptance,
+        "largest_tau": float(np.max(chain.tau)),
+    }
+
+
+def write(document: Mapping[str, object], path: Path) -> None:
+    """Write a summary as JSON; the file appears whole or not at all."""
+    atomic.write(path, json.dumps(document, indent=1, allow_nan=False) + "\n")

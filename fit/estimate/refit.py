@@ -1,0 +1,76 @@
+"""An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from fit import results as fit_results
+from fit.errors import InputError
+from fit.estimate.irls import Outcome
+from fit.estimate.joint import fit_joint
+from fit.estimate.preparation import prepare
+from fit.estimate.runs import Experiment, Run
+from fit.results import Results
+from fit.settings import settings
+from fit.telemetry.reader import Telemetry, read_all
+
+SAME = 0.05  # sigma: a fit that moves by more is of something else
+
+
+def load(directory: Path) -> tuple[Results, list[Telemetry]]:
+    """Read the results in `directory` and the telemetry they are of.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or breaks its contract.
+    """
+    path = directory / "results.json"
+    results = fit_results.load(path)
+    recorded = results.provenance.get("telemetry")
+    if not isinstance(recorded, list) or not all(isinstance(p, str) for p in recorded):
+        raise InputError(f"{path}: provenance.telemetry: expected a list of file names")
+    return results, read_all([directory / p for p in recorded])
+
+
+def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Outcome:
+    """Repeat the joint fit of `results`, with its runs, pairs and settings.
+
+    Parameters
+    ----------
+    results : Results
+        With a joint fit.
+    telemetries : sequence of Telemetry
+        What it was fitted to.
+    where : Path
+        Of the results, for messages.
+
+    Raises
+    ------
+    InputError
+        If the results do not say how they came about, or another fit comes out.
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    if results.joint is None or not results.joint.parameters:
+        raise InputError(f"{where}: joint: expected a joint fit that determined parameters")
+    runs = {t.run: t for t in telemetries}
+    said = results.provenance
+    joint, pairs, chosen = said.get("joint_runs"), said.get("noise_runs"), said.get("settings")
+    if not isinstance(joint, list) or not isinstance(pairs, Mapping) or not isinstance(chosen, Mapping):
+        raise InputError(f"{where}: provenance: expected joint_runs, noise_runs and settings; fit once more")
+    for name in (*joint, *pairs.values()):
+        if name not in runs:
+            raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
+    experiments = [
+        Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
+    ]
+    how = settings(chosen, f"{where}: provenance.settings")
+    outcome = fit_joint([p.experiment for p in prepare(experiments, how)], how)
+    found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
+    for name, estimate in results.joint.parameters.items():
+        if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:
+            raise InputError(
+                f"{where}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
+                f"gives, {found.get(name, 'none')}; fit once more"
+            )
+    return outcome

@@ -1,0 +1,136 @@
+"""Runs in pairs: the spectra of a run, ready at any delay, and the noise PSD its partner tells."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.estimate import linear
+from fit.model import dynamics
+from fit.signal import spectra
+from fit.telemetry.reader import Telemetry
+
+Array = NDArray[np.float64]
+
+LEAST = 0.3  # share of a run that gaps and their flanks must leave
+CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command
+
+
+class Run:
+    """A run whose spectra are recomputed only when a delay has moved.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        The run.
+
+    Attributes
+    ----------
+    channels : dynamics.Channels
+        What the equation needs of it.
+    masks : tuple of tuple of float
+        Begin and end [s] of every stretch that is masked though its samples are there.
+    """
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self.telemetry = telemetry
+        self.channels = dynamics.channels(telemetry)
+        self.masks: tuple[tuple[float, float], ...] = ()
+        self.tau = (np.inf, np.inf)
+
+    def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked besides what is masked already."""
+        run, time, valid = copy(self), self.channels.time, self.channels.valid.copy()
+        for begin, end in stretches:
+            valid &= (time < begin) | (time > end)
+        run.channels = replace(self.channels, valid=valid)
+        run.masks = (*self.masks, *stretches)
+        run.tau = (np.inf, np.inf)
+        return run
+
+    @property
+    def masked(self) -> int:
+        """Number of samples of the file that are missing or masked."""
+        lost = sum(end - begin for begin, end in self.masks)
+        return self.channels.missing + round(lost * self.telemetry.fs)
+
+    @property
+    def weight(self) -> float:
+        """What missing samples, masks and the stencils beside them leave of the window, in samples."""
+        reached = spectra.apply(np.ones(2 * spectra.HALF + 1), (~self.channels.valid).astype(float)) > 0.5
+        return float(np.sum(spectra.window(~reached, self.channels.fs) ** 2))
+
+    def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
+        """Return the columns expanded about exactly these delays."""
+        return dynamics.columns(self.channels, tau)
+
+    def spectra(self, tau: tuple[float, float]) -> spectra.Spectra:
+        """Return the spectra for delays within CLOSE of `tau`; `self.tau` then says which exactly.
+
+        Raises
+        ------
+        InputError
+            If missing samples leave too little of the run.
+        """
+        if max(abs(tau[0] - self.tau[0]), abs(tau[1] - self.tau[1])) > CLOSE:
+            terms = self.columns(tau)
+            self.tau = tau
+            self._spectra = spectra.transform(terms.values, terms.valid, terms.fs)
+            if np.mean(self._spectra.window**2) < LEAST:
+                raise InputError(
+                    f"{self.telemetry.path}: {self.channels.missing} missing samples lie so widely scattered "
+                    f"that masking leaves less than {100 * LEAST:g} % of the run, expected longer stretches"
+                )
+        return self._spectra
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A system identification run and its adjacent noise run, None where there is none."""
+
+    sysid: Run
+    noise: Run | None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the K parameters of the experiment: those its sysid run can be fitted for."""
+        return self.sysid.channels.parameters
+
+    @property
+    def name(self) -> str:
+        """Name that pairs the two."""
+        return self.sysid.telemetry.experiment
+
+
+def noise_model(
+    experiment: Experiment, theta: Array, covariance: Array, previous: spectra.NoiseModel | None
+) -> spectra.NoiseModel:
+    """Fit the noise PSD to the residual of the noise run or, without one, of the run itself.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+    theta : ndarray, shape (K,)
+        Values of the parameters of the experiment.
+    covariance : ndarray, shape (K, K)
+        Of `theta`: what the fit takes out of its own residual.
+    previous : NoiseModel or None
+        Weights of the projection of constant and ramp; None to begin with.
+    """
+    run = experiment.noise or experiment.sysid
+    terms = run.spectra(dynamics.delays(theta))
+    # a noise run may carry other read-outs of spacecraft motion than the sysid run
+    values = dict(zip(experiment.parameters, theta, strict=True))
+    of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
+    S = previous(terms.f) if previous else np.ones(terms.f.size)
+    U, left = linear.whiten(terms, S)
+    power = np.abs(U @ dynamics.coefficients(of_run, run.tau)) ** 2 * S / 2
+    if experiment.noise is None:
+        rows = U @ dynamics.gradient(theta, run.tau)
+        left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
+    model = spectra.fit_noise(terms.f, power, np.maximum(left, 0))
+    return model if previous else noise_model(experiment, theta, covariance, model)

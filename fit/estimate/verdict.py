@@ -1,0 +1,190 @@
+"""From the end of an iteration to a `Fit`: what is determined, what is not and why, what else to doubt."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fit.errors import FitError
+from fit.estimate.irls import Outcome
+from fit.estimate.runs import Experiment
+from fit.paper import ALONG
+from fit.results import Estimate, Fit, FitWarning
+from fit.telemetry.reader import Telemetry
+
+NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
+DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
+
+
+def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: bool = False) -> Fit:
+    """Report the determinable parameters of the dynamics; everything else becomes warnings.
+
+    Cross-talk (eq. bump) was fitted along but is not reported, see `fit.estimate.bump`.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the fit.
+    experiments : sequence of Experiment
+        What was fitted.
+    from_joint : bool
+        Whether all but lambda_2 were taken from the joint fit.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
+    lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
+    return report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments), *_scatter(outcome)])
+
+
+def report(
+    outcome: Outcome,
+    experiments: Sequence[Experiment],
+    names: Mapping[str, str],
+    warnings: Sequence[FitWarning],
+) -> Fit:
+    """Report those of the named parameters that are determinable.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of the fit; chi2 and dof are its own, whatever part of its parameters is named.
+    experiments : sequence of Experiment
+        What was fitted.
+    names : mapping of str to str
+        Of the parameters, in the outcome and in the report.
+    warnings : sequence of FitWarning
+        To go with it.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    solution = outcome.solution
+    sigma = np.sqrt(np.diag(solution.covariance))
+    if not np.all(np.isfinite(sigma) & (sigma > 0)):
+        raise FitError("a sigma is not a positive number")
+    kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.lost[i]]
+    return Fit(
+        parameters={
+            names[outcome.parameters[i].name]: Estimate(
+                float(solution.theta[i]), float(sigma[i]), outcome.parameters[i].unit
+            )
+            for i in kept
+        },
+        covariance=solution.covariance[np.ix_(kept, kept)],
+        chi2=solution.chi2,
+        dof=solution.dof,
+        converged=outcome.converged,
+        warnings=tuple(warnings),
+        masked_samples=sum(run.masked for e in experiments for run in (e.sysid, e.noise) if run),
+    )
+
+
+def _taken_over(outcome: Outcome) -> FitWarning:
+    names = tuple(p.name for p, lost in zip(outcome.parameters, outcome.lost, strict=True) if lost)
+    message = (
+        f"a single tone at {1e3 * (outcome.tone or 0):.3g} mHz does not tell lambda_2 from omega2_2; "
+        f"{', '.join(names)} are taken from the joint fit"
+    )
+    return FitWarning("single_tone", names, message)
+
+
+def indeterminable(
+    outcome: Outcome, experiments: Sequence[Experiment], reported: Mapping[str, str]
+) -> list[FitWarning]:
+    """Name every blind direction of what is reported, then what is lost without belonging to one."""
+    runs = [experiment.sysid.telemetry for experiment in experiments]
+    parameters, found = [replace(p, name=reported.get(p.name, p.name)) for p in outcome.parameters], []
+    told: set[str] = set()
+    width = np.array([p.prior_sigma for p in parameters])
+    mine = np.array([p.name in reported for p in outcome.parameters])
+    for direction in (*outcome.directions, *np.eye(width.size)[outcome.lost]):
+        part = np.abs(direction) > NEGLIGIBLE
+        names = tuple(parameters[i].name for i in np.flatnonzero(part & outcome.lost))
+        if set(names) <= told or not (part & outcome.lost & mine).any():
+            continue
+        told |= set(names)
+        natural = direction * width / width[np.argmax(np.abs(direction))]
+        held = ", ".join(
+            f"{p.name} = {p.value:.4g} ± {p.prior_sigma:.2g} {p.unit}".removesuffix(" 1")
+            for p in parameters
+            if p.name in names
+        )
+        what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
+        message = f"the data do not determine {what}: {_reason(names, runs, outcome.tone)}; held at {held}"
+        combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
+        found.append(FitWarning("indeterminable", names, message, combination))
+    return found
+
+
+def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None) -> str:
+    """Say in plain words why a combination is blind and what would determine it."""
+    if all(name.startswith("b_") for name in names):
+        return "what the spacecraft's motion adds through it drowns in the noise"
+    if {"lambda_1", "C_1"} & set(names):
+        if not any(np.any(run.channels["f_x_1"]) for run in runs):
+            return "no run drives test mass 1, one with an injection into F_x_1 would determine it"
+        return "test mass 1 is hardly driven, a larger injection into F_x_1 would determine it"
+    authority = {"alpha_x": "F_max", "alpha_phi": "N_max"}
+    varied = {f"{alpha}_{j}": f"{key}_{j}" for alpha, key in authority.items() for j in (1, 2)}
+    keys = [varied[name] for name in names if name in varied]
+    same = [key for key in keys if np.ptp([getattr(run, key) for run in runs]) == 0]
+    if same:
+        verb = "is the same" if len(same) == 1 else "are the same"
+        return f"{' and '.join(same)} {verb} in every run, a run with another value is needed"
+    if keys:
+        return f"the runs vary {' and '.join(keys)} too little or only together, others are needed"
+    if tone == 0 and {"lambda_2", "C_2", "omega2_2", "omega2_2_0"} & set(names):
+        return "no injection stands out of the noise"
+    if tone and {"lambda_2", "omega2_2", "omega2_2_0"} & set(names):
+        return f"the only signal is a tone at {1e3 * tone:.3g} mHz, one at another frequency is needed"
+    return "the injections are too weak, too short or of too few frequencies"
+
+
+def _scatter(outcome: Outcome) -> list[FitWarning]:
+    """Say by how much parameters differ between the experiments."""
+    return [
+        FitWarning(
+            "scatter",
+            (name,),
+            f"{name} scatters between the experiments by {width:.2g} ± {sigma:.1g} beyond noise; its sigma "
+            "is that of the mean over such experiments",
+        )
+        for name, (width, sigma) in outcome.scatter.items()
+    ]
+
+
+def _doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarning]:
+    """Warn of what the sigmas rest on and might not hold."""
+    found = [
+        FitWarning(
+            "no_noise_run",
+            (),
+            f"{experiment.name}: without a noise run the weights come from the run's own residual; chi2 is 1 "
+            "per degree of freedom whatever the fit is worth, and what the model lacks passes for noise",
+        )
+        for experiment in experiments
+        if experiment.noise is None
+    ]
+    for experiment in experiments:
+        noise = experiment.noise or experiment.sysid
+        lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))
+        if lacking:
+            message = (
+                f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
+                "taken off the run alone: the noise it leaves in the weights widens the sigmas"
+            )
+            found.append(FitWarning("noise_run_lacks", (), message))
+    if not outcome.converged:
+        message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
+        found.append(FitWarning("not_converged", (), message))
+    excess = outcome.solution.chi2 / outcome.solution.dof
+    if abs(excess - 1) > DOUBTFUL:
+        message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
+        found.append(FitWarning("chi2", (), message))
+    return found

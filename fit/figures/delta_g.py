@@ -1,0 +1,219 @@
+"""Figures of the Delta g of one experiment: spectrum beside the noise, terms, residual over time."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.figures.files import COLOURS, MOVES, VANISHES, Curve, Plot, column, legend_above, loglog, table
+from fit.figures.runs import envelope
+from fit.model import dynamics
+from fit.signal import spectra
+from fit.signal.binned import Estimator
+from fit.telemetry.reader import Telemetry
+
+Array = NDArray[np.float64]
+
+LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
+SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
+_ASD = "asd [m s-2 Hz-1/2]"
+#: Names of the terms of eq. deltagjointfit, their columns (`dynamics.COLUMNS`), and how they are drawn.
+_TERMS: Mapping[str, tuple[tuple[str, ...], str, str, str]] = {
+    "ddo_12": (("ddo_12",), "ö₁₂", "grey", "-"),
+    "lambda_2 f_x_2": (("f_2", "df_2"), "λ₂ f₂", "violet", "-"),
+    "lambda_1 f_x_1": (("f_1", "df_1"), "λ₁ f₁", "violet", "--"),
+    "omega2_2 o_12": (("o_12",), "ω²₂ o₁₂", "green", "-"),
+    "domega2_12 o_1": (("o_1",), "Δω²₁₂ o₁", "blue", "-"),
+    "delta_ifo ddo_1": (("ddo_1",), "δ ö₁", "blue", "--"),
+}
+_CROSS_TALK: Mapping[str, tuple[str, str, str, str]] = {  # by the first letter of `dynamics.CROSS_TALK`
+    "b": ("delta_g_SC", "δg (motion)", "orange", "--"),
+    "e": ("torques", "torques", "grey", ":"),
+}
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Delta g of a run and what it is made of, at the rate of the file: nothing is filtered.
+
+    Attributes
+    ----------
+    fs : float
+        Sample rate [Hz].
+    estimator : Estimator
+        Of their spectra; it knows which samples are missing.
+    signal, delta_g : ndarray, shape (N,)
+        Second derivative of o_12, and the sum of all terms [m s^-2].
+    terms : mapping of str to ndarray, each of shape (N,)
+        The terms, with their signs, that are not zero throughout [m s^-2].
+    """
+
+    fs: float
+    estimator: Estimator
+    signal: Array
+    delta_g: Array
+    terms: Mapping[str, Array]
+
+
+def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
+    """Return the terms of eqs deltagjointfit and bump.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        The run.
+    parameters : mapping
+        Those of `fit.model.dynamics.residual`.
+    """
+    run = dynamics.archived(telemetry)
+    theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
+    columns = dynamics.columns(run, dynamics.delays(theta))
+    coefficients = dynamics.coefficients(theta, columns.tau)
+    names = (*dynamics.COLUMNS, *run.parameters[len(dynamics.PARAMETERS) :])
+    groups = {name: of for name, (of, *_) in _TERMS.items()}
+    groups |= {
+        name: tuple(n for n in names[len(dynamics.COLUMNS) :] if n[0] == letter)
+        for letter, (name, *_) in _CROSS_TALK.items()
+    }
+    at = {name: [names.index(n) for n in of] for name, of in groups.items()}
+    return Terms(
+        columns.fs,
+        Estimator(columns.valid, columns.fs, HIGHEST),
+        columns.values[:, 0].copy(),
+        dynamics.combined(columns.values, coefficients),
+        {
+            name: term
+            for name, i in at.items()
+            # not where nothing is commanded
+            if np.any(term := dynamics.combined(columns.values[:, i], coefficients[i]))
+        },
+    )
+
+
+def acceleration(run: Terms, noise: Terms | None) -> Plot:
+    """Draw the ASD of the injected signal o_12'', of the residual Delta g and of the noise run's Delta g.
+
+    Parameters
+    ----------
+    run, noise : Terms
+        Of the experiment and of its noise run, if there is one.
+    """
+    figure, (ax,) = column(2.2)
+    told = [("signal ddo_12", "signal ö₁₂", "blue", run, run.signal, 0.9)]
+    if noise is not None:
+        told.append(("noise run Delta g", "Δg of the noise run", "grey", noise, noise.delta_g, 1.4))
+    told.append(("residual Delta g", "residual Δg", "orange", run, run.delta_g, 0.8))
+    drawn = []
+    for name, label, role, of, series, width in told:
+        if not np.any(series):  # a simulation without noise
+            continue
+        drawn.append(_spectrum(name, series, of))
+        drawn[-1].draw(ax, role, label=label, linewidth=width)
+    _band(ax, run.fs)
+    legend_above(ax, columns=3)
+    return Plot(figure, table("f [Hz]", _ASD, drawn))
+
+
+def breakdown(run: Terms) -> Plot:
+    """Draw the ASD of every term of eqs deltagjointfit and bump, and of the residual they add up to."""
+    figure, (ax,) = column(2.35, legend=2)
+    styles = {name: style for name, (_, *style) in _TERMS.items()} | {
+        name: style for name, *style in _CROSS_TALK.values()
+    }
+    drawn = []
+    for name, term in run.terms.items():
+        label, role, line = styles[name]
+        found = _spectrum(name, term, run)
+        drawn.append(Curve(name, found.x, found.y))  # a band for each would hide the others
+        drawn[-1].draw(ax, role, label=label, linestyle=line, linewidth=0.8)
+    drawn.append(_spectrum("residual Delta g", run.delta_g, run))
+    drawn[-1].draw(ax, "ink", label="residual Δg", linewidth=1.2)
+    _band(ax, run.fs)
+    level = drawn[-1].y[(drawn[-1].x > LOWEST) & (drawn[-1].y > 0)]
+    if level.size:  # what is far below the residual does not matter
+        ax.set_ylim(bottom=10 ** np.floor(np.log10(0.03 * level.min())))
+    legend_above(ax, columns=4)
+    return Plot(figure, table("f [Hz]", _ASD, drawn))
+
+
+def _spectrum(name: str, series: Array, of: Terms) -> Curve:
+    found = of.estimator.asd(series)
+    return Curve(name, found.f, found.asd, found.low, found.high)
+
+
+def _band(ax: Axes, fs: float) -> None:
+    """Frame the spectra and mark what is not fitted."""
+    loglog(ax, (LOWEST, min(HIGHEST, fs / 2)))
+    ax.axvspan(spectra.F_MAX, HIGHEST, color=COLOURS["grid"], alpha=0.6, linewidth=0, zorder=0, gid=MOVES)
+    ax.text(
+        spectra.F_MAX,
+        0.02,
+        " not fitted",
+        transform=ax.get_xaxis_transform(),
+        color=COLOURS["muted"],
+        fontsize=6,
+        gid=VANISHES,
+    )
+
+
+def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]]) -> Plot:
+    """Draw the residual Delta g less its mean: slow part, extremes of the fast one, what is missing.
+
+    Parameters
+    ----------
+    run : Telemetry
+        Of the experiment.
+    parameters : mapping
+        Those of `fit.model.dynamics.residual`.
+    masked : sequence of tuple of float
+        Begin and end [s] of the stretches that were taken for glitches.
+
+    Raises
+    ------
+    InputError
+        If the parameters leave nothing of the run, such as a delay that is longer.
+    """
+    time, delta_g = dynamics.residual(run, parameters)
+    if not np.isfinite(delta_g).any():
+        raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
+    delta_g -= np.nanmean(delta_g)
+    fs = (time.size - 1) / (time[-1] - time[0])
+    start = float(run.time[0])
+    hours = (time - start) / 3600
+    figure, (ax,) = column(1.4)
+    fine, slow = (1e15 * _averaged(delta_g, length * fs) for length in (FAST, SLOW))
+    fast = Curve(f"averaged over {FAST:g} s, extremes", *envelope(hours, fine))
+    every = slice(None, None, max(1, round(SLOW / 4 * fs)))
+    mean = Curve(f"averaged over {SLOW:g} s", *envelope(hours[every], slow[every]))
+    fast.draw(ax, "grey", label=f"{FAST:g} s", linewidth=0.4, alpha=0.7)
+    mean.draw(ax, "orange", label=f"{SLOW:g} s", linewidth=0.8)
+    spans = {
+        "missing samples": spectra.stretches(np.isnan(delta_g)) / fs + time[0],
+        "glitches, masked": masked,
+    }
+    for (label, places), role in zip(spans.items(), ("blue", "violet"), strict=True):
+        for begin, end in places:
+            at = [(t - start) / 3600 for t in (begin, end)]
+            ax.axvspan(*at, color=COLOURS[role], alpha=0.35, linewidth=0.6, label=label, gid=MOVES)
+            label = "_"  # one line of the legend for all
+    ax.set_xlim(0, run.duration / 3600)
+    ax.set_xlabel("time since start of run  [h]")
+    ax.set_ylabel("residual Δg  [fm s⁻²]")
+    legend_above(ax, columns=4)
+    return Plot(figure, table("t [h]", "residual Delta g - mean [fm s-2]", [fast, mean]))
+
+
+def _averaged(x: Array, length: float) -> Array:
+    """Return `x` averaged with a Hann window of so many samples, NaN where that would reach what is missing.
+
+    A window cut short would let through the noise of high frequencies, which the whole one averages away.
+    """
+    w = scipy.signal.windows.hann(max(3, round(length) | 1) + 2)[1:-1]
+    known = np.isfinite(x)
+    weight = scipy.signal.oaconvolve(known.astype(float), w, mode="same")
+    total = scipy.signal.oaconvolve(np.where(known, x, 0.0), w, mode="same")
+    return np.where(weight > 0.99 * w.sum(), total / w.sum(), np.nan)

@@ -1,0 +1,80 @@
+"""Figures of what Delta g is made of: the terms that add up to it, and the correction for rotation."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.figures.files import Curve, Plot, column, legend_above, loglog, table
+from fit.signal.logpsd import LogSpectrum, log_psd
+
+Array = NDArray[np.float64]
+Series = Sequence[Mapping[str, Array]]
+
+_TERMS = {
+    "ddo_12": ("grey", "ö₁₂", 0.8),
+    "g_c": ("violet", "g$_c$", 0.8),
+    "omega2_2_o_12": ("green", "ω²₂ o₁₂", 0.7),
+    "domega2_12_o_1": ("blue", "Δω²₁₂ o₁", 0.7),
+    "delta_g_SC": ("orange", r"$\delta g_{SC}$", 0.8),
+    "delta_g": ("ink", r"$\Delta g$", 1.3),
+}
+_ROTATION = {
+    "delta_g_x": ("blue", r"$\Delta g_x$", 0.9),
+    "g_Omega": ("orange", r"$g_\Omega$", 0.7),
+    "g_dOmega": ("green", r"$g_{\dot\Omega}$", 0.7),
+    "delta_g": ("ink", r"$\Delta g$", 1.2),
+}
+AT = 1e-4  # Hz, where the correction for rotation is judged
+
+
+def spectra(series: Series, fs: float) -> dict[str, LogSpectrum]:
+    """Return the spectrum of every channel that all runs have, averaged over them.
+
+    Parameters
+    ----------
+    series : sequence of mapping of str to ndarray, shape (N_i,)
+        The channels of `fit.deltag` of each run [m s^-2].
+    fs : float
+        Sample rate [Hz].
+    """
+    names = [name for name in series[0] if all(name in run for run in series)]
+    return {name: log_psd([run[name] for run in series], fs) for name in names}
+
+
+def gain(found: Mapping[str, LogSpectrum]) -> tuple[float, float]:
+    """Return by what factor the correction lowers the ASD at `AT`, and its 1-sigma error.
+
+    The two spectra share most of their noise only where the correction is small; the error is that of
+    independent averages, an upper limit.
+    """
+    before, after = found["delta_g_x"], found["delta_g"]
+    i = int(np.argmin(np.abs(np.log(before.f / AT))))
+    ratio = float(np.sqrt(before.psd[i] / after.psd[i]))
+    return ratio, float(ratio * np.sqrt(0.25 / before.averages[i] + 0.25 / after.averages[i]))
+
+
+def breakdown(found: Mapping[str, LogSpectrum]) -> Plot:
+    """Draw the terms of eqs deltagjointfit and bump, and the Delta g they leave."""
+    return _drawn(found, _TERMS, (1e-4, 1e-1))
+
+
+def rotation(found: Mapping[str, LogSpectrum]) -> Plot:
+    """Draw Delta g before and after the correction for rotation, and the two terms of it."""
+    return _drawn(found, _ROTATION, (3e-5, 1e-2))
+
+
+def _drawn(
+    found: Mapping[str, LogSpectrum], curves: Mapping[str, tuple[str, str, float]], band: tuple[float, float]
+) -> Plot:
+    figure, (ax,) = column(2.2)
+    drawn = []
+    for name, (role, label, width) in curves.items():
+        if name in found:
+            s = found[name]
+            inside = (s.f >= band[0]) & (s.f <= band[1] * 1.01)
+            drawn.append(Curve(name, *(x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))))
+            drawn[-1].draw(ax, role, label=label, linewidth=width)
+    loglog(ax, band)
+    legend_above(ax, columns=6)
+    return Plot(figure, table("f [Hz]", "asd [m s-2 Hz-1/2]", drawn))

@@ -1,0 +1,5 @@
+"""Files: written whole or not at all, and read if they are text of a size that makes sense.
+
+Whoever reads TOML or JSON, or writes a result, comes through here; what is wrong with a file is said in one
+sentence that names it.
+"""

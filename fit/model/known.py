@@ -1,0 +1,74 @@
+"""The dynamics of a run, as an earlier joint fit knows them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.model.sharing import Sharing
+from fit.paper import joint_names, joint_parameter
+from fit.results import Fit, FitWarning
+from fit.settings import settings
+from fit.telemetry.reader import Telemetry
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Dynamics of one run.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (P,)
+        Values of `dynamics.PARAMETERS`, at the authority and in the epoch of the run.
+    share : ndarray, shape (P, K)
+        Derivatives of `theta` by the joint parameters, each times its sigma.
+    correlation : ndarray, shape (K, K)
+        Of the joint parameters.
+    warnings : tuple of FitWarning
+        What was not calibrated.
+    """
+
+    theta: Array
+    share: Array
+    correlation: Array
+    warnings: tuple[FitWarning, ...]
+
+
+def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
+    """Return the dynamics of a run.
+
+    What the joint fit left undetermined stays where it was held, at the flight value with the width of its
+    weak prior. A delta_ifo of an epoch the fit has not seen is zero within that width.
+    """
+    names = joint_names([run.alignment_epoch])
+    known = [name for name in names if name in joint.parameters]
+    held = [name for name in names if name not in joint.parameters]
+    values = {name: joint.parameters[name].value for name in known}
+    values |= {name: 0.0 if name.startswith("delta_ifo") else joint_parameter(name).value for name in held}
+    order = list(joint.parameters)
+    covariance = np.diag([joint_parameter(name).prior_sigma ** 2 for name in names])
+    at = [names.index(name) for name in known]
+    among = [order.index(name) for name in known]
+    covariance[np.ix_(at, at)] = joint.covariance[np.ix_(among, among)]
+    sigma = np.sqrt(np.diag(covariance))
+    sharing = Sharing(settings().shared)
+    of_run = sharing.matrix(replace(run, channels={}), names)  # without the rows of eq. bump
+    return Dynamics(
+        theta=of_run @ [values[name] for name in names],
+        share=of_run * sigma,
+        correlation=covariance / np.outer(sigma, sigma),
+        warnings=_warnings(held),
+    )
+
+
+def _warnings(held: Sequence[str]) -> tuple[FitWarning, ...]:
+    if not held:
+        return ()
+    message = (
+        f"the calibration does not determine {', '.join(held)}; held at the flight value (delta_ifo: zero), "
+        "with the width of the weak prior in the sigmas"
+    )
+    return (FitWarning("not_calibrated", tuple(held), message),)

@@ -1,0 +1,155 @@
+"""The parts of the report on single experiments: a table of all of them, and a section for each."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from markupsafe import Markup
+
+from fit.estimate import separation
+from fit.figures.drawings import Drawing
+from fit.paper import EXPERIMENT_NAMES, Parameter, experiment_parameter
+from fit.report import drawings as report_drawings
+from fit.report import tables
+from fit.report import warnings as report_warnings
+from fit.report.grids import Grid, Line
+from fit.report.verdict import failing
+from fit.results import WITHHELD, Estimate, Fit, Results
+from fit.telemetry.reader import Telemetry
+
+OPEN = 4  # experiments at most, whose sections stand open
+_WORDS = {"indeterminable": "not determined"}  # for the codes of warnings, where there are better ones
+_BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the page shows of one experiment; without its telemetry only the fit remains."""
+
+    name: str
+    facts: Mapping[str, str]
+    table: tables.Table
+    drawings: tuple[Drawing, ...]
+    troubled: bool
+
+
+def sections(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Section]:
+    """Return a section for every experiment, their figures written to ``folder``."""
+    return [
+        _section(folder, i, name, results, {t.kind: t for t in telemetries if t.experiment == name})
+        for i, name in enumerate(results.experiments, start=1)
+    ]
+
+
+def _number(fit: Fit, estimate: Estimate | None, exponent: int = 0) -> tables.Number | None:
+    if estimate is None:
+        return None
+    found = tables.number(estimate.value, estimate.sigma, exponent)
+    return replace(found, sigma=WITHHELD) if fit.unsound else found
+
+
+def overview(results: Results, telemetries: Sequence[Telemetry]) -> Grid:
+    """Return a line for every experiment: when, how well fitted, its gain and stiffness, what to doubt."""
+    runs = {t.experiment: t for t in telemetries if t.kind == "sysid"}
+    lines = []
+    for i, (name, fit) in enumerate(results.experiments.items(), start=1):
+        run = runs.get(name)
+        gain, stiffness = fit.parameters.get("lambda_2"), fit.parameters.get("omega2_2")
+        cells = (
+            run.t0[:10] if run else "–",
+            f"{run.duration / 3600:.3g}" if run else "–",
+            _chi2(fit),
+            _number(fit, gain),
+            _number(fit, stiffness, -7),
+            _warned(fit) or "–",
+        )
+        lines.append(Line(Markup('<a href="#e{}">{}</a>').format(i, name), cells))
+    head = (
+        "Experiment",
+        "Start",
+        "Hours",
+        "χ² / dof",
+        tables.symbol("lambda_2"),
+        Markup("{} [10⁻⁷ s⁻²]").format(tables.symbol("omega2_2")),
+        "Warnings",
+    )
+    about = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
+    return Grid(about, head, tuple(lines))
+
+
+def _chi2(fit: Fit) -> str:
+    text = f"{fit.chi2 / fit.dof:.3f}" if fit.dof else "–"
+    return Markup('<span class="off">{}</span>').format(text) if "chi2" in failing(fit) else text
+
+
+def _warned(fit: Fit) -> Markup:
+    """Return the codes of the warnings with the parameters they name."""
+    told: dict[str, dict[str, None]] = {}
+    for w in report_warnings.raised(fit):
+        told.setdefault(w.code, {}).update(dict.fromkeys(w.parameters if w.code == "indeterminable" else ()))
+    return Markup(", ").join(
+        Markup("{} {}").format(_WORDS.get(code, code.replace("_", " ")), _symbols(names)).rstrip()
+        for code, names in told.items()
+    )
+
+
+def _symbols(names: Iterable[str]) -> Markup:
+    return Markup(", ").join(map(tables.symbol, names))
+
+
+def _section(folder: Path, i: int, name: str, results: Results, runs: Mapping[str, Telemetry]) -> Section:
+    fit, run, noise = results.experiments[name], runs.get("sysid"), runs.get("noise")
+    facts = {"χ² / degrees of freedom": f"{fit.chi2:.1f} / {fit.dof}"}
+    if fit.masked_samples is not None:
+        facts["Masked samples"] = str(fit.masked_samples)
+    if warned := _warned(fit):
+        facts["Warnings"] = Markup('<a href="#warnings">{}</a>').format(warned)
+    troubled = bool(failing(fit))
+    if run is None:
+        return Section(name, facts, tables.table(fit, []), (), troubled)
+    known = _known(run)
+    facts = {
+        "Start": f"{run.t0}, {run.duration / 3600:.3g} h",
+        "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
+        _BOTH.format("F", "F"): f"{1e12 * run.F_max_1:.4g} and {1e12 * run.F_max_2:.4g} pN",
+        _BOTH.format("N", "N"): f"{1e12 * run.N_max_1:.4g} and {1e12 * run.N_max_2:.4g} pN m",
+        "Alignment epoch": str(run.alignment_epoch),
+    } | facts
+    values = parameters(results, run)
+    slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
+    shown = report_drawings.drawings(folder, f"e{i}", slug, (run, noise), values, fit.warnings)
+    return Section(name, facts, tables.table(fit, list(known.values())), shown, troubled)
+
+
+def parameters(results: Results, run: Telemetry) -> dict[str, float]:
+    """Return what the figures of a run are drawn with, those of `fit.model.dynamics.residual`.
+
+    What the data do not determine was held near its flight value in the fit, and is so here.
+    """
+    values = {name: p.value for name, p in _known(run).items()}
+    values |= {name: e.value for name, e in results.experiments[run.experiment].parameters.items()}
+    return values | _cross_talk(results, run)
+
+
+def _known(run: Telemetry) -> dict[str, Parameter]:
+    """Return what an experiment may be fitted for, with the flight values at its authority."""
+    F_max, N_max = (run.F_max_1, run.F_max_2), (run.N_max_1, run.N_max_2)
+    return {
+        name: experiment_parameter(name, F_max=F_max, N_max=N_max, epoch=run.alignment_epoch)
+        for name in (*EXPERIMENT_NAMES, "lambda_1", "C_1")
+    }
+
+
+def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
+    """Return the coefficients of eq. bump that correct an experiment, with the Euler force of its period."""
+    epoch = str(run.alignment_epoch)
+    fit = results.cross_talk.get(epoch)
+    if fit is None:
+        return {}
+    values = {key: e.value for key, e in fit.parameters.items()}
+    periods = results.provenance.get("cross_talk_periods")
+    period = periods.get(epoch) if isinstance(periods, dict) else None
+    return (
+        separation.sums(values, results.inertial.get(str(period))) if separation.is_separated(fit) else values
+    )

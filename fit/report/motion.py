@@ -1,0 +1,132 @@
+"""The parts of the report on spacecraft motion: cross-talk by epoch, rotation by inertial period."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fit import deltag
+from fit.figures import motion as figures_motion
+from fit.figures.drawings import Drawing, drawing
+from fit.paper import Parameter, cross_talk_parameter
+from fit.report import tables
+from fit.report import warnings as report_warnings
+from fit.results import Estimate, Fit, Results
+from fit.telemetry.reader import Telemetry, inertial_period
+
+#: Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by period.
+FLIGHT = {
+    "1": ((-0.47e-3, 0.03e-3), (-0.066e-3, 0.007e-3)),
+    "2": ((-0.40e-3, 0.03e-3), (-0.032e-3, 0.003e-3)),
+    "3": ((-0.39e-3, 0.02e-3), (-0.137e-3, 0.003e-3)),
+}
+_B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A section of the page."""
+
+    anchor: str
+    title: str
+    about: str
+    fit: Fit
+    table: tables.Table
+    drawings: tuple[Drawing, ...] = ()
+
+
+def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
+    """Return the sections, their figures written to ``folder``."""
+    found = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
+    for period, fit in results.inertial.items():
+        runs = [t for t in telemetries if t.kind == "noise" and inertial_period(t) == period]
+        taking_part = [t for t in runs if t.run in _runs_of(results, period)]
+        found.append(
+            replace(_inertial(period, fit), drawings=_drawings(results, period, taking_part, folder))
+        )
+    return found
+
+
+def _runs_of(results: Results, period: str) -> Sequence[str]:
+    runs = results.provenance.get("inertial_runs")
+    of_period = runs.get(period) if isinstance(runs, dict) else None
+    return of_period if isinstance(of_period, list) else ()
+
+
+def _cross_talk(epoch: str, fit: Fit) -> Part:
+    about = (
+        "Cross-talk of the spacecraft's motion (eq. bump), fitted along with the dynamics. Noise in the "
+        "read-outs attenuates the coefficients, b3 to b6 most of all: they subtract best, but are no "
+        "couplings. Those that the warnings say are biased have no pull."
+    )
+    fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
+    table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
+    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, fit, table)
+
+
+def _without_pull(fit: Fit) -> dict[str, Estimate]:
+    """Return what is known not to be the truth, so that it is not judged by it."""
+    names = report_warnings.biased(fit) & fit.parameters.keys()
+    return {name: replace(fit.parameters[name], pull=None) for name in names}
+
+
+def _scaled(parameter: Parameter, fit: Fit) -> Parameter:
+    """Return the parameter with its estimate as the value, which sets the power of ten in print."""
+    estimate = fit.parameters.get(parameter.name)
+    return replace(parameter, value=estimate.value) if estimate else parameter
+
+
+def _inertial(period: str, fit: Fit) -> Part:
+    about = (
+        "Misalignment of the line through the test masses, from the Euler force between 30 µHz and 2 mHz. "
+        "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
+    )
+    table = tables.table(fit, parameters(period, fit))
+    return Part(f"p{period}", f"Rotation, inertial period {period}", about, fit, table)
+
+
+def parameters(period: str, fit: Fit) -> list[Parameter]:
+    """Return the misalignments of an inertial period, with their flight values where it was flown."""
+    flight = FLIGHT.get(period)
+    known = []
+    for i, (name, axis, html) in enumerate(
+        (("delta_phi", "z", "δ<sub>φ</sub>"), ("delta_eta", "y", "δ<sub>η</sub>"))
+    ):
+        value, sigma = flight[i] if flight else (fit.parameters[name].value, 0.0)
+        what = f"misalignment about {axis}"
+        known.append(
+            Parameter(name, value, sigma, "rad", 0.0, "Eulerfit", html, name, what, flown=flight is not None)
+        )
+    return known
+
+
+def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:
+    if results.joint is None or not runs:
+        return ()
+    series = [deltag.series(run.path, results, results.joint) for run in runs]
+    rates = [1 / (time[1] - time[0]) for time, _ in series]
+    if max(rates) - min(rates) > 1e-6:
+        return ()  # no common spectrum
+    found = figures_motion.spectra([channels for _, channels in series], rates[0])
+    ratio, error = figures_motion.gain(found)
+    days = sum(run.duration for run in runs) / 86400
+    return (
+        drawing(
+            folder,
+            f"p{period}i-inertial",
+            "Amplitude spectral densities before and after the correction for rotation",
+            f"Correction for rotation, {days:.3g} days in {len(runs)} runs. The centrifugal and the Euler "
+            f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
+            f"± {error:.2f}. Bands: ±1 σ of the averages.",
+            figures_motion.rotation,
+            found,
+        ),
+        drawing(
+            folder,
+            f"p{period}b-breakdown",
+            "Amplitude spectral densities of the terms that add up to the differential acceleration",
+            "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "
+            "stiffness terms and the cross-talk of the spacecraft's motion, and what remains.",
+            figures_motion.breakdown,
+            found,
+        ),
+    )

@@ -1,0 +1,190 @@
+"""What telemetry and results look like in a terminal and in a notebook; see `fit.display`.
+
+Importing the module registers it. The HTML leaves colours to the notebook, be it light or dark.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from markupsafe import Markup
+
+from fit.display import html, text
+from fit.paper import Parameter, cross_talk_parameter, joint_parameter
+from fit.report import tables
+from fit.results import WITHHELD, Estimate, Fit, Results
+from fit.telemetry.reader import Telemetry
+
+
+@text.register
+def _(estimate: Estimate) -> str:
+    known = "" if estimate.truth is None else f", truth {_digits(estimate.truth, estimate.sigma)}"
+    pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
+    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+    return f"{_digits(estimate.value, estimate.sigma)} ± {estimate.sigma:#.2g}{unit}{known}{pull}"
+
+
+@html.register
+def _(estimate: Estimate) -> str:
+    exponent = tables.power_of_ten(estimate.value)
+    found = tables.number(estimate.value, estimate.sigma, exponent)
+    unit = tables.unit_text(estimate.unit, exponent)
+    known = "" if estimate.truth is None else tables.number(estimate.truth, estimate.sigma, exponent).value
+    pull = "" if estimate.pull is None else f", pull {tables.signed(estimate.pull, 2)}"
+    return Markup("<span>{} ± {} {}{}</span>").format(
+        found.value, found.sigma, unit, f" (truth {known}{pull})" if known else ""
+    )
+
+
+@text.register
+def _(fit: Fit) -> str:
+    return "\n".join([_state(fit), *_columns(fit), *_told(fit)])
+
+
+@html.register
+def _(fit: Fit) -> str:
+    return Markup("<div>{}{}{}</div>").format(_table(fit), _paragraph(_state(fit)), _list(_messages(fit)))
+
+
+@text.register
+def _(results: Results) -> str:
+    parts = [f"{name}: {line}" for name, line in _summary(results).items()]
+    if results.joint is not None:
+        parts = [*_columns(results.joint), *parts, *_told(results.joint)]
+    return "\n".join(parts)
+
+
+@html.register
+def _(results: Results) -> str:
+    shown = Markup()
+    if results.joint is not None:
+        shown = _table(results.joint) + _list(_messages(results.joint))
+    rows = Markup().join(
+        Markup('<tr><th style="text-align:left">{}</th><td style="text-align:left">{}</td></tr>').format(
+            *item
+        )
+        for item in _summary(results).items()
+    )
+    return Markup("<div>{}<table>{}</table></div>").format(shown, rows)
+
+
+@text.register
+def _(run: Telemetry) -> str:
+    return f"<Telemetry {run.run}: {_extent(run)}; {', '.join(run.channels)}>"
+
+
+@html.register
+def _(run: Telemetry) -> str:
+    head = Markup("<p><strong>{}</strong>: {}</p>").format(run.run, _extent(run))
+    rows = [
+        (Markup("<code>{}</code>").format(n), run.units.get(n, ""), run.long_names.get(n, ""))
+        for n in run.channels
+    ]
+    notes = str(run.attributes.get("notes", "")).splitlines()  # what a product like Delta g has to tell
+    channels = _grid(("channel", "unit", "description"), rows, "lll")
+    return Markup("<div>{}{}{}</div>").format(head, channels, _list(notes))
+
+
+def _extent(run: Telemetry) -> str:
+    role = f"{run.kind} run of {run.experiment}"
+    return f"{role}, {run.duration / 3600:.3g} h at {run.fs:g} Hz from {run.t0}"
+
+
+def _state(fit: Fit) -> str:
+    state = f"chi2 / dof = {fit.chi2:.1f} / {fit.dof}"
+    if fit.masked_samples:
+        state += f", {fit.masked_samples} samples masked"
+    if fit.unsound:
+        state += "; the sigmas do not hold"
+    return state if fit.converged else f"{state}; not converged"
+
+
+def _summary(results: Results) -> dict[str, str]:
+    """Return what there is besides the table of the joint fit."""
+    sections = {
+        "joint": "none" if results.joint is None else _state(results.joint),
+        **{
+            name: ", ".join(f"{key!r}" for key in getattr(results, name))
+            for name in ("experiments", "cross_talk", "inertial")
+        },
+    }
+    return {name: line for name, line in sections.items() if line}
+
+
+def _digits(value: float, sigma: float) -> str:
+    """Return a number down to the second digit of its sigma."""
+    if not (value and sigma > 0):
+        return f"{value:.6g}"
+    places = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
+    return f"{value:.{min(max(places, 1), 15)}g}"
+
+
+def _columns(fit: Fit) -> list[str]:
+    """Return the estimates as lines of aligned columns."""
+    rows: list[tuple[str, ...]] = [("parameter", "unit", "estimate", "sigma", "truth", "pull")]
+    for name, e in fit.parameters.items():
+        truth = "" if e.truth is None else _digits(e.truth, e.sigma)
+        pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
+        sigma = WITHHELD if fit.unsound else f"{e.sigma:#.2g}"
+        rows.append((name, e.unit, _digits(e.value, e.sigma), sigma, truth, pull))
+    if all(e.truth is None for e in fit.parameters.values()):
+        rows = [row[:4] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+
+
+def _told(fit: Fit) -> list[str]:
+    return [f"warning: {message}" for message in _messages(fit)]
+
+
+def _messages(fit: Fit) -> list[str]:
+    return list(dict.fromkeys(w.message for w in fit.warnings))
+
+
+def _table(fit: Fit) -> Markup:
+    shown = tables.table(fit, list(_described([*fit.parameters, *fit.undetermined])))
+    beside = ("truth", "pull") if shown.has_truth else ("flight", "difference / σ")
+    rows: list[Sequence[str]] = []
+    for row in shown.rows:
+        estimate = f"{row.estimate.value} ± {row.estimate.sigma}" if row.estimate else "not determined"
+        other = (
+            row.truth if shown.has_truth else f"{row.flight.value} ± {row.flight.sigma}" if row.flight else ""
+        )
+        pull = "" if row.pull is None else tables.signed(row.pull, 2)
+        name = Markup("<code>{}</code>").format(row.name)
+        rows.append((tables.symbol(row.name), name, row.description, row.unit, estimate, other, pull))
+    return _grid(("", "parameter", "", "unit", "estimate ± σ", *beside), rows, "llllrrr")
+
+
+def _described(names: Iterable[str]) -> Iterable[Parameter]:
+    """Yield what is known of parameters; those of a single experiment depend on its authority."""
+    for name in names:
+        for find in (joint_parameter, cross_talk_parameter):
+            try:
+                yield find(name)
+                break
+            except KeyError:
+                continue
+
+
+def _list(lines: Sequence[str]) -> Markup:
+    items = Markup().join(Markup("<li>{}</li>").format(line) for line in lines)
+    return Markup("<ul>{}</ul>").format(items) if items else items
+
+
+def _paragraph(line: str) -> Markup:
+    return Markup("<p>{}</p>").format(line)
+
+
+def _grid(head: Sequence[str], rows: Iterable[Sequence[str]], sides: str) -> Markup:
+    """Return a table; `sides` has an l or an r for each column."""
+    styles = ["text-align:left" if side == "l" else "text-align:right" for side in sides]
+
+    def line(tag: str, cells: Sequence[str]) -> Markup:
+        filled = (
+            Markup('<{} style="{}">{}</{}>').format(Markup(tag), style, cell, Markup(tag))
+            for style, cell in zip(styles, cells, strict=True)
+        )
+        return Markup("<tr>{}</tr>").format(Markup().join(filled))
+
+    body = Markup().join(line("td", row) for row in rows)
+    return Markup("<table><thead>{}</thead><tbody>{}</tbody></table>").format(line("th", head), body)

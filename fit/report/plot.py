@@ -1,0 +1,93 @@
+"""The figures of the report on their own, for a notebook: each shows itself and holds its numbers.
+
+``figure`` can be changed before ``save``; ``columns`` are the numbers that it draws, with units.
+"""
+
+import base64
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fit.errors import InputError
+from fit.figures import delta_g as figures_delta_g
+from fit.figures import files as figure_files
+from fit.figures import runs as figures
+from fit.figures.files import drawn, svg
+from fit.report import drawings as report_drawings
+from fit.report.experiments import parameters
+from fit.report.stiffness import stiffness_points
+from fit.results import Results
+from fit.telemetry.reader import Telemetry
+
+SCALE = 2.2  # a figure of one column of a journal's page, on a screen
+
+
+@dataclass(frozen=True)
+class Plot(figure_files.Plot):
+    """A figure of the report."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the figure as it is drawn in the report; the suffix tells the format (pdf, svg, png)."""
+        figure_files.save(self, Path(path))
+
+    def _repr_html_(self) -> str:
+        """Return what Jupyter shows: a picture on white, whatever the colours of the notebook."""
+        data = base64.b64encode(svg(self).encode()).decode()
+        width = round(96 * SCALE * self.figure.get_figwidth())
+        return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
+
+
+def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
+    """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
+    return _drawn(figures.responses, _sysid(runs, experiment))
+
+
+def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
+    """Draw the ASD of signal, residual and noise run of an experiment."""
+    run = _fitted(results, runs, experiment)
+    noise = next((r for r in runs if r.experiment == experiment and r.kind == "noise"), None)
+    values = parameters(results, run)
+    beside = figures_delta_g.split(noise, values) if noise else None
+    return _drawn(figures_delta_g.acceleration, figures_delta_g.split(run, values), beside)
+
+
+def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
+    """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
+    run = _fitted(results, runs, experiment)
+    return _drawn(figures_delta_g.breakdown, figures_delta_g.split(run, parameters(results, run)))
+
+
+def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
+    """Draw the residual Delta g of an experiment against time."""
+    run = _fitted(results, runs, experiment)
+    masked = report_drawings.places(results.experiments[experiment].warnings, run.run)
+    return _drawn(figures_delta_g.residual, run, parameters(results, run), masked)
+
+
+def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:
+    """Draw omega2_2 against F_max_2: each experiment alone, and the model of the joint fit."""
+    points = list(stiffness_points(results, runs).values())
+    if not points:
+        raise InputError("no experiment determines omega2_2 alone, expected at least one with its run")
+    return _drawn(figures.stiffness_against_authority, points, results.joint)
+
+
+def _drawn(draw: Callable[..., figure_files.Plot], *arguments: object) -> Plot:
+    return Plot(**vars(drawn(draw, *arguments)))
+
+
+def _sysid(runs: Sequence[Telemetry], experiment: str) -> Telemetry:
+    """Return the run of an experiment, and refuse one that is not there."""
+    found = {run.experiment: run for run in runs if run.kind == "sysid"}
+    if experiment not in found:
+        raise InputError(f"no sysid run of {experiment!r}, expected one of {', '.join(found) or 'none'}")
+    return found[experiment]
+
+
+def _fitted(results: Results, runs: Sequence[Telemetry], experiment: str) -> Telemetry:
+    run = _sysid(runs, experiment)
+    if experiment not in results.experiments:
+        known = ", ".join(results.experiments) or "none"
+        raise InputError(f"the results have no experiment {experiment!r}, expected one of {known}")
+    return run

@@ -1,0 +1,191 @@
+"""The parts of the report on what ``mcmc`` and ``montecarlo`` left in the same folder."""
+
+import base64
+import json
+from pathlib import Path
+from typing import TypeVar
+
+from markupsafe import Markup
+from pydantic import BaseModel, ValidationError
+
+from fit.errors import InputError, shown
+from fit.estimate import mcmc, pulls
+from fit.estimate.pulls import Pulls
+from fit.estimate.refit import SAME
+from fit.figures.drawings import Drawing
+from fit.files import documents
+from fit.report import tables
+from fit.report.grids import Grid, Line, Part, flagged, name_head
+from fit.report.tables import LIMIT
+from fit.results import Results
+
+_COVERAGE = 0.6827  # of a normal variable, within 1 sigma
+_Content = TypeVar("_Content", bound=BaseModel)
+
+
+class _Sampled(BaseModel):
+    unit: str
+    mean: float
+    sigma: float
+    tau: float
+    shift_in_sigma: float
+    shift_error: float
+    sigma_ratio: float
+    sigma_ratio_error: float
+
+
+class _Chain(BaseModel):
+    parameters: dict[str, _Sampled]
+    steps: int
+    burn_in: int
+    walkers: int
+    acceptance: float
+    largest_tau: float
+
+
+class _Study(BaseModel):
+    n: int
+    parameters: dict[str, Pulls]
+    failed: dict[str, str] = {}
+    provenance: dict[str, object] = {}
+
+
+def parts(results: Results, directory: Path) -> list[Part]:
+    """Return a section for each of ``mcmc.json`` and ``montecarlo.json`` that ``directory`` holds.
+
+    Raises
+    ------
+    InputError
+        If one of them is not what the command leaves.
+    """
+    found = []
+    if (path := directory / "mcmc.json").exists():
+        found.append(_chain(_read(path, mcmc.SCHEMA, _Chain), results, directory / "figures"))
+    if (path := directory / "montecarlo.json").exists():
+        found.append(_study(_read(path, pulls.SCHEMA, _Study), directory / "figures"))
+    return found
+
+
+def _read(path: Path, schema: str, content: type[_Content]) -> _Content:
+    try:
+        document = json.loads(documents.text(path, f"a JSON object of schema {schema!r}"))
+        found = document["schema"]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"{path}: expected a JSON object of schema {schema!r}") from error
+    if found != schema:
+        raise InputError(f"{path}: schema is {shown(found)}, expected {schema!r}")
+    try:
+        return content.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{path}: {documents.place(first['loc'])}: {first['msg']}") from error
+
+
+def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
+    lines = []
+    for name, p in chain.parameters.items():
+        exponent = tables.power_of_ten(p.mean)
+        lines.append(
+            Line(
+                name_head(tables.symbol(name), name, tables.unit_text(p.unit, exponent)),
+                (
+                    tables.number(p.mean, p.sigma, exponent),
+                    tables.number(p.shift_in_sigma, p.shift_error),
+                    tables.number(p.sigma_ratio, p.sigma_ratio_error),
+                    f"{p.tau:.0f}",
+                ),
+            )
+        )
+    shift = max((abs(p.shift_in_sigma) for p in chain.parameters.values()), default=0.0)
+    ratio = max((abs(p.sigma_ratio - 1) for p in chain.parameters.values()), default=0.0)
+    text = Markup(
+        "{} steps of {} walkers, the first {} left out; {:.0f} % of the proposals accepted, autocorrelation "
+        "time at most {:.0f} steps. Means within {:.2g} σ of least squares, sigmas within {:.2g} %."
+    ).format(
+        chain.steps,
+        chain.walkers,
+        chain.burn_in,
+        100 * chain.acceptance,
+        chain.largest_tau,
+        shift,
+        100 * ratio,
+    )
+    if not _belongs(chain, results):
+        text += flagged(" The chain is of another fit than this one; sample it anew (lpfcosim mcmc).", True)
+    about = (
+        "Posterior of the joint fit, sampled by Markov chain Monte Carlo: mean and standard deviation, their "
+        "distance from least squares in its σ and as a ratio, autocorrelation time in steps; each ± the "
+        "chain's own error."
+    )
+    head = ("Parameter", "Chain", "Shift / σ", "σ / σ least squares", "τ [steps]")
+    pictures = _picture(
+        folder,
+        "corner",
+        "Corner plot of the chain: every parameter and every pair of them, beside least squares",
+        "Corner plot: contours of the chain hold 39 % and 86 % of it (1 and 2 σ), beside the ellipses of "
+        "least squares and, where known, the truth. Axes: departure from least squares in units of its σ.",
+    )
+    return Part("mcmc", "Posterior sampled", text, (Grid(about, head, tuple(lines)),), pictures, below=True)
+
+
+def _belongs(chain: _Chain, results: Results) -> bool:
+    """Tell whether the least squares a chain was compared with are those of the results."""
+    joint = results.joint.parameters if results.joint else {}
+    return (
+        all(
+            abs((chain.parameters[name].mean - e.value) / e.sigma - chain.parameters[name].shift_in_sigma)
+            < SAME
+            for name, e in joint.items()
+            if name in chain.parameters
+        )
+        and joint.keys() <= chain.parameters.keys()
+    )
+
+
+def _study(study: _Study, folder: Path) -> Part:
+    lines = tuple(
+        Line(
+            name_head(tables.symbol(name), name),
+            (
+                str(p.n),
+                _against(p.pull_mean, p.pull_mean_error, 0.0),
+                _against(p.pull_std, p.pull_std_error, 1.0),
+                _against(100 * p.coverage_1sigma, 100 * p.coverage_1sigma_error, 100 * _COVERAGE),
+            ),
+        )
+        for name, p in study.parameters.items()
+    )
+    campaign, redraw = study.provenance.get("campaign"), study.provenance.get("redraw")
+    text = (
+        f"{study.n} calibrations{f' of {campaign}' if isinstance(campaign, str) else ''} with new noise"
+        f"{' and new truths' if redraw is True else ''}; {len(study.failed)} failed."
+    )
+    about = (
+        "Pulls (estimate − truth) / σ of every parameter, each ± the Monte Carlo error: for true sigmas mean "
+        f"0, standard deviation 1, and {100 * _COVERAGE:.0f} % within 1 σ."
+    )
+    head = ("Parameter", "n", "Mean", "Standard deviation", "Within 1 σ [%]")
+    pictures = _picture(
+        folder,
+        "pulls",
+        "Histograms of the pulls of every parameter beside a normal distribution",
+        "Pulls of every parameter, as a density per unit of pull, beside the normal distribution they "
+        "should have.",
+    )
+    return Part("montecarlo", "Monte Carlo", text, (Grid(about, head, lines),), pictures, below=True)
+
+
+def _against(value: float, error: float, expected: float) -> str | tables.Number:
+    found = tables.number(value, error)
+    off = abs(value - expected) > LIMIT * error > 0
+    return flagged(f"{found.value} ± {found.sigma}", True) if off else found
+
+
+def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[Drawing, ...]:
+    """Return a figure that another command left; as an image, so that whatever the file holds stays inert."""
+    path = folder / f"{name}.svg"
+    if not path.exists():
+        return ()
+    source = base64.b64encode(documents.text(path, "a figure").encode()).decode()
+    image = Markup('<img src="data:image/svg+xml;base64,{}" alt="{}">').format(source, description)
+    return (Drawing(image, caption, name),)

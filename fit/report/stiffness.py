@@ -1,0 +1,144 @@
+"""The parts of the report on stiffness: the model against the experiments, and against what was expected."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from fit.figures import runs as figures
+from fit.figures.drawings import drawing
+from fit.paper import joint_parameter
+from fit.report import capacitance, tables
+from fit.report.grids import Grid, Line, Part, fitted_for, flagged, parameter_head
+from fit.report.tables import LIMIT, signed
+from fit.results import Fit, Results
+from fit.telemetry.reader import Telemetry
+
+
+def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
+    """Return the section on eq. stiff_model, where two experiments or more determine omega2_2 alone."""
+    points = stiffness_points(results, telemetries)
+    if len(points) < 2:
+        return None
+    pulls = {name: figures.stiffness_pull(point, results.joint) for name, point in points.items()}
+    known = [pull for pull in pulls.values() if pull is not None]
+    text = ""
+    if known:
+        rms, largest = math.sqrt(np.mean(np.square(known))), max(map(abs, known))
+        text = f"Root mean square of the {len(known)} differences: {rms:.2f} σ; largest {largest:.1f} σ."
+    lines = tuple(_line(name, point, pulls[name], results.joint) for name, point in points.items())
+    about = (
+        "Stiffness of test mass 2 in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
+        "experiment's authority in pN and pN m."
+    )
+    head = ("Experiment", Markup("F, N<sub>max,2</sub>"), "Alone", "Joint fit", "Δ / σ")
+    picture = drawing(
+        folder,
+        "stiffness",
+        "Stiffness of test mass 2 against its force authority, one point per experiment",
+        "Stiffness of test mass 2, ±1 σ (the paper's figure stiffauth). Dots: each experiment on its own. "
+        "Where the joint fit determines the stiffness model (eq. stiff_model), squares show it at the same "
+        "authority, lines in between, one for each torque authority; the lower panel gives the differences "
+        "in units of their σ, the correlation of the two fits included.",
+        figures.stiffness_against_authority,
+        list(points.values()),
+        results.joint,
+    )
+    return Part("stiffness", "Stiffness model", text, (Grid(about, head, lines),), (picture,))
+
+
+def stiffness_points(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, figures.StiffnessPoint]:
+    """Return omega2_2 of every experiment that determines it alone, by name."""
+    runs = results.provenance.get("joint_runs")
+    return {
+        run.experiment: figures.StiffnessPoint(
+            run.F_max_2,
+            run.N_max_2,
+            fit.parameters["omega2_2"],
+            in_joint=not isinstance(runs, list) or run.run in runs,
+        )
+        for run, fit in fitted_for("omega2_2", results, telemetries)
+    }
+
+
+def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: Fit | None) -> Line:
+    found = figures.reconstruction(joint, point.F_max_2, point.N_max_2)
+    cells = (
+        f"{1e12 * point.F_max_2:.4g}, {1e12 * point.N_max_2:.3g}",
+        tables.number(point.omega2_2.value, point.omega2_2.sigma, -7),
+        tables.number(*found, -7) if found else None,
+        "–" if pull is None else flagged(signed(pull, 1), abs(pull) > LIMIT),
+    )
+    return Line(escape(name), cells)
+
+
+def prediction(joint: Fit | None) -> Part | None:
+    """Return the section on what the stiffness was expected to be."""
+    found = tuple(grid for grid in (_alphas(joint), _budget(joint)) if grid) if joint else ()
+    return Part("prediction", "Predicted stiffness", grids=found) if found else None
+
+
+def _alphas(joint: Fit) -> Grid | None:
+    lines = []
+    for p in capacitance.predictions(joint):
+        head, exponent = parameter_head(joint_parameter(p.name))
+        lines.append(
+            Line(
+                head,
+                (
+                    tables.number(p.value, p.sigma, exponent),
+                    signed(p.paper / 10**exponent, 1 if exponent else 0),
+                    tables.number(p.fitted.value, p.fitted.sigma, exponent),
+                    f"{signed(100 * p.excess, 1)} %",
+                    tables.number(p.lambda_V.value, p.lambda_V.sigma) if p.lambda_V else "–",
+                ),
+            )
+        )
+    gain, sigma = capacitance.LAMBDA_V
+    about = (
+        "Stiffness per unit of authority, from eqs alphax and alphaphi, with λ_V = "
+        f"{gain} ± {sigma} (paper). The derivatives of the capacitance are a choice: "
+        f"∂C/∂x {1e12 * capacitance.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * capacitance.D2C_DX2:.0f} nF/m², "
+        f"∂C/∂φ {1e12 * capacitance.DC_DPHI:.1f} pF/rad, C_tot {1e12 * capacitance.C_TOT:.1f} pF; "
+        "the σ of the prediction is that of λ_V alone. Excess: fitted over predicted, less 1. Last column: "
+        "the λ_V that makes the prediction the fitted value."
+    )
+    over = (
+        "",
+        "Predicted",
+        "Paper's prediction",
+        "Fitted",
+        "Fitted / predicted − 1",
+        Markup("λ<sub>V</sub> to match"),
+    )
+    return Grid(about, over, tuple(lines)) if lines else None
+
+
+def _budget(joint: Fit) -> Grid | None:
+    fitted = [joint.parameters.get(f"omega2_{j}_0") for j in (1, 2)]
+    if not any(fitted):
+        return None
+
+    def text(value: float) -> str:
+        return signed(1e7 * value, 2)
+
+    lines = [Line(escape(cause), tuple(map(text, values))) for cause, values in capacitance.BUDGET.items()]
+    totals = capacitance.background()
+    lines += [
+        Line(Markup("<b>total</b>"), tuple(map(text, totals))),
+        Line(Markup("fitted"), tuple(tables.number(e.value, e.sigma, -7) if e else None for e in fitted)),
+        Line(
+            Markup("difference"),
+            tuple(
+                f"{text(e.value - total)} ({signed(100 * (e.value / total - 1), 1)} %)" if e else "–"
+                for e, total in zip(fitted, totals, strict=True)
+            ),
+        ),
+    ]
+    about = (
+        "Background stiffness in 10⁻⁷ s⁻² by its causes, from the paper's section Results, which calls 10 % "
+        "consistent."
+    )
+    return Grid(about, ("", tables.symbol("omega2_1_0"), tables.symbol("omega2_2_0")), tuple(lines))

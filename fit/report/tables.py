@@ -1,0 +1,175 @@
+"""What the report says in words and numbers: parameter tables, correlations."""
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from fit.paper import Parameter, cross_talk_parameter, experiment_parameter, joint_parameter
+from fit.results import WITHHELD, Estimate, Fit
+
+LIMIT = 4.0  # sigma: more is called a disagreement
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A value with its sigma in print, and both in one as ``1.0776(3)``."""
+
+    value: str
+    sigma: str
+
+    @property
+    def concise(self) -> str:
+        """The sigma in brackets, in units of the last digit where it is below one."""
+        digits = self.sigma.removeprefix("0.").lstrip("0") if self.sigma.startswith("0.") else self.sigma
+        return f"{self.value}({digits or 0})"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a parameter table: numbers in the row's `unit` or None, the pull in sigma."""
+
+    symbol: Markup
+    name: str
+    description: str
+    unit: str
+    truth: str
+    estimate: Number | None
+    pull: float | None
+    flight: Number | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of parameters; the pull is against truth or, where no parameter has one, the flight value.
+
+    Against flight, it is the difference in units of both sigmas together. Of a fit that is not sound neither
+    sigmas nor pulls are told.
+    """
+
+    rows: tuple[Row, ...]
+    has_truth: bool
+
+
+def signed(value: float, decimals: int) -> str:
+    """Return a number with a true minus sign; what rounds to zero carries none."""
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
+
+
+def power_of_ten(value: float) -> int:
+    """Return the exponent a row shares: none for what reads well as it is, thousands above."""
+    exponent = math.floor(math.log10(abs(value))) if value else 0
+    if -2 <= exponent <= 3:
+        return 0
+    return exponent if exponent < 0 else 3 * (exponent // 3)
+
+
+def decimals(sigma: float) -> int:
+    """Return the decimals that show two digits of an uncertainty, one where it was given with one."""
+    if sigma <= 0:
+        return 6
+    digits = 1 if math.isclose(float(f"{sigma:.0e}"), sigma, rel_tol=1e-9) else 2
+    return min(12, max(0, digits - 1 - math.floor(math.log10(sigma) + 1e-9)))
+
+
+def unit_text(unit: str, exponent: int = 0) -> str:
+    """Return a unit in print, ``10⁻⁷ s⁻²`` for ``s-2`` and -7."""
+    factor = "10" + str(exponent).translate(_SUPERSCRIPTS) if exponent else ""
+    symbols = "" if unit == "1" else unit.translate(_SUPERSCRIPTS)
+    return f"{factor} {symbols}".strip()
+
+
+def symbol(name: str) -> Markup:
+    """Return the symbol of a parameter; of all texts only the parameters' own are trusted as HTML."""
+    for known in (joint_parameter, cross_talk_parameter, _of_an_experiment):
+        with suppress(KeyError):
+            return Markup(known(name).html)
+    return escape(name)
+
+
+def _of_an_experiment(name: str) -> Parameter:
+    return experiment_parameter(name, F_max=(0.0, 0.0), N_max=(0.0, 0.0), epoch=1)
+
+
+def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
+    """Return the rows of a fit: `parameters`, undetermined ones too, then what else it estimates.
+
+    A parameter that was neither estimated nor found indeterminable, a gain never driven say, has no row.
+    """
+    has_truth = any(e.truth is not None for e in fit.parameters.values())
+    lost = fit.undetermined
+    listed = [p for p in parameters if p.name in fit.parameters or p.name in lost]
+    names = {p.name for p in listed}
+    listed += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
+    rows = [_row(p, fit.parameters.get(p.name), has_truth) for p in listed]
+    if fit.unsound:
+        rows = [
+            replace(row, estimate=row.estimate and Number(row.estimate.value, WITHHELD), pull=None)
+            for row in rows
+        ]
+    return Table(tuple(rows), has_truth)
+
+
+def _unlisted(name: str, estimate: Estimate) -> Parameter:
+    """Return a parameter that nothing but its estimate is known of."""
+    return Parameter(name, estimate.value, 0.0, estimate.unit, 0.0, "", escape(name), "", "", flown=False)
+
+
+def number(value: float, sigma: float, exponent: int = 0) -> Number:
+    """Return a value and its sigma in print, in units of a power of ten."""
+    scale = 10.0**exponent
+    places = decimals(sigma / scale)
+    return Number(signed(value / scale, places), f"{sigma / scale:.{places}f}")
+
+
+def _row(parameter: Parameter, estimate: Estimate | None, has_truth: bool) -> Row:
+    exponent = power_of_ten(parameter.value)
+    pull, truth, found = None, "", None
+    if estimate is not None:
+        found = number(estimate.value, estimate.sigma, exponent)
+        pull = estimate.pull
+        if not has_truth and parameter.flown:
+            pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
+        if estimate.truth is not None:
+            truth = number(estimate.truth, estimate.sigma, exponent).value
+    return Row(
+        symbol=Markup(parameter.html),
+        name=parameter.name,
+        description=parameter.description,
+        unit=unit_text(parameter.unit, exponent),
+        truth=truth,
+        estimate=found,
+        pull=pull,
+        flight=number(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
+    )
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Symbols of the parameters and their correlation matrix, row by row."""
+
+    symbols: tuple[Markup, ...]
+    rows: tuple[tuple[float, ...], ...]
+
+
+def correlation(fit: Fit) -> Correlation:
+    """Return the correlation matrix of a fit."""
+    sigma = np.sqrt(np.diag(fit.covariance))
+    matrix = fit.covariance / np.outer(sigma, sigma)
+    return Correlation(tuple(map(symbol, fit.parameters)), tuple(tuple(map(float, row)) for row in matrix))
+
+
+def combination_text(combination: Mapping[str, float]) -> Markup:
+    """Return a linear combination of parameters in print."""
+    terms = []
+    for name, coefficient in combination.items():
+        mantissa, _, exponent = f"{abs(coefficient):.3g}".partition("e")
+        power = unit_text("1", int(exponent)) if exponent else ""
+        factor = f"{mantissa}·{power}" if power else mantissa
+        terms.append(Markup("{} {} {}").format("−" if coefficient < 0 else "+", factor, symbol(name)))
+    return Markup(" ").join(terms).removeprefix("+ ")

@@ -1,0 +1,293 @@
+"""The parts of the report on the experiments together, laid out as the paper's section Results is."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from fit.estimate.stationarity import Stationarity, independent, stationarity
+from fit.figures import mission as figures_mission
+from fit.figures.drawings import Drawing, drawing
+from fit.paper import FLIGHT, Parameter, joint_names, joint_parameter
+from fit.report import motion as report_motion
+from fit.report import stiffness as report_stiffness
+from fit.report import tables
+from fit.report.grids import Cell, Grid, Line, Part, fitted_for, flagged, parameter_head
+from fit.report.tables import LIMIT, signed
+from fit.results import Diagnostics, Fit, Results
+from fit.telemetry.reader import Telemetry
+
+_BESIDE = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
+#: What the paper says of lambda_2: mean over the experiments with sigma, its chi2_red, relative fluctuation.
+FLIGHT_MEAN, FLIGHT_CHI2_RED, FLIGHT_SCATTER = (1.080, 0.003), 90, 0.005
+STRONG = 0.9  # correlation that is pointed out
+DOUBTFUL = 1e-3  # p-value below which chance is no explanation
+NAMED = 10  # strongest correlations
+LONGEST = 20  # characters of a label in a figure
+
+
+def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
+    """Return the sections that the results give matter for, their figures written to ``folder``."""
+    sound = _sound(results)
+    found = [
+        _gain(sound, telemetries, folder),
+        report_stiffness.model(sound, telemetries, folder),
+        report_stiffness.prediction(sound.joint),
+        _side_by_side(sound, telemetries),
+        _residuals(results, folder),
+        _correlation(sound.joint, folder),
+    ]
+    return [part for part in found if part]
+
+
+def _sound(results: Results) -> Results:
+    """Return the results without the fits whose sigmas do not hold."""
+    kept = {
+        section: {name: fit for name, fit in getattr(results, section).items() if not fit.unsound}
+        for section in ("experiments", "cross_talk", "inertial")
+    }
+    joint = None if results.joint and results.joint.unsound else results.joint
+    return replace(results, joint=joint, **kept)
+
+
+def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
+    found, text = [], Markup()
+    if results.joint is not None:
+        epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
+        names = joint_names(epochs) if epochs else tuple(FLIGHT)
+        known = [p for p in map(joint_parameter, names) if p.flown]
+        lines, finer = _beside([(p, "", results.joint) for p in known])
+        found.append(Grid("Table jointfit: the joint fit beside the flight's.", _BESIDE, tuple(lines)))
+        text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(finer, len(lines))
+    lines, _ = _beside(
+        [
+            (p, f" (period {period})", fit)
+            for period, fit in results.inertial.items()
+            for p in report_motion.parameters(period, fit)
+            if p.flown
+        ]
+    )
+    if lines:
+        found.append(Grid("Table Eulerfit: the misalignments beside the flight's.", _BESIDE, tuple(lines)))
+    if not found:
+        return None
+    return Part("paper", "The paper's tables, side by side", text, tuple(found))
+
+
+def _beside(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int]:
+    """Return a line for every parameter, and how many have no larger sigma than the flight."""
+    lines, finer = [], 0
+    for parameter, of, fit in rows:
+        head, exponent = parameter_head(parameter, of)
+        flight = tables.number(parameter.value, parameter.sigma, exponent)
+        estimate = fit.parameters.get(parameter.name)
+        if estimate is None:
+            lines.append(Line(head, (None, flight, "not determined", "")))
+            continue
+        ratio = estimate.sigma / parameter.sigma
+        apart = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
+        finer += ratio <= 1
+        lines.append(
+            Line(
+                head,
+                (
+                    tables.number(estimate.value, estimate.sigma, exponent),
+                    flight,
+                    f"{ratio:.2f}",
+                    flagged(signed(apart, 2), abs(apart) > LIMIT),
+                ),
+            )
+        )
+    return lines, finer
+
+
+def _correlation(joint: Fit | None, folder: Path) -> Part | None:
+    if joint is None or len(joint.parameters) < 2:
+        return None
+    table = tables.correlation(joint)
+    names = list(joint.parameters)
+    matrix = np.array(table.rows)
+    labels = [f"${joint_parameter(n).latex}$" if _known(n) else _plain(n) for n in names]
+    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    picture = drawing(
+        folder,
+        "correlation",
+        "Correlation matrix of the joint estimates as a map of colours",
+        "Correlation of the joint estimates, blue positive and orange negative; the value shows where the "
+        "pointer rests. Strong colour marks two parameters whose errors go together.",
+        figures_mission.correlations,
+        names,
+        labels,
+        matrix,
+    )
+    strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:NAMED]
+    lines = tuple(
+        Line(
+            Markup("{} and {}").format(table.symbols[j], table.symbols[i]),
+            (flagged(signed(matrix[i, j], 4), abs(matrix[i, j]) > STRONG),),
+        )
+        for i, j in strongest
+    )
+    grid = Grid(
+        "Strongest correlations; a sum or a difference is known better than either.", ("", "r"), lines
+    )
+    blind = [w.combination for w in joint.warnings if w.code == "indeterminable" and w.combination]
+    text = "Every combination of the parameters is determined."
+    if blind:
+        text = Markup("Not determined: {}.").format(Markup("; ").join(map(_combination, blind)))
+    return Part(
+        "correlation",
+        "Correlations and degenerate combinations",
+        text,
+        (grid,),
+        (picture,),
+        correlation=table,
+    )
+
+
+def _combination(coefficients: Mapping[str, float]) -> Markup:
+    several = len(coefficients) > 1
+    return tables.combination_text(coefficients) if several else tables.symbol(next(iter(coefficients)))
+
+
+def _plain(name: str) -> str:
+    """Return a name as text of a figure that is no mathematics and not long."""
+    short = name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
+    return short.replace("$", r"\$")
+
+
+def _known(name: str) -> bool:
+    try:
+        joint_parameter(name)
+    except KeyError:
+        return False
+    return True
+
+
+def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
+    estimates = list(independent(results.experiments).values())
+    if len(estimates) < 2:
+        return None
+    found = stationarity(estimates)
+    joint = results.joint.parameters.get("lambda_2") if results.joint else None
+    relative = 100 * found.scatter / found.mean
+    flown = FLIGHT["lambda_2"]
+    lines = [
+        Line(
+            Markup("weighted mean of the experiments"),
+            (tables.number(found.mean, found.sigma), tables.number(*FLIGHT_MEAN)),
+        ),
+        Line(
+            Markup("joint fit"),
+            (
+                tables.number(joint.value, joint.sigma) if joint else None,
+                tables.number(flown.value, flown.sigma),
+            ),
+        ),
+        Line(
+            Markup("χ² / degrees of freedom about the mean"),
+            (f"{found.chi2_red:.2f}", f"≈ {FLIGHT_CHI2_RED}"),
+        ),
+        Line(Markup("p-value"), (_p_value(found.p_value), "< 0.001")),
+        Line(
+            Markup("scatter beyond noise that would make it 1"),
+            (f"{relative:.2g} %" if found.scatter else "0", f"≈ {100 * FLIGHT_SCATTER:g} %"),
+        ),
+    ]
+    about = f"λ₂ of {found.dof + 1} experiments, each fitted alone; a run of a single tone does not count."
+    grid = Grid(about, ("", "This calibration", "Flight"), tuple(lines))
+    return Part(
+        "gain",
+        "Stationarity of the gain",
+        _gain_verdict(found),
+        (grid,),
+        _gain_figure(results, telemetries, folder),
+    )
+
+
+def _gain_verdict(found: Stationarity) -> Markup:
+    if found.p_value >= DOUBTFUL:
+        return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
+    mean = tables.number(found.mean, found.sigma_with_scatter)
+    return Markup(
+        "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {} ± {}; "
+        "the joint fit can have the scatter as a parameter."
+    ).format(mean.value, mean.sigma)
+
+
+def _p_value(p: float) -> str:
+    return flagged("< 0.001", True) if p < DOUBTFUL else f"{p:.3f}"
+
+
+def _gain_figure(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:
+    alone = independent(results.experiments)
+    points = [
+        figures_mission.GainPoint(
+            np.datetime64(datetime.fromisoformat(run.t0).replace(tzinfo=None)),
+            fit.parameters["lambda_2"],
+            leaning=run.experiment not in alone,
+        )
+        for run, fit in fitted_for("lambda_2", results, telemetries)
+    ]
+    if len(points) < 2:
+        return ()
+    joint = results.joint.parameters.get("lambda_2") if results.joint else None
+    picture = drawing(
+        folder,
+        "gain",
+        "Gain of test mass 2 against date, one point per experiment",
+        "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
+        "gainevolution). An open dot takes its stiffness from the joint fit.",
+        figures_mission.gain_evolution,
+        points,
+        joint,
+    )
+    return (picture,)
+
+
+def _residuals(results: Results, folder: Path) -> Part | None:
+    found = {name: fit.diagnostics for name, fit in results.experiments.items() if fit.diagnostics}
+    if not found:
+        return None
+    lines = [Line(escape(name), _judged(d)) for name, d in found.items()]
+    doubtful = sum(d.whiteness < 0.05 for d in found.values())
+    text = Markup(
+        "{} of {} residuals have a whiteness below 0.05; of noise such as the model says, {:.1f} would."
+    ).format(doubtful, len(found), 0.05 * len(found))
+    about = (
+        "Residual of each experiment on its own, whitened by the model of its noise. Level: χ² per degree of "
+        "freedom and, as ±, the scatter to expect of it. Whiteness: p-value of the cumulative periodogram "
+        "(Kolmogorov-Smirnov), window and error of the noise model taken into account. Tails: excess "
+        "kurtosis and, as ±, its scatter; where it stands out, the degrees of freedom ν of a Student-t "
+        "with as much."
+    )
+    head = ("Experiment", "χ² / degrees of freedom", "(χ² − 1) / σ", "Whiteness", "Excess kurtosis", "ν")
+    picture = drawing(
+        folder,
+        "quantiles",
+        "Quantiles of the normalised residual of every experiment less those of a normal variable",
+        "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
+        "normal variable. The band holds 95 % of normal samples at each quantile. A slope means a wrong "
+        "level, ends that bend away from it mean tails.",
+        figures_mission.quantiles,
+        found,
+        {n: results.experiments[n].dof for n in found},
+    )
+    return Part("residuals", "Residuals", text, (Grid(about, head, tuple(lines)),), (picture,), below=True)
+
+
+def _judged(d: Diagnostics) -> tuple[Cell, ...]:
+    own = d.chi2_red_sigma < 1e-6  # the level of its own residual
+    pull = 0.0 if own else (d.chi2_red - 1) / d.chi2_red_sigma
+    excess = d.kurtosis / d.kurtosis_sigma
+    return (
+        f"{d.chi2_red:.3f}" if own else tables.number(d.chi2_red, d.chi2_red_sigma),
+        "–" if own else flagged(signed(pull, 1), abs(pull) > LIMIT),
+        _p_value(d.whiteness),
+        tables.number(d.kurtosis, d.kurtosis_sigma),
+        flagged(f"{4 + 6 / d.kurtosis:.0f}", True) if excess > LIMIT else "–",
+    )

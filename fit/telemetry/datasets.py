@@ -1,0 +1,206 @@
+"""The datasets of a telemetry file, checked against the contract while they are read.
+
+Every function raises `fit.errors.InputError`; its message names the file, the place and what was expected.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError, shown
+from fit.files.documents import key
+from fit.telemetry.contract import REQUIRED, expected_unit, same_unit
+
+MAX_MEMBERS = 10_000  # of a file
+MAX_CHUNK = 2**24  # values that are unpacked at a time
+MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
+LARGEST = 1e6  # in SI, of any channel; squares and products of such values keep their digits
+MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
+MAX_GAP = 600.0  # s
+#: What may stand between a chunk and the file: these are safe with whatever they are given.
+_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
+
+
+def plain(value: object) -> object:
+    """Return an attribute as str or scalar where it is one, be it bytes, NumPy scalar or 1-element array."""
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(())[()]
+    if isinstance(value, bytes):
+        return value.decode("utf-8", errors="replace")
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np.float64]:
+    """Return a part of the time axis [s], checked to be uniform with steps of 1/fs."""
+    dataset = _own(file, path, "time", "time")
+    if dataset is None:
+        raise InputError(f"{path}: time: missing, expected the seconds since t0")
+    units = plain(dataset.attrs.get("units", "s"))
+    if units not in ("s", "sec", "second", "seconds"):
+        raise InputError(f"{path}: time: units {shown(units)}, expected 's'")
+    _check_size(dataset, path, "time", None)
+    time = np.asarray(dataset[part], dtype=np.float64)
+    check_time(f"{path}: time", time, fs, part.start or 0)
+    return time
+
+
+def check_time(place: str, time: NDArray[np.float64], fs: float, start: int = 0) -> None:
+    """Refuse a time axis [s] that is not uniform with steps of 1/fs; its first sample has number `start`."""
+    check_finite(place, time, start)
+    step = np.diff(time)
+    # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
+    uneven = np.flatnonzero(np.abs(step * fs - 1) > 1e-3)
+    if uneven.size and np.ptp(step) * fs <= 2e-3:
+        raise InputError(f"{place}: steps of {step[0]:g} s, expected 1/fs = {1 / fs:g} s")
+    if uneven.size:
+        n = int(uneven[0])
+        raise InputError(
+            f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
+            f"expected uniform steps of 1/fs = {1 / fs:g} s"
+        )
+    span = (time.size - 1) / fs
+    if abs(time[-1] - time[0] - span) > 1e-6 * span + 1e-3 / fs:
+        raise InputError(f"{place}: spans {time[-1] - time[0]:.10g} s, expected (N-1)/fs = {span:.10g} s")
+
+
+def check_finite(place: str, values: NDArray[np.float64], start: int = 0) -> None:
+    """Refuse a value that is missing or infinite; the first one has number `start`."""
+    if not np.isfinite(values).all():
+        n = int(np.argmin(np.isfinite(values)))
+        raise InputError(f"{place}: {values[n]} at sample {start + n}, expected a finite value")
+
+
+def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
+    """Return the channels on a time axis of `size` samples and their units as written.
+
+    What the contract knows is checked, but for the values.
+    """
+    if len(file) > MAX_MEMBERS:
+        raise InputError(f"{path}: {len(file)} datasets and groups, expected at most {MAX_MEMBERS}")
+    units: dict[str, str] = {}
+    for name in (*REQUIRED, *(other for other in file if other not in {"time", *REQUIRED})):
+        expected = expected_unit(name)
+        place = f"channel {key(name)}"
+        if expected is None and not isinstance(file.get(name, getlink=True), h5py.HardLink):
+            continue
+        dataset = _own(file, path, place, name)
+        if dataset is None:
+            if name in REQUIRED:
+                raise InputError(f"{path}: channel {name}: missing, expected for a calibration")
+            continue
+        if expected is None and not _is_channel(dataset):
+            continue
+        found = plain(dataset.attrs.get("units", ""))
+        if expected is not None and not (isinstance(found, str) and same_unit(found, expected)):
+            stated = f"units {shown(found)}" if "units" in dataset.attrs else "without units"
+            raise InputError(f"{path}: {place}: {stated}, expected {expected!r}")
+        _check_size(dataset, path, place, size)
+        units[name] = str(found)
+    return units
+
+
+def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
+    """Return what the file says channels are, for those of which it does."""
+    told = {name: plain(file[name].attrs.get("long_name")) for name in channels}
+    return {name: text for name, text in told.items() if isinstance(text, str)}
+
+
+def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
+    """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
+    values = np.asarray(file[name][part], dtype=np.float64)
+    check_values(
+        f"{path}: channel {key(name)}", values, fs, part.start or 0, known=expected_unit(name) is not None
+    )
+    return values
+
+
+def check_values(
+    place: str, values: NDArray[np.float64], fs: float, start: int = 0, *, known: bool = True
+) -> None:
+    """Refuse an infinite value, or in a known channel one beyond `LARGEST`; the first has number `start`."""
+    low, high = (-LARGEST, LARGEST) if known else (-np.finfo(float).max, np.finfo(float).max)
+    if (beyond := (values < low) | (values > high)).any():
+        n = int(np.argmax(beyond))
+        wanted = f"a value of at most {LARGEST:g}" if np.isfinite(values[n]) else "a finite value"
+        raise InputError(
+            f"{place}: {values[n]:g} at sample {start + n} (t = {(start + n) / fs:.10g} s), expected {wanted}"
+        )
+
+
+def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
+    """Refuse more missing samples than may be masked in what a calibration needs, given by place."""
+    together = np.any(list(missing.values()), axis=0)
+    present = np.flatnonzero(~together)
+    longest = int(np.diff(present, prepend=-1, append=together.size).max()) - 1
+    share = float(together.mean())
+    if share <= MAX_MISSING and longest <= MAX_GAP * fs:
+        return
+    worst = max(missing, key=lambda place: int(missing[place].sum()))
+    first = int(np.argmax(missing[worst]))
+    raise InputError(
+        f"{worst}: nan from sample {first} (t = {first / fs:.10g} s) on, "
+        f"{100 * share:.3g} % of the samples are missing with gaps of up to {longest / fs:.6g} s, "
+        f"expected at most {100 * MAX_MISSING:g} % and {MAX_GAP:g} s"
+    )
+
+
+def _is_channel(dataset: h5py.Dataset) -> bool:
+    """Tell whether an unknown dataset lies on the time axis: 1-D, real numbers, on no other dimension."""
+    if dataset.ndim != 1 or dataset.dtype.kind not in "iufb" or dataset.is_scale:
+        return False
+    axes = [scale.name for scale in dataset.dims[0].values()]
+    return not axes or "/time" in axes
+
+
+def _check_size(dataset: h5py.Dataset, path: Path, place: str, size: int | None) -> None:
+    """Refuse what is no row of numbers of the right length, before memory is taken for it."""
+    if dataset.ndim != 1 or dataset.dtype.kind not in "iufb":
+        raise InputError(
+            f"{path}: {place}: {dataset.dtype} of shape {dataset.shape}, expected a row of float64"
+        )
+    if size is not None and dataset.shape[0] != size:
+        raise InputError(f"{path}: {place}: {dataset.shape[0]} samples, expected the {size} of time")
+    if not 2 <= dataset.shape[0] <= MAX_SAMPLES:
+        raise InputError(f"{path}: {place}: {dataset.shape[0]} samples, expected 2 to {MAX_SAMPLES}")
+    check_storage(dataset, f"{path}: {place}")
+
+
+def check_storage(dataset: h5py.Dataset, place: str) -> None:
+    """Refuse a dataset that is kept in other files, or whose values take far more room than the file.
+
+    What was left out reads as zeros, and a few bytes that stand for a chunk can stand for gigabytes.
+    """
+    if dataset.is_virtual or dataset.external:
+        raise InputError(f"{place}: kept in other files, expected its values in this one")
+    size = dataset.size or 0
+    held = dataset.id.get_storage_size()
+    if held > dataset.file.id.get_filesize():
+        raise InputError(f"{place}: declares {held} bytes, more than the file has")
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+    if dataset.chunks is None:
+        written = held // dataset.dtype.itemsize
+    else:
+        chunk = math.prod(dataset.chunks)
+        if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):
+            raise InputError(
+                f"{place}: chunks of {chunk} values through the filters {filters}, expected at most "
+                f"{MAX_CHUNK} through each of gzip, lzf, shuffle and fletcher32 at most once"
+            )
+        written = dataset.id.get_num_chunks() * chunk
+    if 2 * written < size:
+        told = f"only {written} values of {size}" if written else "never"
+        raise InputError(f"{place}: declared but {told} written, expected {size} values")
+
+
+def _own(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:
+    """Return a dataset of the file; a link might lead into any other."""
+    link = file.get(name, getlink=True)
+    if link is not None and not isinstance(link, h5py.HardLink):
+        raise InputError(f"{path}: {place}: a link, expected the dataset itself")
+    found = None if link is None else file[name]
+    return found if isinstance(found, h5py.Dataset) else None

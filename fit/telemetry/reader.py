@@ -1,0 +1,376 @@
+"""Reader of the telemetry contract, schema ``lpf-telemetry/1``: what breaks it is refused in one sentence.
+
+Sample n holds the read-outs at ``time[n]`` and the commands computed from them and held until the next.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
+
+from fit.display import Displayed
+from fit.errors import InputError, shown
+from fit.telemetry import guard as probe
+from fit.telemetry.contract import REQUIRED
+from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
+
+if TYPE_CHECKING:
+    import xarray
+
+SCHEMA = "lpf-telemetry/1"
+
+_BLOCK = 2**20  # samples
+_Authority = Annotated[float, Field(ge=0, le=1e3)]
+
+
+@dataclass(frozen=True, repr=False)
+class Telemetry(Displayed):
+    """One run.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was read from.
+    run, experiment : str
+        Unique name, and the name that pairs a run with its noise run.
+    kind : str
+        ``sysid`` or ``noise``.
+    fs : float
+        Sample rate [Hz].
+    t0 : str
+        Start, ISO 8601.
+    F_max_1, F_max_2, N_max_1, N_max_2 : float
+        Force [N] and torque [N m] authority of the two test masses.
+    alignment_epoch : int
+        The k of delta_ifo_k.
+    m_tm : float
+        Mass of a test mass [kg].
+    time : ndarray, shape (N,)
+        Seconds since `t0`, uniform.
+    channels : mapping of str to ndarray, each of shape (N,)
+        Every channel of the file, known or not, in the unit of `units`; a missing sample is NaN. Those of a
+        file are read whenever one is asked for: a campaign of weeks does not fit into memory.
+    units : dict of str to str
+        As written in the file; ``""`` where an unknown channel has none.
+    attributes : dict of str to object
+        Every other root attribute.
+    long_names : dict of str to str
+        What the channels are, for those of which the file says it.
+    """
+
+    path: Path
+    run: str
+    experiment: str
+    kind: str
+    fs: float
+    t0: str
+    F_max_1: float
+    F_max_2: float
+    N_max_1: float
+    N_max_2: float
+    alignment_epoch: int
+    m_tm: float
+    time: NDArray[np.float64]
+    channels: Mapping[str, NDArray[np.float64]]
+    units: dict[str, str]
+    attributes: dict[str, object]
+    long_names: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, N / fs [s]."""
+        return self.time.size / self.fs
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the run, all of it in memory, as a dataset with units, as xarray would open the file.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        try:
+            xr = import_module("xarray")
+        except ImportError:
+            raise InputError("to_xarray needs xarray, of the extra lpfcosim[notebook]") from None
+        channels = {}
+        for name, values in self.channels.items():
+            told = {"units": self.units.get(name), "long_name": self.long_names.get(name)}
+            channels[name] = ("time", values, {key: text for key, text in told.items() if text})
+        time = ("time", self.time, {"units": "s", "long_name": f"time since {self.t0}"})
+        root = {name: getattr(self, name) for name in Root.model_fields}
+        dataset: xarray.Dataset = xr.Dataset(
+            channels, {"time": time}, {"schema": SCHEMA, **root, **self.attributes}
+        )
+        return dataset
+
+
+def read(path: Path) -> Telemetry:
+    """Read one telemetry file; its group ``/truth`` is not touched.
+
+    Raises
+    ------
+    InputError
+        If the file breaks the contract; the message names the file, the place and what was expected.
+    """
+    telemetry = read_stretch(path, 0, None)
+    missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
+    check_missing(missing, telemetry.fs)
+    for name in telemetry.channels.keys() - REQUIRED.keys():
+        telemetry.channels[name]  # its values are checked here, not in the middle of a fit
+    return telemetry
+
+
+def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
+    """Read samples `start` to `stop` of a file; the values of a channel are checked when it is asked for.
+
+    Raises
+    ------
+    InputError
+        As `read`.
+    """
+    with _opened(path) as file:
+        return _read(file, path, slice(start, stop))
+
+
+def look(path: Path) -> None:
+    """Read what the library of HDF5 has to interpret: everything but plain rows of numbers.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    with _opened(path) as file:
+        names = ("time", *_read(file, path, slice(0, 2)).channels)
+        for dataset in (file[name] for name in names):
+            for start in range(0, dataset.size if dataset.chunks else 0, _BLOCK):
+                dataset[start : start + _BLOCK]
+    read_truth(path)
+
+
+def samples(path: Path) -> int:
+    """Return the number of samples of a file that `read_stretch` accepts.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    with _opened(path) as file:
+        return int(file["time"].shape[0])
+
+
+def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
+    """Read files, and the ``*.h5`` of folders, sorted by start time, then by run.
+
+    A file reached twice is read once.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files and folders.
+    own : bool
+        They were written by this program just now, so that no other process need try them first.
+
+    Raises
+    ------
+    InputError
+        If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
+    """
+    found = files(paths)
+    if not own:
+        probe.check(found)
+    runs: dict[str, Telemetry] = {}
+    for telemetry in map(read, found):
+        twin = runs.setdefault(telemetry.run, telemetry)
+        if twin is not telemetry:
+            raise InputError(
+                f"{telemetry.path}: attribute run: {shown(telemetry.run)} is also the run of {twin.path}, "
+                "expected unique names"
+            )
+    return sorted(runs.values(), key=lambda t: (_utc(t.t0), t.run))
+
+
+def inertial_period(telemetry: Telemetry) -> str:
+    """Return the period of the Euler fit that a run belongs to, ``"0"`` where it says nothing.
+
+    Raises
+    ------
+    InputError
+        If the attribute is neither a whole number, zero or more, nor a word.
+    """
+    value = telemetry.attributes.get("inertial_period", 0)
+    number = _whole(value)
+    if isinstance(number, int) and not isinstance(value, bool) and number >= 0:
+        return str(number)
+    if isinstance(value, str) and value.strip():
+        return value.strip()
+    raise InputError(
+        f"{telemetry.path}: attribute inertial_period: {shown(value)}, expected a whole number, zero or more"
+    )
+
+
+def inside(path: Path) -> Path:
+    """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
+    inner = path / "telemetry"
+    return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+
+
+def files(paths: Sequence[Path]) -> list[Path]:
+    """Return files, and the ``*.h5`` of folders, each once.
+
+    Raises
+    ------
+    InputError
+        If a folder holds none.
+    """
+    unique: dict[Path, Path] = {}
+    for path in paths:
+        try:
+            found = [(f.resolve(), f) for f in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
+        except (OSError, ValueError):
+            raise InputError(f"{shown(str(path))}: no file can have this name, expected telemetry") from None
+        if not found:
+            raise InputError(f"{path}: folder without telemetry, expected files *.h5 in it")
+        for resolved, file in found:
+            unique.setdefault(resolved, file)
+    return list(unique.values())
+
+
+def read_truth(path: Path) -> dict[str, float]:
+    """Return the numbers among the attributes of ``/truth``, empty without that group; not for estimators.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    with _opened(path) as file:
+        group = file.get("truth")
+        if not isinstance(group, h5py.Group):
+            return {}
+        values = {name: plain(value) for name, value in group.attrs.items()}
+    return {
+        name: float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float) and math.isfinite(value)
+    }
+
+
+class _OnDemand(Mapping[str, NDArray[np.float64]]):
+    """A part of the channels of a file, each read anew whenever it is asked for."""
+
+    def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
+        self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        if name not in self._names:
+            raise KeyError(name)
+        with _opened(self._path) as file:
+            return read_channel(file, self._path, name, self._part, self._fs)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
+
+
+def _utc(t0: str) -> datetime:
+    """Return a start time that compares with others; without an offset it is UTC, as the contract says."""
+    moment = datetime.fromisoformat(t0)
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+def _iso_8601(t0: str) -> str:
+    _utc(t0)
+    return t0
+
+
+def _whole(value: object) -> object:
+    """Let a whole number pass that was stored as a float."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _printable(name: str) -> str:
+    if not name.isprintable():
+        raise ValueError("should have letters that can be printed")
+    return name
+
+
+_Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
+
+
+class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
+    """The root attributes; the fields have the names of `Telemetry`."""
+
+    run: _Name
+    experiment: _Name
+    kind: Literal["sysid", "noise"]
+    fs: Annotated[float, Field(ge=1e-3, le=10)]
+    t0: Annotated[str, AfterValidator(_iso_8601)]
+    F_max_1: _Authority
+    F_max_2: _Authority
+    N_max_1: _Authority
+    N_max_2: _Authority
+    alignment_epoch: Annotated[int, Field(ge=0), BeforeValidator(_whole)]
+    m_tm: Annotated[float, Field(ge=1e-3, le=1e6)]
+
+
+def check_root(place: str, attributes: Mapping[str, object]) -> Root:
+    """Return root attributes, which are at `place`, as `Telemetry` has them.
+
+    Raises
+    ------
+    InputError
+        If one is missing or breaks the contract.
+    """
+    try:
+        return Root.model_validate(attributes)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = str(fault["loc"][0])
+        found = shown(attributes[name]) if name in attributes else "missing"
+        raise InputError(f"{place}: attribute {name}: {found}, expected: {fault['msg']}") from error
+
+
+def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
+    attributes = {name: plain(value) for name, value in file.attrs.items()}
+    schema = attributes.pop("schema", None)
+    if schema != SCHEMA:
+        found = "missing" if schema is None else shown(schema)
+        raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}")
+    root = check_root(str(path), attributes)
+    time = read_time(file, path, root.fs, part)
+    units = channel_units(file, path, file["time"].shape[0])
+    return Telemetry(
+        path=path,
+        **root.model_dump(include=set(Root.model_fields)),
+        time=time,
+        channels=_OnDemand(path, list(units), part, root.fs),
+        units=units,
+        attributes=dict(root.model_extra or {}),
+        long_names=channel_names(file, units),
+    )

@@ -1,0 +1,347 @@
+"""The commands as a user sees them: names, options, help. What they do is read in when one is called."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from lpfcosim.cli import fmu as cli_fmu
+from lpfcosim.cli.common import (
+    CampaignFile,
+    Directory,
+    Jobs,
+    Out,
+    Paths,
+    Quiet,
+    Scheduler,
+    Trust,
+    duration,
+    examples,
+    help_without_command,
+)
+
+app = typer.Typer(
+    help="Calibrate drag-free spacecraft: simulate LISA Pathfinder through FMUs, fit its dynamics, report.",
+    epilog=examples(
+        "lpfcosim new mine.toml      a campaign to start from",
+        "lpfcosim check mine.toml    what to expect of it",
+        "lpfcosim run mine.toml      leaves mine/report.html",
+    ),
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+Dynamics = typer.Option(
+    "--calibration",
+    metavar="RESULTS.json",
+    help="Take the dynamics from an earlier result; PATH holds noise runs only.",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib import metadata
+
+        print(f"lpfcosim {metadata.version('lpfcosim')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _main(
+    context: typer.Context,
+    version: Annotated[  # noqa: ARG001 (its callback has it)
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    help_without_command(context)
+
+
+@app.command(epilog=examples("lpfcosim new mine.toml"))
+def new(
+    file: Annotated[
+        Path, typer.Argument(metavar="NAME.toml", help="The file to write; the campaign has its name.")
+    ] = Path("campaign.toml"),
+) -> None:
+    """Write a commented starter campaign, to change at will.
+
+    Beside it comes lpf-campaign.json, the JSON Schema of campaigns, which the first line names: with it
+    editors complete keys and check values as one types. No file that is there is written over.
+    """
+    from lpfcosim.cli import new as cli_new
+
+    cli_new.new(file)
+
+
+@app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .wall_time"))
+def check(
+    campaign: CampaignFile,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-check/1.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Tell what to expect of a campaign before it is run.
+
+    That is: whether it is valid, its runs, the margins of its loops, the sigmas of the joint fit as forecast
+    tells them, and how long it will take. Nothing is simulated, no FMU is needed.
+    """
+    from lpfcosim.cli import plan as cli_plan
+    from lpfcosim.cli.console import Console
+
+    cli_plan.check(campaign, Console(quiet=quiet, as_json=as_json))
+
+
+@app.command(
+    epilog=examples(
+        "lpfcosim run campaigns/quickstart.toml",
+        "lpfcosim run mine.toml --out tuesday --jobs 2",
+        "lpfcosim run mine.toml --json | jq .joint.parameters.lambda_2",
+    )
+)
+def run(
+    campaign: CampaignFile,
+    out: Out = None,
+    jobs: Jobs = None,
+    engine: Annotated[
+        Literal["compiled", "fmpy"],
+        typer.Option("--engine", help="The loop over the FMUs; fmpy: the plain one, slow, same bits."),
+    ] = "compiled",
+    scheduler: Scheduler = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--time-limit",
+            metavar="DURATION",
+            parser=duration,
+            help='Longest a run may take, as "2 h"; a minute without a step always ends it.',
+        ),
+    ] = None,
+    rerun: Annotated[
+        bool,
+        typer.Option("--rerun", help="Simulate again what is of another campaign, seed, version or FMU."),
+    ] = False,
+    trusted: Trust = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a campaign with the FMUs, fit it, report.
+
+    The folder holds telemetry/*.h5, results.json, report.html and figures/ afterwards. The same command
+    continues what was interrupted. Runs that fail leave a log in logs/, experiments that are complete are
+    fitted all the same, and the exit status is 1.
+    """
+    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli.console import Console
+
+    cli_run.run(
+        campaign,
+        out,
+        Console(quiet=quiet, as_json=as_json),
+        jobs=jobs,
+        engine=engine,
+        scheduler=scheduler,
+        time_limit=time_limit,
+        rerun=rerun,
+        trusted=trusted,
+    )
+
+
+@app.command(
+    epilog=examples(
+        "lpfcosim fit quickstart --out again",
+        "lpfcosim fit flight/*.h5 --settings fit.toml --json",
+        "lpfcosim fit noise/ --calibration quickstart/results.json",
+    )
+)
+def fit(
+    paths: Paths,
+    out: Out = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit], such as a campaign."),
+    ] = None,
+    include_short: Annotated[
+        bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
+    ] = False,
+    calibration: Annotated[Path | None, Dynamics] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit telemetry files from anywhere; needs no FMU.
+
+    Sysid runs calibrate the dynamics, noise runs of 12 h or more with torques the inertial forces.
+    """
+    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli.console import Console
+
+    cli_run.fit_files(
+        paths,
+        out,
+        Console(quiet=quiet, as_json=as_json),
+        settings=settings,
+        include_short=include_short,
+        calibration=calibration,
+    )
+
+
+@app.command(epilog=examples("lpfcosim report quickstart"))
+def report(directory: Directory, quiet: Quiet = False) -> None:
+    """Rebuild the report from what DIR holds."""
+    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli.console import Console
+
+    cli_run.report(directory, Console(quiet=quiet))
+
+
+@app.command(epilog=examples("lpfcosim deltag quickstart --calibration quickstart/results.json"))
+def deltag(
+    paths: Paths,
+    calibration: Annotated[
+        Path, typer.Option("--calibration", metavar="RESULTS.json", help="Result of an earlier run or fit.")
+    ],
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the calibrated Delta g of telemetry, term by term.
+
+    NAME.h5 becomes NAME-deltag.h5, telemetry at 1 to 2 Hz whose channels are the terms:
+    delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
+    """
+    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli.console import Console
+
+    cli_run.deltag(paths, calibration, out, Console(quiet=quiet))
+
+
+@app.command(epilog=examples("lpfcosim forecast mine.toml", "lpfcosim forecast mine.toml --out mine"))
+def forecast(
+    campaign: CampaignFile,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON, schema lpf-forecast/1, with the correlations.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder to write forecast.json to.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Tell the sigmas of the joint fit to expect; needs no FMU.
+
+    They are those of the Fisher matrix at the true parameters of the campaign, with the closed-loop noise of
+    the channels, which carries information of its own. They hold for the default estimator and no scatter
+    between experiments, and are the mean over campaigns: those of one fit vary by up to 10 %, as the noise
+    PSDs do that it estimates. The angles of the inertial calibration are not forecast.
+    """
+    from lpfcosim.cli import study as cli_study
+    from lpfcosim.cli.console import Console
+
+    cli_study.forecast(campaign, out, Console(quiet=quiet, as_json=as_json))
+
+
+@app.command(
+    epilog=examples(
+        "lpfcosim montecarlo mine.toml -n 100 --redraw",
+        "lpfcosim montecarlo mine.toml -n 1000 --scheduler tcp://HOST:8786",
+    )
+)
+def montecarlo(
+    campaign: CampaignFile,
+    n: Annotated[int, typer.Option("-n", min=2, metavar="N", help="Number of campaigns.")] = 200,
+    out: Out = None,
+    redraw: Annotated[
+        bool,
+        typer.Option("--redraw", help="New truths in each: gains within 5 %, stiffness and delays 30 %."),
+    ] = False,
+    fmus: Annotated[
+        bool, typer.Option("--fmus", help="Simulate through the FMUs, which takes many times as long.")
+    ] = False,
+    trusted: Trust = False,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print montecarlo.json instead of a table.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Repeat a campaign with new noise; tell pulls and coverage.
+
+    Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU; the fit is that
+    of `lpfcosim fit`. Of the whole spacecraft only what the joint fit reads is drawn so; with --fmus the
+    inertial calibration takes part. The folder holds montecarlo.json, campaigns.jsonl and figures/pulls.*.
+    The same command continues what was interrupted, with a larger N too.
+    """
+    from lpfcosim.cli import montecarlo as cli_montecarlo
+    from lpfcosim.cli.console import Console
+
+    cli_montecarlo.montecarlo(
+        campaign,
+        n,
+        out,
+        Console(quiet=quiet, as_json=as_json),
+        redraw=redraw,
+        fmus=fmus,
+        trusted=trusted,
+        jobs=jobs,
+        scheduler=scheduler,
+    )
+
+
+@app.command(epilog=examples("lpfcosim mcmc quickstart"))
+def mcmc(
+    directory: Directory,
+    steps: Annotated[
+        int, typer.Option("--steps", min=1, metavar="N", help="Steps at most, by this call.")
+    ] = 20000,
+    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Of a new chain.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print mcmc.json instead of a summary.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Sample the posterior of the joint fit in DIR.
+
+    Once the chain has converged, 50 autocorrelation times of every parameter, it leaves mcmc.h5 (the chain),
+    mcmc.json and figures/corner.pdf in DIR, and a section on them in report.html. Until then the exit status
+    is 1, and the same command continues.
+    """
+    from lpfcosim.cli import mcmc as cli_mcmc
+    from lpfcosim.cli.console import Console
+
+    cli_mcmc.mcmc(directory, Console(quiet=quiet, as_json=as_json), steps=steps, seed=seed)
+
+
+@app.command(epilog=examples("lpfcosim margins mine.toml"))
+def margins(
+    campaign: CampaignFile,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-margins/1.")] = False,
+) -> None:
+    """Print the stability margins of every control loop.
+
+    That is unity gain, phase and gain margin of each, the others being closed.
+    """
+    from lpfcosim.cli import plan as cli_plan
+    from lpfcosim.cli.console import Console
+
+    cli_plan.margins(campaign, Console(as_json=as_json))
+
+
+@app.command(epilog=examples("lpfcosim reproduce quickstart"))
+def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, quiet: Quiet = False) -> None:
+    """Run the campaign in DIR again elsewhere, and compare.
+
+    Telemetry must have the same bytes; results must be the same but for their provenance; exit status 1 if
+    anything differs. DIR is not changed. Where it was made with another version or other FMUs, that is said.
+    """
+    from lpfcosim.cli import reproduce as cli_reproduce
+    from lpfcosim.cli.console import Console
+
+    cli_reproduce.reproduce(directory, Console(quiet=quiet), jobs=jobs, quiet=quiet, trusted=trusted)
+
+
+@app.command(epilog=examples("lpfcosim schema > lpf-campaign.json"))
+def schema() -> None:
+    """Print the JSON Schema of a campaign file, for editors.
+
+    A campaign that begins with the line "#:schema ./lpf-campaign.json" is completed and checked with it as
+    one types, for instance by the extension Even Better TOML of Visual Studio Code.
+    """
+    from lpfcosim.cli import plan as cli_plan
+
+    cli_plan.print_schema()
+
+
+app.add_typer(cli_fmu.app, name="fmu")

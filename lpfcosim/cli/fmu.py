@@ -1,0 +1,191 @@
+"""The commands about FMUs: build, list, validate, export."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from lpfcosim.cli.common import CampaignFile, Quiet, about, check_folder, examples, help_without_command
+from lpfcosim.errors import InputError
+
+if TYPE_CHECKING:
+    from lpfcosim.campaign.campaign import Campaign
+    from lpfcosim.cli.console import Console
+
+app = typer.Typer(
+    help="Build, list, check and export FMUs.",
+    epilog=examples("lpfcosim fmu list", "lpfcosim fmu build Plant Actuation --out here"),
+    rich_markup_mode=None,
+)
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.callback(invoke_without_command=True)
+def _fmu(context: typer.Context) -> None:
+    help_without_command(context)
+
+
+@app.command(
+    epilog=examples("lpfcosim fmu build", "lpfcosim fmu build SuspensionControl --fmi 2.0 --out here")
+)
+def build(
+    models: Annotated[
+        list[str] | None, typer.Argument(metavar="MODEL", help="Models [default: all].")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder to copy the FMUs to.")
+    ] = None,
+    fmi: Annotated[Literal["2.0", "3.0"], typer.Option("--fmi", help="Version of FMI.")] = "3.0",
+    force: Annotated[bool, typer.Option("--force", help="Build again, whatever there is.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Build the FMUs from the Modelica sources.
+
+    What has not changed since it was built comes from the cache.
+    """
+    from lpfcosim.cli.console import Console
+    from lpfcosim.messages import closest, quote
+    from lpfcosim.modelica import build as fmu_build
+
+    console = Console(quiet=quiet)
+    if out is not None:
+        check_folder(out)
+    for name in models or ():
+        if name not in fmu_build.MODELS:
+            raise InputError(f"no model {quote(name)}{closest(name, fmu_build.MODELS)}")
+    built = _built(models or fmu_build.MODELS, console, fmi=fmi, force=force)
+    if out is not None:
+        built = fmu_build.copy(built, out)
+    for path in built.values():
+        console.say(str(path))
+
+
+@app.command(name="list", epilog=examples("lpfcosim fmu list", "lpfcosim fmu list --json | jq .fmus[].path"))
+def list_(as_json: AsJson = False) -> None:
+    """List the models and where their FMUs are, or would be."""
+    import json
+
+    from lpfcosim.modelica import build as fmu_build
+
+    found = [
+        {"model": model, "built": path.is_file(), "path": str(path)}
+        for model, path in fmu_build.locations().items()
+    ]
+    if as_json:
+        print(json.dumps({"schema": "lpf-fmus/1", "fmus": found}, indent=1))
+        return
+    for fmu in found:
+        print(f"{fmu['model']:18s} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
+
+
+@app.command(epilog=examples("lpfcosim fmu validate", "lpfcosim fmu validate my_controller.fmu"))
+def validate(
+    paths: Annotated[
+        list[Path] | None, typer.Argument(metavar="FMU", help="Archives [default: ours].")
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Check FMUs; exit status 1 if a fault is found.
+
+    It is FMPy and the FMU manipulation toolbox that check.
+    """
+    import json
+
+    from lpfcosim.cli.console import Console
+    from lpfcosim.modelica import build as fmu_build
+    from lpfcosim.modelica import checks
+
+    console = Console(quiet=quiet, as_json=as_json)
+    archives = paths or list(_built(fmu_build.MODELS, console).values())
+    found = {}
+    with console.counted("checks", len(archives)) as progress:
+        for path in archives:
+            found[str(path)] = checks.problems(path)
+            progress(len(found))
+    told = [{"path": name, "faults": faults} for name, faults in found.items()]
+    console.document(json.dumps({"schema": "lpf-faults/1", "fmus": told}, indent=1))
+    for name, faults in found.items():
+        console.say(f"{name}: {f'{len(faults)} faults' if faults else 'no fault found'}")
+        for fault in faults:
+            print(f"  {fault}", file=sys.stderr)
+    if any(found.values()):
+        raise typer.Exit(1)
+
+
+@app.command(name="export-ssp", epilog=examples("lpfcosim fmu export-ssp mine.toml"))
+def export_ssp(
+    campaign: CampaignFile,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.ssp", help="The file [default: named after the campaign]."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the closed loop as SSP 1.0.
+
+    With it comes one set of parameter values per authority set of the campaign.
+    """
+    from lpfcosim.campaign import campaign as campaigns
+    from lpfcosim.cli.console import Console
+    from lpfcosim.export import ssp
+
+    console = Console(quiet=quiet)
+    plan = campaigns.load(campaign)
+    with about(campaign):
+        written = ssp.export(plan, fmus(plan, console, "2.0"), out or Path(f"{campaign.stem}.ssp"))
+    console.say(str(written))
+
+
+@app.command(name="container", epilog=examples("lpfcosim fmu container mine.toml A --out loop.fmu"))
+def container(
+    campaign: CampaignFile,
+    run_name: Annotated[str, typer.Argument(metavar="RUN", help="The run that gives the parameters.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.fmu", help="The file [default: named after the run]."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the closed loop of one run as a single FMU.
+
+    Its inputs are injections and noise.
+    """
+    from lpfcosim.campaign import campaign as campaigns
+    from lpfcosim.cli.console import Console
+    from lpfcosim.export import container as containers
+    from lpfcosim.messages import closest, quote
+
+    console = Console(quiet=quiet)
+    plan = campaigns.load(campaign)
+    runs = {r.name: r for r in plan.runs}
+    if run_name not in runs:
+        raise InputError(f"{campaign}: no run {quote(run_name)}{closest(run_name, runs)}")
+    with about(campaign):
+        archives = fmus(plan, console, "2.0")
+        written = containers.container(runs[run_name], archives, out or Path(f"{run_name}.fmu"))
+    console.say(str(written))
+
+
+def fmus(plan: Campaign, console: Console, fmi: str = "3.0") -> dict[str, Path]:
+    """Return the FMUs of a campaign: the user's, and ours in the other places."""
+    from lpfcosim.running import simulation
+
+    return simulation.archives_of(plan, lambda models: _built(models, console, fmi=fmi))
+
+
+def _built(
+    models: Sequence[str], console: Console, *, fmi: str = "3.0", force: bool = False
+) -> dict[str, Path]:
+    from lpfcosim.modelica import build as fmu_build
+
+    built: dict[str, Path] = {}
+    with console.counted("FMUs", len(models)) as progress:
+        for done, model in enumerate(models, start=1):
+            built |= fmu_build.build([model], fmi=fmi, force=force)
+            progress(done)
+    return built

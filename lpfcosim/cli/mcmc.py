@@ -1,0 +1,63 @@
+"""The command ``mcmc``: the posterior of an earlier calibration, sampled."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from fit.errors import InputError
+from fit.estimate import mcmc as chains
+from fit.estimate import refit
+from fit.estimate.posterior import Posterior
+from fit.figures import files as figure_files
+from fit.report import page as fit_report
+from fit.results import Results
+from fit.telemetry.reader import Telemetry
+from lpfcosim.cli.console import Console
+from lpfcosim.running import lock
+
+
+def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
+    """Sample the posterior of the joint fit in a folder; continue what is there."""
+    with console.stage("reading"):
+        results, telemetries = refit.load(directory)
+    with lock.held(directory):
+        _sample(directory, results, telemetries, console, steps=steps, seed=seed)
+
+
+def _sample(
+    directory: Path,
+    results: Results,
+    telemetries: Sequence[Telemetry],
+    console: Console,
+    *,
+    steps: int,
+    seed: int,
+) -> None:
+    from fit.figures import mcmc as figures_mcmc
+
+    for warning in results.joint.unsound if results.joint else ():
+        console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
+    with console.stage("fit"):
+        outcome = refit.refit(results, telemetries, directory / "results.json")
+    try:
+        posterior = Posterior(outcome)
+    except InputError as error:
+        raise InputError(f"{directory / 'results.json'}: {error}") from None
+    with console.counted("steps", steps) as progress:
+        chain = chains.sample(posterior, directory / "mcmc.h5", steps=steps, seed=seed, progress=progress)
+    joint = results.joint.parameters if results.joint else {}
+    truths = {name: e.truth for name, e in joint.items() if e.truth is not None}
+    document = chains.summary(chain, outcome, truths)
+    chains.write(document, directory / "mcmc.json")
+    with console.stage("figure"):
+        (directory / "figures").mkdir(exist_ok=True)
+        theta = chain.theta.reshape(-1, chain.theta.shape[2])
+        figure_files.write(directory / "figures", "corner", figures_mcmc.corner_plot, theta, outcome, truths)
+    console.say(
+        f"{chain.steps} steps of {chain.z.shape[1]} walkers, autocorrelation time up to {max(chain.tau):.0f} "
+        f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of least squares"
+    )
+    console.document(json.dumps(document, indent=1, allow_nan=False))
+    with console.stage("report"):
+        page = fit_report.write_report(directory, results, telemetries)
+    console.say(f"chain: {directory / 'mcmc.h5'}, summary: {directory / 'mcmc.json'}, report: {page}")

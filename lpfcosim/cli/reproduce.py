@@ -1,0 +1,92 @@
+"""The command ``reproduce``: make the results of a folder again, and compare."""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+
+from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.cli.console import Console
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.running import dossier
+from lpfcosim.running import ledger as files
+
+
+def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: bool, trusted: bool) -> None:
+    """Run the campaign that a folder holds again, elsewhere, by the same command, and compare.
+
+    Raises
+    ------
+    InputError
+        If the folder is none of an earlier run.
+    RunError
+        If the campaign cannot be run any more, or a file comes out different.
+    """
+    campaign = dossier.campaign_of(directory)
+    recorded = sorted((directory / "telemetry").glob("*.h5"))
+    if not recorded:
+        raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
+    # a digest that the folder gives of its own FMU is the word of whoever made the folder
+    if campaigns.load(campaign).replacements and not trusted:
+        raise InputError(
+            f"{campaign}: names FMUs of other origin, native code that would run with all your rights: if "
+            "you trust it, add --trust"
+        )
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
+        again = Path(name) / "again"
+        command = [sys.executable, "-P", "-m", "lpfcosim", "run", str(campaign), "--out", str(again)]
+        options = ["--quiet"] * quiet + ["--trust"] * trusted + (["--jobs", str(jobs)] if jobs else [])
+        status = subprocess.run([*command, *options], stdout=subprocess.DEVNULL, check=False).returncode
+        if status == 2 or not (again / "telemetry").is_dir():
+            raise RunError(f"{directory}: its campaign cannot be run any more")
+        names = sorted({p.name for p in (*recorded, *(again / "telemetry").glob("*.h5"))})
+        told = {
+            f"telemetry/{file}": _telemetry(directory / "telemetry" / file, again / "telemetry" / file)
+            for file in names
+        }
+        told["results.json"] = _results(directory / "results.json", again / "results.json")
+    for file, difference in told.items():
+        console.say(f"{directory / file}: {difference or 'the same'}")
+    different = [file for file, difference in told.items() if difference]
+    if different:
+        raise RunError(f"{directory}: {len(different)} of {len(told)} files are not reproduced")
+
+
+def _telemetry(old: Path, new: Path) -> str:
+    """Tell in what a telemetry file differs from an earlier one; empty if in nothing."""
+    for path, what in ((old, "is missing"), (new, "is not made any more")):
+        if not path.is_file():
+            return what
+    return "" if files.digest(old) == files.digest(new) else f"differs ({'; '.join(_parts(old, new))})"
+
+
+def _parts(old: Path, new: Path) -> Iterator[str]:
+    try:
+        with h5py.File(old) as a, h5py.File(new) as b:
+            attributes = [k for k in {**a.attrs, **b.attrs} if str(a.attrs.get(k)) != str(b.attrs.get(k))]
+            for key in sorted(attributes):
+                yield f"{key} was {a.attrs.get(key, 'not there')}, is {b.attrs.get(key, 'not there')}"
+            if not attributes:
+                yield "same provenance"
+    except (OSError, RuntimeError):
+        yield "it is damaged"
+
+
+def _results(old: Path, new: Path) -> str:
+    documents = []
+    for path, what in ((old, "is missing"), (new, "is not made any more")):
+        try:
+            documents.append(json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            return what
+        except (ValueError, OSError):
+            return "differs (it is damaged)"
+    if not all(isinstance(document, dict) for document in documents):
+        return "differs (it is damaged)"
+    sections = [key for key in documents[0] | documents[1] if key != "provenance"]
+    different = [key for key in sections if documents[0].get(key) != documents[1].get(key)]
+    return f"differs ({', '.join(different)})" if different else ""

@@ -1,0 +1,362 @@
+"""The co-simulation master: steps the FMUs of one run through its samples, in blocks.
+
+Two loops do the same: a compiled one on the functions of the FMUs that FMPy loaded, and a plain one that goes
+through FMPy at every call. They give the same bits; the plain one is some hundred times slower.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from fmpy.fmi1 import FMICallException
+
+from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.placement import interfaces
+from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
+from lpfcosim.errors import RunError
+from lpfcosim.modelica.build import engine_library
+from lpfcosim.network import network
+from lpfcosim.network.wiring import Component
+from lpfcosim.plant import signals
+from lpfcosim.spacecraft.parameters import READ_OUT_RANGE
+from lpfcosim.spacecraft.run import Run
+
+Array = npt.NDArray[np.float64]
+Engine = Literal["compiled", "fmpy"]
+
+BLOCK = 10_000  # samples that are in memory at a time
+LOADING = -1
+_SAID = {
+    2: "reports 'discard'",
+    3: "reports 'error'",
+    4: "reports 'fatal'",
+    5: "reports 'pending'",
+    ENDS: "asks to end the simulation",
+    EARLY: "returns before the end of its step",
+    NOT_FINITE: "puts out a value that is not finite",
+}
+
+
+class Where(ctypes.Structure):
+    """Where a run is, up to date in the midst of a call: whoever shares its memory sees it.
+
+    Attributes
+    ----------
+    sample : int
+        Number of the sample; `LOADING` before the first.
+    slave : int
+        Place, in `network.components`, of the FMU whose code runs; -1: none.
+    status : int
+        How it refused a call.
+    """
+
+    _fields_ = (("sample", ctypes.c_int64), ("slave", ctypes.c_int32), ("status", ctypes.c_int32))
+
+    def reset(self) -> None:
+        """Nothing has been done yet."""
+        self.sample, self.slave, self.status = LOADING, -1, 0
+
+
+def simulate(
+    run: Run,
+    fmus: Mapping[str, Path],
+    progress: Callable[[int], None] = lambda _: None,
+    engine: Engine = "compiled",
+) -> dict[str, Array]:
+    """Co-simulate one run and keep all of it in memory.
+
+    Returns
+    -------
+    dict of str to array, shape (n_samples,)
+        The channels of `network.record`, SI.
+
+    Raises
+    ------
+    InputError, RunError
+        As `blocks`.
+    """
+    parts = []
+    for part in blocks(run, fmus, engine):
+        parts.append(part)
+        progress(sum(len(p["o_1"]) for p in parts))
+    return {name: np.concatenate([p[name] for p in parts]) for name in network.record(run)}
+
+
+def blocks(
+    run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled", where: Where | None = None
+) -> Iterator[dict[str, Array]]:
+    """Co-simulate one run, a block of at most `BLOCK` samples at a time.
+
+    Parameters
+    ----------
+    run : Run
+        What to simulate.
+    fmus : mapping of str to Path
+        The FMU of each component.
+    engine : {"compiled", "fmpy"}
+        Which loop steps the FMUs.
+    where : Where, optional
+        Kept up to date.
+
+    Yields
+    ------
+    dict of str to array
+        The channels of `network.record`, SI.
+
+    Raises
+    ------
+    InputError
+        If an FMU does not fit.
+    RunError
+        If an FMU reports an error or a read-out leaves its range.
+    """
+    where = where or Where()
+    where.reset()
+    with contextlib.ExitStack() as stack:
+        found = interfaces(run, fmus)
+        slaves = start(stack, run, found, where)
+        try:
+            yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
+        except FMICallException as error:
+            said = "".join(f"; {s.name}: {s.said}" for s in slaves if s.said)
+            raise RunError(f"run '{run.name}': an FMU refused a call: {error}{said}") from None
+
+
+def start(
+    stack: contextlib.ExitStack, run: Run, found: Iterable[Interface], where: Where | None = None
+) -> list[Slave]:
+    """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
+    where = where or Where()
+    values = network.parameters(run)
+    slaves = []
+    for where.slave, i in enumerate(found):
+        slave = Slave(
+            stack,
+            i.archive,
+            i.model,
+            i.parameters(values[i.model]),
+            i.inputs,
+            i.outputs,
+            guarded=i.replacement is not None,
+        )
+        slaves.append(slave)
+    return slaves
+
+
+def _refused(run: Run, slave: Slave, status: int, time: float) -> RunError:
+    said = _SAID.get(status, f"returns status {status}")
+    return RunError(f"run '{run.name}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
+
+
+class Loop:
+    """The slaves around their bus, which holds the feeds of a sample, then all outputs, then constants.
+
+    Parameters
+    ----------
+    run : Run
+        What is simulated.
+    components : sequence of Component
+        What they are connected to, in the order of the steps.
+    slaves : list of Slave
+        One for each component, with its inputs and outputs in their order.
+    engine : {"compiled", "fmpy"}
+        Which loop steps them.
+    where : Where, optional
+        Kept up to date.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        components: Sequence[Component],
+        slaves: list[Slave],
+        engine: Engine,
+        where: Where | None = None,
+    ) -> None:
+        self._run, self._slaves, self._where = run, slaves, where or Where()
+        self._noise = signals.Noise(run)
+        self._feeds = signals.names(run)
+        self._channels = network.record(run)
+        self._n_feeds = len(self._feeds)
+        place = {name: i for i, name in enumerate(self._feeds)}
+        bus = [0.0] * self._n_feeds
+        self._outputs = []
+        for slave, component in zip(slaves, components, strict=True):
+            self._outputs.append(slice(len(bus), len(bus) + len(slave.outputs.values)))
+            for name, at in zip(component.outputs, slave.outputs.places, strict=True):
+                place[f"{component.model}.{name}"] = len(bus) + at
+            bus += [0.0] * len(slave.outputs.values)
+        self._sources = []
+        for slave, component in zip(slaves, components, strict=True):
+            # Elements of an array that nothing feeds keep their start values.
+            sources = list(range(len(bus), len(bus) + len(slave.inputs.values)))
+            bus += list(slave.inputs.values)
+            for source, at in zip(component.inputs.values(), slave.inputs.places, strict=True):
+                sources[at] = place[source]
+            self._sources.append(sources)
+        self._bus = np.array(bus)
+        self._record = np.array([place[source] for source in self._channels.values()], dtype=np.int32)
+        self._compiled = _Compiled(slaves, self._sources, self._outputs) if engine == "compiled" else None
+
+    def blocks(self) -> Iterator[dict[str, Array]]:
+        """Simulate the whole run."""
+        for start in range(0, self._run.n_samples, BLOCK):
+            stop = min(start + BLOCK, self._run.n_samples)
+            drawn = {**signals.injections(self._run, start, stop), **self._noise.take(stop - start)}
+            feeds = np.column_stack([drawn[name] for name in self._feeds])
+            if start == 0:
+                self.initialize(feeds[0])
+            recorded = np.empty((stop - start, len(self._record)))
+            self.advance(feeds, recorded, start)
+            self._check_range(recorded, start)
+            yield dict(zip(self._channels, recorded.T.copy(), strict=True))
+
+    def initialize(self, feeds: Array) -> None:
+        """Pass the outputs on once, in the order of the steps, and begin to step."""
+        self._bus[: self._n_feeds] = feeds
+        every = zip(self._slaves, self._sources, self._outputs, strict=True)
+        for self._where.slave, (slave, sources, outputs) in enumerate(every):
+            slave.inputs.values[:] = self._bus[sources].tolist()
+            slave.exchange()
+            self._bus[outputs] = slave.outputs.values[:]
+        for place, slave in enumerate(self._slaves):
+            self._where.slave = place
+            slave.exit_initialization()
+
+    def advance(self, feeds: Array, recorded: Array, start: int) -> None:
+        """Step through the samples from ``start`` on.
+
+        Parameters
+        ----------
+        feeds : array, shape (n, …)
+            `signals.names`, sample by sample.
+        recorded : array, shape (n, …)
+            Filled with the channels of `network.record`.
+        start : int
+            Number of the first sample.
+        """
+        if self._compiled is None:
+            self._plain(feeds, recorded, start)
+        else:
+            self._compiled(self._bus, feeds, self._record, recorded, start, self._run.h, self._where)
+        if self._where.status:
+            slave = self._slaves[self._where.slave]
+            raise _refused(self._run, slave, self._where.status, self._where.sample * self._run.h)
+
+    def _plain(self, feeds: Array, recorded: Array, start: int) -> None:
+        bus, h, record, where = self._bus.tolist(), self._run.h, self._record.tolist(), self._where
+        steps = list(zip(self._slaves, self._sources, self._outputs, strict=True))
+        for i, feed in enumerate(feeds.tolist()):
+            where.sample = start + i
+            bus[: self._n_feeds] = feed
+            for where.slave, (slave, sources, outputs) in enumerate(steps):
+                slave.inputs.values[:] = [bus[k] for k in sources]
+                status = slave.step((start + i) * h, h)
+                if status > 1:  # beyond a warning
+                    where.status = status
+                    return
+                bus[outputs] = slave.outputs.values[:]
+            recorded[i] = [bus[k] for k in record]
+        self._bus[:] = bus
+        where.sample, where.slave = start + len(feeds), -1
+
+    def _check_range(self, recorded: Array, start: int) -> None:
+        limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else math.inf for c in self._channels]
+        lost = ~(np.abs(recorded) <= limits) | ~np.isfinite(recorded)
+        if lost.any():
+            i = int(lost.any(axis=1).argmax())
+            j = int(lost[i].argmax())
+            channel = list(self._channels)[j]
+            how = (
+                f"leaves its range of {READ_OUT_RANGE:g} m"
+                if np.isfinite(recorded[i, j])
+                else "is not finite"
+            )
+            time = (start + i) * self._run.h
+            raise RunError(f"run '{self._run.name}' diverges: {channel} {how} at {time:.1f} s")
+
+
+class _SlaveTable(ctypes.Structure):
+    _fields_ = (
+        ("instance", ctypes.c_void_p),
+        ("set", ctypes.c_void_p),
+        ("get", ctypes.c_void_p),
+        ("step", ctypes.c_void_p),
+        ("inputs", ctypes.c_void_p),
+        ("outputs", ctypes.c_void_p),
+        ("n_inputs", ctypes.c_size_t),
+        ("n_outputs", ctypes.c_size_t),
+        ("sources", ctypes.c_void_p),
+        ("values", ctypes.c_void_p),
+        ("n_values", ctypes.c_size_t),
+        ("place", ctypes.c_size_t),
+        ("n_places", ctypes.c_size_t),
+        ("version", ctypes.c_int32),
+        ("guarded", ctypes.c_int32),
+    )
+
+
+_FUNCTIONS = {
+    2: ("fmi2SetReal", "fmi2GetReal", "fmi2DoStep"),
+    3: ("fmi3SetFloat64", "fmi3GetFloat64", "fmi3DoStep"),
+}
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    library = ctypes.CDLL(str(engine_library()))
+    library.run_block.restype = None
+    return library
+
+
+class _Compiled:
+    """The compiled loop with its tables; keeps alive what they point to."""
+
+    def __init__(self, slaves: list[Slave], sources: list[list[int]], outputs: list[slice]) -> None:
+        self._slaves = slaves
+        self._sources = [np.array(s, dtype=np.int32) for s in sources]
+        self._table = (_SlaveTable * len(slaves))()
+        for row, slave, source, output in zip(self._table, slaves, self._sources, outputs, strict=True):
+            functions = (getattr(slave.fmu.dll, name) for name in _FUNCTIONS[slave.version])
+            row.set, row.get, row.step = (ctypes.cast(f, ctypes.c_void_p) for f in functions)
+            row.instance = slave.fmu.component
+            row.inputs = ctypes.addressof(slave.inputs.references)
+            row.outputs = ctypes.addressof(slave.outputs.references)
+            row.n_inputs, row.n_outputs = len(slave.inputs.references), len(slave.outputs.references)
+            row.sources = source.ctypes.data
+            row.values, row.n_values = ctypes.addressof(slave.inputs.values), len(slave.inputs.values)
+            row.place, row.n_places = output.start, output.stop - output.start
+            row.version, row.guarded = slave.version, slave.guarded
+
+    def __call__(
+        self,
+        bus: Array,
+        feeds: Array,
+        record: npt.NDArray[np.int32],
+        recorded: Array,
+        start: int,
+        h: float,
+        where: Where,
+    ) -> None:
+        _library().run_block(
+            self._table,
+            ctypes.c_size_t(len(self._table)),
+            ctypes.c_void_p(bus.ctypes.data),
+            ctypes.c_void_p(feeds.ctypes.data),
+            ctypes.c_size_t(feeds.shape[1]),
+            ctypes.c_void_p(record.ctypes.data),
+            ctypes.c_size_t(record.size),
+            ctypes.c_void_p(recorded.ctypes.data),
+            ctypes.c_int64(start),
+            ctypes.c_int64(len(feeds)),
+            ctypes.c_double(h),
+            ctypes.byref(where),
+        )

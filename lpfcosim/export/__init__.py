@@ -1,0 +1,1 @@
+"""Export: the closed loop for other tools, as SSP and as one FMU."""

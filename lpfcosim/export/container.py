@@ -1,0 +1,176 @@
+"""Put the FMUs of the closed loop into one FMU that steps them in the order of the network.
+
+The master inside is that of the FMU manipulation toolbox in its sequential mode. It passes outputs on once
+during initialization and steps as the master does: driven with the same signals it gives the same
+bits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.placement import interfaces
+from lpfcosim.errors import InputError
+from lpfcosim.export.ssp import same_units
+from lpfcosim.modelica import build
+from lpfcosim.network import network
+from lpfcosim.network.wiring import endpoint
+from lpfcosim.spacecraft.run import Run
+
+IDENTIFIER = "ClosedLoop"
+
+
+def container(run: Run, fmus: Mapping[str, Path], path: Path) -> Path:
+    """Write the closed loop of a run as one FMI 2.0 co-simulation FMU; the same input gives the same bytes.
+
+    Its inputs are the signals that drive the loop, its outputs the recorded channels that are not such
+    signals; the parameters are those of the run, fixed. The inputs of the first sample are set in
+    initialization mode, those of every sample before its step. It runs where the toolbox has a master for it
+    and the FMUs have a binary: Linux and Windows on x86-64, macOS on arm64.
+
+    Parameters
+    ----------
+    run : Run
+        Gives the parameters.
+    fmus : mapping of str to Path
+        The FMU of each component, FMI 2.0 or 3.0.
+    path : Path
+        The ``.fmu`` to write.
+
+    Returns
+    -------
+    Path
+        ``path``.
+
+    Raises
+    ------
+    InputError
+        If an FMU cannot be read or does not fit, or the toolbox is not installed.
+    """
+    found = interfaces(run, fmus)
+    same_units(found)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
+        made = _make(run, found, Path(folder))
+        root = Path(folder) / "content"
+        with zipfile.ZipFile(made) as archive:
+            archive.extractall(root)
+        settings = (root / "resources" / "container.txt").read_bytes()
+        description = root / "modelDescription.xml"
+        text = _describe(description.read_text(encoding="utf-8"), settings, run, found)
+        description.write_text(text, encoding="utf-8", newline="\n")
+        build.write_archive(root, path)
+    return path
+
+
+def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
+    try:
+        from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
+    except ImportError:
+        raise InputError(
+            "a container FMU needs 'fmu-manipulation-toolbox', which is not installed; "
+            "install the build extra (pip install 'lpfcosim[build]')"
+        ) from None
+    with _fatal_messages() as fatal:
+        try:
+            box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
+            by_model = {interface.model: interface for interface in found}
+            values = network.parameters(run)
+            for interface in found:
+                box.get_fmu(str(interface.archive.resolve()), name=interface.model)
+            for interface in found:
+                for variable, source in zip(
+                    interface.inputs, interface.component.inputs.values(), strict=True
+                ):
+                    model, output = endpoint(source)
+                    if model:
+                        box.add_link(model, by_model[model].name(output), interface.model, variable)
+                    else:
+                        box.add_input(source, interface.model, variable)
+                for variable, value in interface.parameters(values[interface.model]).items():
+                    box.add_start_value(interface.model, variable, repr(float(value)))
+            for channel, source in network.record(run).items():
+                model, output = endpoint(source)
+                if model:
+                    box.add_output(model, by_model[model].name(output), channel)
+            box.stop_time = run.n_samples * run.h
+            box.make_fmu(f"{IDENTIFIER}.fmu", step_size=run.h, sequential=True)
+        except FMUContainerError as error:
+            raise InputError(f"the FMUs do not fit into a container: {error}") from None
+    if fatal:
+        raise InputError(f"the FMUs do not fit into a container: {fatal[0]}")
+    return folder / f"{IDENTIFIER}.fmu"
+
+
+@contextlib.contextmanager
+def _fatal_messages() -> Iterator[list[str]]:
+    """Collect what the toolbox only logs although the container cannot run; keep it quiet otherwise."""
+    messages: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            messages.append(record.getMessage())
+
+    logger = logging.getLogger("fmu_manipulation_toolbox")
+    collector = Collector(level=logging.CRITICAL)
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(collector)
+    try:
+        yield messages
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate = propagate
+
+
+def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) -> str:
+    """Mend what the toolbox wrote: no units, but the time, the name of the user and a random GUID."""
+    root = ET.fromstring(text)
+    for name in ("author", "generationDateAndTime", "license", "guid"):
+        root.attrib.pop(name, None)
+    root.set("description", f"Closed loop of LISA Pathfinder with the parameters of run {run.name}")
+    _add_units(root, run, found)
+    variables = root.findall("ModelVariables/ScalarVariable")
+    unknowns = root.find("ModelStructure/InitialUnknowns")
+    if unknowns is not None:
+        for unknown in list(unknowns):
+            # An output with a start value is known.
+            if variables[int(unknown.attrib["index"]) - 1].get("initial") == "exact":
+                unknowns.remove(unknown)
+    content = hashlib.sha256(ET.tostring(root) + settings).hexdigest()
+    root.set("guid", str(uuid.uuid5(uuid.NAMESPACE_OID, content)))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:
+    units: dict[str, str | None] = {}
+    for interface in found:
+        connected = zip(interface.inputs, interface.component.inputs.values(), strict=True)
+        units |= {s: interface.unit(v) for v, s in connected if not endpoint(s)[0]}
+        # What passes between the components is local, and called after them in small letters.
+        units |= {f"{interface.model.lower()}.{v}": interface.unit(v) for v in interface.outputs}
+    by_model = {interface.model: interface for interface in found}
+    for channel, source in network.record(run).items():
+        model, variable = endpoint(source)
+        if model:
+            units[channel] = by_model[model].unit(by_model[model].name(variable))
+    used: set[str] = set()
+    for element in root.iterfind("ModelVariables/ScalarVariable"):
+        real, unit = element.find("Real"), units.get(element.attrib["name"])
+        if real is not None and unit:
+            real.set("unit", unit)
+            used.add(unit)
+    known = {name: base for interface in found for name, base in interface.units.items()}
+    definitions = ET.Element("UnitDefinitions")
+    for name in sorted(used):
+        ET.SubElement(ET.SubElement(definitions, "Unit", name=name), "BaseUnit", known[name])
+    root.insert(1, definitions)  # the schema wants it after CoSimulation

@@ -1,0 +1,1 @@
+"""The network: which FMU feeds which, and in which order they step."""

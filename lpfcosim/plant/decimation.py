@@ -1,0 +1,80 @@
+"""Telemetry below 10 Hz: one zero-phase low-pass for every channel, block by block.
+
+The filter is flat to 1e-6 up to 0.2 of the rate that is left and 120 dB down from half of it on. Samples
+stand in its middle, so that nothing is delayed; half its length is lost at both ends of a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from lpfcosim.spacecraft.run import Run
+
+Array = NDArray[np.float64]
+
+PASSED, STOPPED = 0.2, 0.5  # of the rate that is left
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Time axis of a recording: ``n`` samples at ``fs`` [Hz] from ``start`` [s] on."""
+
+    n: int
+    fs: float
+    start: float
+
+    def time(self, first: int, last: int) -> Array:
+        """Return the times of samples ``first`` … ``last - 1`` [s]."""
+        return self.start + np.arange(first, last) / self.fs
+
+
+def taps(factor: int) -> Array:
+    """Coefficients of the low-pass, an odd number of them, for a decimation by ``factor``."""
+    if factor == 1:
+        return np.ones(1)
+    length, beta = scipy.signal.kaiserord(120, 2 * (STOPPED - PASSED) / factor)
+    return np.asarray(scipy.signal.firwin(length | 1, (STOPPED + PASSED) / factor, window=("kaiser", beta)))
+
+
+def grid(run: Run) -> Grid:
+    """Time axis on which a run is recorded."""
+    factor = round(run.fs / run.sample_rate)
+    length = taps(factor).size
+    return Grid(max(0, (run.n_samples - length) // factor + 1), run.fs / factor, (length // 2) / run.fs)
+
+
+def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mapping[str, Array]]:
+    """Low-pass and thin out the channels of a run.
+
+    Parameters
+    ----------
+    run : Run
+        Its ``sample_rate`` is that of the result.
+    blocks : iterable of mapping of str to array, shape (m,)
+        The channels at 10 Hz, one stretch after the other.
+
+    Yields
+    ------
+    mapping of str to array
+        The channels on `grid`, alike to rounding for any division into stretches.
+    """
+    factor = round(run.fs / run.sample_rate)
+    if factor == 1:
+        yield from blocks
+        return
+    low_pass = taps(factor)
+    left: dict[str, Array] = {}
+    for block in blocks:
+        held = {name: np.concatenate([left.get(name, x[:0]), x]) for name, x in block.items()}
+        n = max(0, (next(iter(held.values())).size - low_pass.size) // factor + 1)
+        if n:
+            yield {
+                name: scipy.signal.oaconvolve(x, low_pass, mode="valid")[::factor][:n].copy()
+                for name, x in held.items()
+            }
+        left = {name: x[n * factor :] for name, x in held.items()}

@@ -1,0 +1,87 @@
+"""Telemetry of a run at 1 Hz without stepping it: the response to the injections, and noise from its spectra.
+
+For the linear closed loop this is what the FMUs simulate, in distribution, at a tenth of the samples and
+without a step. The noise is stationary, where a simulation starts at the equilibrium; commands have no limit,
+and of the whole spacecraft's quadratic terms there is what is linear about the steady turn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len
+from scipy.interpolate import CubicSpline
+
+from lpfcosim.plant import decimation, planning, signals
+from lpfcosim.spacecraft.run import Noise, Pulse, Run
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+GRID = 100  # frequencies per decade between which the noise is interpolated: right to 1e-6
+BLOCK = 8192  # bins held at a time
+MEMORY = 80_000.0  # s, time constant of the slowest noise, after which a period of it may repeat
+
+
+class Simulation:
+    """A run that is to be drawn many times.
+
+    Parameters
+    ----------
+    run : Run
+        Its own seed does not count.
+    channels : sequence of str
+        C of `planning.System.channels`.
+    """
+
+    def __init__(self, run: Run, channels: Sequence[str]) -> None:
+        pulsed = any(isinstance(injection, Pulse) for injection in run.injections)
+        glitches = signals.Noise(replace(run, noise=Noise())) if pulsed else None  # the same in every draw
+        responses = planning.response(run, glitches)
+        self._mean = {name: responses[name] for name in channels}
+        self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
+        self._n = self._mean["f_x_2"].size
+        self._period = next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
+        f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
+        self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
+        self._factor = _factor(run, channels, self._log_f[0], self._log_f[-1])
+
+    def record(self, generator: np.random.Generator) -> dict[str, Array]:
+        """Return telemetry at 1 Hz, low-passed as archives are, with noise that `generator` draws.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n_samples / 10,)
+            The channels, SI.
+        """
+        C = len(self._mean)
+        spectrum = np.zeros((self._period // 2 + 1, C), dtype=np.complex128)
+        for begin in range(0, self._log_f.size, BLOCK):
+            block = slice(begin, begin + BLOCK)
+            L = self._factor(self._log_f[block])
+            drawn = generator.standard_normal((len(L), C, 2)).view(np.complex128)
+            spectrum[1:][: self._log_f.size][block] = (L @ drawn)[:, :, 0]
+        noise = irfft(spectrum * np.sqrt(self._period * planning.RATE) / 2, self._period, axis=0)[: self._n]
+        return {name: x + noise[:, i] for i, (name, x) in enumerate(self._mean.items())}
+
+
+def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> CubicSpline:
+    """Return L(log f), shape (C, C), with the one-sided cross-spectra L L^*, low-pass included."""
+    n = int(GRID * (high - low) / np.log(10)) + 2
+    f = np.exp(np.linspace(low, high, n))
+    s = planning.system(run)
+    psd = planning.drive_psd(run, f)
+    drives = np.sqrt(np.stack([psd.get(name, np.zeros(n)) for name in s.inputs], axis=1))
+    rows = [s.channels.index(name) for name in channels]
+    G = planning.transfer(s, run.h, f)[:, rows] * drives[:, None, :]
+    # triangular, and so of one kind at all frequencies; rows may depend on others, as a command on its error
+    upper = np.asarray(np.linalg.qr(G.conj().transpose(0, 2, 1), mode="r"))
+    L = upper.conj().transpose(0, 2, 1)
+    diagonal = np.diagonal(L, axis1=1, axis2=2)
+    size = np.abs(diagonal)
+    phase = np.where(size > 0, diagonal.conj() / np.where(size > 0, size, 1.0), 1.0)
+    taps = decimation.taps(round(run.fs / planning.RATE))
+    lags = (np.arange(taps.size) - taps.size // 2) / run.fs
+    low_pass = np.cos(2 * np.pi * f[:, None] * lags) @ taps
+    return CubicSpline(np.log(f), L * phase[:, None, :] * low_pass[:, None, None])

@@ -1,0 +1,40 @@
+"""Is the closed loop stable? Said before anything is simulated."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpfcosim.errors import InputError
+from lpfcosim.plant import loops, reference
+from lpfcosim.spacecraft.run import Run
+
+
+def poles(run: Run) -> NDArray[np.complex128]:
+    """Poles z of the sampled closed loop, largest magnitude first, as long as no command is at its limit."""
+    loop = loops.loop(run) if run.spacecraft else reference.loop(run)
+    z = np.linalg.eigvals(loop.closed).astype(np.complex128)
+    return np.asarray(z[np.argsort(-np.abs(z))])
+
+
+def check(run: Run) -> None:
+    """Refuse a run whose loop is not asymptotically stable.
+
+    Raises
+    ------
+    InputError
+        Gives the pole furthest out: z, s = ln z / h, its frequency and how fast it grows.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            z = poles(run)[0]
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # what overflow and its NaNs lead to
+        z = np.complex128(np.nan)
+    if abs(z) < 1:
+        return
+    if not np.isfinite(z):
+        raise InputError(f"{run.name}: the closed loop has no finite poles, its parameters are implausible")
+    s = np.log(z) / run.h
+    growth = f"grows by e in {1 / s.real:.3g} s" if s.real > 0 else "never decays"
+    raise InputError(
+        f"{run.name}: the closed loop is unstable, its pole z = {z:.6g} (s = {s:.4g} 1/s, "
+        f"{abs(s.imag) / (2 * np.pi):.3g} Hz) {growth}"
+    )

@@ -1,0 +1,121 @@
+"""The whole spacecraft without FMUs: what the co-simulation of it has to reproduce."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpfcosim.errors import RunError
+from lpfcosim.plant import signals
+from lpfcosim.plant.loops import COMMANDS, INPUTS, READ_OUTS, limits, loop
+from lpfcosim.plant.rigid import ANGLES, MOTION, OMEGA, Apparent, equipment
+from lpfcosim.spacecraft.parameters import READ_OUT_RANGE
+from lpfcosim.spacecraft.run import Run
+
+BLOCK = 6000  # samples between two looks at the read-out range
+
+Array = NDArray[np.float64]
+
+# The rows of a track end in commands, quadratic terms of this sample and of the one before.
+_u, _q, _before = slice(-len(COMMANDS) - 30, -30), slice(-30, -15), slice(-15, None)
+
+
+def simulate(run: Run, driven: Mapping[str, Array] | None = None) -> dict[str, Array]:
+    """Simulate a run of the whole spacecraft from its equilibrium.
+
+    Parameters
+    ----------
+    run : Run
+        With a `Spacecraft`.
+    driven : mapping of str to ndarray, shape (n_samples,)
+        Injections, set points and noise by name, SI; what is missing is zero. By default those of the run.
+
+    Returns
+    -------
+    dict
+        By name, each of shape (n_samples,), SI: `READ_OUTS`, `COMMANDS`, ``f_x_1``, ``guidance_o_1``,
+        ``guidance_o_12``; and the truth, `rigid.MOTION` and ``Omega_theta``, ``Omega_eta``, ``Omega_phi``.
+
+    Raises
+    ------
+    RunError
+        If o_1 or o_12 leaves +-1e-4 m.
+    """
+    if driven is None:
+        driven = signals.injections(run) | signals.noise(run)
+    still = np.zeros(run.n_samples)
+    limit = run.authority.F_max_1 / run.m_tm
+    f_x_1 = np.clip(driven.get("F_x_1", still) / run.m_tm, -limit, limit) + driven.get("f_x_1_jitter", still)
+    inputs = [{**driven, "f_x_1": f_x_1}.get(name, still) for name in INPUTS]
+    f_x_2 = driven.get("F_x_2", still) / run.m_tm
+
+    track = _Track(run)
+    channels = {name: np.empty(run.n_samples) for name in (*READ_OUTS, *COMMANDS, *_TRUE)}
+    for begin in range(0, run.n_samples, BLOCK):
+        block = slice(begin, begin + BLOCK)
+        w = np.stack([values[block] for values in inputs], axis=1)
+        for name, values in track.advance(w, f_x_2[block]).items():
+            channels[name][block] = values
+        _check_inside(run, channels, block)
+    channels["f_x_1"] = f_x_1 + equipment(run).leak_phi_1 / run.m_tm * channels["N_phi_1"]
+    return channels | {name: driven.get(name, still) for name in ("guidance_o_1", "guidance_o_12")}
+
+
+_TRUE = (*MOTION, *(f"Omega_{k}" for k in ANGLES))
+
+
+class _Track:
+    """Steps the closed loop, in blocks."""
+
+    def __init__(self, run: Run) -> None:
+        self._step = step = loop(run)
+        # the commands that follow are asked of the state that follows
+        advance = np.hstack([step.A, step.B_u, 1.5 * step.B_q, -0.5 * step.B_q])
+        self._matrix = np.vstack([advance, step.C_u @ advance])
+        self._rates = np.hstack([step.C_r, step.E_r])
+        self._top = limits(run)
+        self._bottom = -self._top
+        self._apparent = Apparent(run)
+        self._state = step.start
+        self._before: Array | None = None
+
+    def advance(self, w: Array, f_x_2: Array) -> dict[str, Array]:
+        """Simulate the next samples, driven by w (`INPUTS`) and by ``f_x_2`` on top of its loop."""
+        step, n = self._step, len(self._state)
+        external = w @ step.D_u.T + step.u_start
+        external[:, COMMANDS.index("f_x_2")] += f_x_2
+        push = w @ step.B.T
+        ask = push @ step.C_u.T
+        ask[:-1] += external[1:]
+        push = np.hstack([push, ask])
+        rates = w @ step.D_r.T
+        rows = np.zeros((len(w) + 1, n + len(COMMANDS) + 30))
+        rows[0, :n] = self._state
+        rows[0, _u] = step.C_u @ self._state + external[0]
+        before = self._before
+        with np.errstate(over="ignore", invalid="ignore"):  # _check_inside tells, with the time
+            for now, following, pushed, rate in zip(rows[:-1], rows[1:], push, rates, strict=True):
+                u = now[_u]
+                np.minimum(u, self._top, out=u)
+                np.maximum(u, self._bottom, out=u)
+                now[_q] = self._apparent(now, self._rates @ now[: _q.start] + rate)
+                now[_before] = now[_q] if before is None else before
+                before = now[_q]
+                ahead = following[: _q.start]
+                np.dot(self._matrix, now, out=ahead)
+                ahead += pushed
+        self._state, self._before = rows[-1, :n].copy(), rows[-2, _q].copy()
+        rows = rows[:-1]
+        read_outs = rows[:, :n] @ step.C_o.T + w[:, : len(READ_OUTS)]
+        columns = np.hstack([read_outs, rows[:, _u], rows[:, :15], rows[:, OMEGA]])
+        return dict(zip((*READ_OUTS, *COMMANDS, *_TRUE), columns.T, strict=True))
+
+
+def _check_inside(run: Run, channels: Mapping[str, Array], block: slice) -> None:
+    for name in ("o_1", "o_12"):
+        inside = np.abs(channels[name][block]) <= READ_OUT_RANGE  # false for NaN too
+        if not inside.all():
+            time = (block.start + int(inside.argmin())) / run.fs
+            raise RunError(
+                f"{run.name}: the loop diverged, {name} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
+            )

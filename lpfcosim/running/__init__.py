@@ -1,0 +1,1 @@
+"""Running: campaigns on processes or a cluster, into telemetry files that survive."""

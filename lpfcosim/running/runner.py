@@ -1,0 +1,315 @@
+"""Simulate the runs of a campaign on several processes; what is already there is kept."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+
+from lpfcosim.cosim import master, placement
+from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.modelica.build import engine_library
+from lpfcosim.network import network
+from lpfcosim.plant import decimation, saturation
+from lpfcosim.running import ledger as files
+from lpfcosim.running import remote, telemetry, workers
+from lpfcosim.spacecraft.run import Run
+
+if TYPE_CHECKING:  # its tools would cost every worker a fifth of its start
+    from lpfcosim.campaign.campaign import Campaign
+
+Progress = Callable[[str, int], None]  # name of a run, number of its samples done
+Origin = Mapping[str, str | int | float]
+
+_CALLED = {"seed": "seed", "lpfcosim_version": "version", "campaign": "campaign", "campaign_digest": "digest"}
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What came of a campaign.
+
+    Attributes
+    ----------
+    files : mapping of str to Path
+        The telemetry of every run that is there, in the order of the campaign.
+    failures : mapping of str to RunError
+        Why the others are not.
+    """
+
+    files: Mapping[str, Path]
+    failures: Mapping[str, RunError]
+
+
+def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
+    """Tell how telemetry comes to be; every file carries it."""
+    return {
+        "lpfcosim_version": metadata.version("lpfcosim"),
+        "campaign": campaign.name,
+        "campaign_digest": campaign.digest,
+        "seed": campaign.seed,
+        **{f"fmu_{model}": files.digest(path) for model, path in fmus.items()},
+    }
+
+
+def simulate(
+    campaign: Campaign,
+    directory: Path,
+    fmus: Mapping[str, Path],
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    engine: master.Engine = "compiled",
+    rerun: bool = False,
+    time_limit: float | None = None,
+    silence: float = workers.SILENCE,
+    progress: Progress = lambda _name, _done: None,
+    kept: Callable[[str], None] = lambda _name: None,
+    told: Callable[[str], None] = lambda _line: None,
+    begin: Callable[[], None] = lambda: None,
+) -> Simulated:
+    """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
+
+    A file is there if it is as it was when it was finished, by the ledger beside ``directory``
+    (``telemetry.sha256``, which ``sha256sum -c`` reads); one that is damaged is simulated again. The folder
+    beside it, ``logs``, tells more about runs that failed.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to simulate.
+    directory : Path
+        Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
+    fmus : mapping of str to Path
+        The FMU of each component.
+    jobs : int, optional
+        Number of processes; as many as there are processors by default.
+    scheduler : str, optional
+        Address of the scheduler of a Dask cluster, which then does the work.
+    engine : {"compiled", "fmpy"}
+        Which loop steps the FMUs; see `master.blocks`.
+    rerun : bool
+        Simulate again what comes from another campaign, seed, version or FMU, instead of refusing it.
+    time_limit : float, optional
+        Longest that a run may take [s].
+    silence : float
+        Time without a step after which an FMU is taken to hang [s].
+    progress : callable
+        Told the name of a run and the number of samples done.
+    kept : callable
+        Told the name of a run whose file is there already.
+    told : callable
+        Told in one line what else there is to tell.
+    begin : callable
+        Called when nothing stands in the way, before anything is simulated.
+
+    Raises
+    ------
+    InputError
+        If a folder is in the way of a file, telemetry is of another campaign, or FMUs do not fit.
+    RunError
+        If the folder cannot be made.
+    """
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs: {jobs}, expected one or more processes")
+    origin = provenance(campaign, fmus)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
+    paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
+    ledger = files.Ledger(directory.with_name(f"{directory.name}.sha256"))
+    logs = directory.parent / "logs"
+    whole = _whole(directory, paths, origin, ledger, rerun=rerun)
+    for name, path in paths.items():
+        if name in whole:
+            kept(name)
+        elif path.exists():
+            why = "simulated again" if rerun else "is not as it was finished, simulated again"
+            told(f"run {name}: {path} {why}")
+    missing = [run for run in campaign.runs if run.name not in whole]
+    begin()
+    failures: dict[str, RunError] = {}
+    if missing:
+        ledger.forget(paths[run.name] for run in missing)
+        for run in missing:  # lest old and new lie side by side, should this be killed
+            paths[run.name].unlink(missing_ok=True)
+        if engine == "compiled":
+            engine_library()  # once, here, and not in every worker
+        setting = workers.Setting(_simulate, directory, logs)
+        # The longest first, so that none is left running alone at the end.
+        items = {
+            r.name: (r, dict(fmus), paths[r.name], dict(origin), engine)
+            for r in sorted(missing, key=lambda r: -r.n_samples)
+        }
+        sizes = {run.name: run.n_samples for run in missing}
+
+        def under_way(name: str, done: int) -> None:
+            if done < sizes[name]:  # the last is told of a file that is finished
+                progress(name, done)
+
+        outcomes = (
+            remote.results(scheduler, setting, items, time_limit=time_limit, silence=silence)
+            if scheduler
+            else workers.results(
+                setting,
+                items,
+                jobs or processors(),
+                time_limit=time_limit,
+                silence=silence,
+                progress=under_way,
+            )
+        )
+        failures = _settled(campaign, outcomes, ledger, paths, progress, setting)
+        for run in missing:  # whoever was to do it said nothing
+            if run.name not in failures and not paths[run.name].is_file():
+                failures[run.name] = RunError(f"run '{run.name}': was not simulated")
+    with suppress(OSError):  # unless something stands in it
+        logs.rmdir()
+    return Simulated({n: p for n, p in paths.items() if n not in failures}, failures)
+
+
+def _settled(
+    campaign: Campaign,
+    outcomes: Iterable[tuple[str, Any]],
+    ledger: files.Ledger,
+    paths: Mapping[str, Path],
+    progress: Progress,
+    setting: workers.Setting,
+) -> dict[str, RunError]:
+    """Enter what is finished into the ledger as it comes; return why the rest failed."""
+    runs = {run.name: run for run in campaign.runs}
+    failures: dict[str, LpfcosimError] = {}
+    for name, outcome in outcomes:
+        if isinstance(outcome, str):
+            ledger.add(paths[name], outcome)
+            progress(name, runs[name].n_samples)
+            continue
+        failures[name] = _lost(runs[name], outcome) if isinstance(outcome, workers.Lost) else outcome
+        setting.note(name, str(failures[name]))
+    wrong = [error for error in failures.values() if isinstance(error, InputError)]
+    if wrong:
+        raise InputError("; ".join(dict.fromkeys(map(str, wrong))))
+    return {run.name: RunError(str(failures[run.name])) for run in campaign.runs if run.name in failures}
+
+
+def _lost(run: Run, lost: workers.Lost) -> RunError:
+    who = f"the {network.components(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
+    when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
+    return RunError(f"run '{run.name}': {who} {lost.how} {when}")
+
+
+def _whole(
+    directory: Path, paths: Mapping[str, Path], origin: Origin, ledger: files.Ledger, *, rerun: bool
+) -> set[str]:
+    """Return the runs that are there; refuse files that must be neither overwritten nor mixed with them."""
+    for path in sorted(directory.glob("*.h5")):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, expected a file or nothing")
+        if path not in paths.values():
+            raise InputError(
+                f"{path}: belongs to no run of this campaign; choose another --out or move it elsewhere"
+            )
+    with ThreadPoolExecutor(processors()) as pool:
+        sound = dict(zip(paths, pool.map(ledger.holds, paths.values()), strict=True))
+    whole = set()
+    for name, path in paths.items():
+        found = _attributes(path)
+        if found is None or sound[name] is False:
+            continue  # missing or damaged
+        other = _difference(found, origin)
+        if other and not rerun:
+            raise InputError(f"{path}: {other}; choose another --out or give --rerun to simulate it again")
+        if sound[name] and not other:
+            whole.add(name)
+    return whole
+
+
+def _attributes(path: Path) -> dict[str, Any] | None:
+    """Return the root attributes of a telemetry file, None if it cannot be read."""
+    try:
+        with h5py.File(path) as file:
+            return dict(file.attrs)
+    except Exception:  # whatever HDF5 and NumPy make of a file that is damaged
+        return None
+
+
+def _difference(found: Mapping[str, Any], origin: Origin) -> str:
+    """Tell in what a file's provenance differs; empty if it does not."""
+    for key, wanted in sorted(origin.items(), key=lambda item: [*_CALLED, item[0]].index(item[0])):
+        if key not in found:
+            return f"does not tell its {key}, expected telemetry of this campaign"
+        if not _same(found[key], wanted):
+            if key in ("seed", "lpfcosim_version", "campaign"):
+                return f"simulated with {_CALLED[key]} {found[key]}, now it is {wanted}"
+            if key == "campaign_digest":
+                return "simulated when the campaign said something else"
+            return f"simulated with another {key.removeprefix('fmu_')} FMU"
+    more = sorted(key.removeprefix("fmu_") for key in found if key.startswith("fmu_") and key not in origin)
+    return f"simulated with an FMU {more[0]}, which is not in the loop now" if more else ""
+
+
+def _same(found: Any, wanted: str | int | float) -> bool:
+    try:
+        return bool(found == wanted)
+    except (ValueError, TypeError):  # an array, or whatever else
+        return False
+
+
+def record(
+    run: Run,
+    fmus: Mapping[str, Path],
+    path: Path,
+    origin: Mapping[str, str | int | float],
+    engine: master.Engine = "compiled",
+    where: master.Where | None = None,
+) -> None:
+    """Simulate one run into a telemetry file, block by block.
+
+    The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
+    """
+    saturated = 0
+    untold = network.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
+    with telemetry.Writer(path, run, network.record(run), origin, untold) as writer:
+
+        def told() -> Iterator[Mapping[str, master.Array]]:
+            nonlocal saturated
+            for block in master.blocks(run, fmus, engine, where):
+                saturated += saturation.count(run, block)
+                yield block
+
+        for block in decimation.decimate(run, told()):
+            writer.append(block)
+        if saturated:
+            writer.annotate("saturated_samples", saturated)
+
+
+def saturated(paths: Iterable[Path]) -> dict[str, int]:
+    """Return the number of samples with a command at its limit, by run, of the files that have some."""
+    found = {}
+    for path in paths:
+        with h5py.File(path) as file:
+            if "saturated_samples" in file.attrs:
+                found[str(file.attrs["run"])] = int(file.attrs["saturated_samples"])
+    return found
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# In a worker -------------------------------------------------------------------------------------------
+
+
+def _simulate(
+    run: Run, fmus: Mapping[str, Path], path: Path, origin: Origin, engine: master.Engine, where: master.Where
+) -> str:
+    record(run, fmus, path, origin, engine, where)
+    return files.digest(path)

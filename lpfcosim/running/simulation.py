@@ -1,0 +1,146 @@
+"""A campaign simulated from Python: through the FMUs, as ``lpfcosim run``, or through the reference plant."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+
+from lpfcosim.campaign.campaign import Campaign, load
+from lpfcosim.cosim import placement
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.modelica import build
+from lpfcosim.network import network
+from lpfcosim.plant import decimation, reference, saturation, stability, whole
+from lpfcosim.running import ledger as files
+from lpfcosim.running import lock, runner, telemetry, trust
+from lpfcosim.spacecraft.run import Run
+
+PathLike = str | os.PathLike[str]
+
+
+def load_campaign(path: PathLike) -> Campaign:
+    """Read a campaign.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is no valid campaign; the message gives the place in it.
+    """
+    return load(Path(path))
+
+
+def simulate(
+    campaign: Campaign | PathLike,
+    folder: PathLike,
+    *,
+    fmus: bool = True,
+    jobs: int | None = None,
+    trusted: bool = False,
+) -> list[Path]:
+    """Simulate a campaign into ``folder/telemetry``, one file per run; what is there already is kept.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        What to simulate.
+    folder : path
+        Made if need be; ``fit.load(folder)`` reads what comes of it.
+    fmus : bool
+        Through the FMUs, as ``lpfcosim run``; else through the reference plant, one run after the other,
+        which needs neither FMU nor compiler and is the same to 1e-9 of each channel's rms.
+    jobs : int, optional
+        Number of processes that step the FMUs; as many as there are processors by default. A script that
+        starts them needs ``if __name__ == "__main__":``, as `multiprocessing` does.
+    trusted : bool
+        Let FMUs of other origin run of which the campaign gives no digest: they are native code.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of the campaign.
+
+    Raises
+    ------
+    InputError
+        If the campaign is wrong, a loop is unstable, FMUs do not fit, or other telemetry is in the way.
+    RunError
+        If a run failed; the others are finished first.
+    """
+    plan = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    for run in plan.runs if not plan.replacements else ():  # the poles are those of our loop
+        stability.check(run)
+    directory = Path(folder) / "telemetry"
+    with lock.held(Path(folder)):
+        if not fmus:
+            directory.mkdir(exist_ok=True)
+            return _without_fmus(plan, directory)
+        archives = archives_of(plan)
+        for run in plan.runs:
+            placement.interfaces(run, archives)
+        with held(plan, archives, Path(folder)) as copies:
+            trust.check(plan, copies, trusted=trusted)
+            simulated = runner.simulate(plan, directory, copies, jobs=jobs)
+    if simulated.failures:
+        raise RunError("; ".join(dict.fromkeys(map(str, simulated.failures.values()))))
+    return list(simulated.files.values())
+
+
+def archives_of(
+    plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
+) -> dict[str, Path]:
+    """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
+    theirs = {r.model: r.archive for r in plan.replacements}
+    ours = [c.model for c in network.every(plan.runs[0]) if c.model not in theirs]
+    return {**built(ours), **theirs}
+
+
+@contextmanager
+def held(plan: Campaign, fmus: Mapping[str, Path], directory: Path) -> Iterator[dict[str, Path]]:
+    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
+    with files.scratch(directory) as folder:
+        copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
+        for model, copy in copies.items():
+            shutil.copyfile(fmus[model], copy)
+        yield {**fmus, **copies}
+
+
+def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:
+    if plan.replacements:
+        named = ", ".join(r.model for r in plan.replacements)
+        raise InputError(f"{named}: an FMU of another origin, expected fmus=True where a campaign names one")
+    origin = {**runner.provenance(plan, {}), "simulated_by": "reference plant"}
+    paths = []
+    for run in plan.runs:
+        path = directory / f"{run.name}.h5"
+        if path.exists():
+            _check_same(path, origin)
+        else:
+            _record(run, path, origin)
+        paths.append(path)
+    return paths
+
+
+def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> None:
+    found = whole.simulate(run) if run.spacecraft else reference.simulate(run)
+    channels = {name: found[name] for name in network.record(run)}
+    with telemetry.Writer(path, run, channels, origin) as writer:
+        for block in decimation.decimate(run, [channels]):
+            writer.append(block)
+        if saturated := saturation.count(run, channels):
+            writer.annotate("saturated_samples", saturated)
+
+
+def _check_same(path: Path, origin: Mapping[str, str | int | float]) -> None:
+    """Refuse a file that is not what would be written."""
+    try:
+        with h5py.File(path) as file:
+            same = all(bool(file.attrs.get(key) == value) for key, value in origin.items())
+    except (OSError, RuntimeError, ValueError, TypeError):  # whatever HDF5 and NumPy make of another file
+        same = False
+    if not same:
+        raise InputError(f"{path}: telemetry of something else, expected another folder or none there")

@@ -1,0 +1,253 @@
+"""One run of the spacecraft: everything a simulation needs, as plain frozen records in SI units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller
+from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRUSTER_LAG, H
+from lpfcosim.spacecraft.spacecraft import Spacecraft
+
+Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
+Disturbed = Literal["g_1", "g_2"]
+Kind = Literal["sysid", "noise"]
+Thrusters = Literal["cold gas", "colloid"]
+Model = Literal[
+    "OpticalMetrology", "DragFreeControl", "SuspensionControl", "Actuation", "Plant",
+    "WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl", "WholeSuspensionControl",
+    "AttitudeControl", "WholeActuation", "WholePlant",
+]  # fmt: skip
+
+
+def _flight_delta_ifo() -> dict[int, float]:
+    return {k: PARAMETERS[f"delta_ifo_{k}"].value for k in (1, 2, 3, 4)}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True dynamics in the units of `parameters.PARAMETERS`; ``delta_ifo`` by alignment epoch.
+
+    ``lambda_scatter`` [1] is the relative standard deviation of lambda_1 and lambda_2 between experiments (in
+    flight some 0.5 %).
+    """
+
+    lambda_1: float = PARAMETERS["lambda_1"].value
+    lambda_2: float = PARAMETERS["lambda_2"].value
+    C_1: float = PARAMETERS["C_1"].value
+    C_2: float = PARAMETERS["C_2"].value
+    omega2_1_0: float = PARAMETERS["omega2_1_0"].value
+    omega2_2_0: float = PARAMETERS["omega2_2_0"].value
+    alpha_x_1: float = PARAMETERS["alpha_x_1"].value
+    alpha_x_2: float = PARAMETERS["alpha_x_2"].value
+    alpha_phi_1: float = PARAMETERS["alpha_phi_1"].value
+    alpha_phi_2: float = PARAMETERS["alpha_phi_2"].value
+    delta_ifo: Mapping[int, float] = field(default_factory=_flight_delta_ifo)
+    lambda_scatter: float = 0.0
+
+    def of_experiment(self, name: str, seed: int) -> "Truth":
+        """Return the truth with the gains that this experiment has."""
+        if not self.lambda_scatter:
+            return self
+        generator = np.random.default_rng([seed, *name.encode()])
+        factor_1, factor_2 = 1 + self.lambda_scatter * generator.standard_normal(2)
+        return replace(self, lambda_1=self.lambda_1 * factor_1, lambda_2=self.lambda_2 * factor_2)
+
+
+@dataclass(frozen=True)
+class Authority:
+    """Largest force along x [N] and torque about z [N m] that may be commanded on each test mass."""
+
+    name: str
+    F_max_1: float
+    F_max_2: float
+    N_max_1: float
+    N_max_2: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise levels, one-sided amplitude spectral densities.
+
+    ``oms`` [m Hz^-0.5], white, each interferometer; ``thruster`` [N Hz^-0.5], white; ``plateau``
+    [m s^-2 Hz^-0.5], white part of Delta g; ``tail`` [1], its 1/f part relative to 60 fm s^-2 Hz^-0.5 at
+    20 uHz; ``f_x_1_jitter`` [m s^-2 Hz^-0.5], level at 1 mHz of the force leaking onto test mass 1.
+
+    ``thrusters``: those with cold gas are white; those with a colloid rise as 1/f below 1 mHz, where the band
+    of their specification begins (choice).
+
+    The others drive the whole spacecraft only: ``dws`` [rad Hz^-0.5], each angle of the wavefront sensors;
+    ``grs`` [m Hz^-0.5] and ``grs_angle`` [rad Hz^-0.5], each read-out of the inertial sensors, 1/f below
+    1 mHz; ``star_tracker_theta``, ``_eta``, ``_phi`` [rad Hz^-0.5]; ``thruster_torque`` [N m Hz^-0.5], each
+    axis; ``lateral`` [m s^-2 Hz^-0.5], force on each test mass along y and z; ``torque`` [rad s^-2 Hz^-0.5],
+    on each test mass about each axis, 1/f below 0.2 mHz.
+    """
+
+    oms: float = 0.0
+    thruster: float = 0.0
+    plateau: float = 0.0
+    tail: float = 0.0
+    f_x_1_jitter: float = 0.0
+    thrusters: Thrusters = "cold gas"
+    dws: float = 0.0
+    grs: float = 0.0
+    grs_angle: float = 0.0
+    star_tracker_theta: float = 0.0
+    star_tracker_eta: float = 0.0
+    star_tracker_phi: float = 0.0
+    thruster_torque: float = 0.0
+    lateral: float = 0.0
+    torque: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sine:
+    """``cycles`` periods of amplitude sin(2 pi frequency (t - start) + phase); SI, phase in rad."""
+
+    into: Target
+    amplitude: float
+    frequency: float
+    cycles: int
+    start: float
+    phase: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Time the injection ends [s]."""
+        return self.start + self.cycles / self.frequency
+
+
+@dataclass(frozen=True)
+class HalfCosine:
+    """A smooth step from 0 at ``start`` to ``amplitude`` at ``end``, kept from then on; SI."""
+
+    into: Target
+    amplitude: float
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A glitch: amplitude sin^2(pi (t - start) / duration) acting on one test mass; SI.
+
+    It is a stray acceleration (the targets g_1, g_2), not a command: no controller knows of it.
+    """
+
+    into: Disturbed
+    amplitude: float
+    start: float
+    duration: float
+
+    @property
+    def end(self) -> float:
+        """Time it is over [s]."""
+        return self.start + self.duration
+
+
+Injection = Sine | HalfCosine | Pulse
+
+
+@dataclass(frozen=True)
+class Replacement:
+    """Somebody else's FMU in the place of one of ours.
+
+    Attributes
+    ----------
+    model : str
+        Whose place it takes.
+    archive : Path
+        The ``.fmu``.
+    variables : mapping of str to str
+        Our name of an input, output or parameter to the FMU's name; what is left out has our name.
+    unused : tuple of str
+        Inputs and parameters of the place that the FMU does without.
+    values : mapping of str to float
+        Values of the FMU's own parameters, in their own units.
+    sha256 : str
+        Digest of the archive that is meant; ``""`` where the campaign does not tell it.
+    """
+
+    model: str
+    archive: Path
+    variables: Mapping[str, str] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
+
+    ``dc`` [m s^-2] is the constant part of g_2; without ``spacecraft`` there is only the x axis.
+    """
+
+    name: str
+    experiment: str
+    kind: Kind
+    n_samples: int
+    authority: Authority
+    alignment_epoch: int = 1
+    t0: str = "2016-03-01T00:00:00Z"
+    truth: Truth = field(default_factory=Truth)
+    noise: Noise = field(default_factory=Noise)
+    dc: float = 0.0
+    injections: tuple[Injection, ...] = ()
+    drag_free: Controller = DRAG_FREE
+    suspension: Controller = SUSPENSION
+    seed: int = 0
+    m_tm: float = M_TM
+    m_sc: float = M_SC
+    thruster_delay: float = THRUSTER_DELAY
+    thruster_lag: float = THRUSTER_LAG
+    fs: float = FS
+    h: float = H
+    replacements: tuple[Replacement, ...] = ()
+    spacecraft: Spacecraft | None = None
+    inertial_period: int = 0
+    sample_rate: float = FS
+
+    @property
+    def time(self) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+        """Sample times since t0 [s], shape (n_samples,)."""
+        return np.arange(self.n_samples) / self.fs
+
+    @property
+    def delta_ifo(self) -> float:
+        """Leak of x_1 into o_12 in this run's alignment epoch."""
+        return self.truth.delta_ifo[self.alignment_epoch]
+
+    @property
+    def omega2_1(self) -> float:
+        """Stiffness of test mass 1 under this authority [s^-2], eq. stiff_model."""
+        t, a = self.truth, self.authority
+        return t.omega2_1_0 + t.alpha_x_1 * a.F_max_1 + t.alpha_phi_1 * a.N_max_1
+
+    @property
+    def omega2_2(self) -> float:
+        """Stiffness of test mass 2 under this authority [s^-2], eq. stiff_model."""
+        t, a = self.truth, self.authority
+        return t.omega2_2_0 + t.alpha_x_2 * a.F_max_2 + t.alpha_phi_2 * a.N_max_2
+
+    @property
+    def tau_1(self) -> float:
+        """Effective delay of f_x_1 [s], half a sample of hold included."""
+        return self.truth.C_1 / self.truth.lambda_1
+
+    @property
+    def tau_2(self) -> float:
+        """Effective delay of f_x_2 [s], half a sample of hold included."""
+        return self.truth.C_2 / self.truth.lambda_2
+
+    @property
+    def f_x_2_start(self) -> float:
+        """Command that holds test mass 2 against ``dc`` [m s^-2]."""
+        return -self.dc / self.truth.lambda_2
+
+    @property
+    def F_x_sc_start(self) -> float:
+        """Thrust at the equilibrium [N]: dc and the force that holds it cancel, nothing is left to push."""
+        return 0.0
