@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fit.errors import CalibrationError, FitError, InputError
     from fit.report import plot
     from fit.results import Estimate, Fit, FitWarning, Results
-    from fit.telemetry.reader import Telemetry
+    from fit.telemetry import Telemetry
 
 __all__ = [
     "CalibrationError",

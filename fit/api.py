@@ -10,11 +10,10 @@ from pathlib import Path
 
 from fit import pipeline
 from fit import results as fit_results
-from fit.report import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.results import Results, with_truth
 from fit.settings import settings
-from fit.telemetry.conversion import convert, is_map
-from fit.telemetry.reader import Telemetry, inside, read_all, read_truth
+from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
+from fit.telemetry import Telemetry, convert, inside, is_map, read_all, read_truth
 
 PathLike = str | os.PathLike[str]
 

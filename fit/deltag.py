@@ -24,14 +24,22 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import inertial
-from fit.estimate.separation import is_separated
-from fit.model import dynamics, rate, rotation
-from fit.model.known import Dynamics, dynamics_of
-from fit.model.stretches import Grid, Stretch, differentiated, grid, reduced, stretches
+from fit.estimate import inertial, is_separated
+from fit.model import (
+    Dynamics,
+    Grid,
+    Stretch,
+    cut,
+    differentiated,
+    dynamics,
+    dynamics_of,
+    grid,
+    rate,
+    reduced,
+    rotation,
+)
 from fit.results import Fit, Results, joint_of
-from fit.telemetry.reader import SCHEMA, Telemetry, inertial_period, read_stretch, samples
-from fit.telemetry.writer import Writer
+from fit.telemetry import SCHEMA, Telemetry, Writer, inertial_period, read_stretch, samples
 
 Array = NDArray[np.float64]
 
@@ -236,9 +244,9 @@ def _turning(head: Telemetry) -> _Turning | None:
         return None
     reference = None
     if len(sources.star_tracker) == 4:
-        each = (rotation.first_quaternion(stretch.telemetry) for stretch in stretches(path, fs))
+        each = (rotation.first_quaternion(stretch.telemetry) for stretch in cut(path, fs))
         reference = next((q for q in each if q is not None), None)
-    motions = (rotation.motion(s.telemetry, sources, reference).part(s.keep) for s in stretches(path, fs))
+    motions = (rotation.motion(s.telemetry, sources, reference).part(s.keep) for s in cut(path, fs))
     whole = grid(samples(path), fs)
     start = head.time[0] + whole.reach / 2 / fs
     slow = rate.slow_rate(path, motions, start, start + (whole.outputs - 1) * whole.factor / fs)
@@ -248,7 +256,7 @@ def _turning(head: Telemetry) -> _Turning | None:
 def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dict[str, Array]]]:
     """Yield time and channels, stretch by stretch."""
     turning, integral = recipe.turning, None
-    for stretch in stretches(path, fs):
+    for stretch in cut(path, fs):
         time, channels = _delta_g_x(stretch, recipe.known)
         if recipe.cross_talk is not None:
             channels["delta_g_SC"] = _delta_g_SC(stretch, recipe.cross_talk, fast_only=recipe.split)

@@ -1,7 +1,7 @@
 """How results and telemetry show themselves, as text in a terminal and as HTML in a notebook.
 
-What a type looks like is registered in the notebook of the report, which knows the tables of the report; those know the
-types, so that the types cannot know them.
+What a type looks like is registered by the report (`notebook`), which knows its tables; these know the types,
+so that the types cannot know them.
 """
 
 from functools import singledispatch

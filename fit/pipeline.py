@@ -4,19 +4,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fit.errors import FitError, InputError
-from fit.estimate import bump, inertial, selection, separation, soundness
-from fit.estimate.diagnostics import diagnose
-from fit.estimate.irls import Known, Outcome
-from fit.estimate.joint import fit_experiment, fit_joint, known_of
-from fit.estimate.preparation import prepare
-from fit.estimate.runs import Experiment
-from fit.estimate.verdict import as_fit
-from fit.model import rotation
-from fit.model.sharing import Sharing
+from fit.estimate import (
+    Experiment,
+    Known,
+    Outcome,
+    as_fit,
+    bump,
+    diagnose,
+    fit_experiment,
+    fit_joint,
+    inertial,
+    known_of,
+    prepare,
+    selection,
+    separation,
+    soundness,
+)
+from fit.model import Sharing, rotation
 from fit.results import Fit, FitWarning, Results
 from fit.settings import Settings, settings
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry, inertial_period
+from fit.telemetry import Telemetry, inertial_period
 
 
 def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:

@@ -15,7 +15,7 @@ from fit.display import Displayed
 from fit.errors import FitError, InputError, shown
 from fit.files import atomic, documents
 from fit.paper import stiffness
-from fit.telemetry.reader import Telemetry, inertial_period, read_truth
+from fit.telemetry import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-results/1"
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]

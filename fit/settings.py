@@ -12,10 +12,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from fit.errors import InputError, shown
-from fit.estimate.irls import Estimator
 from fit.files import documents
-from fit.model.sharing import Group
 
+Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
+Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
 _Scattering = Literal["lambda_1", "lambda_2", "C_1", "C_2"]
 
 

@@ -13,9 +13,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lpfcosim.campaign.campaign import Campaign
+    from lpfcosim.campaign import Campaign
     from lpfcosim.errors import InputError, LpfcosimError, RunError
-    from lpfcosim.running.simulation import load_campaign, simulate
+    from lpfcosim.running import load_campaign, simulate
 
 __all__ = ["Campaign", "InputError", "LpfcosimError", "RunError", "load_campaign", "simulate"]
 _HOME = {

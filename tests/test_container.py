@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from lpfcosim.cosim import master, placement
+from lpfcosim.cosim import checks, master, placement
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
-from lpfcosim.modelica import build, checks
+from lpfcosim.modelica import build
 from lpfcosim.network import along_x
 from lpfcosim.plant import signals
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine

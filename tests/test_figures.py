@@ -101,7 +101,7 @@ def test_files_are_for_a_journal(folder):
 
 def test_bytes_are_the_same_in_another_process(folder, tmp_path):
     code = (
-        "import sys; from pathlib import Path; from fit import report_drawings as r;"
+        "import sys; from pathlib import Path; from fit.report import drawings as r;"
         "from tests.synthetic import World, of_run, pair;"
         "runs = tuple(pair(World(), 'A', seed=1, drive_1=1e-12));"
         "r.drawings(Path(sys.argv[1]), 'e1', 'A', runs, of_run(World(), 'A'), [])"

@@ -12,8 +12,9 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 from scipy.integrate import solve_ivp
 
+from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import build, checks
+from lpfcosim.modelica import build
 from lpfcosim.modelica import compiler as compiling
 from lpfcosim.modelica.compiler import compiler
 from tests.modelica_source import fmu, write

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.estimate.forecast import Planned, forecast
+from fit.estimate.forecast import Planned
+from fit.estimate.forecast import expected_fit as forecast
 from fit.estimate.runs import Experiment, Run
 from fit.paper import joint_names
 from fit.pipeline import calibrate

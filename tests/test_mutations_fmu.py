@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from lpfcosim.campaign import campaign
-from lpfcosim.cosim import archive, interface, placement, slave
+from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import build, checks
+from lpfcosim.modelica import build
 from lpfcosim.network import network
 from lpfcosim.running import ledger as files
 from lpfcosim.running import trust

@@ -14,8 +14,9 @@ import fmpy
 import h5py
 import pytest
 
+from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import build, checks, compiler, prebuilt
+from lpfcosim.modelica import build, compiler, prebuilt
 from tests.binaries import READERS, slices
 
 ROOT = Path(__file__).parents[1]

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from fit.figures import files as figure_files
 from fit.figures import runs as figures
 from fit.paper import FLIGHT, joint_names
-from fit.report import tables
 from fit.report.page import write_report
 from fit.results import Estimate, Fit, FitWarning, Results
+from fit.tables import parameters as tables
 from fit.telemetry.reader import read
 from tests.contract_file import write_contract_file
 

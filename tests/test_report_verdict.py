@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from fit.paper import FLIGHT, joint_names, joint_parameter
-from fit.report import tables
 from fit.report import warnings as report_warnings
 from fit.report.verdict import verdict
 from fit.results import Estimate, FitWarning
+from fit.tables import parameters as tables
 from fit.warnings import ADVICE
 from tests.test_report import LOST, experiment_fit, joint_fit, make_fit, results
 

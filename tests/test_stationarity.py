@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fit.estimate.stationarity import independent, stationarity
+from fit.estimate.stationarity import about_mean, independent
 from fit.results import Estimate, Fit, FitWarning
 
 
@@ -14,7 +14,7 @@ def estimates(values, sigmas):
 
 def test_two_estimates_by_hand():
     # weights 4 and 1: mean (4 * 1 + 1 * 2) / 5; chi2 = 0.2^2 / 0.25 + 0.8^2 / 1
-    found = stationarity(estimates([1.0, 2.0], [0.5, 1.0]))
+    found = about_mean(estimates([1.0, 2.0], [0.5, 1.0]))
     assert found.mean == pytest.approx(1.2)
     assert found.sigma == pytest.approx(1 / np.sqrt(5))
     assert found.chi2_red == pytest.approx(0.8)
@@ -25,22 +25,22 @@ def test_two_estimates_by_hand():
 
 def test_equal_sigmas_scatter_by_the_sample_variance():
     values = np.array([1.0, 2.0, 4.0, 7.0])
-    found = stationarity(estimates(values, [0.5] * 4))
+    found = about_mean(estimates(values, [0.5] * 4))
     assert found.scatter**2 == pytest.approx(np.var(values, ddof=1) - 0.25)
     assert found.sigma_with_scatter == pytest.approx(np.std(values, ddof=1) / 2)
 
 
 def test_with_the_scatter_chi2_is_one():
     values, sigmas = np.array([1.070, 1.078, 1.081, 1.086]), np.array([2e-4, 1e-3, 5e-4, 1e-4])
-    found = stationarity(estimates(values, sigmas))
-    again = stationarity(estimates(values, np.hypot(sigmas, found.scatter)))
+    found = about_mean(estimates(values, sigmas))
+    again = about_mean(estimates(values, np.hypot(sigmas, found.scatter)))
     assert again.chi2_red == pytest.approx(1)
     assert again.sigma == pytest.approx(found.sigma_with_scatter)
     assert found.p_value < 1e-10
 
 
 def test_estimates_that_coincide_do_not_scatter():
-    found = stationarity(estimates([1.0] * 3, [0.1, 0.2, 0.3]))
+    found = about_mean(estimates([1.0] * 3, [0.1, 0.2, 0.3]))
     assert (found.chi2_red, found.scatter, found.p_value) == (0.0, 0.0, 1.0)
 
 
@@ -51,7 +51,7 @@ def test_a_flight_like_scatter_is_found():
     rng = np.random.default_rng(11)
     sigmas = rng.uniform(3e-4, 8e-4, 13)
     found = [
-        stationarity(
+        about_mean(
             estimates(1.0776 + 5e-3 * rng.standard_normal(13) + sigmas * rng.standard_normal(13), sigmas)
         )
         for _ in range(200)
@@ -66,7 +66,7 @@ def test_p_values_of_noise_are_uniform():
     # Kolmogorov-Smirnov over 1000 campaigns, false positives 1e-3, seed fixed
     rng = np.random.default_rng(12)
     sigmas = rng.uniform(1, 3, 13)
-    p = [stationarity(estimates(sigmas * rng.standard_normal(13), sigmas)).p_value for _ in range(1000)]
+    p = [about_mean(estimates(sigmas * rng.standard_normal(13), sigmas)).p_value for _ in range(1000)]
     assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 

@@ -6,7 +6,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from lpfcosim.modelica import build, checks
+from lpfcosim.cosim import checks
+from lpfcosim.modelica import build
 
 pytestmark = pytest.mark.fmu
 

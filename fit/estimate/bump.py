@@ -17,8 +17,7 @@ from fit.estimate import linear
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report
-from fit.model import dynamics
-from fit.model.sharing import Sharing
+from fit.model import Sharing, dynamics
 from fit.results import Fit, FitWarning
 from fit.signal import spectra
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.telemetry.datasets import check_storage
+from fit.telemetry import check_storage
 
 WALKERS = 4  # per parameter
 _LARGEST = 1e9  # coordinate of a walker, in sigmas, and logarithm of its density

@@ -24,7 +24,7 @@ from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment, noise_model
 from fit.model import dynamics
 from fit.results import QUANTILES, Diagnostics
-from fit.signal.spectra import NoiseModel
+from fit.signal import NoiseModel
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from fit.estimate.likelihood import Weights
 from fit.estimate.linear import Block, single_tone
-from fit.model.dynamics import Columns
-from fit.signal import spectra
-from fit.signal.spectra import Spectrum
+from fit.model import Columns
+from fit.signal import Spectrum, spectra
 
 Array = NDArray[np.float64]
 

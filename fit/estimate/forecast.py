@@ -20,8 +20,7 @@ from fit.estimate.irls import Outcome, beyond, common_tone
 from fit.estimate.likelihood import weights
 from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
-from fit.model import dynamics
-from fit.model.sharing import Sharing
+from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.signal import spectra
@@ -84,7 +83,7 @@ class Expected(linear.Block):
         return np.asarray(super().M + self.jitter * w.size * np.sum(w**4) / np.sum(w**2) ** 2)
 
 
-def forecast(planned: Sequence[Planned], chosen: Settings | None = None) -> Fit:
+def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> Fit:
     """Return the joint fit to expect, its estimates where they are expected.
 
     Parameters

@@ -24,8 +24,7 @@ from fit.estimate.runs import Experiment, Run
 from fit.model import dynamics
 from fit.paper import FLIGHT
 from fit.results import FitWarning
-from fit.signal import spectra
-from fit.signal.spectra import NoiseModel, Spectrum
+from fit.signal import NoiseModel, Spectrum, spectra
 
 Array = NDArray[np.float64]
 

@@ -28,12 +28,11 @@ from fit.errors import FitError, InputError
 from fit.estimate import linear
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, SETTLED, TOLERANCE
 from fit.estimate.runs import LEAST
-from fit.model import dynamics, rate, rotation
-from fit.model.known import dynamics_of
+from fit.model import dynamics, dynamics_of, rate, rotation
 from fit.paper import cross_talk_parameter
 from fit.results import Estimate, Fit, FitWarning
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,6 @@ estimate. The delays about which the commands are expanded move along, until not
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,10 @@ from fit.estimate.runs import Experiment, noise_model
 from fit.estimate.scatter import Scatter, rows
 from fit.model import dynamics
 from fit.paper import Parameter
-from fit.signal.spectra import NoiseModel
+from fit.settings import Estimator
+from fit.signal import NoiseModel
 
 Array = NDArray[np.float64]
-Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts

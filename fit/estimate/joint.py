@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from fit.errors import InputError
-from fit.estimate.irls import Estimator, Known, Outcome, reweight
+from fit.estimate.irls import Known, Outcome, reweight
 from fit.estimate.runs import Experiment
 from fit.estimate.scatter import START, Scatter
-from fit.model import dynamics
-from fit.model.sharing import Sharing
+from fit.model import Sharing, dynamics
 from fit.paper import EXPERIMENT_NAMES, FLIGHT, Parameter, cross_talk_parameter, experiment_parameter
-from fit.settings import Settings
-from fit.telemetry.reader import Telemetry
+from fit.settings import Estimator, Settings
+from fit.telemetry import Telemetry
 
 
 def fit_experiment(

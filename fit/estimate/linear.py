@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.estimate.likelihood import Likelihood, Weights, weights
 from fit.model import dynamics
-from fit.signal.spectra import NoiseModel, Spectra, Spectrum
+from fit.signal import NoiseModel, Spectra, Spectrum
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from fit.estimate.preparation import prepare
 from fit.estimate.runs import Experiment, Run
 from fit.results import Results
 from fit.settings import settings
-from fit.telemetry.reader import Telemetry, read_all
+from fit.telemetry import Telemetry, read_all
 
 SAME = 0.05  # sigma: a fit that moves by more is of something else
 

@@ -11,7 +11,7 @@ from fit.errors import InputError
 from fit.estimate import linear
 from fit.model import dynamics
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 

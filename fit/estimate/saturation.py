@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fit.estimate.runs import Run
 from fit.results import FitWarning
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
 MOST = 0.3  # of a run; if saturation would take more, nothing is masked and the run cannot be trusted

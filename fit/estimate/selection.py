@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fit.errors import InputError
 from fit.estimate.runs import Experiment, Run
 from fit.settings import Settings
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD

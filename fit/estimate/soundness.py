@@ -9,7 +9,7 @@ from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment
 from fit.results import Fit, FitWarning
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 OFF = (
     1.5  # factor between chi2 and its degrees of freedom beyond which sigmas, off by 22 %, are no longer told

@@ -48,7 +48,7 @@ def independent(experiments: Mapping[str, Fit], name: str = "lambda_2") -> dict[
     }
 
 
-def stationarity(estimates: Sequence[Estimate]) -> Stationarity:
+def about_mean(estimates: Sequence[Estimate]) -> Stationarity:
     """Judge two or more independent estimates of one quantity."""
     x = np.array([e.value for e in estimates])
     variance = np.array([e.sigma**2 for e in estimates])

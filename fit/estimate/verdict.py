@@ -10,7 +10,7 @@ from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment
 from fit.paper import ALONG
 from fit.results import Estimate, Fit, FitWarning
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
 DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of

@@ -12,9 +12,8 @@ from fit.errors import InputError
 from fit.figures.files import COLOURS, MOVES, VANISHES, Curve, Plot, column, legend_above, loglog, table
 from fit.figures.runs import envelope
 from fit.model import dynamics
-from fit.signal import spectra
-from fit.signal.binned import Estimator
-from fit.telemetry.reader import Telemetry
+from fit.signal import Estimator, spectra
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 

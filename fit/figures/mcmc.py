@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from fit.estimate.irls import Outcome
+from fit.estimate import Outcome
 from fit.figures.files import COLOURS, WIDE, Plot
 from fit.paper import ALONG
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from scipy import stats
 
-from fit.estimate.diagnostics import SCORES
+from fit.estimate import SCORES
 from fit.figures.files import COLOURS, WIDE, WIDTH, Plot, legend_above
 from fit.results import Diagnostics, Estimate
 

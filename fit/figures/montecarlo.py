@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fit.estimate.pulls import Pulls
+from fit.estimate import Pulls
 from fit.figures.files import COLOURS, WIDE, Plot
 from fit.paper import joint_parameter
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.files import Curve, Plot, column, legend_above, loglog, table
-from fit.signal.logpsd import LogSpectrum, log_psd
+from fit.signal import LogSpectrum, log_psd
 
 Array = NDArray[np.float64]
 Series = Sequence[Mapping[str, Array]]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fit.figures.files import COLOURS, WIDTH, Curve, Plot, column, legend_above, table
 from fit.paper import stiffness
 from fit.results import Estimate, Fit
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 

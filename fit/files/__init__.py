@@ -3,3 +3,8 @@
 Whoever reads TOML or JSON, or writes a result, comes through here; what is wrong with a file is said in one
 sentence that names it.
 """
+
+from fit.files import atomic, documents
+from fit.files.documents import is_file, key
+
+__all__ = ["atomic", "documents", "is_file", "key"]

@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import spectra
-from fit.telemetry.datasets import MAX_MISSING
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import MAX_MISSING, Telemetry
 
 Array = NDArray[np.float64]
 

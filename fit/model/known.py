@@ -10,7 +10,7 @@ from fit.model.sharing import Sharing
 from fit.paper import joint_names, joint_parameter
 from fit.results import Fit, FitWarning
 from fit.settings import settings
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 

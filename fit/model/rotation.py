@@ -24,7 +24,7 @@ from fit.errors import InputError
 from fit.model.stretches import differentiated, reduced
 from fit.results import FitWarning
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -2,16 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.paper import Parameter, cross_talk_parameter, joint_parameter
-from fit.telemetry.reader import Telemetry
-
-Group = Literal["campaign", "alignment_epoch", "experiment"]
+from fit.settings import Group
+from fit.telemetry import Telemetry
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import spectra
-from fit.telemetry.reader import Telemetry, read_stretch, samples
+from fit.telemetry import Telemetry, read_stretch, samples
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -55,7 +55,7 @@ class Stretch:
     keep: slice
 
 
-def stretches(path: Path, fs: float) -> Iterator[Stretch]:
+def cut(path: Path, fs: float) -> Iterator[Stretch]:
     """Read a file in pieces of `OUTPUTS` outputs each, with all around that they depend on."""
     whole = grid(samples(path), fs)
     margin = int(np.ceil(MARGIN * fs / whole.factor))

@@ -1,1 +1,5 @@
-"""The report: one page from telemetry and results, its tables, and what notebooks show."""
+"""The report: one page from telemetry and results, and its figures for a notebook."""
+
+from fit.report import page, plot
+
+__all__ = ["page", "plot"]

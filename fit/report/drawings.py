@@ -4,11 +4,11 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from fit.figures import Drawing, drawing
 from fit.figures import delta_g as figures_delta_g
 from fit.figures import runs as figures
-from fit.figures.drawings import Drawing, drawing
 from fit.results import FitWarning
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 
 def drawings(

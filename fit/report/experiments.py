@@ -8,15 +8,15 @@ from pathlib import Path
 from markupsafe import Markup
 
 from fit.estimate import separation
-from fit.figures.drawings import Drawing
+from fit.figures import Drawing
 from fit.paper import EXPERIMENT_NAMES, Parameter, experiment_parameter
 from fit.report import drawings as report_drawings
-from fit.report import tables
 from fit.report import warnings as report_warnings
 from fit.report.grids import Grid, Line
 from fit.report.verdict import failing
 from fit.results import WITHHELD, Estimate, Fit, Results
-from fit.telemetry.reader import Telemetry
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
 
 OPEN = 4  # experiments at most, whose sections stand open
 _WORDS = {"indeterminable": "not determined"}  # for the codes of warnings, where there are better ones

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fit.figures.drawings import Drawing
+from fit.figures import Drawing
 from fit.paper import Parameter
-from fit.report import tables
-from fit.report.tables import Number
 from fit.results import Fit, Results
-from fit.telemetry.reader import Telemetry
+from fit.tables import Number
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
 
 Cell = Number | str | None
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fit import deltag
+from fit.figures import Drawing, drawing
 from fit.figures import motion as figures_motion
-from fit.figures.drawings import Drawing, drawing
 from fit.paper import Parameter, cross_talk_parameter
-from fit.report import tables
 from fit.report import warnings as report_warnings
 from fit.results import Estimate, Fit, Results
-from fit.telemetry.reader import Telemetry, inertial_period
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry, inertial_period
 
 #: Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by period.
 FLIGHT = {

@@ -16,12 +16,12 @@ from fit.report import experiments as report_experiments
 from fit.report import motion as report_motion
 from fit.report import run as report_run
 from fit.report import sampling as report_sampling
-from fit.report import tables
 from fit.report import together as report_mission
 from fit.report import warnings as report_warnings
 from fit.report.verdict import verdict
 from fit.results import Results, with_truth
-from fit.telemetry.reader import Telemetry
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
 
 _SCRIPTS = ("figure.js", "page.js")
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 from fit.errors import InputError
 from fit.figures import delta_g as figures_delta_g
+from fit.figures import drawn, svg
 from fit.figures import files as figure_files
 from fit.figures import runs as figures
-from fit.figures.files import drawn, svg
 from fit.report import drawings as report_drawings
 from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 SCALE = 2.2  # a figure of one column of a journal's page, on a screen
 

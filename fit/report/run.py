@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fit.results import Results
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 
 DIGITS = 12  # of a digest, in short
 _SPREAD = ("settings", "versions")  # tables with a line for each entry

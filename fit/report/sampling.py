@@ -9,15 +9,13 @@ from markupsafe import Markup
 from pydantic import BaseModel, ValidationError
 
 from fit.errors import InputError, shown
-from fit.estimate import mcmc, pulls
-from fit.estimate.pulls import Pulls
-from fit.estimate.refit import SAME
-from fit.figures.drawings import Drawing
+from fit.estimate import SAME, Pulls, mcmc, pulls
+from fit.figures import Drawing
 from fit.files import documents
-from fit.report import tables
 from fit.report.grids import Grid, Line, Part, flagged, name_head
-from fit.report.tables import LIMIT
 from fit.results import Results
+from fit.tables import LIMIT
+from fit.tables import parameters as tables
 
 _COVERAGE = 0.6827  # of a normal variable, within 1 sigma
 _Content = TypeVar("_Content", bound=BaseModel)

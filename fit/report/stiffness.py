@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup, escape
 
+from fit.figures import drawing
 from fit.figures import runs as figures
-from fit.figures.drawings import drawing
 from fit.paper import joint_parameter
-from fit.report import capacitance, tables
+from fit.report import capacitance
 from fit.report.grids import Grid, Line, Part, fitted_for, flagged, parameter_head
-from fit.report.tables import LIMIT, signed
 from fit.results import Fit, Results
-from fit.telemetry.reader import Telemetry
+from fit.tables import LIMIT, signed
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
 
 
 def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup, escape
 
-from fit.estimate.stationarity import Stationarity, independent, stationarity
+from fit.estimate import Stationarity, about_mean, independent
+from fit.figures import Drawing, drawing
 from fit.figures import mission as figures_mission
-from fit.figures.drawings import Drawing, drawing
 from fit.paper import FLIGHT, Parameter, joint_names, joint_parameter
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
-from fit.report import tables
 from fit.report.grids import Cell, Grid, Line, Part, fitted_for, flagged, parameter_head
-from fit.report.tables import LIMIT, signed
 from fit.results import Diagnostics, Fit, Results
-from fit.telemetry.reader import Telemetry
+from fit.tables import LIMIT, signed
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
 
 _BESIDE = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
 #: What the paper says of lambda_2: mean over the experiments with sigma, its chi2_red, relative fluctuation.
@@ -172,7 +172,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
     estimates = list(independent(results.experiments).values())
     if len(estimates) < 2:
         return None
-    found = stationarity(estimates)
+    found = about_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     relative = 100 * found.scatter / found.mean
     flown = FLIGHT["lambda_2"]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from fit.report import warnings as report_warnings
-from fit.report.tables import LIMIT, Table, symbol
 from fit.results import Fit, Results
+from fit.tables import LIMIT, Table, symbol
 
 #: Warnings that spoil the fit they are raised in, and those that cast doubt on it, in words.
 _FAILURES = {

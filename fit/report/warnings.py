@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from fit.estimate.separation import JOINED
-from fit.report import tables
+from fit.estimate import JOINED
 from fit.results import Fit, FitWarning, Results
+from fit.tables import parameters as tables
 from fit.warnings import ADVICE
 
 NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")

@@ -2,3 +2,10 @@
 
 Nothing here knows what the channels mean.
 """
+
+from fit.signal import spectra
+from fit.signal.binned import Estimator
+from fit.signal.logpsd import LogSpectrum, log_psd
+from fit.signal.spectra import NoiseModel, Spectra, Spectrum
+
+__all__ = ["Estimator", "LogSpectrum", "NoiseModel", "Spectra", "Spectrum", "log_psd", "spectra"]

@@ -3,3 +3,36 @@
 A run is a `Telemetry`; its channels are read when they are asked for. Files from elsewhere are tried by
 another process first (`guard`).
 """
+
+from fit.telemetry import guard, reader
+from fit.telemetry.conversion import convert, is_map
+from fit.telemetry.datasets import MAX_MISSING, check_storage
+from fit.telemetry.reader import (
+    SCHEMA,
+    Telemetry,
+    inertial_period,
+    inside,
+    read_all,
+    read_stretch,
+    read_truth,
+    samples,
+)
+from fit.telemetry.writer import Writer
+
+__all__ = [
+    "MAX_MISSING",
+    "SCHEMA",
+    "Telemetry",
+    "Writer",
+    "check_storage",
+    "convert",
+    "guard",
+    "inertial_period",
+    "inside",
+    "is_map",
+    "read_all",
+    "read_stretch",
+    "read_truth",
+    "reader",
+    "samples",
+]

@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.files.documents import is_file, key
+from fit.files import is_file, key
 from fit.telemetry.datasets import check_storage
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.files.documents import key
+from fit.files import key
 from fit.telemetry import guard as probe
 from fit.telemetry.archives import Table, is_text, opened
 from fit.telemetry.contract import REQUIRED

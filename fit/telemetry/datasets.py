@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
-from fit.files.documents import key
+from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit, same_unit
 
 MAX_MEMBERS = 10_000  # of a file

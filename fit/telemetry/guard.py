@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from fit.errors import InputError
-from fit.files.documents import is_file
+from fit.files import is_file
 
 Kind = Literal["telemetry", "table", "chain"]
 

@@ -6,7 +6,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from fit.errors import InputError
-from fit.estimate.chains import head
 from fit.telemetry.reader import look
 
 
@@ -20,6 +19,8 @@ def main() -> None:
             if task["kind"] == "telemetry":
                 look(path)
             elif task["kind"] == "chain":
+                from fit.estimate import head
+
                 head(path)
             else:
                 _look_at_table(path, table)

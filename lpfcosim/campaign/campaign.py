@@ -19,12 +19,24 @@ from lpfcosim.campaign import file as merged
 from lpfcosim.campaign.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable, SpacecraftTable
 from lpfcosim.errors import InputError
 from lpfcosim.messages import closest, describe, quote
-from lpfcosim.network import network
-from lpfcosim.network.wiring import Component
-from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller
-from lpfcosim.spacecraft.parameters import FS, M_TM, H
-from lpfcosim.spacecraft.run import Authority, Injection, Kind, Noise, Replacement, Run, Sine, Truth
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.network import Component, network
+from lpfcosim.spacecraft import (
+    DRAG_FREE,
+    FS,
+    M_TM,
+    SUSPENSION,
+    Authority,
+    Controller,
+    H,
+    Injection,
+    Kind,
+    Noise,
+    Replacement,
+    Run,
+    Sine,
+    Spacecraft,
+    Truth,
+)
 
 
 @dataclass(frozen=True)

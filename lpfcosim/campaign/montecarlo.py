@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpfcosim.campaign.campaign import Campaign
-from lpfcosim.spacecraft.parameters import H
-from lpfcosim.spacecraft.run import Truth
+from lpfcosim.spacecraft import H, Truth
 
 GAINS, OTHERS = 0.05, 0.3  # how far truths are redrawn from those of the campaign, relative, uniformly
 

@@ -46,9 +46,19 @@ from lpfcosim.campaign.units import (
     TorqueNoise,
 )
 from lpfcosim.messages import closest, key_problem, problem, quote
-from lpfcosim.spacecraft.control import Controller
-from lpfcosim.spacecraft.parameters import FS, READ_OUT_RANGE, H
-from lpfcosim.spacecraft.run import Disturbed, HalfCosine, Model, Pulse, Sine, Target, Thrusters
+from lpfcosim.spacecraft import (
+    FS,
+    READ_OUT_RANGE,
+    Controller,
+    Disturbed,
+    H,
+    HalfCosine,
+    Model,
+    Pulse,
+    Sine,
+    Target,
+    Thrusters,
+)
 
 LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")

@@ -52,7 +52,7 @@ def duration(text: str) -> float:
     """Return a duration [s] from what an option says."""
     from pydantic_core import PydanticCustomError
 
-    from lpfcosim.campaign.units import Quantity
+    from lpfcosim.campaign import Quantity
 
     try:
         return Quantity("a duration", "s", "2 h", sign="positive").to_si(text)

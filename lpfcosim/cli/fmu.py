@@ -13,7 +13,7 @@ from lpfcosim.cli.common import CampaignFile, Quiet, about, check_folder, exampl
 from lpfcosim.errors import InputError
 
 if TYPE_CHECKING:
-    from lpfcosim.campaign.campaign import Campaign
+    from lpfcosim.campaign import Campaign
     from lpfcosim.cli.console import Console
 
 app = typer.Typer(
@@ -97,8 +97,8 @@ def validate(
     import json
 
     from lpfcosim.cli.console import Console
+    from lpfcosim.cosim import checks
     from lpfcosim.modelica import build as fmu_build
-    from lpfcosim.modelica import checks
 
     console = Console(quiet=quiet, as_json=as_json)
     archives = paths or list(_built(fmu_build.MODELS, console).values())

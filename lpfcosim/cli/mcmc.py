@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fit.errors import InputError
+from fit.estimate import Posterior, refit
 from fit.estimate import mcmc as chains
-from fit.estimate import refit
-from fit.estimate.posterior import Posterior
 from fit.figures import files as figure_files
 from fit.report import page as fit_report
 from fit.results import Results
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 from lpfcosim.cli.console import Console
 from lpfcosim.running import lock
 

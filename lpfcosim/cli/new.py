@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from lpfcosim.campaign.schema import Name
+from lpfcosim.campaign import Name
 from lpfcosim.errors import InputError
 
 ROOM = Path(__file__).parents[1] / "campaign"

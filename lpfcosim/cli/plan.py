@@ -21,8 +21,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.plant import margins as stability_margins
 from lpfcosim.plant import stability
 from lpfcosim.running import runner
-from lpfcosim.spacecraft.run import Run
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import Run, Spacecraft
 
 SCHEMA = "lpf-check/1"
 
@@ -146,7 +145,7 @@ def _forecast(plan: campaigns.Campaign, chosen: fit_settings.Settings) -> Fit | 
     """Return the joint fit to expect, None if no experiment takes part in one."""
     planned = cli_study.planned(plan)
     taking_part, _, _ = selection.divide([p.experiment for p in planned], chosen)
-    return forecast.forecast(planned, chosen) if taking_part else None
+    return forecast.expected_fit(planned, chosen) if taking_part else None
 
 
 def _why_none(plan: campaigns.Campaign) -> str:

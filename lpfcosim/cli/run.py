@@ -16,16 +16,15 @@ from fit.errors import FitError
 from fit.estimate import refit
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report import page as fit_report
+from fit.telemetry import convert, is_map
 from fit.telemetry import guard as probe
 from fit.telemetry import reader as fit_telemetry
-from fit.telemetry.conversion import convert, is_map
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli import shortfall as cli_shortfall
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cosim import placement
-from lpfcosim.cosim.master import Engine
+from lpfcosim.cosim import Engine, placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.network import network
 from lpfcosim.plant import stability

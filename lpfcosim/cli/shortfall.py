@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from fit.results import Fit, FitWarning, Results
-from lpfcosim.campaign.campaign import Campaign
+from lpfcosim.campaign import Campaign
 from lpfcosim.errors import RunError
-from lpfcosim.running.runner import Simulated
+from lpfcosim.running import Simulated
 
 
 def divide(plan: Campaign, done: Simulated) -> tuple[list[Path], dict[str, str]]:

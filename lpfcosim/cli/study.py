@@ -11,20 +11,18 @@ import numpy as np
 from rich.table import Table
 
 import fit.errors
-from fit.estimate.forecast import Planned, document
-from fit.estimate.forecast import forecast as expectation
-from fit.estimate.runs import Experiment
-from fit.estimate.runs import Run as Flown
+from fit.estimate import Experiment, Planned, document, expected_fit
+from fit.estimate import Run as Flown
 from fit.paper import FLIGHT
 from fit.results import Fit
 from fit.settings import settings
-from fit.telemetry.reader import Telemetry
+from fit.telemetry import Telemetry
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError
 from lpfcosim.plant import planning, stability
 from lpfcosim.running import telemetry
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:
@@ -37,7 +35,7 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         console.note("FMUs of other origin are taken to behave as ours do")
     try:
         with console.stage("forecast"):
-            expected = expectation(planned(plan), chosen)
+            expected = expected_fit(planned(plan), chosen)
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
     text = json.dumps(document(expected), indent=1, allow_nan=False)

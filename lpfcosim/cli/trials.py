@@ -14,14 +14,14 @@ from fit.model import dynamics
 from fit.pipeline import calibrate
 from fit.results import Results, with_truth
 from fit.settings import Settings
-from fit.telemetry.reader import Telemetry, read_all
+from fit.telemetry import Telemetry, read_all
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.campaign import montecarlo
 from lpfcosim.cli.study import in_memory
 from lpfcosim.errors import LpfcosimError, RunError
 from lpfcosim.plant import spectral, stability
 from lpfcosim.running import runner, telemetry
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 Line = dict[str, Any]  # what is kept of one campaign
 

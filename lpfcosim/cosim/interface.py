@@ -14,8 +14,8 @@ import fmpy
 from lpfcosim.cosim import archive as archives
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
-from lpfcosim.network.wiring import Component
-from lpfcosim.spacecraft.run import Replacement
+from lpfcosim.network import Component
+from lpfcosim.spacecraft import Replacement
 
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _ELEMENT = re.compile(r"(.+)\[(\d+(?:\s*,\s*\d+)*)\]")

@@ -22,12 +22,10 @@ from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.placement import interfaces
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.errors import RunError
-from lpfcosim.modelica.build import engine_library
-from lpfcosim.network import network
-from lpfcosim.network.wiring import Component
+from lpfcosim.modelica import engine_library
+from lpfcosim.network import Component, network
 from lpfcosim.plant import signals
-from lpfcosim.spacecraft.parameters import READ_OUT_RANGE
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
 Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]

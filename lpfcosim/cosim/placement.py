@@ -12,9 +12,8 @@ import fmpy
 
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, read
 from lpfcosim.errors import InputError
-from lpfcosim.network import network
-from lpfcosim.network.wiring import check_feedthrough
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.network import check_feedthrough, network
+from lpfcosim.spacecraft import Run
 
 _SYMBOLS: dict[str, dict[str, int]] = {
     **{name: {name: 1} for name in BASE_UNITS},

@@ -17,14 +17,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim.cosim.interface import Interface
-from lpfcosim.cosim.placement import interfaces
+from lpfcosim.cosim import Interface, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build
-from lpfcosim.network import network
-from lpfcosim.network.wiring import endpoint
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.network import endpoint, network
+from lpfcosim.spacecraft import Run
 
 IDENTIFIER = "ClosedLoop"
 

@@ -14,14 +14,12 @@ from importlib import metadata
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim.campaign.campaign import Campaign
-from lpfcosim.cosim.interface import Interface
-from lpfcosim.cosim.placement import interfaces
+from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import Interface, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.network import network
-from lpfcosim.network.wiring import endpoint
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.network import endpoint, network
+from lpfcosim.spacecraft import Run
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Description", "ParameterValues"))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from lpfcosim.network.wiring import Component
-from lpfcosim.spacecraft.control import Controller
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Controller, Run
 
 COMPONENTS = (
     Component(

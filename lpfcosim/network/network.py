@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from lpfcosim.network import along_x, six_axes
 from lpfcosim.network.wiring import Component, in_order
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 _ANGLES = ("theta", "eta", "phi")
 _ALONG_X = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lpfcosim.network import along_x
 from lpfcosim.network.along_x import controller
 from lpfcosim.network.wiring import Component
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 _POSITIONS, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
 _THRUST = ("F_x_sc", "F_y_sc", "F_z_sc", "N_x_sc", "N_y_sc", "N_z_sc")

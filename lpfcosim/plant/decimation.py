@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 

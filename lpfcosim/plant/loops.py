@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.plant import reference
 from lpfcosim.plant.rigid import ANGLES, DELAYED, MOTION, NOISE, QUADRATIC, TILT, S, equipment, plant
-from lpfcosim.spacecraft.control import Lead
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Lead, Run
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from lpfcosim.plant.loops import (
     read_outs,
 )
 from lpfcosim.plant.rigid import ANGLES, DELAYED, MOTION, OMEGA, plant
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.plant import loops, reference, rigid, signals
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.errors import RunError
 from lpfcosim.plant import signals
-from lpfcosim.spacecraft.control import Controller
-from lpfcosim.spacecraft.parameters import READ_OUT_RANGE
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import READ_OUT_RANGE, Controller, Run
 
 BLOCK = 6000  # samples between two looks at the read-out range
 

@@ -22,8 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft.run import Run
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import Run, Spacecraft
 
 Array = NDArray[np.float64]
 Vector = Sequence[float]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 AT_LIMIT = 1 - 1e-12  # of the authority, rounding apart
 

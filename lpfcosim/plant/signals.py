@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft.run import Pulse, Run, Sine
+from lpfcosim.spacecraft import Pulse, Run, Sine
 
 TAIL_LEVEL, TAIL_FREQUENCY, TAIL_CORNER = 60e-15, 20e-6, 2e-6  # m s^-2 Hz^-0.5 at Hz; flat below (choice)
 JITTER_FREQUENCY, JITTER_CORNER = 1e-3, 0.1e-3  # Hz; flat below the corner (choice)

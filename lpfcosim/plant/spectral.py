@@ -14,7 +14,7 @@ from scipy.fft import irfft, next_fast_len
 from scipy.interpolate import CubicSpline
 
 from lpfcosim.plant import decimation, planning, signals
-from lpfcosim.spacecraft.run import Noise, Pulse, Run
+from lpfcosim.spacecraft import Noise, Pulse, Run
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

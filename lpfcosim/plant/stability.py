@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from lpfcosim.errors import InputError
 from lpfcosim.plant import loops, reference
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 
 def poles(run: Run) -> NDArray[np.complex128]:

@@ -9,8 +9,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.plant import signals
 from lpfcosim.plant.loops import COMMANDS, INPUTS, READ_OUTS, limits, loop
 from lpfcosim.plant.rigid import ANGLES, MOTION, OMEGA, Apparent, equipment
-from lpfcosim.spacecraft.parameters import READ_OUT_RANGE
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 
 BLOCK = 6000  # samples between two looks at the read-out range
 

@@ -15,15 +15,15 @@ import h5py
 
 from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.modelica.build import engine_library
+from lpfcosim.modelica import engine_library
 from lpfcosim.network import network
 from lpfcosim.plant import decimation, saturation
 from lpfcosim.running import ledger as files
 from lpfcosim.running import remote, telemetry, workers
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 if TYPE_CHECKING:  # its tools would cost every worker a fifth of its start
-    from lpfcosim.campaign.campaign import Campaign
+    from lpfcosim.campaign import Campaign
 
 Progress = Callable[[str, int], None]  # name of a run, number of its samples done
 Origin = Mapping[str, str | int | float]

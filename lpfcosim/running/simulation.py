@@ -10,7 +10,7 @@ from pathlib import Path
 
 import h5py
 
-from lpfcosim.campaign.campaign import Campaign, load
+from lpfcosim.campaign import Campaign, load
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
@@ -18,7 +18,7 @@ from lpfcosim.network import network
 from lpfcosim.plant import decimation, reference, saturation, stability, whole
 from lpfcosim.running import ledger as files
 from lpfcosim.running import lock, runner, telemetry, trust
-from lpfcosim.spacecraft.run import Run
+from lpfcosim.spacecraft import Run
 
 PathLike = str | os.PathLike[str]
 

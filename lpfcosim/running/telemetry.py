@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 from lpfcosim.errors import RunError
 from lpfcosim.plant import decimation
 from lpfcosim.running import ledger as files
-from lpfcosim.spacecraft.parameters import CHANNELS
-from lpfcosim.spacecraft.run import Run
-from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft import CHANNELS, Run, Spacecraft
 
 SCHEMA = "lpf-telemetry/1"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from lpfcosim.campaign.campaign import Campaign
+from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.running import ledger as files

@@ -21,7 +21,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TextIO
 
-from lpfcosim.cosim.master import Where
+from lpfcosim.cosim import Where
 from lpfcosim.errors import LpfcosimError, RunError
 from lpfcosim.running import ledger as files
 

@@ -10,9 +10,9 @@ from markupsafe import Markup
 
 from fit.display import html, text
 from fit.paper import Parameter, cross_talk_parameter, joint_parameter
-from fit.report import tables
 from fit.results import WITHHELD, Estimate, Fit, Results
-from fit.telemetry.reader import Telemetry
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
 
 
 @text.register
