@@ -23,7 +23,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
-ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/test_api.py
+ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/fit/test_api.py
 FIRST = (ROOT / "README.md", DOCS / "first-hour.md", DOCS / "flight-telemetry.md")  # one leads to the next
 NOT_RUN = {
     "dask",

@@ -17,7 +17,7 @@ import pytest
 from lpfcosim.cosim import checks
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build, compiler, prebuilt
-from tests.binaries import READERS, slices
+from tests.oracles.binaries import READERS, slices
 
 ROOT = Path(__file__).parents[1]
 CAMPAIGN = Path(__file__).parent / "two_experiments.toml"

@@ -39,6 +39,7 @@ from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Run
 
 HERE = Path(__file__).parent
+MONOLITHIC = HERE.parent / "oracles" / "monolithic.c"
 QUICKSTART = HERE.parents[1] / "campaigns" / "quickstart.toml"
 
 
@@ -132,7 +133,13 @@ def loops(hours: float, repeat: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "monolithic.so"
         flags = [flag.replace("-O3", "-O2") for flag in FLAGS]
-        command = [*compiler().command, *flags, "-o", str(library), str(HERE / "monolithic.c")]
+        command = [
+            *compiler().command,
+            *flags,
+            "-o",
+            str(library),
+            str(MONOLITHIC),
+        ]
         subprocess.run(command, check=True)
         c = ctypes.CDLL(str(library))
         constants = monolith(run)

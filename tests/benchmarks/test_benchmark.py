@@ -1,0 +1,26 @@
+"""The benchmark works; what it measures is for people to read, not for a test to judge."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.fmu
+
+
+def test_short_benchmark_works():
+    script = Path(__file__).with_name("engine.py")
+    done = subprocess.run([sys.executable, script, "--short"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout.splitlines()[-1])
+    assert set(figures) == {
+        "us_per_step",
+        "speedup_over_fmpy",
+        "ratio_to_monolithic",
+        "hours_per_second",
+        "peak_rss_mb_6h",
+        "peak_rss_mb_65h",
+    }
+    assert all(value > 0 for value in figures.values())

@@ -1,0 +1,259 @@
+"""Cross-talk of spacecraft motion: in the equation, in the joint fit, in what is reported of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate import bump
+from fit.estimate.bump import cross_talk
+from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.runs import Experiment, Run
+from fit.estimate.verdict import as_fit
+from fit.model import dynamics
+from fit.model.sharing import Sharing
+from fit.settings import settings
+from fit.signal import spectra
+from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
+from tests.oracles.synthetic import World, of_run
+
+SHARING = Sharing(settings().shared)
+
+LATE = World(plateau=2e-15, tail=8e-15)
+CLEAN = Motion(grs=0.0, dws=0.0)
+NAMES = list(TRUTH)
+
+
+def experiments(runs):
+    return [Experiment(Run(sysid), Run(noise)) for sysid, noise in zip(runs[::2], runs[1::2], strict=True)]
+
+
+def two_epochs(motion, other=None, **options):
+    return experiments(
+        pair(motion, LATE, "A", epoch=1, **options)
+        + pair(motion, LATE, "B", epoch=1, **options)
+        + pair(other or motion, LATE, "C", epoch=2, **options)
+    )
+
+
+def fitted(runs):
+    outcome = fit_joint(runs, settings())
+    return outcome, cross_talk(outcome, runs, SHARING)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    runs = two_epochs(Motion())
+    return runs, *fitted(runs)
+
+
+def pulls(fit, truth):
+    return {name: (e.value - truth[name]) / e.sigma for name, e in fit.parameters.items()}
+
+
+def warning(fit, code):
+    (found,) = (w for w in fit.warnings if w.code == code)
+    return found
+
+
+def in_band(x, low, high):
+    """Return the rms of a 1 Hz series between two frequencies, by a plain windowed transform."""
+    f = np.fft.rfftfreq(x.size)
+    power = np.abs(np.fft.rfft(x * np.hanning(x.size))[(f > low) & (f < high)]) ** 2
+    return float(np.sqrt(np.sum(power)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_term_has_its_sign_and_size(name):
+    only = {**dict.fromkeys(TRUTH, 0.0), name: TRUTH[name]}
+    recorded, truth = run(Motion(b=only, grs=0.0, dws=0.0), LATE, kind="noise", duration=7200.0)
+    _, found = dynamics.delta_g_SC(recorded, only)
+    expected = truth["delta_g_SC"][spectra.HALF : -spectra.HALF]
+    assert in_band(found - expected, 1e-3, 0.1) < 1e-6 * in_band(expected, 1e-3, 0.1)
+
+
+def test_delta_g_is_what_was_put_in():
+    quiet = replace(LATE, oms=0.0)
+    recorded, truth = run(CLEAN, quiet, kind="noise", duration=7200.0)
+    own = of_run(quiet, "A")
+    time, delta_g = dynamics.residual(recorded, own | TRUTH)
+    _, delta_g_x = dynamics.residual(recorded, own)
+    _, delta_g_SC = dynamics.delta_g_SC(recorded, TRUTH)
+    assert np.allclose(delta_g, delta_g_x + delta_g_SC, rtol=0, atol=1e-20)
+    expected = truth["delta_g"][spectra.HALF : -spectra.HALF]
+    assert in_band(delta_g - expected, 1e-3, 0.1) < 1e-3 * in_band(expected, 1e-3, 0.1)
+    assert time.size == delta_g.size
+
+
+def test_gradient_is_the_derivative_of_the_coefficients():
+    theta, tau, step = np.arange(1.0, 12.0), (0.1, 0.2), 1e-5
+    numerical = [
+        (dynamics.coefficients(theta + e, tau) - dynamics.coefficients(theta - e, tau)) / (2 * step)
+        for e in step * np.eye(theta.size)
+    ]
+    assert np.allclose(dynamics.gradient(theta, tau), np.transpose(numerical), atol=1e-8)
+
+
+def test_a_mean_needs_both_its_channels_and_nearly_all_samples():
+    recorded, _ = run(Motion(), LATE, duration=7200.0)
+    lacking = blind(recorded, "o_phi_12", "grs_z_1")
+    assert dynamics.channels(lacking).parameters[7:] == ("b_2", "b_3", "b_5")
+    recorded.channels["o_eta_1"][:200] = np.nan
+    assert dynamics.channels(recorded).parameters[7:] == ("b_1", "b_3", "b_4", "b_5", "b_6")
+
+
+def test_missing_samples_of_a_mean_are_masked():
+    recorded, _ = run(Motion(), LATE, duration=7200.0)
+    recorded.channels["grs_y_2"][3000:3050] = np.nan
+    time, values = dynamics.delta_g_SC(recorded, TRUTH)
+    lost = time[np.isnan(values)]
+    assert (lost.min(), lost.max()) == (3000 - spectra.HALF, 3049 + spectra.HALF)
+    assert dynamics.channels(recorded).missing == 50
+
+
+def test_each_epoch_has_its_own_coefficients():
+    # 12 + 9 pulls beyond 4.5 sigma: false-positive probability 1.5e-4
+    other = {name: -1.5 * value for name, value in TRUTH.items()}
+    runs = two_epochs(CLEAN, replace(CLEAN, b=other), seed=1)
+    outcome, found = fitted(runs)
+    assert list(found) == ["1", "2"]
+    for fit, truth in zip(found.values(), (TRUTH, other), strict=True):
+        assert list(fit.parameters) == NAMES
+        assert max(abs(p) for p in pulls(fit, truth).values()) < 4.5
+        assert [fit.parameters[n].sigma for n in NAMES] == pytest.approx(np.sqrt(np.diag(fit.covariance)))
+        assert [w.code for w in fit.warnings] == ["correlation"]
+        assert fit.parameters["b_1"].unit == "m rad-1"
+        assert fit.parameters["b_6"].unit == "s-2"
+    joint = as_fit(outcome, runs)
+    assert not any(name.startswith("b_") for name in joint.parameters)
+    assert max(abs(p) for p in pulls(joint, vars(LATE)).values()) < 4.5
+
+
+def test_noisy_read_outs_attenuate_and_it_is_said(noisy):
+    # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
+    # weights, that depend little on frequency where the bump is large.
+    runs, outcome, found = noisy
+    shift = dict(zip([p.name for p in outcome.parameters], bump.expected_shift(outcome, runs), strict=True))
+    for epoch, fit in found.items():
+        assert all(abs(pulls(fit, TRUTH)[name]) < 4.5 for name in ("b_1", "b_2"))
+        assert {"b_3", "b_4", "b_5", "b_6"} <= set(warning(fit, "attenuated").parameters)
+        assert "no unbiased couplings" in warning(fit, "attenuated").message
+        for name in ("b_3", "b_4"):
+            assert 0.84 < fit.parameters[name].value / TRUTH[name] < 0.94
+            # what the data tell of their own noise makes good for it, but for the answer of the loop to it
+            corrected = fit.parameters[name].value - shift[f"{name}_{epoch}"]
+            assert corrected == pytest.approx(TRUTH[name], rel=0.04)
+
+
+def test_read_out_noise_is_measured(noisy):
+    floor = bump.read_out_noise(noisy[0][0].sysid)
+    expected = {"phi": 1.25 * 150e-12**2, "y": 2e-9**2 / 2}
+    for mean, other in (("phi", "eta"), ("y", "z")):
+        assert floor[mean] == pytest.approx(expected[mean], rel=0.15)
+        assert floor[other] == pytest.approx(expected[mean], rel=0.15)
+
+
+def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
+    runs, _, found = noisy
+    b = {name: e.value for name, e in found["1"].parameters.items()}
+    edges = np.array([25, 35, 45, 60]) * 1e-3
+    told = bump.subtraction(runs[0].noise, of_run(LATE, "A") | b, edges)
+    assert np.sqrt(told.before / told.after)[0] > 3
+    assert np.all(np.sqrt(told.after / told.limit) < 1.2)
+    # Wiener's limit from the spectra that were put in
+    f = np.linspace(edges[:-1], edges[1:], 50)
+    omega2 = (2 * np.pi * f) ** 2
+    limit = LATE.plateau**2 + (omega2 * LATE.oms) ** 2
+    for name, mean, noise in (("b_1", "phi", 1.12 * 150e-12), ("b_3", "y", 2e-9 / np.sqrt(2))):
+        S, S_n = jitter(mean, f) ** 2, noise**2
+        squares = TRUTH[name] ** 2 + TRUTH[f"b_{int(name[2:]) + 1}"] ** 2
+        limit += squares * omega2**2 * S * S_n / (S + S_n)
+    assert np.sqrt(told.limit) == pytest.approx(np.sqrt(limit.mean(axis=0)), rel=0.1)
+
+
+def test_columns_keep_delta_ifo_sharp(noisy):
+    runs, outcome, _ = noisy
+    without = [Experiment(*(Run(blind(r.telemetry)) for r in (e.sysid, e.noise))) for e in runs]
+    unsubtracted = as_fit(fit_joint(without, settings()), without)
+    for name, estimate in as_fit(outcome, runs).parameters.items():
+        assert estimate.sigma < unsubtracted.parameters[name].sigma
+    sigma = [fit.parameters["delta_ifo_1"].sigma for fit in (unsubtracted, as_fit(outcome, runs))]
+    assert sigma[0] > 2 * sigma[1]
+
+
+def test_attenuated_coefficients_hardly_move_the_dynamics():
+    # Thrusters askew by 1 % move y and z with x_1. Same Delta g with and without read-out noise in the
+    # regressors: measured over 24 runs, the noise moves no parameter by more than 0.2 sigma on the mean.
+    motion, moved = Motion(tilt=0.01), []
+    for seed in range(4):
+        noisy, clean = (
+            fit_experiment(*experiments(pair(m, LATE, seed=seed))).solution
+            for m in (motion, replace(motion, grs=0.0, dws=0.0))
+        )
+        moved.append(((noisy.theta - clean.theta) / np.sqrt(np.diag(noisy.covariance)))[:5])
+    assert np.all(np.abs(np.mean(moved, axis=0)) < 0.5)
+
+
+def test_correlation_with_delta_ifo_is_reported():
+    # y that follows x_1 adds b_3 x_1'' where delta_ifo takes delta_ifo x_1'' away: a positive correlation
+    runs = experiments(pair(Motion(tilt=5.0), LATE))
+    outcome, found = fitted(runs)
+    told = warning(found["1"], "correlation")
+    assert told.parameters == ("delta_ifo_1", *NAMES)
+    at = [p.name for p in outcome.parameters].index
+    rows = [at("delta_ifo_1"), at("b_3_1")]
+    covariance = outcome.solution.covariance[np.ix_(rows, rows)]
+    correlation = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert correlation > 0.3
+    assert f"{correlation:+.2f} (b_3)" in told.message
+
+
+def test_without_channels_there_is_no_cross_talk(noisy):
+    without = [Experiment(Run(blind(e.sysid.telemetry)), None) for e in noisy[0]]
+    assert fitted(without)[1] == {}
+
+
+def test_runs_with_and_without_channels_fit_together():
+    mixed = pair(Motion(), LATE, "A", epoch=1) + pair(Motion(), LATE, "C", epoch=2)
+    mixed[1] = blind(mixed[1])  # a noise run that cannot be corrected: its bump stays in the weights
+    mixed[2] = blind(mixed[2])  # a noise run that could be corrected, but must not be
+    mixed += [blind(r, "o_phi_12", "grs_z_1", "grs_z_2") for r in pair(Motion(), LATE, "B", epoch=3)]
+    mixed += [blind(r) for r in pair(Motion(), LATE, "D", epoch=1)]
+    runs = experiments(mixed)
+    outcome, found = fitted(runs)
+    assert {epoch: list(fit.parameters) for epoch, fit in found.items()} == {
+        "1": NAMES,
+        "3": ["b_2", "b_3", "b_5"],
+    }
+    joint = as_fit(outcome, runs)
+    assert max(abs(p) for p in pulls(joint, vars(LATE) | {"delta_ifo_3": LATE.delta_ifo_2}).values()) < 4.5
+
+
+def test_a_fit_without_cross_talk_does_not_know_a_run_that_has_it(noisy):
+    runs, outcome, _ = noisy
+    with_channels = runs[0].sysid.telemetry
+    without = experiments([blind(r) for r in (with_channels, runs[0].noise.telemetry)])
+    assert known_of(fit_joint(without, settings()), with_channels, SHARING) is None
+    assert known_of(outcome, with_channels, SHARING).theta.size == 13
+    assert known_of(outcome, blind(with_channels), SHARING).theta.size == 7
+
+
+def test_jitter_below_the_noise_determines_nothing():
+    # Read-outs of a spacecraft that hardly moves: some noise, which answers to nothing.
+    runs = pair(replace(CLEAN, b=dict.fromkeys(TRUTH, 0.0)), LATE)
+    rng = np.random.default_rng(0)
+    for recorded in runs:
+        for name in READ:
+            recorded.channels[name] = 1e-12 * rng.standard_normal(recorded.time.size)
+    runs = experiments(runs)
+    outcome, found = fitted(runs)
+    lost = {name for w in found["1"].warnings if w.code == "indeterminable" for name in w.parameters}
+    assert {"b_3", "b_4", "b_5", "b_6"} <= lost
+    assert not {"b_3", "b_4", "b_5", "b_6"} & found["1"].parameters.keys()
+    assert not any("b_" in name for w in as_fit(outcome, runs).warnings for name in w.parameters)
+
+
+def test_read_outs_of_nothing_but_noise_are_told():
+    runs = pair(Motion(grs=50e-9), LATE)
+    _, found = fitted(experiments(runs))
+    assert "b_3 (by how much cannot be told)" in warning(found["1"], "attenuated").message

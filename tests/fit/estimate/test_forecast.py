@@ -1,0 +1,291 @@
+"""The forecast of the joint fit: against fits of noisy telemetry, other people's numbers, closed forms."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from fit.estimate.forecast import Planned
+from fit.estimate.forecast import expected_fit as forecast
+from fit.estimate.runs import Experiment, Run
+from fit.paper import joint_names
+from fit.pipeline import calibrate
+from fit.settings import settings
+from lpfcosim.campaign import campaign
+from lpfcosim.cli.study import planned
+from lpfcosim.plant import loops, margins, planning, reference, whole
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
+from lpfcosim.spacecraft.spacecraft import Spacecraft
+from tests import ROOT
+from tests.fit.estimate.test_joint import recorded
+from tests.oracles.synthetic import World, of_run, pair, telemetry
+
+CAMPAIGNS = ROOT / "campaigns"
+SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2), ("E", 2))
+
+
+def cross_spectra(world, authority, epoch):
+    """Noise of the synthetic oracle: of o_1, and of o_12, which feels o_1 through stiffness and read-out."""
+    truth = of_run(world, authority, epoch)
+
+    def matrix(names, f):
+        x_1 = world.jitter**2 / (1 + (f / 0.05) ** 4)
+        delta_g = world.plateau**2 + (world.tail * 1e-4 / f) ** 2
+        omega2 = (2 * np.pi * f) ** 2
+        into_o_12 = truth["delta_ifo"] - truth["domega2_12"] / (truth["omega2_2"] - omega2)
+        S = np.zeros((f.size, len(names), len(names)), dtype=complex)
+        one, two = names.index("o_1"), names.index("o_12")
+        S[:, one, one] = x_1
+        S[:, one, two] = S[:, two, one] = into_o_12 * x_1
+        S[:, two, two] = into_o_12**2 * x_1 + delta_g / (truth["omega2_2"] - omega2) ** 2 + world.oms**2
+        return S
+
+    return matrix
+
+
+def expected(world, sets=SETS, **options):
+    return [
+        Planned(
+            Experiment(
+                Run(telemetry(world, authority, epoch=epoch, noisy=False, **options)),
+                Run(telemetry(world, authority, "noise", epoch=epoch, noisy=False, **options)),
+            ),
+            cross_spectra(world, authority, epoch),
+        )
+        for authority, epoch in sets
+    ]
+
+
+def noisy(world, sets=SETS, **options):
+    return [run for authority, epoch in sets for run in pair(world, authority, epoch=epoch, **options)]
+
+
+def sigmas(fit):
+    return {name: estimate.sigma for name, estimate in fit.parameters.items()}
+
+
+@pytest.mark.slow
+def test_sigmas_are_those_of_fits_on_average():
+    # sigmas of one fit scatter by some 8 % with its noise PSDs: the mean of six by 3 %
+    found = [sigmas(calibrate(noisy(World(), seed=seed, drive_1=1e-12)).joint) for seed in range(6)]
+    told = forecast(expected(World(), drive_1=1e-12))
+    assert list(told.parameters) == list(joint_names([1, 2])) == list(found[0])
+    for name, sigma in sigmas(told).items():
+        assert sigma == pytest.approx(np.mean([one[name] for one in found]), rel=0.07), name
+    correlation = told.covariance / np.outer(*2 * [list(sigmas(told).values())])
+    assert np.diag(correlation) == pytest.approx(np.ones(len(correlation)))
+
+
+@pytest.mark.parametrize(
+    ("sets", "options"),
+    [
+        ((("A", 1), ("B", 1)), {"drive_1": 1e-12}),  # all N_max equal
+        ((("A", 1), ("D", 1)), {"drive_1": 1e-12}),  # F_max and N_max vary together
+        (SETS[:4], {}),  # no F_max_1, no drive of test mass 1
+    ],
+)
+def test_degenerate_campaigns_are_named_as_the_fit_names_them(sets, options):
+    told, found = (
+        forecast(expected(World(), sets, **options)),
+        calibrate(noisy(World(), sets, **options)).joint,
+    )
+    assert told.parameters.keys() == found.parameters.keys()
+    assert [(w.code, w.parameters) for w in told.warnings] == [(w.code, w.parameters) for w in found.warnings]
+
+
+@pytest.mark.parametrize("tones", [(3.333e-3,), ()])
+def test_a_single_tone_or_none_tells_as_little_as_in_the_fit(tones):
+    # which of many blind directions is named first is chance
+    options = {"tones_12": tones, "tones_1": ()}
+    told, found = (
+        forecast(expected(World(), SETS[3:4], **options)),
+        calibrate(noisy(World(), SETS[3:4], **options)),
+    )
+    assert told.parameters.keys() == found.joint.parameters.keys()
+    lost = {name for w in told.warnings for name in w.parameters}
+    assert lost == {name for w in found.joint.warnings for name in w.parameters}
+    assert {"lambda_2", "omega2_2_0", "alpha_x_2"} <= lost
+    why = "the only signal is a tone at 3.3" if tones else "no injection stands out of the noise"
+    assert any(why in w.message for w in told.warnings if "lambda_2" in w.parameters)
+
+
+@pytest.fixture(scope="module")
+def mission():
+    return planned(campaign.load(CAMPAIGNS / "mission-x.toml"))
+
+
+def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
+    noise = {e.name: e.noise for e in campaign.load(CAMPAIGNS / "mission-x.toml").experiments}
+
+    def of_residual(levels):
+        """As much noise as the residual has, all of it in o_12."""
+
+        def matrix(names, f):
+            tail = levels.tail * 60e-15 * 20e-6 / f
+            S = np.zeros((f.size, len(names), len(names)), dtype=complex)
+            i = names.index("o_12")
+            S[:, i, i] = (levels.plateau**2 + tail**2) / (2 * np.pi * f) ** 4 + levels.oms**2
+            return S
+
+        return matrix
+
+    quiet = [replace(p, cross_spectra=of_residual(noise[p.experiment.name])) for p in mission]
+    without, told = sigmas(forecast(quiet)), sigmas(forecast(mission))
+    names = [f"delta_ifo_{k}" for k in (1, 2, 3, 4)]
+    # an independent calculation for the campaign, with regressors free of noise
+    assert [without[name] for name in names] == pytest.approx([9.8e-7, 4.9e-7, 4.1e-7, 3.1e-7], rel=0.1)
+    # and as fitted
+    others = {
+        "lambda_1": 1.3e-5,
+        "lambda_2": 1.3e-5,
+        "C_2": 2.9e-4,
+        "omega2_1_0": 2.4e-9,
+        "omega2_2_0": 1.7e-9,
+    }
+    others |= {"alpha_x_1": 0.93, "alpha_x_2": 0.69, "alpha_phi_1": 333, "alpha_phi_2": 248}
+    assert {name: told[name] for name in others} == pytest.approx(others, rel=0.1)
+    for name in names:
+        assert told[name] < 0.6 * without[name]
+
+
+def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
+    plan = campaign.load(quickstart)
+    runs = [recorded(run, reference.simulate(run)) for run in plan.runs]
+    found, told = calibrate(runs).joint, forecast(planned(plan))
+    assert sigmas(told) == pytest.approx(sigmas(found), rel=0.1)
+    assert [w.parameters for w in told.warnings] == [w.parameters for w in found.warnings]
+
+
+@pytest.mark.slow
+def test_agrees_with_a_fit_of_the_whole_spacecraft():
+    plan = campaign.load(CAMPAIGNS / "spacecraft.toml")
+    found = calibrate([recorded(run, whole.simulate(run)) for run in plan.runs]).joint
+    told = sigmas(forecast(planned(plan)))
+    for name, sigma in sigmas(found).items():
+        # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
+        scatters = name.startswith(("omega2", "alpha"))
+        assert told[name] == pytest.approx(sigma, rel=0.2 if scatters else 0.05), name
+
+
+DRIVEN = {
+    "authority": Authority("any", 2200e-12, 2200e-12, 10.4e-12, 10.4e-12),
+    "injections": (
+        Sine("guidance_o_12", 10e-9, 0.01, 3, 20.0),
+        Sine("guidance_o_1", 5e-9, 0.02, 4, 100.0),
+        HalfCosine("F_x_1", 2e-12, 50.0, 300.0),
+        HalfCosine("F_x_2", 2e-12, 50.0, 300.0),
+    ),
+    "dc": 3e-12,
+}
+CRAFT = Spacecraft(b=(1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7), leak_phi_1=0.1)
+
+
+def still(run):
+    return replace(run, injections=())
+
+
+@pytest.mark.parametrize("spacecraft", [None, CRAFT])
+def test_response_is_what_a_simulation_without_noise_gives(make_run, spacecraft):
+    run = make_run(**DRIVEN, spacecraft=spacecraft)
+    simulate = whole.simulate if spacecraft else reference.simulate
+    driven, rest = simulate(run), simulate(still(run))
+    found = planning.response(run)
+    for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
+        moved = (driven[name] - rest[name])[::10]
+        assert found[name] == pytest.approx(moved, abs=1e-6 * np.abs(moved).max())
+
+
+F = np.geomspace(1e-4, 0.2, 9)
+
+
+def test_noise_along_x_against_the_loop_gain(make_run):
+    run = make_run(noise=Noise(oms=35e-15))
+    closed = np.linalg.inv(np.eye(2) + reference.open_loop(run, F))
+    assert planning.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
+        35e-15**2 * closed.conj() @ closed.transpose(0, 2, 1), rel=1e-9
+    )
+
+
+def test_noise_of_the_whole_spacecraft_against_its_transfer(make_run):
+    run = make_run(noise=Noise(oms=35e-15, grs=1.8e-9, thruster=0.15e-6, torque=1e-12), spacecraft=CRAFT)
+    psd = planning.drive_psd(run, F)
+    told = margins.spectra(run, F, {name: psd[name] for name in psd if name in loops.INPUTS})
+    names = ("o_1", "o_12", "f_x_2", "grs_y_1", "N_phi_1")
+    found = planning.cross_spectra(run, names, F)
+    for i, name in enumerate(names):
+        assert found[:, i, i].real == pytest.approx(told[name], rel=1e-6)
+
+
+def test_levels_of_the_noise(make_run):
+    levels = Noise(oms=35e-15, thruster=1e-7, plateau=5e-15, tail=1.3, f_x_1_jitter=1e-14)
+    psd = planning.drive_psd(make_run(noise=levels), f := np.array([1e-3, 1e-2]))
+    assert psd["n_12"] == pytest.approx(35e-15**2)
+    assert 2 * psd["g_1"] == pytest.approx(5e-15**2 + (1.3 * 60e-15 * 20e-6 / f) ** 2, rel=1e-3)
+    assert psd["f_x_1"] == pytest.approx((1e-14 * 1e-3 / f) ** 2, rel=0.02)
+
+
+def test_turning_against_the_simulation(make_run):
+    # a turn far faster than any flown, so that what is quadratic shows
+    turn = replace(CRAFT, Omega_DC=(0.0, 2e-5, -3e-5))
+    run = make_run(spacecraft=turn)
+    n = np.arange(run.n_samples)
+    steady = {
+        f"attitude_{k}": rate * n / run.fs
+        for k, rate in zip(("theta", "eta", "phi"), turn.Omega_DC, strict=True)
+    }
+    pulse = np.where(n == 100, 1e-7, 0.0)
+    driven, rest = (whole.simulate(run, {**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
+    s = planning.system(run)
+    state, found = s.B[:, s.inputs.index("N_noise_z_sc")] * 1e-7, []
+    for _ in range(2000):
+        found.append((s.C @ state)[s.channels.index("o_12")])
+        state = s.A @ state
+    moved = (driven["o_12"] - rest["o_12"])[101:2101]
+    assert np.array(found) == pytest.approx(moved, abs=2e-3 * np.abs(moved).max())
+
+
+def test_short_and_excluded_runs_stay_out(quickstart):
+    plan = planned(campaign.load(quickstart))
+    all_but_b = forecast(plan, settings({"exclude": ["B"]}))
+    assert sigmas(all_but_b)["delta_ifo_1"] > 1.2 * sigmas(forecast(plan))["delta_ifo_1"]
+    short = expected(World(), SETS[:1], duration=7200.0)
+    with pytest.raises(InputError, match="no sysid run takes part"):
+        forecast(short)
+    assert "lambda_2" in forecast(short, settings({"include_short": True})).parameters
+
+
+def test_command_line(lpfcosim, quickstart, tmp_path):
+    status, out, err = lpfcosim("forecast", quickstart, "--json", "--out", "told")
+    assert status == 0, err
+    document = json.loads(out)
+    assert document["schema"] == "lpf-forecast/1"
+    assert json.loads((tmp_path / "told" / "forecast.json").read_text()) == document
+    assert list(document["parameters"]) == document["names"]
+    assert document["parameters"]["delta_ifo_2"]["sigma"] == pytest.approx(2.34e-7, rel=0.02)
+    assert np.diag(document["correlation"]) == pytest.approx(np.ones(len(document["names"])))
+    assert {name for w in document["warnings"] for name in w["parameters"]} == {
+        "lambda_1",
+        "C_1",
+        "alpha_x_1",
+    }
+    status, out, err = lpfcosim("forecast", quickstart)
+    assert status == 0
+    assert "delta_ifo_2" in out
+    assert "no run drives test mass 1" in err
+
+
+def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
+    noise_only = tmp_path / "noise.toml"
+    noise_only.write_text(
+        quickstart.read_text().replace('\nduration = "6 h"', "").replace('sequences = ["standard"]', "")
+    )
+    status, _, err = lpfcosim("forecast", noise_only)
+    assert status == 2
+    assert err.splitlines()[-1].startswith(f"lpfcosim: error: {noise_only}: no sysid run takes part")
+    status, _, err = lpfcosim("forecast", quickstart, "--out", noise_only)
+    assert (status, err) == (
+        2,
+        f"lpfcosim: error: {noise_only}: is a file, expected a folder for the forecast\n",
+    )

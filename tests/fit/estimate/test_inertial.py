@@ -1,0 +1,365 @@
+"""The Euler fit on telemetry of closed rotation loops that shares no code with it."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import csd, welch
+from scipy.spatial.transform import Rotation
+
+from fit.errors import InputError
+from fit.estimate.inertial import fit_period, takes_part
+from fit.model import rate, rotation
+from fit.pipeline import calibrate, calibrate_inertial
+from fit.telemetry.reader import read_all
+from lpfcosim.cli import start as cli
+from tests.oracles import synthetic
+from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
+from tests.oracles.synthetic import without
+
+DAY = 86400.0
+TRUTH = {"delta_phi": World().phi.delta, "delta_eta": World().eta.delta}
+QUIET = World(plateau=0.5e-15, tail=3e-15)  # the angles' own errors stand out of Delta g
+
+
+def pulls(fit, truth=None):
+    truth = truth or TRUTH
+    return [(e.value - truth[name]) / e.sigma for name, e in fit.parameters.items()]
+
+
+def codes(fit):
+    return {w.code for w in fit.warnings}
+
+
+def lacking(telemetry, *beginnings):
+    kept = {k: v for k, v in telemetry.channels.items() if not k.startswith(beginnings)}
+    return replace(telemetry, channels=kept)
+
+
+def fitted(*runs, world=None):
+    return fit_period(runs, calibration(world).joint)
+
+
+@pytest.fixture(scope="module")
+def three_days():
+    return run()
+
+
+@pytest.fixture(scope="module")
+def found(three_days):
+    return fitted(three_days[0])
+
+
+@pytest.fixture(scope="module")
+def quiet_day():
+    return run(QUIET, duration=DAY)
+
+
+def test_recovers_both_angles_with_the_expected_sigmas(found):
+    fit = found
+    assert list(fit.parameters) == ["delta_phi", "delta_eta"]
+    assert max(map(abs, pulls(fit))) < 4.5
+    # The noise of 2016 over 3 d allows 0.022 and 0.0048 mrad, more or less as the spacecraft happens to turn.
+    assert fit.parameters["delta_phi"].sigma == pytest.approx(0.020e-3, rel=0.35)
+    assert fit.parameters["delta_eta"].sigma == pytest.approx(0.0042e-3, rel=0.35)
+    assert fit.parameters["delta_phi"].unit == "rad"
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([e.sigma for e in fit.parameters.values()])
+    assert fit.chi2 / fit.dof == pytest.approx(1, abs=0.05)
+    assert codes(fit) == {"degenerate_with_actuation_crosstalk"}
+    assert "cannot tell" in fit.warnings[0].message
+
+
+def test_runs_of_a_period_are_fitted_together(three_days, found):
+    both = fitted(three_days[0], run(name="second")[0])
+    assert max(map(abs, pulls(both))) < 4.5
+    for name, estimate in both.parameters.items():
+        assert estimate.sigma == pytest.approx(found.parameters[name].sigma / np.sqrt(2), rel=0.15)
+
+
+def test_cross_talk_of_rotation_does_not_shift_the_angles(quiet_day):
+    # Left out, b_1 and b_2 of three times their usual size would shift the angles by 5 to 10 %.
+    loud = replace(QUIET, b_1=3 * QUIET.b_1, b_2=3 * QUIET.b_2)
+    fit = fitted(run(loud, duration=2 * DAY)[0], world=QUIET)
+    for name, estimate in fit.parameters.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.015, abs=3 * estimate.sigma)
+        assert estimate.sigma < 0.01 * abs(TRUTH[name])
+
+
+def test_another_truth_and_both_rates():
+    world = replace(QUIET, phi=Plane(0.13e-3, -1e-7, 1.3e-3), eta=Plane(0.6e-3, 2e-7, 0.5e-3))
+    truth = {"delta_phi": 1.3e-3, "delta_eta": 0.5e-3}
+    for fs in (1.0, 10.0):
+        fit = fitted(run(world, duration=DAY, fs=fs)[0], world=world)
+        assert max(map(abs, pulls(fit, truth))) < 4.5
+
+
+def gain(x, y, low, high):
+    """Return the transfer from x to y, averaged over a band [Hz] at 1 Hz sampling."""
+    f, across = csd(x, y, 1.0, nperseg=x.size // 3, detrend="linear")
+    _, power = welch(x, 1.0, nperseg=x.size // 3, detrend="linear")
+    band = (f > low) & (f < high)
+    return across[band].sum() / power[band].sum()
+
+
+def test_the_torque_alone_overshoots_and_the_angle_cures_it(three_days):
+    telemetry, truth = three_days
+    sources = rotation.sources(telemetry)
+    motion = rotation.motion(telemetry, sources)
+    dOmega = truth["dOmega_eta"][10:-10]
+    for low, high in ((0.2e-3, 0.4e-3), (0.8e-3, 1.2e-3)):
+        assert abs(gain(dOmega, motion.dOmega[:, 1], low, high) - 1) < 0.01
+    torque = telemetry.channels["N_eta_1"][10:-10] / sources.inertia["eta"]
+    assert abs(gain(dOmega, torque, 0.8e-3, 1.2e-3)) == pytest.approx(1.32, abs=0.06)  # as known for 2 mHz
+
+
+def test_rate_is_neither_star_tracker_noise_nor_drift(three_days):
+    telemetry, truth = three_days
+    motion = rotation.motion(telemetry, rotation.sources(telemetry))
+    slow = rate.slow_rate(telemetry.path, [motion], motion.time[0], motion.time[-1])
+    Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
+    for i, axis in enumerate(rotation.AXES):
+        wrong = Omega[:, i] - truth[f"Omega_{axis}"][10:-10]
+        assert abs(wrong.mean()) < 1e-9  # of 3e-8 and 2e-7 rad/s
+        assert np.abs(wrong).max() < 3e-8
+        f, S = welch(wrong, 1.0, nperseg=wrong.size // 2, detrend="linear")
+        _, whole = welch(truth[f"Omega_{axis}"], 1.0, nperseg=wrong.size // 2, detrend="linear")
+        band = (f > 80e-6) & (f < 2e-3)
+        assert S[band].sum() < 0.01 * whole[: f.size][band].sum()
+
+
+def test_integral_is_trapezoid_and_the_same_in_pieces():
+    t = np.arange(1000) / 4.0
+    x = np.stack([np.cos(0.1 * t), t], axis=1)
+    whole = rate.Integral(4.0)(x)
+    # second-order accurate: relative error (w h)^2 / 12
+    np.testing.assert_allclose(whole, np.stack([np.sin(0.1 * t) / 0.1, t**2 / 2], axis=1), atol=1e-3)
+    integral = rate.Integral(4.0)
+    pieces = np.concatenate([integral(x[:1]), integral(x[1:300]), integral(x[300:])])
+    np.testing.assert_allclose(pieces, whole, rtol=1e-13, atol=1e-12)
+
+
+def test_without_angles_the_bias_is_told_and_is_what_is_told(quiet_day):
+    fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=QUIET)
+    told = [w for w in fit.warnings if w.code == "torque_alone"]
+    assert [w.parameters for w in told] == [("delta_phi",), ("delta_eta",)]
+    assert "0.8 of its value" in told[0].message
+    for name, estimate in fit.parameters.items():
+        assert estimate.value / TRUTH[name] == pytest.approx(0.8, abs=0.08)
+
+
+@pytest.mark.parametrize("lost", [("N_phi_2", "N_eta_2"), ("N_phi_1", "N_eta_1"), ("o_phi_12", "o_eta_12")])
+def test_one_test_mass_is_enough(quiet_day, lost):
+    fit = fitted(lacking(quiet_day[0], *lost), world=QUIET)
+    assert codes(fit) == {"degenerate_with_actuation_crosstalk"}
+    for name, estimate in fit.parameters.items():
+        assert estimate.value == pytest.approx(TRUTH[name], rel=0.03)
+
+
+def test_torsional_stiffness_counts(quiet_day):
+    telemetry = quiet_day[0]
+    bare = replace(telemetry, attributes={})
+    fit = fitted(bare, world=QUIET)
+    (warning,) = (w for w in fit.warnings if w.code == "no_torsional_stiffness")
+    assert warning.parameters == ("delta_phi", "delta_eta")
+    for name, estimate in fit.parameters.items():
+        ratio = estimate.value / fitted(telemetry, world=QUIET).parameters[name].value
+        assert 0.97 < ratio < 0.985  # the 2 % of the warning
+    doubled = replace(telemetry, attributes={**telemetry.attributes, "I_zz": 2 * 1.928 * 0.046**2 / 6})
+    twice = fitted(lacking(doubled, "o_phi", "o_eta"), world=QUIET).parameters["delta_phi"].value
+    once = fitted(lacking(telemetry, "o_phi", "o_eta"), world=QUIET).parameters["delta_phi"].value
+    assert twice == pytest.approx(2 * once, rel=0.15)  # not exactly: Omega doubles too
+
+
+def as_quaternion(telemetry, start, flip):
+    """Replace the star-tracker angles by a quaternion, body axes at the start turned by `start`."""
+    angles = np.stack(
+        [0 * telemetry.time, telemetry.channels["ast_eta"], telemetry.channels["ast_phi"]], axis=1
+    )
+    q = (start * Rotation.from_rotvec(angles)).as_quat()
+    q[flip::7] *= -1
+    columns = {f"ast_q_{i + 1}": q[:, i] for i in range(4)}
+    bare = lacking(telemetry, "ast")
+    return replace(bare, channels={**bare.channels, **columns})
+
+
+def test_quaternion_tells_what_the_angles_tell(three_days, found):
+    telemetry = three_days[0]
+    start = Rotation.from_euler("xyz", [0.3, -1.2, 2.0])
+    turned = fitted(as_quaternion(telemetry, start, 3))
+    for name, estimate in found.parameters.items():
+        assert turned.parameters[name].value == pytest.approx(estimate.value, abs=0.05 * estimate.sigma)
+        assert turned.parameters[name].sigma == pytest.approx(estimate.sigma, rel=1e-2)
+
+
+def test_an_attitude_of_the_other_sense_is_seen_and_reversed(quiet_day):
+    telemetry = quiet_day[0]
+    backwards = {k: -v if k.startswith("ast") else v for k, v in telemetry.channels.items()}
+    fit = fitted(replace(telemetry, channels=backwards))
+    assert "star_tracker_reversed" in codes(fit)
+    for name, estimate in fitted(telemetry).parameters.items():
+        assert fit.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
+
+
+def test_without_star_tracker_sigma_widens_and_it_is_told(three_days, found):
+    fit = fitted(lacking(three_days[0], "ast"))
+    assert "no_star_tracker" in codes(fit)
+    assert max(map(abs, pulls(fit))) < 4.5
+    assert fit.parameters["delta_eta"].sigma > 1.1 * found.parameters["delta_eta"].sigma
+
+
+def test_missing_samples_are_masked(three_days, found, quiet_day):
+    telemetry = three_days[0]
+    gaps = without(telemetry, (1000, 1003), (100_000, 100_400), (200_000, 200_001))
+    fit = fitted(gaps)
+    assert fit.masked_samples == 404
+    for name, estimate in found.parameters.items():
+        assert abs(fit.parameters[name].value - estimate.value) < estimate.sigma
+    telemetry = replace(quiet_day[0], time=quiet_day[0].time[:43_200])
+    ragged = {name: values[:43_200].copy() for name, values in quiet_day[0].channels.items()}
+    for start in range(50, 43_000, 120):
+        ragged["N_phi_1"][start : start + 3] = np.nan
+    with pytest.raises(InputError, match=r"^inertial\.h5: missing samples in .* widely scattered"):
+        fitted(replace(telemetry, channels=ragged))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("I_zz", -6.8e-4, "attribute I_zz: -0.00068, expected a positive number"),
+        ("I_yy", "heavy", "attribute I_yy: 'heavy', expected a positive number"),
+        ("I_yy", np.array([1.0, 2.0]), r"attribute I_yy: array\(\[1., 2.\]\), expected a positive number"),
+        ("omega2_phi", float("nan"), "attribute omega2_phi: nan, expected a finite number"),
+        ("inertial_period", -1, "attribute inertial_period: -1, expected a whole number"),
+        ("inertial_period", 1.5, "attribute inertial_period: 1.5, expected a whole number"),
+    ],
+)
+def test_bad_attributes_are_one_sentence(quiet_day, name, value, expected):
+    telemetry = quiet_day[0]
+    bad = replace(telemetry, attributes={**telemetry.attributes, name: value})
+    with pytest.raises(InputError, match=rf"^inertial\.h5: {expected}") as caught:
+        calibrate_inertial([bad], calibration(QUIET))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_quaternion_of_another_norm_is_refused(quiet_day):
+    turned = as_quaternion(quiet_day[0], Rotation.identity(), 3)
+    turned.channels["ast_q_4"][500] = 3.0
+    with pytest.raises(InputError, match=r"^inertial\.h5: channels ast_q_1 to ast_q_4: norm 3 at sample 500"):
+        fitted(turned, world=QUIET)
+
+
+def test_periods_are_kept_apart(quiet_day):
+    other = replace(QUIET, phi=Plane(0.13e-3, 2e-7, 0.2e-3))
+    runs = [
+        run(QUIET, duration=DAY, name="a", inertial_period=1.0)[0],
+        run(other, duration=DAY, name="b", inertial_period=2)[0],
+        run(other, duration=DAY, name="c", inertial_period=2)[0],
+        quiet_day[0],
+    ]
+    results = calibrate_inertial(runs, calibration(QUIET))
+    assert list(results.inertial) == ["1", "2", "0"]
+    assert results.provenance["inertial_runs"] == {"1": ["a"], "2": ["b", "c"], "0": ["inertial"]}
+    assert results.joint.parameters == calibration(QUIET).joint.parameters
+    assert results.inertial["2"].parameters["delta_phi"].value == pytest.approx(0.2e-3, rel=0.05)
+    assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)
+
+
+def test_what_takes_part(quiet_day):
+    telemetry = quiet_day[0]
+    short = replace(telemetry, time=telemetry.time[:40_000])
+    for unfit in (replace(telemetry, kind="sysid"), lacking(telemetry, "N_eta"), short):
+        assert not takes_part(unfit)
+    with pytest.raises(InputError, match=r"^inertial\.h5: no noise run of 12 h or more with torques"):
+        calibrate_inertial([lacking(telemetry, "N_eta")], calibration())
+    with pytest.raises(InputError, match=r"^inertial\.h5: a sysid run, expected noise runs only"):
+        calibrate_inertial([replace(telemetry, kind="sysid")], calibration())
+
+
+def test_what_the_calibration_lacks_widens_the_sigmas_and_is_told(quiet_day):
+    results = calibration(QUIET)
+    kept = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
+    joint = replace(
+        results.joint,
+        parameters={name: results.joint.parameters[name] for name in kept},
+        covariance=np.diag([results.joint.parameters[name].sigma ** 2 for name in kept]),
+    )
+    loud = replace(QUIET, leak=0.03)  # m: comparable with what delta_phi does
+    fit = fit_period([run(loud, duration=DAY)[0]], joint)
+    (warning,) = (w for w in fit.warnings if w.code == "not_calibrated")
+    assert warning.parameters == ("lambda_1", "C_1", "delta_ifo_1")
+    assert fit.parameters["delta_phi"].sigma > 1.5 * fitted(quiet_day[0]).parameters["delta_phi"].sigma
+
+
+def test_one_folder_of_calibration_and_inertial_runs():
+    world = synthetic.World()
+    of_run = synthetic.of_run(world, "A")
+    names = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_1", "omega2_2", "delta_ifo")
+    turning = World(**{name: of_run[name] for name in names})
+    runs = [r for authority in "AB" for r in synthetic.pair(world, authority)]
+    runs += [run(turning, duration=2 * DAY, name=name)[0] for name in ("one", "two")]
+    runs = [replace(r, experiment="inertial") if r.run in ("one", "two") else r for r in runs]
+    results = calibrate(runs)
+    assert list(results.experiments) == ["A", "B"]
+    assert max(map(abs, pulls(results.inertial["0"]))) < 4.5
+    second = replace(runs[1], run="again", path=runs[1].path.with_name("again.h5"))
+    with pytest.raises(InputError, match=r"^again\.h5: a second noise run of experiment 'A' beside"):
+        calibrate([*runs, second])
+
+
+@pytest.fixture
+def files(tmp_path, quiet_day):
+    from fit import results
+
+    write(tmp_path, quiet_day[0], QUIET)
+    results.write(calibration(QUIET), tmp_path / "earlier.json")
+    return tmp_path
+
+
+def command(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return stopped.value.code or 0
+
+
+def test_command_with_an_earlier_calibration(files, monkeypatch, capfd):
+    monkeypatch.chdir(files)
+    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new") == 0
+    document = json.loads((files / "new" / "results.json").read_text())
+    earlier = json.loads((files / "earlier.json").read_text())
+    assert document["joint"] == earlier["joint"]
+    found = document["inertial"]["0"]["parameters"]
+    assert found["delta_phi"]["truth"] == -0.4e-3
+    assert max(abs(found[name]["pull"]) for name in ("delta_phi", "delta_eta")) < 4.5
+    assert document["provenance"]["calibration"] == "earlier.json"
+    assert (files / "new" / "report.html").is_file()
+    assert "delta_eta (0)" in capfd.readouterr().out
+    assert command(monkeypatch, "report", "new", "--quiet") == 0
+
+
+def test_command_refuses_a_calibration_without_dynamics(files, monkeypatch, capfd):
+    monkeypatch.chdir(files)
+    document = json.loads((files / "earlier.json").read_text())
+    (files / "earlier.json").write_text(json.dumps({**document, "joint": None}))
+    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json") == 2
+    assert "earlier.json: joint: missing, expected the joint fit" in capfd.readouterr().err
+    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "nowhere.json") == 2
+
+
+def test_files_tell_the_same_as_memory(files, quiet_day):
+    (from_file,) = read_all([files / "inertial.h5"])
+    there, here = fitted(from_file, world=QUIET), fitted(quiet_day[0], world=QUIET)
+    for name, estimate in here.parameters.items():
+        assert there.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.stat
+def test_pulls_are_standard_normal():
+    # 30 runs x 2 angles; sum of squared pulls within the 1e-5 quantiles of chi^2(30), mean within 4.5
+    # standard errors: false-positive probability 6e-5.
+    found = np.array([pulls(fitted(run(seed=seed)[0])) for seed in range(30)])
+    assert np.all(np.abs(found.mean(axis=0)) < 4.5 / np.sqrt(30))
+    assert np.all((np.sum(found**2, axis=0) > 7.0) & (np.sum(found**2, axis=0) < 77.0))

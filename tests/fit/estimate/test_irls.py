@@ -1,0 +1,220 @@
+"""Weights, true sigmas, blind directions and single experiments, on telemetry of known noise."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.fft import prev_fast_len
+
+from fit.errors import FitError
+from fit.estimate import irls, linear
+from fit.pipeline import calibrate
+from fit.settings import settings
+from fit.signal import spectra
+from tests.oracles.synthetic import World, of_run, pair, telemetry, without
+
+NAMES = ["lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo"]
+
+
+def fit_one(runs):
+    (fit,) = calibrate(runs, settings({"include_short": True})).experiments.values()
+    return fit
+
+
+def pulls(fit, truth):
+    return {name: (e.value - truth[name]) / e.sigma for name, e in fit.parameters.items()}
+
+
+def flat(level):
+    """Make a noise model of the constant PSD `level`, known perfectly."""
+    knots = np.log([1e-5, 1e-2, 1.0])
+    return spectra.NoiseModel(knots, np.full(3, np.log(level)), np.zeros((3, 3)))
+
+
+def white_block(n=20000, taper=0.1, monkeypatch=None):
+    monkeypatch.setattr(spectra, "TAPER", taper)
+    columns = np.random.default_rng(3).standard_normal((n, 8))
+    run = spectra.transform(columns, np.ones(n, bool), 1.0)
+    return linear.block(run, flat(2.0), (0.1, 0.1), np.eye(7))
+
+
+@pytest.mark.parametrize(("taper", "ratio"), [(0.0, 1.0), (0.1, 1.027), (1.0, 1.39)])
+def test_sigma_accounts_for_the_window(taper, ratio, monkeypatch):
+    # White noise of unit variance (PSD 2 at 1 Hz), stationary columns: var = <w^4>/<w^2>^2 x naive.
+    block = white_block(taper=taper, monkeypatch=monkeypatch)
+    naive = np.linalg.inv(block.R.T @ block.R)
+    true = naive @ block.M @ naive
+    measured = np.sqrt(np.diag(true) / np.diag(naive)).mean()
+    assert measured == pytest.approx(ratio, rel=0.01)
+
+
+def test_compression_keeps_chi2(monkeypatch):
+    columns = np.random.default_rng(4).standard_normal((5000, 8))
+    run = spectra.transform(columns, np.ones(5000, bool), 1.0)
+    block = linear.block(run, flat(2.0), (0.1, 0.1), np.eye(7))
+    c = np.arange(8.0)
+    whitened, _ = linear.whiten(run, np.full(run.f.size, 2.0))
+    assert np.sum((block.R @ c) ** 2) == pytest.approx(np.sum(np.abs(whitened @ c) ** 2))
+    # columns 0 alone is white noise of just this PSD, constant and ramp projected out
+    assert np.sum((block.R[:, 0]) ** 2) / block.size == pytest.approx(1, abs=5 * np.sqrt(2 / block.size))
+
+
+def test_constant_and_ramp_are_invisible():
+    n = 4000
+    columns = np.random.default_rng(5).standard_normal((n, 8))
+    drift = columns + np.linspace(3, 70, n)[:, None]
+    blocks = [
+        linear.block(spectra.transform(x, np.ones(n, bool), 1.0), flat(2.0), (0.1, 0.1), np.eye(7))
+        for x in (columns, drift)
+    ]
+    assert np.allclose(blocks[0].R.T @ blocks[0].R, blocks[1].R.T @ blocks[1].R, atol=1e-6)
+    assert np.allclose(blocks[0].M, blocks[1].M, atol=1e-6)
+
+
+def test_exactly_blind_parameter():
+    lost, directions = linear.blind(np.diag([4.0, 0.0, 100.0]), np.ones(3))
+    assert lost.tolist() == [False, True, False]
+    assert np.allclose(directions, [[0, 1, 0]])
+
+
+def test_weakly_determined_parameter_is_lost_by_its_width():
+    H = np.diag([1 / 0.9**2, 1 / 1.1**2])  # sigmas of 0.9 and 1.1 widths
+    lost, directions = linear.blind(H, np.ones(2))
+    assert lost.tolist() == [False, True]
+    assert np.allclose(np.abs(directions), [[0, 1]])
+    assert linear.blind(H, np.array([1.0, 1.2]))[0].tolist() == [False, False]
+
+
+@given(
+    ratio=st.floats(0.2, 5),
+    noise=st.sampled_from([0.0, 1e-12, 1e-9]),
+    strength=st.floats(10, 1e5),
+)
+def test_collinear_columns_are_named_together(ratio, noise, strength):
+    rng = np.random.default_rng(6)
+    a, b = rng.standard_normal((2, 50))
+    A = strength * np.stack([a, ratio * a + noise * b, b], axis=1)
+    lost, directions = linear.blind(A.T @ A, np.ones(3))
+    assert lost.tolist() == [True, True, False]
+    (direction,) = directions
+    assert np.abs(A @ direction).max() < 1e-6 * strength
+    assert np.max(direction) == 1
+
+
+@given(arrays(float, (12, 4), elements=st.floats(-1, 1).map(lambda x: round(x, 3))))
+def test_blind_directions_are_what_the_data_do_not_see(A):
+    A = 1e3 * A
+    lost, directions = linear.blind(A.T @ A, np.ones(4))
+    assert not lost.any() or len(directions)
+    for direction in directions:
+        assert np.sum((A @ direction) ** 2) < 4 * np.sum(direction**2) + 1e-3
+
+
+def test_single_tone():
+    f = np.arange(1, 2000) / 20000
+    noise = np.full(f.size, 2.0)
+    assert linear.single_tone(f, noise) == 0
+    one = noise + 1e5 * np.exp(-0.5 * ((f - 3.3e-3) / 1e-4) ** 2)
+    assert linear.single_tone(f, one) == pytest.approx(3.3e-3)
+    two = one + 1e4 * np.exp(-0.5 * ((f - 13.3e-3) / 1e-4) ** 2)
+    assert linear.single_tone(f, two) is None
+
+
+def test_recovers_truth_far_from_where_it_starts():
+    world = World(
+        lambda_2=1.05 * 1.0776, C_2=0.7 * 0.186, omega2_2_0=-4.19e-7 * 1.3, alpha_phi_1=-28.2e3 * 0.7
+    )
+    runs = [telemetry(world, noisy=False), telemetry(world, kind="noise")]
+    fit = fit_one(runs)
+    assert list(fit.parameters) == NAMES
+    assert max(abs(p) for p in pulls(fit, of_run(world, "A")).values()) < 1e-3
+    assert fit.converged
+    assert fit.masked_samples == 0
+
+
+def test_drives_of_test_mass_1_determine_its_gain():
+    world = World()
+    fit = fit_one(pair(world, "E", drive_1=1e-12))
+    assert {"lambda_1", "C_1"} <= fit.parameters.keys()
+    assert max(abs(p) for p in pulls(fit, of_run(world, "E")).values()) < 4
+    assert not fit.warnings
+
+
+def test_without_a_drive_its_gain_is_in_the_warnings():
+    fit = fit_one(pair(World()))
+    lost = [w for w in fit.warnings if w.code == "indeterminable"]
+    assert [w.parameters for w in lost] == [("lambda_1",), ("C_1",)]
+    assert all("no run drives test mass 1" in w.message for w in lost)
+    assert lost[0].combination == {"lambda_1": 1.0}
+    assert fit.covariance.shape == (5, 5)
+
+
+def test_chi2_is_that_of_noise():
+    fit = fit_one(pair(World(), seed=1))
+    bins = prev_fast_len(21600 - 2 * spectra.HALF) // 10  # up to 0.1 Hz
+    assert fit.dof == 2 * (bins - 1) - 5
+    assert fit.chi2 / fit.dof == pytest.approx(1, abs=5 * np.sqrt(2.1 / fit.dof + 20 / bins**2))
+
+
+def test_stronger_noise_than_in_the_noise_run_is_told():
+    loud = World(plateau=8e-15, oms=70e-15)
+    fit = fit_one([telemetry(loud), telemetry(World(), kind="noise")])
+    assert "chi2" in {w.code for w in fit.warnings}
+
+
+def test_own_residual_replaces_a_missing_noise_run():
+    world = World(bump=10e-15)
+    run, noise = pair(world, seed=2)
+    alone, paired = fit_one([run]), fit_one([run, noise])
+    assert "no_noise_run" in {w.code for w in alone.warnings}
+    for name in NAMES:
+        assert alone.parameters[name].sigma == pytest.approx(paired.parameters[name].sigma, rel=0.25)
+        difference = alone.parameters[name].value - paired.parameters[name].value
+        assert abs(difference) < paired.parameters[name].sigma
+
+
+def test_missing_samples_are_masked_and_counted():
+    world = World()
+    run, noise = pair(world, seed=3)
+    holed = without(run, (4000, 4120), (12000, 12040), (15000, 15001))
+    fit = fit_one([holed, noise])
+    assert fit.masked_samples == 161
+    assert max(abs(p) for p in pulls(fit, of_run(world, "A")).values()) < 4
+    assert fit.chi2 / fit.dof == pytest.approx(1, abs=0.15)
+
+
+def test_signal_that_is_one_tone_leaves_gain_and_stiffness_open():
+    fit = fit_one(pair(World(), tones_12=(3.333e-3,), tones_1=()))
+    lost = {name for w in fit.warnings for name in w.parameters}
+    assert {"lambda_2", "omega2_2"} <= lost
+    assert any("a tone at 3.34 mHz" in w.message for w in fit.warnings)
+    assert "C_2" in fit.parameters
+
+
+def test_unsettled_iteration_is_an_error(monkeypatch):
+    monkeypatch.setattr(irls, "MAX_ITERATIONS", 1)
+    with pytest.raises(FitError, match="A: parameters still move"):
+        fit_one(pair(World(lambda_2=1.1)))
+
+
+def test_hardly_unsettled_iteration_is_told(monkeypatch):
+    monkeypatch.setattr(irls, "TOLERANCE", 0.0)
+    fit = fit_one(pair(World()))
+    assert not fit.converged
+    assert "not_converged" in {w.code for w in fit.warnings}
+
+
+@pytest.mark.stat
+@pytest.mark.parametrize("bump", [pytest.param(0.0, marks=pytest.mark.slow), 15e-15])
+def test_pulls_are_standard_normal(bump):
+    # 30 experiments x 5 parameters of 10,800 s. chi^2 of the pulls per parameter within its 1e-5 quantiles,
+    # the mean within 4.5 standard errors: false-positive probability 1.5e-4 per case.
+    world = World(bump=bump)
+    all_pulls = []
+    for seed in range(30):
+        fit = fit_one(pair(world, seed=seed, duration=10800.0))
+        all_pulls.append([pulls(fit, of_run(world, "A"))[name] for name in NAMES])
+    all_pulls = np.array(all_pulls)
+    assert np.all(np.abs(all_pulls.mean(axis=0)) < 4.5 / np.sqrt(30))
+    assert np.all((np.sum(all_pulls**2, axis=0) > 7.5) & (np.sum(all_pulls**2, axis=0) < 75.0))

@@ -1,0 +1,297 @@
+"""The joint fit and its entry point: on synthetic telemetry, then end to end on the reference plant."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import decimate
+
+from fit.errors import InputError
+from fit.model.sharing import Sharing
+from fit.paper import joint_names
+from fit.pipeline import calibrate
+from fit.settings import settings
+from fit.telemetry.reader import Telemetry
+from lpfcosim.campaign import campaign
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Noise, Truth
+from tests.oracles.synthetic import World, of_run, pair, telemetry, without
+
+SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
+SHARING = Sharing(settings().shared)
+FREE = ["lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "alpha_phi_1", "alpha_x_2", "alpha_phi_2"]
+OFF = World(
+    lambda_2=1.0776 * 0.95,
+    C_2=0.186 * 1.3,
+    omega2_1_0=-3.99e-7 * 0.7,
+    omega2_2_0=-4.19e-7 * 1.3,
+    alpha_phi_1=-28.2e3 * 1.3,
+    alpha_x_2=-317 * 0.7,
+    alpha_phi_2=-27.4e3 * 0.75,
+)
+
+
+def campaign_of(world, sets=SETS, **options):
+    return [run for authority, epoch in sets for run in pair(world, authority, epoch=epoch, **options)]
+
+
+def pulls(fit, truth):
+    return {name: (e.value - truth[name]) / e.sigma for name, e in fit.parameters.items()}
+
+
+def lost(fit):
+    return [w for w in fit.warnings if w.code == "indeterminable"]
+
+
+def test_share_is_the_stiffness_model():
+    names = joint_names([1, 2])
+    run = telemetry(OFF, "E", epoch=2)
+    truth = vars(OFF)
+    own = SHARING.matrix(run, names) @ [truth[name] for name in names]
+    expected = of_run(OFF, "E", 2)
+    assert own == pytest.approx(
+        [expected[n] for n in ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")]
+    )
+
+
+def test_recovers_truth_far_from_flight():
+    results = calibrate(campaign_of(OFF))
+    assert list(results.joint.parameters) == [*FREE, "delta_ifo_1", "delta_ifo_2"]
+    assert max(abs(p) for p in pulls(results.joint, vars(OFF)).values()) < 4.5
+    assert list(results.experiments) == ["A", "B", "C", "D"]
+    for (authority, epoch), fit in zip(SETS, results.experiments.values(), strict=True):
+        assert max(abs(p) for p in pulls(fit, of_run(OFF, authority, epoch)).values()) < 4.5
+    assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
+
+
+def test_a_drive_of_test_mass_1_completes_the_list():
+    runs = campaign_of(OFF, (*SETS, ("E", 2)), drive_1=1e-12)
+    joint = calibrate(runs).joint
+    assert list(joint.parameters) == list(joint_names([1, 2]))
+    assert not lost(joint)
+    assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
+    sigma = np.sqrt(np.diag(joint.covariance))
+    assert sigma == pytest.approx([e.sigma for e in joint.parameters.values()])
+    assert np.linalg.eigvalsh(joint.covariance / np.outer(sigma, sigma)).min() > 0
+
+
+def test_order_of_the_files_does_not_matter():
+    runs = campaign_of(World())
+    forth, back = calibrate(runs).joint, calibrate(runs[::-1]).joint
+    for name, estimate in forth.parameters.items():
+        assert back.parameters[name].value == pytest.approx(estimate.value, abs=1e-3 * estimate.sigma)
+        assert back.parameters[name].sigma == pytest.approx(estimate.sigma, rel=1e-3)
+
+
+def test_epoch_unknown_to_the_flight():
+    runs = [replace(run, alignment_epoch=7) for run in campaign_of(World(), (("A", 1), ("C", 1)))]
+    joint = calibrate(runs).joint
+    estimate = joint.parameters["delta_ifo_7"]
+    assert abs(estimate.value - World().delta_ifo_1) < 4.5 * estimate.sigma
+
+
+@pytest.mark.parametrize(
+    ("sets", "together", "reason"),
+    [
+        ((("A", 1), ("B", 1)), {"omega2_2_0", "alpha_phi_2"}, "N_max_2 is the same"),
+        ((("A", 1), ("B", 1)), {"omega2_1_0", "alpha_phi_1"}, "N_max_1 is the same"),
+        ((("C", 1), ("D", 1)), {"omega2_2_0", "alpha_phi_2"}, "N_max_2 is the same"),
+        ((("A", 1), ("D", 1)), {"omega2_2_0", "alpha_x_2", "alpha_phi_2"}, "F_max_2 and N_max_2"),
+        (SETS, {"alpha_x_1"}, "F_max_1 is the same"),
+        (SETS, {"lambda_1"}, "no run drives test mass 1"),
+        (SETS, {"C_1"}, "no run drives test mass 1"),
+    ],
+)
+def test_blind_directions_are_named(sets, together, reason):
+    joint = calibrate(campaign_of(World(), sets)).joint
+    (warning,) = (w for w in lost(joint) if set(w.parameters) == together)
+    assert reason in warning.message
+    assert set(warning.combination) == together
+    assert not together & joint.parameters.keys()
+    # moving along the combination changes no stiffness of any run
+    names = joint_names([epoch for _, epoch in sets])
+    along = np.array([warning.combination.get(name, 0.0) for name in names])
+    for authority, epoch in sets:
+        moved = SHARING.matrix(telemetry(World(), authority, epoch=epoch), names)[4:] @ along
+        scale = np.abs(SHARING.matrix(telemetry(World(), authority, epoch=epoch), names)[4:]) @ np.abs(along)
+        assert np.all(np.abs(moved) <= 1e-6 * scale)
+
+
+def test_what_is_blind_biases_nothing_else():
+    # All N_max alike: alpha_x_2 still comes out, though omega2_2_0 and alpha_phi_2 are far from flight.
+    joint = calibrate(campaign_of(OFF, (("A", 1), ("B", 1)))).joint
+    assert {"lambda_2", "C_2", "alpha_x_2", "delta_ifo_1"} == joint.parameters.keys()
+    assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
+
+
+def test_single_tone_run_takes_the_rest_from_the_joint_fit():
+    runs = campaign_of(OFF) + pair(OFF, "D", epoch=2, experiment="tone", tones_12=(3.333e-3,), tones_1=())
+    results = calibrate(runs)
+    tone = results.experiments["tone"]
+    assert list(tone.parameters) == ["lambda_2"]
+    assert abs(pulls(tone, vars(OFF))["lambda_2"]) < 4.5
+    (warning,) = (w for w in tone.warnings if w.code == "single_tone")
+    assert set(warning.parameters) == {"C_2", "omega2_2", "domega2_12", "delta_ifo", "lambda_1", "C_1"}
+    assert "taken from the joint fit" in warning.message
+
+
+def test_runs_of_different_rates_fit_together():
+    runs = campaign_of(OFF, (("A", 1), ("B", 1)))
+    runs += campaign_of(OFF, (("C", 2), ("D", 2)), fs=4.0)
+    joint = calibrate(runs).joint
+    assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
+
+
+def test_long_noise_run_is_used_whole():
+    long = telemetry(World(), kind="noise", duration=4 * 21600.0)
+    results = calibrate([telemetry(World()), long])
+    assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
+
+
+def test_short_runs_take_part_only_when_asked():
+    runs = campaign_of(World(), SETS[:3]) + pair(World(), "D", epoch=2, duration=7200.0)
+    without_short, with_short = calibrate(runs), calibrate(runs, settings({"include_short": True}))
+    assert without_short.provenance["joint_runs"] == ["A-sysid", "B-sysid", "C-sysid"]
+    for fit in (without_short.joint, without_short.experiments["D"]):
+        (warning,) = (w for w in fit.warnings if w.code == "short_run")
+        assert "D-sysid" in warning.message
+    assert with_short.provenance["joint_runs"] == ["A-sysid", "B-sysid", "C-sysid", "D-sysid"]
+    assert not any(w.code == "short_run" for w in with_short.joint.warnings)
+    assert with_short.joint.parameters["lambda_2"].sigma < without_short.joint.parameters["lambda_2"].sigma
+
+
+def test_nothing_but_short_runs():
+    results = calibrate(pair(World(), duration=7200.0))
+    assert results.joint is None
+    assert any(w.code == "short_run" for w in results.experiments["A"].warnings)
+
+
+def mismatched(**changes):
+    run, noise = pair(World())
+    return [run, replace(noise, **changes)]
+
+
+SCATTERED = tuple((start, start + 2) for start in range(50, 21500, 120))
+
+
+@pytest.mark.parametrize(
+    ("runs", "message"),
+    [
+        ([], r"^no telemetry: no run of kind 'sysid'"),
+        (mismatched()[1:], r"^A-noise\.h5: no run of kind 'sysid'"),
+        (
+            mismatched(F_max_2=1e-9),
+            r"^A-noise\.h5: attribute F_max_2: 1e-09, expected 2\.2e-09 as in",
+        ),
+        (mismatched(N_max_1=1e-12), r"^A-noise\.h5: attribute N_max_1: "),
+        (mismatched(alignment_epoch=2), r"^A-noise\.h5: attribute alignment_epoch: 2, expected 1 "),
+        (pair(World(), duration=1200.0), r"^A-sysid\.h5: lasts 1200 s, expected at least 1800 s"),
+        (mismatched(kind="sysid"), r"^A-noise\.h5: a second sysid run of experiment 'A' beside A-sysid\.h5"),
+        (
+            [without(mismatched()[0], *SCATTERED)],
+            r"^A-sysid\.h5: 358 missing samples lie so widely",
+        ),
+    ],
+)
+def test_bad_input_is_one_sentence_that_names_the_file(runs, message):
+    with pytest.raises(InputError, match=message) as caught:
+        calibrate(runs)
+    assert "\n" not in str(caught.value)
+
+
+def recorded(run, channels, fs=10.0):
+    a = run.authority
+    return Telemetry(
+        path=Path(f"{run.name}.h5"),
+        run=run.name,
+        experiment=run.experiment,
+        kind=run.kind,
+        fs=fs,
+        t0=run.t0,
+        F_max_1=a.F_max_1,
+        F_max_2=a.F_max_2,
+        N_max_1=a.N_max_1,
+        N_max_2=a.N_max_2,
+        alignment_epoch=run.alignment_epoch,
+        m_tm=run.m_tm,
+        time=np.arange(channels["o_1"].size) / fs,
+        channels=channels,
+        units={},
+        attributes={},
+    )
+
+
+FLOWN = Truth()
+TRUTH = Truth(
+    lambda_2=FLOWN.lambda_2 * 1.04,
+    C_2=FLOWN.C_2 * 0.75,
+    omega2_1_0=FLOWN.omega2_1_0 * 1.2,
+    omega2_2_0=FLOWN.omega2_2_0 * 0.8,
+    delta_ifo={k: 1.3 * value for k, value in FLOWN.delta_ifo.items()},
+)
+
+
+@pytest.fixture(scope="module")
+def simulated(quickstart):
+    """Quick-start telemetry with the truth moved: sysid runs without noise, sysid and noise runs with it."""
+    runs = replace(campaign.load(quickstart), truth=TRUTH).runs
+    noisy = {run.name: recorded(run, reference.simulate(run)) for run in runs}
+    clean = {
+        run.name: recorded(run, reference.simulate(replace(run, noise=Noise())))
+        for run in runs
+        if run.kind == "sysid"
+    }
+    return noisy, clean
+
+
+def truth_of_joint():
+    names = ("lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "alpha_phi_1", "alpha_x_2", "alpha_phi_2")
+    return {name: getattr(TRUTH, name) for name in names} | {
+        f"delta_ifo_{k}": value for k, value in TRUTH.delta_ifo.items()
+    }
+
+
+def at_1_hz(telemetry):
+    channels = {
+        name: decimate(values, 10, n=300, ftype="fir", zero_phase=True)
+        for name, values in telemetry.channels.items()
+    }
+    return replace(
+        telemetry, fs=1.0, channels=channels, time=np.arange(channels["o_1"].size, dtype=np.float64)
+    )
+
+
+@pytest.mark.parametrize("rate", [10, 1])
+def test_bias_on_the_reference_plant_is_far_below_sigma(simulated, rate):
+    noisy, clean = simulated
+    runs = list({**noisy, **clean}.values())
+    if rate == 1:
+        runs = [at_1_hz(run) for run in runs]
+    joint = calibrate(runs).joint
+    assert list(joint.parameters) == [*FREE, "delta_ifo_1", "delta_ifo_2"]
+    assert max(abs(p) for p in pulls(joint, truth_of_joint()).values()) < 1e-3
+
+
+def test_quickstart_on_the_reference_plant(simulated):
+    # nine pulls beyond 4.5 sigma: false-positive probability 6e-5
+    noisy, _ = simulated
+    results = calibrate(list(noisy.values()))
+    assert max(abs(p) for p in pulls(results.joint, truth_of_joint()).values()) < 4.5
+    assert {name for w in lost(results.joint) for name in w.parameters} == {"lambda_1", "C_1", "alpha_x_1"}
+    assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.stat
+def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
+    # 20 campaigns x 9 parameters; sum of squared pulls within the 1e-5 quantiles of chi^2(20), mean within
+    # 4.5 standard errors: false-positive probability 3e-4.
+    loaded = replace(campaign.load(quickstart), truth=TRUTH)
+    found = []
+    for seed in range(20):
+        runs = [recorded(run, reference.simulate(run)) for run in replace(loaded, seed=seed).runs]
+        found.append(list(pulls(calibrate(runs).joint, truth_of_joint()).values()))
+    found = np.array(found)
+    assert np.all(np.abs(found.mean(axis=0)) < 4.5 / np.sqrt(20))
+    assert np.all((np.sum(found**2, axis=0) > 3.2) & (np.sum(found**2, axis=0) < 60.0))

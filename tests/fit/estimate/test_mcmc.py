@@ -1,0 +1,321 @@
+"""The chain: against analytic posteriors, and what it refuses."""
+
+import json
+import os
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from fit import results
+from fit.errors import FitError, InputError
+from fit.estimate import linear, mcmc
+from fit.estimate.irls import Outcome
+from fit.estimate.joint import fit_joint
+from fit.estimate.likelihood import weights
+from fit.estimate.posterior import Posterior, inflation
+from fit.estimate.runs import Experiment, Run
+from fit.paper import FLIGHT
+from fit.pipeline import calibrate
+from fit.settings import settings
+from fit.telemetry import reader as telemetry
+from tests.oracles.contract_file import write_contract_file
+from tests.oracles.synthetic import World, pair
+
+NAMES = ("lambda_2", "C_2", "omega2_2_0")
+TAU = (0.1, 0.2)
+
+
+@pytest.fixture
+def linear_case():
+    """A posterior that is Gaussian exactly: outcome, and mean and covariance written out by hand."""
+    rng = np.random.default_rng(5)
+    B, size = 300, np.array([1.0, 4.0, 30.0, 1.0, 30.0, 2e7, 1e6, 1.0])
+    U = size * (rng.standard_normal((B, 8)) + 1j * rng.standard_normal((B, 8)))
+    truth = np.array([1.08, 0.19, -4e-7])
+    U[:, 2] += 2 * U[:, 1]  # correlates the parameters
+    # residual = o_12'' - lambda_2 f + (C_2 - lambda_2 tau) f' + omega2_2 (o_12 + o_1)
+    design = np.stack([-U[:, 1] - TAU[1] * U[:, 2], U[:, 2], U[:, 5] + U[:, 6]], axis=1)
+    U[:, 0] = rng.standard_normal(B) + 1j * rng.standard_normal(B) - design @ truth
+    centre, rows = np.array([1.0776, 0.186, -4.19e-7]), np.array([[0.0, 0.0, 2.5e8]])
+    A = np.concatenate([design.real, design.imag, rows])
+    b = np.concatenate([-U[:, 0].real, -U[:, 0].imag, rows @ centre])
+    covariance = np.linalg.inv(A.T @ A)
+    mean = covariance @ A.T @ b
+    share = np.zeros((7, 3))
+    share[[1, 3, 4, 5], [0, 1, 2, 2]] = 1
+    block = linear.Block(TAU, U, weights("gaussian", np.arange(B) + 1.0, np.full(B, 2.0)), None, None, share)
+    sigma = np.sqrt(np.diag(covariance))
+    # where it starts from is beside the truth and too wide: the chain must not depend on it
+    solution = linear.Solution(mean + 0.5 * sigma, 1.5 * covariance, 1.0, 1)
+    return (
+        Outcome(
+            parameters=tuple(FLIGHT[name] for name in NAMES),
+            solution=solution,
+            lost=np.zeros(3, dtype=bool),
+            directions=np.empty((0, 3)),
+            tone=None,
+            converged=True,
+            blocks=(block,),
+            prior=linear.Prior(centre, rows),
+            scatter={},
+        ),
+        mean,
+        covariance,
+    )
+
+
+@pytest.fixture(scope="module")
+def experiments():
+    return [Experiment(*map(Run, pair(World(), authority))) for authority in "ABC"]
+
+
+@pytest.fixture(scope="module")
+def fitted(experiments):
+    return fit_joint(experiments, settings())
+
+
+@pytest.mark.stat
+def test_linear_gaussian_case(linear_case, tmp_path):
+    # seeded; 4.5 standard errors in 6 numbers: false positives 4e-5
+    outcome, mean, covariance = linear_case
+    chain = mcmc.sample(Posterior(outcome), tmp_path / "c.h5", steps=20000, seed=3)
+    assert chain.converged
+    flat = chain.theta.reshape(-1, 3)
+    sigma = np.sqrt(np.diag(covariance))
+    assert np.all(np.abs(flat.mean(axis=0) - mean) < 4.5 * sigma / np.sqrt(chain.ess))
+    assert np.all(np.abs(flat.std(axis=0) / sigma - 1) < 4.5 / np.sqrt(2 * chain.ess))
+    correlation = covariance / np.outer(sigma, sigma)
+    assert abs(correlation[0, 1]) > 0.5
+    assert np.corrcoef(flat.T) == pytest.approx(correlation, abs=4.5 / np.sqrt(chain.ess.min()))
+    summary = mcmc.summary(chain, outcome, {"C_2": 0.19})
+    assert list(summary["parameters"]) == list(NAMES)
+    for i, entry in enumerate(summary["parameters"].values()):
+        assert entry["shift_in_sigma"] == pytest.approx(-0.5 / 1.5**0.5, abs=4.5 * entry["shift_error"])
+        assert entry["sigma_ratio"] == pytest.approx(1.5**-0.5, abs=4.5 * entry["sigma_ratio_error"])
+        width = entry["quantile_84"] - entry["quantile_16"]
+        assert width == pytest.approx(1.989 * entry["sigma"], rel=0.1)
+        assert entry["mean"] == pytest.approx(mean[i], abs=sigma[i])
+    assert summary["parameters"]["C_2"]["truth"] == 0.19
+    assert chain.burn_in == chain.steps // 10
+
+
+@pytest.mark.stat
+def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
+    # the mean of a whole chain scatters between chains by sigma / sqrt(ess): in 8 chains of 3 parameters the
+    # ratio of the variances lies within 0.3 to 2.2 but for 1e-3 of all seeds; seeded
+    outcome, mean, covariance = linear_case
+    pulls = []
+    for seed in range(8):
+        chain = mcmc.sample(Posterior(outcome), tmp_path / f"{seed}.h5", steps=20000, seed=seed)
+        error = np.sqrt(np.diag(covariance) / chain.ess)
+        pulls.append((chain.theta.mean(axis=(0, 1)) - mean) / error)
+    assert 0.3 < np.mean(np.square(pulls)) < 2.2
+
+
+def test_density_is_chi2_of_the_columns(linear_case):
+    outcome, mean, covariance = linear_case
+    posterior = Posterior(outcome)
+    z = np.random.default_rng(1).standard_normal((5, 3))
+    theta = outcome.solution.theta + z @ np.linalg.cholesky(outcome.solution.covariance).T
+    assert posterior.theta(z) == pytest.approx(theta)
+    away = theta - mean
+    expected = -np.einsum("wi,ij,wj->w", away, np.linalg.inv(covariance), away) / 2
+    assert np.diff(posterior(z)) == pytest.approx(np.diff(expected), rel=1e-6, abs=1e-6)
+
+
+def test_inflation_is_the_window(fitted):
+    # Tukey 0.1: 1 / mean(w^2) for what lies in its flat part, mean(w^4) / mean(w^2)^2 for what lasts all day
+    flat = 1 / (1 - 0.1 * 5 / 8)
+    throughout = (1 - 0.1 * 93 / 128) * flat**2
+    for block in fitted.blocks:
+        assert throughout - 0.01 < inflation(block, fitted.solution.theta) < flat + 0.01
+        bare = replace(block, window=None)
+        assert inflation(bare, fitted.solution.theta) == pytest.approx(1)
+
+
+def test_curvature_is_that_of_the_true_sigmas(fitted):
+    posterior, h = Posterior(fitted), 0.1
+    P = len(posterior.names)
+    steps = h * np.eye(P)
+    at = posterior(np.concatenate([np.zeros((1, P)), steps, -steps]))
+    curvature = (at[1 : P + 1] + at[P + 1 :] - 2 * at[0]) / h**2
+    assert curvature == pytest.approx(-np.ones(P), abs=0.02)
+    assert at[1 : P + 1] == pytest.approx(at[P + 1 :], abs=0.01 * h)  # it is flat where least squares ends
+
+
+def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_case, tmp_path):
+    posterior = Posterior(linear_case[0])
+    with pytest.raises(FitError, match="not converged after 50 steps: too few to tell"):
+        mcmc.sample(posterior, tmp_path / "parts.h5", steps=50, seed=7)
+    needed = r"autocorrelation time of \w+ is some \d+ steps, at least \d+ steps are needed; the same command"
+    with pytest.raises(FitError, match=rf"parts.h5: not converged after 350 steps: the {needed}"):
+        mcmc.sample(posterior, tmp_path / "parts.h5", steps=300, seed=8)
+    with pytest.raises(FitError, match="after 350 steps"):
+        mcmc.sample(posterior, tmp_path / "whole.h5", steps=350, seed=7)
+    parts, whole = (_stored(tmp_path / name) for name in ("parts.h5", "whole.h5"))
+    assert parts.shape == (35, 12, 3)
+    assert np.array_equal(parts, whole)
+    both = [mcmc.sample(posterior, tmp_path / name, steps=20000, seed=9) for name in ("parts.h5", "whole.h5")]
+    assert np.array_equal(both[0].z, both[1].z)
+    again = mcmc.sample(posterior, tmp_path / "parts.h5", steps=20000, seed=9)
+    assert again.steps == both[0].steps  # done is done
+
+
+def _stored(path):
+    with h5py.File(path) as file:
+        return file["mcmc/chain"][: file["mcmc"].attrs["iteration"]]
+
+
+def test_seed_decides(linear_case, tmp_path):
+    posterior = Posterior(linear_case[0])
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        with pytest.raises(FitError):
+            mcmc.sample(posterior, tmp_path / name, steps=20, seed=seed)
+    a, b, c = (_stored(tmp_path / name) for name in "abc")
+    assert np.array_equal(a, b)
+    assert not np.any(a == c)
+
+
+def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
+    posterior = Posterior(linear_case[0])
+    monkeypatch.setattr(mcmc, "APART", 1e-3)
+    with pytest.raises(FitError, match=r"the means of \w+ in the halves of the chain differ by \d"):
+        mcmc.sample(posterior, tmp_path / "c.h5", steps=3000, seed=1)
+
+
+def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
+    posterior = Posterior(linear_case[0])
+    for name in "ab":
+        with pytest.raises(FitError):
+            mcmc.sample(posterior, tmp_path / name, steps=20, seed=1)
+    with h5py.File(tmp_path / "a", "a") as file:
+        file["mcmc"].attrs["iteration"] = 0  # killed before the first was counted
+    with pytest.raises(FitError):
+        mcmc.sample(posterior, tmp_path / "a", steps=20, seed=1)
+    assert np.array_equal(_stored(tmp_path / "a"), _stored(tmp_path / "b"))
+
+
+def test_chains_of_something_else_are_refused(linear_case, tmp_path):
+    outcome, path = linear_case[0], tmp_path / "c.h5"
+    with pytest.raises(FitError):
+        mcmc.sample(Posterior(outcome), path, steps=20, seed=1)
+    before = _stored(path)
+    block = replace(outcome.blocks[0], columns=outcome.blocks[0].columns * (1 + 1e-6))
+    with pytest.raises(InputError, match="the chain of another posterior"):
+        mcmc.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
+    assert np.array_equal(_stored(path), before)
+    renamed = replace(outcome.parameters[0], name="lambda_1")
+    with pytest.raises(InputError, match="the chain of another posterior"):
+        mcmc.sample(
+            Posterior(replace(outcome, parameters=(renamed, *outcome.parameters[1:]))), path, steps=20, seed=1
+        )
+    nothing = write_contract_file(tmp_path / "telemetry.h5")
+    text = tmp_path / "text.h5"
+    text.write_text("no HDF5")
+    for wrong in (nothing, text):
+        with pytest.raises(InputError, match="not a chain"):
+            mcmc.sample(Posterior(outcome), wrong, steps=20, seed=1)
+
+
+def test_rounding_makes_no_other_posterior(linear_case, tmp_path):
+    outcome, path = linear_case[0], tmp_path / "c.h5"
+    turned = replace(
+        outcome.blocks[0], columns=outcome.blocks[0].columns[::-1]
+    )  # other order, other last digits
+    for block in (outcome.blocks[0], turned):
+        with pytest.raises(FitError, match="not converged"):
+            mcmc.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
+    assert len(_stored(path)) == 4
+
+
+def test_covariance_that_is_none(linear_case):
+    outcome = linear_case[0]
+    solution = replace(outcome.solution, covariance=-outcome.solution.covariance)
+    with pytest.raises(FitError, match="not positive"):
+        Posterior(replace(outcome, solution=solution))
+
+
+def test_likelihoods_that_are_not_gaussian_are_refused(experiments):
+    outcome = fit_joint(experiments, settings({"estimator": "student_t"}))
+    with pytest.raises(InputError, match="expected estimator 'gaussian'"):
+        Posterior(outcome)
+
+
+@pytest.fixture
+def calibrated(tmp_path):
+    """A folder as `lpfcosim fit` leaves it."""
+    truth = {name: value for name, value in vars(World()).items() if name in FLIGHT}
+    for run in (run for a in "AB" for run in pair(World(), a)):
+        channels = {name: (x, "m" if name[0] == "o" else "m s-2") for name, x in run.channels.items()}
+        attributes = {key: getattr(run, key) for key in ("run", "experiment", "kind", "fs", "F_max_2")}
+        path = tmp_path / f"{run.run}.h5"
+        write_contract_file(path, samples=run.time.size, channels=channels, truth=truth, **attributes)
+    telemetries = telemetry.read_all([tmp_path])
+    found = calibrate(telemetries)
+    directory = tmp_path / "out"
+    directory.mkdir()
+    names = [os.path.relpath(t.path, directory) for t in telemetries]
+    found = replace(found, provenance={**found.provenance, "telemetry": names})
+    results.write(results.with_truth(found, telemetries), directory / "results.json")
+    return directory
+
+
+def test_command(lpfcosim, calibrated):
+    status, _, err = lpfcosim("mcmc", calibrated, "--steps", 100, "--quiet")
+    assert status == 1
+    assert err.count("\n") == 1
+    assert "mcmc.h5: not converged after 100 steps" in err
+    assert not (calibrated / "mcmc.json").exists()
+    status, out, err = lpfcosim("mcmc", calibrated)
+    assert status == 0, err
+    assert "of least squares" in out
+    assert "Warning" not in err
+    document = json.loads((calibrated / "mcmc.json").read_text())
+    assert document["schema"] == "lpf-mcmc/1"
+    joint = json.loads((calibrated / "results.json").read_text())["joint"]
+    assert list(document["parameters"]) == joint["names"]
+    for name, entry in document["parameters"].items():
+        assert abs(entry["shift_in_sigma"]) < 5 * entry["shift_error"]
+        assert entry["sigma_ratio"] == pytest.approx(1, abs=0.01 + 5 * entry["sigma_ratio_error"])
+        assert entry["mean"] == pytest.approx(
+            joint["parameters"][name]["value"], abs=0.2 * joint["parameters"][name]["sigma"]
+        )
+        assert entry["truth"] == joint["parameters"][name]["truth"]
+    assert {"lambda_1", "C_1"} < set(document["indeterminable"])
+    assert "<svg" in (calibrated / "figures" / "corner.svg").read_text(encoding="utf-8")
+    page = (calibrated / "report.html").read_text(encoding="utf-8")
+    assert f"{document['steps']} steps of {document['walkers']} walkers" in page
+    assert page.count("data:image/svg+xml") == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.pop("joint"), "joint: expected a joint fit"),
+        (lambda r: r["provenance"].pop("telemetry"), "provenance.telemetry: expected a list"),
+        (lambda r: r["provenance"].pop("settings"), "expected joint_runs, noise_runs and settings"),
+        (lambda r: r["provenance"]["settings"].update(estimator="magic"), "provenance.settings.estimator"),
+        (lambda r: r["provenance"]["joint_runs"].append("Z"), "run 'Z' is in none of the telemetry files"),
+        (
+            lambda r: r["joint"]["parameters"]["lambda_2"].update(value=1.0),
+            "joint.parameters.lambda_2: 1, exp",
+        ),
+    ],
+)
+def test_results_that_cannot_be_repeated(lpfcosim, calibrated, change, message):
+    path = calibrated / "results.json"
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    status, _, err = lpfcosim("mcmc", calibrated, "--steps", 10)
+    assert status == 2
+    assert message in err
+    assert not (calibrated / "mcmc.h5").exists()
+
+
+def test_folder_without_results(lpfcosim, tmp_path):
+    status, _, err = lpfcosim("mcmc", tmp_path)
+    assert status == 2
+    assert "results.json: not a readable file (no such file), expected" in err

@@ -1,0 +1,173 @@
+"""The equation of motion: against Newton's equations, frequency by frequency, and the reference plant."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.model import dynamics
+from fit.signal import spectra
+from fit.telemetry.reader import Telemetry
+from lpfcosim.plant import reference
+from lpfcosim.spacecraft.run import Noise, Run, Sine
+from tests.oracles.synthetic import World, of_run, telemetry, without
+
+EPOCH_1 = {"lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo"}
+
+
+def parameters(world, authority="E"):
+    return {name: value for name, value in of_run(world, authority).items() if name in EPOCH_1}
+
+
+def rms(x):
+    return float(np.sqrt(np.mean(x**2)))
+
+
+@pytest.mark.parametrize("fs", [1.0, 2.0, 10.0])
+def test_residual_of_noise_free_tones_vanishes(fs):
+    world = World()
+    run = telemetry(world, "E", duration=3600.0, drive_1=1e-12, noisy=False, fs=fs)
+    _, signal = dynamics.residual(run, {})
+    _, delta_g = dynamics.residual(run, parameters(world))
+    assert rms(delta_g) < 1e-7 * rms(signal)
+
+
+@pytest.mark.parametrize("name", sorted(EPOCH_1))
+def test_every_term_counts_with_its_sign(name):
+    # A wrong value must leave exactly what the derivative of eq. deltagjointfit says.
+    world = World()
+    run = telemetry(world, "E", duration=3600.0, drive_1=1e-12, noisy=False)
+    truth = parameters(world)
+    wrong = {**truth, name: 1.001 * truth[name]}
+    _, off = dynamics.residual(run, wrong)
+    dynamical = np.gradient(run.channels["f_x_2"]), np.gradient(run.channels["f_x_1"])
+    o_1, o_12 = run.channels["o_1"], run.channels["o_12"]
+    second = np.gradient(np.gradient(o_1))
+    expected = {
+        "lambda_2": -run.channels["f_x_2"],  # at constant C_2
+        "lambda_1": run.channels["f_x_1"],
+        "C_2": dynamical[0],
+        "C_1": -dynamical[1],
+        "omega2_2": o_12,
+        "domega2_12": o_1,
+        "delta_ifo": -second,
+    }[name] * (0.001 * truth[name])
+    expected = expected[spectra.HALF : -spectra.HALF]
+    assert np.corrcoef(off, expected)[0, 1] > 0.95
+    assert rms(off) == pytest.approx(rms(expected), rel=0.2)
+
+
+@given(
+    theta=st.tuples(
+        st.floats(0.9, 1.2),
+        st.floats(0.9, 1.2),
+        st.floats(0.05, 0.3),
+        st.floats(0.05, 0.3),
+        st.floats(-2, 2),
+        st.floats(-2, 2),
+        st.floats(-2, 2),
+    ),
+    tau=st.tuples(st.floats(0, 0.4), st.floats(0, 0.4)),
+)
+def test_gradient_is_the_derivative_of_the_coefficients(theta, tau):
+    theta = np.array(theta)
+    step = 1e-5
+    numerical = [
+        (dynamics.coefficients(theta + e, tau) - dynamics.coefficients(theta - e, tau)) / (2 * step)
+        for e in step * np.eye(7)
+    ]
+    assert np.allclose(dynamics.gradient(theta, tau), np.transpose(numerical), atol=1e-8)
+
+
+def test_columns_do_not_depend_on_the_delay_they_are_expanded_about():
+    world = World()
+    channels = dynamics.channels(telemetry(world, "E", duration=3600.0, drive_1=1e-12))
+    theta = np.array([parameters(world)[name] for name in dynamics.PARAMETERS])
+    sums = []
+    for tau in (dynamics.delays(theta), (0.1386, 0.1727)):
+        terms = dynamics.columns(channels, tau)
+        sums.append(terms.values @ dynamics.coefficients(theta, tau))
+    assert rms(sums[0] - sums[1]) < 3e-9 * rms(channels.f_x_2)
+
+
+def test_delays():
+    theta = np.array([1.1, 1.2, 0.22, 0.18, 0.0, 0.0, 0.0])
+    assert dynamics.delays(theta) == pytest.approx((0.2, 0.15))
+    assert dynamics.delays(0 * theta) == (0.0, 0.0)
+
+
+def test_missing_samples_spoil_no_more_than_the_filters_reach():
+    run = telemetry(World(), duration=3600.0)
+    _, whole = dynamics.residual(run, {})
+    time, holed = dynamics.residual(without(run, (1000, 1030), (2000, 2001)), {})
+    lost = time[np.isnan(holed)]
+    assert lost.min() == 1000 - spectra.HALF
+    assert lost.max() == 1029 + spectra.HALF
+    rest = ~np.isnan(holed)
+    far = rest & (np.abs(time - 2000) > spectra.HALF)
+    assert np.array_equal(holed[far], whole[far])
+    assert dynamics.channels(without(run, (1000, 1030), (2000, 2001))).missing == 31
+
+
+def from_reference(run: Run) -> Telemetry:
+    a = run.authority
+    return Telemetry(
+        path=None,
+        run=run.name,
+        experiment=run.experiment,
+        kind=run.kind,
+        fs=run.fs,
+        t0=run.t0,
+        F_max_1=a.F_max_1,
+        F_max_2=a.F_max_2,
+        N_max_1=a.N_max_1,
+        N_max_2=a.N_max_2,
+        alignment_epoch=run.alignment_epoch,
+        m_tm=run.m_tm,
+        time=run.time,
+        channels=reference.simulate(run),
+        units={},
+        attributes={},
+    )
+
+
+def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
+    injections = (
+        Sine("guidance_o_12", 10e-9, 10e-3, 10, 100.0),
+        Sine("guidance_o_1", 5e-9, 20e-3, 20, 200.0),
+        Sine("F_x_1", 1e-12, 30e-3, 20, 300.0),
+    )
+    run = make_run(n_samples=15000, dc=5e-12, injections=injections)
+    run = replace(run, authority=replace(run.authority, F_max_1=1100e-12), noise=Noise())
+    truth = {name: getattr(run.truth, name) for name in ("lambda_1", "lambda_2", "C_1", "C_2")}
+    truth |= {
+        "omega2_2": run.omega2_2,
+        "domega2_12": run.omega2_2 - run.omega2_1,
+        "delta_ifo": run.delta_ifo,
+    }
+    recorded = from_reference(run)
+    _, signal = dynamics.residual(recorded, {})
+    _, delta_g = dynamics.residual(recorded, truth)
+    assert np.median(delta_g) == pytest.approx(5e-12, rel=1e-5)
+    # Injections that start and stop are not band-limited; the fit looks at the band alone.
+    both = np.stack([delta_g - 5e-12, signal], axis=1)
+    left, power = np.sum(np.abs(spectra.transform(both, np.ones(len(both), bool), 1.0).columns) ** 2, axis=0)
+    assert left < (2e-6) ** 2 * power
+
+
+def test_torques_count_only_beside_angles_that_tell():
+    t = np.arange(4000.0)
+    rows = {
+        name: np.sin(t / (50 + i)) for i, name in enumerate(("N_phi_1", "N_phi_2", "o_phi_1", "o_phi_12"))
+    }
+
+    def names(**changed):
+        channels = {**telemetry(World(), duration=4000.0).channels, **rows, **changed}
+        run = replace(telemetry(World(), duration=4000.0), channels=channels)
+        return list(dynamics.means(run))
+
+    assert names() == ["phi", "N_phi"]
+    assert names(o_phi_1=0 * t, o_phi_12=0 * t + 1e-6) == []
+    assert names(N_phi_1=0 * t, N_phi_2=0 * t) == ["phi"]

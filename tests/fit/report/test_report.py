@@ -1,0 +1,357 @@
+import base64
+import hashlib
+import math
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.figures import files as figure_files
+from fit.figures import runs as figures
+from fit.paper import FLIGHT, joint_names
+from fit.report.page import write_report
+from fit.results import Estimate, Fit, FitWarning, Results
+from fit.tables import parameters as tables
+from fit.telemetry.reader import read
+from tests.oracles.contract_file import write_contract_file
+
+SAMPLES = 3600
+ORDER = (
+    "Parameters, fitted jointly",
+    "Each experiment fitted on its own",
+    "Experiment A1",
+    "λ₂ of 2 experiments",
+    "Stiffness of test mass 2 in",
+    "Strongest correlations",
+    "Warnings, and what to do",
+    "Runs, with force authority",
+)
+EVIL = "<script>alert('x')</script>\"><img src=x onerror=alert(1)> & $\\frac{"
+TRUTH = {name: p.value for name, p in FLIGHT.items()}
+LOST = FitWarning("indeterminable", ("lambda_1",), "nothing drives test mass 1", {"lambda_1": 1.0})
+
+
+def make_fit(values, warnings=(), converged=True):
+    """Estimates at `values`, each with its flight sigma or 1 % of itself."""
+    sigma = {n: FLIGHT[n].sigma if n in FLIGHT else abs(0.01 * v) for n, v in values.items()}
+    return Fit(
+        parameters={
+            n: Estimate(v, sigma[n], FLIGHT[n].unit if n in FLIGHT else "s-2") for n, v in values.items()
+        },
+        covariance=np.diag([s**2 for s in sigma.values()]),
+        chi2=710.0,
+        dof=700,
+        converged=converged,
+        warnings=tuple(warnings),
+    )
+
+
+def joint_fit(pulls=(), **options):
+    """The twelve joint parameters at their flight values but for `pulls` sigma."""
+    names = [n for n in joint_names([1, 2]) if n != "lambda_1"]
+    values = {n: FLIGHT[n].value + dict(pulls).get(n, 0.0) * FLIGHT[n].sigma for n in names}
+    return make_fit(values, **{"warnings": [LOST], **options})
+
+
+def experiment_fit():
+    return make_fit(
+        {"lambda_2": 1.0776, "C_2": 0.186, "omega2_2": -1.4e-6, "domega2_12": -7e-7, "delta_ifo": -2.2e-5}
+    )
+
+
+def results(**sections):
+    empty = {"joint": None, "experiments": {}, "cross_talk": {}, "inertial": {}, "provenance": {}}
+    return Results(**{**empty, **sections})
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Make a run and, unless told otherwise, its noise run; return them as read."""
+
+    def make(experiment="A1", noise=True, guidance=True, truth=TRUTH, **attributes):
+        rng = np.random.default_rng(7)
+        t = np.arange(SAMPLES)
+        channels = {
+            "o_1": (1e-9 * rng.standard_normal(SAMPLES), "m"),
+            "o_12": (1e-8 * np.sin(0.02 * t) + 1e-12 * rng.standard_normal(SAMPLES), "m"),
+            "f_x_2": (-4e-12 * np.sin(0.02 * t), "m s-2"),
+            "f_x_1": (np.zeros(SAMPLES), "m s-2"),
+        }
+        if guidance:
+            channels |= {f"guidance_o_{i}": (1e-8 * np.sin(0.02 * t), "m") for i in (1, 12)}
+        runs = []
+        for kind in ("sysid", "noise") if noise else ("sysid",):
+            stem = f"{len(list(tmp_path.glob('*.h5')))}-{kind}.h5"
+            path = write_contract_file(
+                tmp_path / stem,
+                samples=SAMPLES,
+                channels=channels,
+                truth=truth,
+                **{
+                    "fs": 1.0,
+                    "kind": kind,
+                    "run": f"{experiment}-{kind}",
+                    "experiment": experiment,
+                    **attributes,
+                },
+            )
+            runs.append(read(path))
+        return runs
+
+    return make
+
+
+class Page(HTMLParser):
+    """What a test asks of a page: text, ids, tags, and that every element is closed in order."""
+
+    VOID = frozenset({"meta", "br", "path", "use", "rect"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.source, self.text, self.ids, self.tags, self.open = text, "", [], [], []
+        self.links, self.attributes = [], []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.handle_startendtag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value) for name, value in attrs]
+        self.ids += [value for name, value in attrs if name == "id"]
+        self.links += [value for name, value in attrs if name in ("href", "xlink:href", "src")]
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "title"):
+            self.text += data
+
+
+def written(folder, results, telemetries):
+    path = write_report(folder, results, telemetries)
+    assert path == folder / "report.html"
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def test_the_whole_report(tmp_path, campaign):
+    runs = campaign() + campaign("B2", F_max_2=1100e-12, alignment_epoch=2)
+    page = written(
+        tmp_path,
+        results(
+            joint=joint_fit({"C_2": 1.7}),
+            experiments={"A1": experiment_fit(), "B2": experiment_fit()},
+            provenance={"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]},
+        ),
+        runs,
+    )
+    assert "quickstart" in page.text
+    assert "All 11 joint parameters lie within 4 σ of truth; largest |pull| 1.7 (C2)" in page.text
+    assert "Not determined by these data: λ1." in page.text
+    assert "Nothing drives test mass 1. (joint fit)" in page.text
+    assert "To do: Add a run that injects" in page.text
+    assert "2 experiments, 2 noise runs; 4 h at 1 Hz, 2016-04-16" in page.text
+    assert "0 and 1100 pN" in page.text
+    assert "fit_version" in page.text
+    assert page.tags.count("figure") == 11
+    names = {p.name for p in (tmp_path / "figures").iterdir()}
+    stems = ["correlation", "gain", "stiffness"]
+    for experiment in ("1{}-A1", "2{}-B2"):
+        for letter, what in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
+            stems.append(f"e{experiment.format(letter)}-{what}")
+    assert names == {f"{stem}.{kind}" for stem in stems for kind in ("svg", "pdf", "csv")}
+    headings = [page.text.index(text) for text in ORDER]
+    assert headings == sorted(headings)
+
+
+def test_the_page_needs_nothing_but_itself(tmp_path, campaign):
+    page = written(tmp_path, results(joint=joint_fit(), experiments={"A1": experiment_fit()}), campaign())
+    within = {link[1:] for link in page.links if link.startswith("#")}
+    beside = {link for link in page.links if not link.startswith("#")}
+    assert within <= set(page.ids)
+    assert len(page.ids) == len(set(page.ids))
+    assert len(beside) == 1 + 3 * page.tags.count("figure")  # offered, but not needed
+    (tmp_path / "results.json").touch()
+    assert all((tmp_path / link).is_file() for link in beside)
+    assert not {"link", "iframe", "img", "object"} & set(page.tags)
+    without = re.sub(r"<script>.*?</script>", "", page.source, flags=re.DOTALL).replace("http-equiv", "")
+    for remote in ("http", "@import", "url(h", "//"):
+        assert remote not in without
+    scripts = re.findall(r"<script>(.*?)</script>", page.source, flags=re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
+    (policy,) = [value for _, name, value in page.attributes if name == "content" and "-src" in value]
+    assert "default-src 'none'" in policy
+    assert re.findall(r"'sha256-([^']*)'", policy) == digests
+    described = [value for tag, name, value in page.attributes if tag == "svg" and name == "aria-label"]
+    assert len(described) == page.tags.count("svg") > 0
+    assert page.tags.count("figcaption") == page.tags.count("figure")
+    assert "prefers-color-scheme: dark" in page.source
+    for colour in figure_files.COLOURS.values():
+        assert page.source.count(colour) == 1  # its definition; the figures follow the scheme
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path, campaign):
+    runs = campaign()
+    told = results(joint=joint_fit(), experiments={"A1": experiment_fit()})
+    files = [tmp_path / "report.html", tmp_path / "figures" / "e1s-A1-spectra.svg"]
+    write_report(tmp_path, told, runs)
+    first = [file.read_bytes() for file in files]
+    write_report(tmp_path, told, runs)
+    assert [file.read_bytes() for file in files] == first
+
+
+def test_every_foreign_text_is_escaped(tmp_path, campaign):
+    runs = campaign(EVIL, truth=None, version=EVIL, campaign=EVIL)
+    warning = FitWarning(EVIL, (EVIL,), EVIL, {EVIL: 1.0, "C_2": -0.2})
+    fit = replace(experiment_fit(), warnings=(warning, replace(warning, code="indeterminable")))
+    fit.parameters[EVIL] = Estimate(1.0, 0.1, EVIL)
+    odd = replace(make_fit({"lambda_2": 1.0, "C_2": 0.2}), warnings=fit.warnings)
+    odd.parameters[EVIL] = odd.parameters.pop("C_2")
+    page = written(
+        tmp_path, results(joint=odd, experiments={EVIL: fit}, provenance={EVIL: {EVIL: [EVIL]}}), runs
+    )
+    assert page.tags.count("script") == page.source.count("sha256-")  # its own
+    assert "img" not in page.tags
+    assert not [name for _, name, _ in page.attributes if name.startswith("on")]
+    assert EVIL.partition(" & ")[0] in page.text
+    assert all(re.fullmatch(r"[\w.-]+", p.name) for p in (tmp_path / "figures").iterdir())
+
+
+def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):
+    runs = campaign(noise=False, guidance=False, truth=None)
+    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), runs)
+    assert "No joint fit. No truth in the telemetry. All 5 single-experiment parameters" in page.text
+    assert "Δ flight / σ" in page.text
+    assert "Truth" not in page.text
+    assert page.tags.count("figure") == 4
+
+
+def test_gaps_and_a_driven_test_mass_1(tmp_path, campaign):
+    (run,) = campaign(noise=False)
+    channels = {name: values.copy() for name, values in run.channels.items()}
+    channels["o_1"][1000:1030] = np.nan
+    channels["f_x_1"] += 1e-12
+    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), [replace(run, channels=channels)])
+    assert page.tags.count("figure") == 4
+
+
+def test_results_whose_telemetry_is_gone(tmp_path):
+    page = written(tmp_path, results(experiments={"A1": experiment_fit()}), [])
+    assert "1 experiment, whose telemetry is not here" in page.text
+    assert page.tags.count("figure") == 0
+
+
+def test_long_missions_fold_their_experiments(tmp_path):
+    few, many = ({f"E{i}": experiment_fit() for i in range(n)} for n in (4, 5))
+    assert ("details", "open", None) in written(tmp_path, results(experiments=few), []).attributes
+    page = written(tmp_path, results(experiments=many), [])
+    assert ("details", "open", None) not in page.attributes
+    assert {f"#e{i}" for i in range(1, 6)} <= set(page.links)  # of the table above them
+
+
+def test_what_was_run_is_told_at_the_top(tmp_path, campaign):
+    origin = {"campaign_digest": 64 * "a", "seed": 5, "f_max": 0.1}
+    origin["versions"] = {"lpfcosim": "0.1.0", "numpy": "2.1"}
+    page = written(tmp_path, results(experiments={"A1": experiment_fit()}, provenance=origin), campaign())
+    top, whole = page.text.split("Provenance", maxsplit=1)
+    for text in ("lpfcosim 0.1.0, numpy 2.1", "aaaaaaaaaaaa", "up to 0.1 Hz"):
+        assert text in top
+    assert 64 * "a" not in top
+    assert 64 * "a" in whole
+
+
+def test_a_truth_that_differs_between_runs_has_no_pull(tmp_path, campaign):
+    runs = campaign(truth={**TRUTH, "lambda_2": 1.07}) + campaign("B2", truth={**TRUTH, "lambda_2": 1.08})
+    page = written(tmp_path, results(joint=joint_fit()), runs)
+    assert "All 10 joint parameters that have one lie within 4 σ of truth" in page.text
+
+
+def test_rows_share_an_exponent_and_show_two_digits_of_sigma():
+    fit = make_fit({"omega2_2_0": -4.174e-7, "alpha_phi_2": -25.9e3, "lambda_2": 1.0775948})
+    fit.parameters["omega2_2_0"] = Estimate(-4.1744e-7, 3.75e-9, "s-2", truth=-4.19e-7, pull=0.42)
+    fit.parameters["lambda_2"] = Estimate(1.0775948, 3.24e-5, "1")
+    omega2, alpha, gain = tables.table(fit, [FLIGHT[n] for n in fit.parameters]).rows
+    assert (omega2.unit, omega2.truth) == ("10⁻⁷ s⁻²", "−4.190")
+    assert (omega2.estimate.value, omega2.estimate.sigma, omega2.estimate.concise) == (
+        "−4.174",
+        "0.037",
+        "−4.174(37)",
+    )
+    assert (omega2.flight.value, omega2.flight.sigma) == ("−4.19", "0.04")
+    assert (alpha.unit, alpha.estimate.value, alpha.flight.concise) == ("10³ kg⁻¹ m⁻²", "−25.9", "−27.4(8)")
+    assert (gain.unit, gain.estimate.concise, gain.flight.concise) == ("", "1.077595(32)", "1.0776(1)")
+
+
+@given(value=st.floats(-1e6, 1e6), places=st.integers(0, 9))
+def test_numbers_in_print_read_back(value, places):
+    text = tables.signed(value, places)
+    assert "-" not in text
+    assert float(text.replace("−", "-")) == pytest.approx(value, abs=0.5000001 * 10.0**-places)
+    assert text.startswith("−") == (float(text.replace("−", "-")) < 0)
+
+
+@given(sigma=st.floats(1e-9, 1e6))
+def test_decimals_resolve_a_sigma_to_ten_per_cent(sigma):
+    assert abs(round(sigma, tables.decimals(sigma)) - sigma) <= 0.05 * sigma + 0.5 * (sigma >= 10)
+
+
+def test_correlations():
+    fit = replace(make_fit({"C_1": 0.149, "C_2": 0.186}), covariance=np.array([[4.0, -3.0], [-3.0, 9.0]]))
+    assert tables.correlation(fit).rows == ((1.0, -0.5), (-0.5, 1.0))
+
+
+def test_combinations_in_print():
+    text = tables.combination_text({"alpha_phi_2": 1.0, "omega2_2_0": -1.04e-11})
+    assert text == "1 α<sub>φ,2</sub> − 1.04·10⁻¹¹ ω<sup>2</sup><sub>2,0</sub>"
+
+
+@given(size=st.integers(1, 9000), seed=st.integers(0, 2**32), spike=st.floats(0, 1))
+def test_an_envelope_keeps_the_extremes(size, seed, spike):
+    values = np.random.default_rng(seed).normal(size=size)
+    values[int(spike * (size - 1))] = 100.0
+    time, drawn = figures.envelope(np.arange(values.size, dtype=float), values)
+    assert drawn.size == time.size <= 1000
+    assert (drawn.min(), drawn.max()) == (values.min(), values.max())
+    assert np.all(np.diff(time) >= 0)
+
+
+def test_an_envelope_leaves_a_gap_open():
+    values = np.ones(5000)
+    values[1000:1100] = np.nan
+    time, drawn = figures.envelope(np.arange(5000.0), values)
+    assert np.array_equal(np.unique(time[np.isnan(drawn)]), np.arange(1000.0, 1100.0, 10.0))
+
+
+def test_the_reconstructed_stiffness_carries_the_covariance():
+    joint = make_fit({"alpha_phi_2": -27.4e3, "C_2": 0.186, "omega2_2_0": -4.19e-7, "alpha_x_2": -317.0})
+    joint.covariance[0, 2] = joint.covariance[2, 0] = -0.5 * 800 * 4e-9
+    value, sigma = figures.reconstruction(joint, 2200e-12, 10.4e-12)
+    assert value == pytest.approx(-1.40136e-6, rel=1e-12)
+    background, force, torque = 4e-9, 6 * 2200e-12, 800 * 10.4e-12
+    assert sigma == pytest.approx(math.sqrt(background**2 + force**2 + torque**2 - background * torque))
+    assert figures.reconstruction(make_fit({"C_2": 0.186}), 0.0, 0.0) is None
+    assert figures.reconstruction(None, 0.0, 0.0) is None
+
+
+def test_drawing_leaves_no_trace_in_matplotlib():
+    before = dict(mpl.rcParams)
+    points = [figures.StiffnessPoint(F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
+    plot = figure_files.drawn(figures.stiffness_against_authority, points, None)
+    assert figure_files.svg(plot).startswith("<?xml")
+    assert dict(mpl.rcParams) == before
+    code = "import sys, fit.report; print('matplotlib.pyplot' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

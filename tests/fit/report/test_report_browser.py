@@ -1,0 +1,204 @@
+"""The report in a real browser: nothing asked for, nothing refused, nothing cut off, all figures drawn."""
+
+import json
+
+import pytest
+
+from fit.estimate import mcmc, pulls
+from fit.figures import files as figure_files
+from fit.figures import montecarlo as figures_montecarlo
+from fit.pipeline import calibrate, calibrate_inertial
+from fit.report.page import write_report
+from fit.results import with_truth
+from fit.settings import settings
+from fit.telemetry.reader import read_all
+from tests.browser import Page, needs_browser
+from tests.oracles import rotation_synthetic, synthetic
+from tests.oracles.contract_file import write_contract_file
+
+pytestmark = needs_browser
+
+WIDTHS = (1280, 390)
+A4 = 702  # of 96 to the inch, between the margins
+EVIL = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>')
+#: Every figure: the sides of its box, how many of its paths have an extent, letters beyond its edge.
+FIGURES = """[...document.querySelectorAll("figure")].map(figure => {
+  const picture = figure.querySelector("svg, img"), box = picture.getBoundingClientRect();
+  const extent = e => Math.max(...["width", "height"].map(side => e.getBoundingClientRect()[side]));
+  const letters = [...picture.querySelectorAll('[id*="text_"]')].filter(e => {
+    const b = e.getBoundingClientRect();
+    return extent(e) > 0 && (b.left < box.left - 1 || b.right > box.right + 1 || b.top < box.top - 1
+      || b.bottom > box.bottom + 1);
+  });
+  return {
+    what: picture.getAttribute("aria-label") || picture.alt, image: picture.naturalWidth || 0,
+    width: box.width, height: box.height, letters: letters.map(e => e.id),
+    paths: [...picture.querySelectorAll("path")].filter(e => extent(e) > 0).length,
+  };
+})"""
+#: What reaches beyond the window or out of its own box, other than what can be scrolled.
+OVERFLOW = """[...document.querySelectorAll("main, main *:not(svg *)")].filter(e => {
+  const box = e.getBoundingClientRect();
+  if (!box.width || !e.checkVisibility() || e.closest(".scroll *, .stack > figure *")) return false;
+  const scrolls = ["auto", "scroll"].includes(getComputedStyle(e).overflowX);
+  return box.right > innerWidth + 1 || box.left < -1
+    || (!scrolls && getComputedStyle(e).display !== "inline" && e.scrollWidth > e.clientWidth + 1);
+}).map(e => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 40)}`)"""
+#: Text whose contrast with what is behind it is below WCAG AA.
+CONTRAST = """(() => {
+  const canvas = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
+  const rgba = colour => {
+    canvas.clearRect(0, 0, 1, 1);
+    canvas.fillStyle = colour;
+    canvas.fillRect(0, 0, 1, 1);
+    return [...canvas.getImageData(0, 0, 1, 1).data].map(x => x / 255);
+  };
+  const over = (top, below) => [0, 1, 2].map(i => top[3] * top[i] + (1 - top[3]) * below[i]);
+  const behind = e => {
+    if (!e) return [1, 1, 1];
+    const own = rgba(getComputedStyle(e).backgroundColor);
+    return own[3] === 1 ? own.slice(0, 3) : over(own, behind(e.parentElement));
+  };
+  const luminance = c => {
+    const [r, g, b] = c.map(x => x <= .04045 ? x / 12.92 : ((x + .055) / 1.055) ** 2.4);
+    return .2126 * r + .7152 * g + .0722 * b;
+  };
+  const found = [];
+  for (const e of document.querySelectorAll("main *")) {
+    const drawn = e.closest("svg") && e.closest('[id*="text_"], text');
+    const written = [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && !e.closest("svg");
+    if (!drawn && !written || drawn && !["use", "path", "text"].includes(e.localName)) continue;
+    const style = getComputedStyle(e), back = behind(e.closest("figure, td, .card, main"));
+    const [a, b] = [luminance(over(rgba(drawn ? style.fill : style.color), back)), luminance(back)];
+    const ratio = (Math.max(a, b) + .05) / (Math.min(a, b) + .05);
+    if (ratio < 4.5) found.push(`${ratio.toFixed(2)} ${e.localName} ${e.textContent.trim().slice(0, 30)}`);
+  }
+  return [...new Set(found)];
+})()"""
+
+
+def written(folder, telemetry, authority):
+    """The run with its truth as a file, under the name of an experiment that means harm."""
+    place = {name: getattr(telemetry, name) for name in ("fs", "kind", "alignment_epoch", "t0")}
+    place |= {f"{kind}_max_{j}": getattr(telemetry, f"{kind}_max_{j}") for kind in "FN" for j in (1, 2)}
+    truth = synthetic.of_run(synthetic.World(), authority)
+    units = {name: "m" if "o_" in name else "m s-2" for name in telemetry.channels}
+    return write_contract_file(
+        folder / f"{authority}-{telemetry.kind}.h5",
+        samples=telemetry.time.size,
+        channels={name: (values, units[name]) for name, values in telemetry.channels.items()},
+        truth=truth,
+        run=f"{telemetry.experiment}-{telemetry.kind}",
+        experiment=telemetry.experiment,
+        **place,
+    )
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """A report with all there can be: two experiments, rotation, what was sampled and repeated."""
+    folder = tmp_path_factory.mktemp("report")
+    files = [
+        written(folder, run, authority)
+        for authority, name in zip("AC", EVIL, strict=True)
+        for run in synthetic.pair(synthetic.World(), authority, experiment=name)
+    ]
+    night = rotation_synthetic.run(duration=86400.0, inertial_period=3)[0]
+    files.append(rotation_synthetic.write(folder, night))
+    telemetries = read_all(files)
+    results = with_truth(calibrate(telemetries, settings()), telemetries)
+    if not results.inertial:
+        results = calibrate_inertial([telemetries[-1]], results)
+    (folder / "figures").mkdir()
+    sampled(folder, results)
+    repeated(folder)
+    return write_report(folder, results, telemetries)
+
+
+def sampled(folder, results):
+    """What `lpfcosim mcmc` would leave, of a chain that found what least squares did."""
+    told = {
+        name: {
+            "unit": e.unit, "mean": e.value, "sigma": e.sigma, "tau": 60.0, "shift_in_sigma": 0.0,
+            "shift_error": 0.01, "sigma_ratio": 1.0, "sigma_ratio_error": 0.01,
+        }
+        for name, e in results.joint.parameters.items()
+    }  # fmt: skip
+    document = {"schema": mcmc.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
+    document |= {"acceptance": 0.3, "largest_tau": 60.0}
+    (folder / "mcmc.json").write_text(json.dumps(document))
+
+
+def repeated(folder):
+    """What `lpfcosim montecarlo` would leave."""
+    drawn = [{"lambda_2": (0.3 * i - 1, 3e-5), "lambda_2_A": (1 - 0.2 * i, 1.0)} for i in range(8)]
+    found = pulls.summary(drawn)
+    pulls.write(found, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
+    figure_files.write(folder / "figures", "pulls", figures_montecarlo.histograms, found, drawn)
+
+
+def in_order(page, figures):
+    """No figure missing and no text cut off, whatever the window is wide; what the browser has to say."""
+    page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+    for width in WIDTHS:
+        page.resize(width)
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        assert page.evaluate(OVERFLOW) == []
+        found = page.evaluate(FIGURES)
+        assert len(found) == figures
+        for figure in found:
+            assert figure["width"] > 250, figure["what"]
+            assert figure["height"] > 90, figure["what"]
+            assert figure["image"] > 0 or figure["paths"] >= 5, figure["what"]
+            assert figure["letters"] == [], figure["what"]
+    assert page.console == []
+    assert [address for address in page.requests[1:] if not address.startswith("data:image/svg")] == []
+
+
+def test_everything_is_drawn_and_nothing_asked_for(report):
+    figures = report.read_text(encoding="utf-8").count("<figure>")
+    assert figures > 12
+    with Page(report) as page:
+        in_order(page, figures)
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = false)")
+        page.evaluate("location.hash = '#e2'")
+        assert page.evaluate("document.getElementById('e2').open")
+
+
+def test_without_scripts_the_same_figures_stand(report):
+    with Page(report, scripts=False) as page:
+        in_order(page, report.read_text(encoding="utf-8").count("<figure>"))
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = false)")
+        shown = "[...document.querySelectorAll('details figure')].filter(e => e.checkVisibility()).length"
+        assert page.evaluate(shown) == 0
+        page.send("Emulation.setEmulatedMedia", media="print")
+        page.resize(A4)
+        wide = (
+            "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1).length"
+        )
+        assert page.evaluate(wide) == 0
+        assert page.evaluate(shown) == page.evaluate("document.querySelectorAll('details figure').length") > 0
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_text_can_be_read(report, dark):
+    with Page(report, dark=dark) as page:
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        assert page.evaluate(CONTRAST) == []
+        assert page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches") == dark
+
+
+def test_names_of_experiments_are_text(report):
+    with Page(report) as page:
+        headings = page.evaluate("[...document.querySelectorAll('h3')].map(h => h.textContent)")
+        assert sorted(headings) == [f"Experiment {name}" for name in sorted(EVIL)]
+        assert page.evaluate("document.querySelectorAll('img:not(figure img)').length") == 0
+
+
+@pytest.mark.fmu
+def test_the_report_of_the_quick_start(lpfcosim, quickstart, tmp_path):
+    status, _, error = lpfcosim("run", quickstart, "--out", tmp_path / "out")
+    assert (status, error) == (0, error)
+    path = tmp_path / "out" / "report.html"
+    with Page(path) as page:
+        in_order(page, path.read_text(encoding="utf-8").count("<figure>"))

@@ -1,0 +1,245 @@
+"""The report's sections on the experiments together: tables, figures, and the numbers in them."""
+
+import html
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fit.estimate.diagnostics import SCORES
+from fit.figures import files as figure_files
+from fit.figures import mission as figures_mission
+from fit.figures.runs import StiffnessPoint, stiffness_pull
+from fit.paper import FLIGHT, joint_names
+from fit.report import together as report_mission
+from fit.report.page import write_report
+from fit.results import Diagnostics, Estimate, Fit, FitWarning, Results
+from tests.oracles.synthetic import AUTHORITIES, World, telemetry
+
+WORLD = World()
+
+
+def fit(values, sigmas, warnings=(), **options):
+    parameters = {
+        n: Estimate(v, s, FLIGHT[n].unit if n in FLIGHT else "s-2")
+        for (n, v), s in zip(values.items(), sigmas, strict=True)
+    }
+    return Fit(parameters, np.diag(np.square(sigmas)), 1.0, 4304, True, tuple(warnings), **options)
+
+
+def joint(change=None, finer=0.5, **options):
+    values = {n: FLIGHT[n].value + (change or {}).get(n, 0.0) * FLIGHT[n].sigma for n in joint_names([1, 2])}
+    return fit(values, [finer * FLIGHT[n].sigma for n in values], **options)
+
+
+def experiment(lambda_2, F, N, diagnostics=None, warnings=()):
+    omega2_2 = -4.19e-7 - 317.0 * F - 27.4e3 * N + 1e-9
+    values = {"lambda_2": lambda_2, "omega2_2": omega2_2}
+    return fit(values, [5e-5, 3e-9], diagnostics=diagnostics, warnings=warnings)
+
+
+def quiet(**changes):
+    return replace(Diagnostics(1.01, 0.03, 0.4, 0.02, 0.075, SCORES.tolist()), **changes)
+
+
+@pytest.fixture
+def mission():
+    """Four experiments with telemetry, the last one a single tone and not what its noise model says."""
+    runs, fits = [], {}
+    for k, name in enumerate("ABCD"):
+        run = telemetry(WORLD, name, duration=1800.0, noisy=False)
+        runs.append(replace(run, t0=f"2016-0{k + 4}-16T00:00:00Z"))
+        tone = [FitWarning("single_tone", (), "a tone")] if name == "D" else []
+        bad = quiet(whiteness=2e-4, kurtosis=3.0, chi2_red=1.5) if name == "D" else quiet()
+        F, N = 1e-12 * AUTHORITIES[name][1], 1e-12 * AUTHORITIES[name][3]
+        fits[name] = experiment(1.0776 + 4e-5 * k, F, N, bad, tone)
+    return Results(joint(), fits, {}, {}, {"joint_runs": [run.run for run in runs]}), runs
+
+
+def sections(results, runs, folder):
+    return {part.anchor: part for part in report_mission.parts(results, runs, folder)}
+
+
+def cells(grid):
+    """Texts by line, numbers as ``value ± sigma``, markup taken off."""
+    found = {}
+    for line in grid.lines:
+        texts = [f"{c.value} ± {c.sigma}" if hasattr(c, "sigma") else c for c in line.cells]
+        found[re.sub("<[^>]*>", "", line.head)] = [
+            t and html.unescape(re.sub("<[^>]*>", "", t)) for t in texts
+        ]
+    return found
+
+
+def test_every_section_is_there(mission, tmp_path):
+    results, runs = mission
+    found = sections(results, runs, tmp_path)
+    assert list(found) == ["gain", "stiffness", "prediction", "paper", "residuals", "correlation"]
+    names = {p.stem for p in tmp_path.iterdir()}
+    assert names == {"correlation", "gain", "stiffness", "quantiles"}
+
+
+def test_the_page_takes_them_in(mission, tmp_path, monkeypatch):
+    results, _ = mission
+    monkeypatch.setattr(report_mission.report_stiffness, "fitted_for", lambda *_: iter(()))
+    page = write_report(tmp_path, results, []).read_text()
+    for anchor in ("paper", "correlation", "prediction", "residuals"):
+        assert page.count(f'id="{anchor}"') == page.count(f'href="#{anchor}"') == 1
+
+
+def test_side_by_side(mission, tmp_path):
+    results, runs = mission
+    told = replace(results, joint=joint({"C_2": 2.0, "lambda_1": -9.0}))
+    part = sections(told, runs, tmp_path)["paper"]
+    (grid,) = part.grids
+    lines = {head.split("C_")[0]: texts for head, texts in cells(grid).items()}
+    assert len(grid.lines) == 11  # runs of epoch 1 alone
+    assert "11 of 11 parameters have a σ at or below the flight's" in part.text
+    assert lines["C2"] == ["0.194 ± 0.002", "0.186 ± 0.004", "0.50", "1.79"]  # 2 / hypot(1, 0.5)
+    gain = grid.lines[0].cells
+    assert gain[-1] == '<span class="off">−8.05</span>'  # 9 / hypot(1, 0.5)
+
+
+def test_what_is_not_determined_is_said(mission, tmp_path):
+    results, runs = mission
+    lost = FitWarning("indeterminable", ("lambda_1",), "…", {"lambda_1": 1.0, "C_1": -0.2})
+    bare = joint(warnings=[lost])
+    del bare.parameters["lambda_1"]
+    bare = replace(bare, covariance=bare.covariance[1:, 1:])
+    found = sections(replace(results, joint=bare), runs, tmp_path)
+    assert found["paper"].grids[0].lines[0].cells == (
+        None,
+        found["paper"].grids[0].lines[0].cells[1],
+        "not determined",
+        "",
+    )
+    assert "Not determined: 1 λ<sub>1</sub> − 0.2 C<sub>1</sub>." in found["correlation"].text
+
+
+def test_table_eulerfit_where_a_period_was_flown(tmp_path):
+    values = {"delta_phi": -0.4e-3, "delta_eta": -0.03e-3}
+    periods = {"2": fit(values, [1e-5, 2e-6]), "7": fit(values, [1e-5, 2e-6])}
+    (part,) = report_mission.parts(Results(None, {}, {}, periods, {}), [], tmp_path)
+    (grid,) = part.grids
+    assert [line.cells[2:] for line in grid.lines] == [
+        ("0.33", "0.00"),
+        ("0.67", "0.55"),
+    ]  # of period 2 alone
+
+
+def test_correlations_on_the_pointer(mission, tmp_path):
+    results, runs = mission
+    told = joint()
+    sigma = np.sqrt(np.diag(told.covariance))
+    told.covariance[0, 1] = told.covariance[1, 0] = -0.95 * sigma[0] * sigma[1]
+    part = sections(replace(results, joint=told), runs, tmp_path)["correlation"]
+    assert "<title>lambda_1, lambda_2: −0.9500</title>" in part.drawings[0].svg
+    assert part.drawings[0].svg.count("<title>") == 12 * 11 / 2
+    assert part.grids[0].lines[0].cells == ('<span class="off">−0.9500</span>',)
+    assert part.correlation.rows[0][1] == pytest.approx(-0.95)
+
+
+def test_stationarity(mission, tmp_path):
+    results, runs = mission
+    part = sections(results, runs, tmp_path)["gain"]
+    lines = cells(part.grids[0])
+    # three of equal sigma: 1.0776, 1.07764, 1.07768, chi2 = 2 (4e-5 / 5e-5)^2
+    assert lines["weighted mean of the experiments"][0] == "1.077640 ± 0.000029"
+    assert lines["χ² / degrees of freedom about the mean"] == ["0.64", "≈ 90"]
+    assert "agree with one" in part.text
+    apart = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
+    part = sections(replace(results, experiments=apart), runs, tmp_path)["gain"]
+    assert "not the same in every experiment" in part.text
+    assert cells(part.grids[0])["scatter beyond noise that would make it 1"][0] == "0.93 %"
+
+
+def test_gains_of_the_same_date_stand_side_by_side(mission):
+    estimate = Estimate(1.0776, 1e-4, "1")
+    points = [figures_mission.GainPoint(np.datetime64("2016-04-16"), estimate, False) for _ in range(3)]
+    plot = figures_mission.gain_evolution(points, None)
+    assert plot.figure.axes[0].get_xlabel() == "experiment"
+
+
+def test_stiffness_table_and_pulls(mission, tmp_path):
+    results, runs = mission
+    part = sections(results, runs, tmp_path)["stiffness"]
+    lines = cells(part.grids[0])
+    assert lines["B"][:2] == ["1100, 10.4", "−10.52 ± 0.03"]
+    assert len(lines) == 4
+
+
+@pytest.mark.stat
+def test_pulls_of_the_stiffness_model_are_normal():
+    # Seven stiffnesses of the same model, fitted by least squares here: 300 campaigns make 2100 pulls, whose
+    # standard deviation is known to 1.8 % if they were independent; 6 % is beyond 3 sigma. Seed fixed.
+    rng = np.random.default_rng(21)
+    F = 1e-12 * np.array([2200.0, 1100.0, 1100.0, 50.0, 2200.0, 2200.0, 5000.0])
+    N = 1e-12 * np.array([10.4, 10.4, 1.0, 1.0, 10.4, 1.0, 10.4])
+    sigma = 1e-9 * np.array([9.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.7])
+    design = np.stack([np.ones(7), F, N], axis=1)
+    covariance = np.linalg.inv((design / sigma[:, None] ** 2).T @ design)
+    truth = np.array([-4.19e-7, -317.0, -27.4e3])
+    names = ("omega2_2_0", "alpha_x_2", "alpha_phi_2")
+    pulls, apart = [], []
+    for _ in range(300):
+        measured = design @ truth + sigma * rng.standard_normal(7)
+        found = covariance @ (design.T @ (measured / sigma**2))
+        parameters = {n: Estimate(v, 1.0, "") for n, v in zip(names, found, strict=True)}
+        model = Fit(parameters, covariance, 1.0, 1, True, ())
+        points = [
+            StiffnessPoint(f, n, Estimate(m, s, "s-2"))
+            for f, n, m, s in zip(F, N, measured, sigma, strict=True)
+        ]
+        pulls += [stiffness_pull(point, model) for point in points]
+        other = StiffnessPoint(
+            F[0], N[0], Estimate(design[0] @ truth + 4e-9 * rng.standard_normal(), 4e-9, "s-2"), False
+        )
+        apart.append(stiffness_pull(other, model))
+    assert np.std(pulls) == pytest.approx(1, rel=0.06)
+    assert np.std(apart) == pytest.approx(1, rel=0.15)  # 300: 4 %
+
+
+def test_a_pull_needs_a_model_that_is_known_better(tmp_path):
+    point = StiffnessPoint(0.0, 0.0, Estimate(-4e-7, 1e-12, "s-2"))
+    assert stiffness_pull(point, joint()) is None
+    assert stiffness_pull(point, None) is None
+
+
+def test_predicted_stiffness(mission, tmp_path):
+    results, runs = mission
+    force, budget = sections(results, runs, tmp_path)["prediction"].grids
+    assert "are a choice" in force.about
+    assert [line.cells[3] for line in force.lines] == ["7.4 %", "−1.3 %", "6.6 %", "3.5 %"]
+    lines = cells(budget)
+    assert lines["total"] == ["−4.17", "−4.27"]
+    assert lines["fitted"] == ["−3.990 ± 0.035", "−4.19 ± 0.02"]
+    assert lines["difference"] == ["0.18 (−4.3 %)", "0.08 (−1.9 %)"]
+
+
+def test_residuals(mission, tmp_path):
+    results, runs = mission
+    part = sections(results, runs, tmp_path)["residuals"]
+    assert part.text.startswith("1 of 4 residuals have a whiteness below 0.05")
+    lines = cells(part.grids[0])
+    assert lines["A"] == ["1.01 ± 0.03", "0.3", "0.400", "0.020 ± 0.075", "–"]
+    assert lines["D"] == ["1.50 ± 0.03", "16.7", "< 0.001", "3.000 ± 0.075", "6"]
+    own = {"A": replace(results.experiments["A"], diagnostics=quiet(chi2_red_sigma=0.0))}
+    part = sections(replace(results, experiments=own), runs, tmp_path)["residuals"]
+    assert cells(part.grids[0])["A"][:2] == ["1.010", "–"]
+
+
+def test_nothing_to_say(tmp_path):
+    assert report_mission.parts(Results(None, {}, {}, {}, {}), [], tmp_path) == []
+    assert list(Path(tmp_path).iterdir()) == []
+
+
+def test_figures_are_the_same_for_the_same_results(mission):
+    results, _ = mission
+    diagnostics = {name: quiet() for name in results.experiments}
+    sizes = dict.fromkeys(diagnostics, 4304)
+    drawn = [
+        figure_files.svg(figure_files.drawn(figures_mission.quantiles, diagnostics, sizes)) for _ in range(2)
+    ]
+    assert drawn[0] == drawn[1]

@@ -1,0 +1,79 @@
+"""The report's sections on spacecraft motion: tables, figures, and what the figures are drawn from."""
+
+import numpy as np
+import pytest
+
+from fit import results as fit_results
+from fit.estimate import separation
+from fit.figures import motion as figures_motion
+from fit.pipeline import calibrate_inertial
+from fit.report import page as report
+from fit.report.motion import parts
+from fit.results import Estimate, Fit
+from fit.telemetry.reader import read_all
+from tests.oracles import rotation_synthetic as synthetic
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rotating")
+    runs = [
+        synthetic.run(seed=k, name=f"night-{k}", duration=2 * 86400.0, inertial_period=3)[0] for k in (1, 2)
+    ]
+    telemetries = read_all([synthetic.write(folder, run) for run in runs])
+    return calibrate_inertial(telemetries, synthetic.calibration()), telemetries
+
+
+def test_page_shows_the_period_with_figures(found, tmp_path):
+    results, telemetries = found
+    page = report.write_report(tmp_path, results, telemetries).read_text()
+    assert 'id="p3"' in page
+    assert "Rotation, inertial period 3" in page
+    assert "(inertial period 3)" in page  # its warnings
+    assert {p.name for p in (tmp_path / "figures").iterdir()} >= {"p3i-inertial.svg", "p3b-breakdown.svg"}
+    assert "4 days in 2 runs" in page
+
+
+def test_correction_quietens_what_rotation_made(found, tmp_path):
+    results, telemetries = found
+    (section,) = [p for p in parts(results, telemetries, tmp_path) if p.anchor == "p3"]
+    assert [row.name for row in section.table.rows] == ["delta_phi", "delta_eta"]
+    assert section.table.rows[0].flight.value == "−3.9"  # table Eulerfit, 1e-4 rad
+    ratio = float(section.drawings[0].caption.split("a factor of ")[1].split()[0])
+    assert 1.2 < ratio < 4
+
+
+def test_without_telemetry_the_table_remains(found, tmp_path):
+    (section,) = [p for p in parts(found[0], [], tmp_path) if p.anchor == "p3"]
+    assert section.drawings == ()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_gain_of_known_spectra():
+    rng = np.random.default_rng(5)
+    quiet = rng.standard_normal(200_000)
+    spectra = figures_motion.spectra([{"delta_g_x": 2 * quiet, "delta_g": quiet}], 1.0)
+    ratio, error = figures_motion.gain(spectra)
+    assert ratio == pytest.approx(2)
+    assert 0 < error < 1
+
+
+def test_cross_talk_has_a_section(found, tmp_path):
+    values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
+    cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
+    results = fit_results.Results(None, {}, cross_talk, {}, {})
+    (section,) = parts(results, [], tmp_path)
+    assert section.title == "Cross-talk, alignment epoch 2"
+    assert len(section.table.rows) == 6
+    assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()
+
+
+def test_what_was_separated_is_put_back_for_the_correction(found):
+    inertial = found[0].inertial["3"]
+    sums = Fit(
+        {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
+        np.eye(2) * 1e-14, 1.0, 1, True, (),
+    )  # fmt: skip
+    apart = separation.separate(sums, inertial, "3")
+    back = separation.sums({name: e.value for name, e in apart.parameters.items()}, inertial)
+    assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

@@ -1,0 +1,105 @@
+"""The report's sections on a sampled posterior and on a Monte Carlo."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from fit.errors import InputError
+from fit.estimate import mcmc, pulls
+from fit.report.page import write_report
+from fit.report.sampling import parts
+from tests.fit.report.test_report import joint_fit, results
+
+
+def chain(fit, **changes):
+    """What `lpfcosim mcmc` leaves of a chain whose means lie 0.02 sigma off least squares."""
+    told = {
+        name: {
+            "unit": e.unit,
+            "mean": e.value + 0.02 * e.sigma,
+            "sigma": 1.03 * e.sigma,
+            "tau": 61.4,
+            "shift_in_sigma": 0.02,
+            "shift_error": 0.01,
+            "sigma_ratio": 1.03,
+            "sigma_ratio_error": 0.01,
+        }
+        for name, e in fit.parameters.items()
+    }
+    document = {"schema": mcmc.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
+    return document | {"acceptance": 0.314, "largest_tau": 61.4} | changes
+
+
+def left(folder, name, document):
+    (folder / name).write_text(json.dumps(document))
+    return parts(results(joint=joint_fit()), folder)
+
+
+def test_nothing_was_left(tmp_path):
+    assert parts(results(joint=joint_fit()), tmp_path) == []
+
+
+def test_a_chain(tmp_path):
+    (part,) = left(tmp_path, "mcmc.json", chain(joint_fit()))
+    assert part.text == (
+        "9000 steps of 40 walkers, the first 900 left out; 31 % of the proposals accepted, autocorrelation "
+        "time at most 61 steps. Means within 0.02 σ of least squares, sigmas within 3 %."
+    )
+    (grid,) = part.grids
+    assert len(grid.lines) == len(joint_fit().parameters)
+    mean, shift, ratio, tau = grid.lines[0].cells
+    assert (mean.value, mean.sigma) == ("1.07760", "0.00010")
+    assert (shift.concise, ratio.concise, tau) == ("0.02(1)", "1.03(1)", "61")
+    assert part.drawings == ()
+
+
+def test_the_figure_another_command_drew_stays_inert(tmp_path):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "corner.svg").write_text("<svg><script>alert(1)</script></svg>")
+    (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit())))
+    page = write_report(tmp_path, results(joint=joint_fit()), []).read_text()
+    assert "alert(1)" not in page
+    assert page.count('<img src="data:image/svg+xml;base64,') == 1
+    assert 'href="figures/corner.pdf"' in page
+
+
+def test_a_chain_of_another_fit(tmp_path):
+    (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit({"C_2": 0.1}))))
+    (part,) = parts(results(joint=joint_fit()), tmp_path)
+    assert "The chain is of another fit" in part.text
+    fewer = chain(joint_fit())
+    del fewer["parameters"]["C_2"]
+    (part,) = left(tmp_path, "mcmc.json", fewer)
+    assert "The chain is of another fit" in part.text
+
+
+def test_a_monte_carlo(tmp_path):
+    true = pulls.Pulls(200, 0.05, 0.07, 1.01, 0.05, 0.68, 0.033, 3e-5)
+    found = {"lambda_2": true, "C_2": replace(true, pull_mean=0.5, coverage_1sigma=0.40)}
+    pulls.write(found, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
+    (part,) = parts(results(), tmp_path)
+    assert part.text == "200 calibrations of <b> with new noise and new truths; 1 failed."
+    good, bad = ([getattr(c, "value", c) for c in line.cells] for line in part.grids[0].lines)
+    assert good == ["200", "0.05", "1.01", "68.0"]
+    assert bad[1] == '<span class="off">0.50 ± 0.07</span>'
+    assert bad[2] == "1.01"
+    assert bad[3] == '<span class="off">40.0 ± 3.3</span>'
+    page = write_report(tmp_path, results(), []).read_text()
+    assert "of &lt;b&gt; with" in page
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("{", "expected a JSON object of schema 'lpf-mcmc/1'"),
+        ("[]", "expected a JSON object of schema 'lpf-mcmc/1'"),
+        ('{"schema": "lpf-mcmc/9"}', "schema is 'lpf-mcmc/9', expected 'lpf-mcmc/1'"),
+        ('{"schema": "lpf-mcmc/1", "parameters": {}, "steps": "many"}', "steps: "),
+    ],
+)
+def test_what_is_no_summary_of_a_chain(tmp_path, content, told):
+    (tmp_path / "mcmc.json").write_text(content)
+    with pytest.raises(InputError, match=r"mcmc\.json: ") as error:
+        parts(results(), tmp_path)
+    assert told in str(error.value)

@@ -1,0 +1,152 @@
+"""The report's verdict and warnings: what takes the green away, and what to do about each."""
+
+import ast
+import re
+from dataclasses import replace
+
+import pytest
+
+from fit.paper import FLIGHT, joint_names, joint_parameter
+from fit.report import warnings as report_warnings
+from fit.report.verdict import verdict
+from fit.results import Estimate, FitWarning
+from fit.tables import parameters as tables
+from fit.warnings import ADVICE
+from tests import ROOT
+from tests.fit.report.test_report import LOST, experiment_fit, joint_fit, make_fit, results
+
+
+def told_truth(fit, truth=None):
+    """The fit with the flight values as its truth."""
+    parameters = {
+        n: replace(e, truth=FLIGHT[n].value, pull=(e.value - FLIGHT[n].value) / e.sigma)
+        for n, e in fit.parameters.items()
+    }
+    return replace(fit, parameters=parameters)
+
+
+def judged(fit, told=True, **others):
+    fit = told_truth(fit) if told else fit
+    table = tables.table(fit, [joint_parameter(n) for n in joint_names([1, 2])])
+    return verdict(results(joint=fit, **others), [table])
+
+
+def test_all_parameters_within_the_limit():
+    found = judged(joint_fit({"C_2": 1.7}))
+    assert found.state == "good"
+    assert found.text == (
+        "All 11 joint parameters lie within 4 σ of truth; largest |pull| 1.7 (C<sub>2</sub>). "
+        "Not determined by these data: λ<sub>1</sub>."
+    )
+
+
+def test_a_parameter_beyond_the_limit():
+    found = judged(joint_fit({"C_2": -4.2, "alpha_x_1": 9.0}))
+    assert found.state == "bad"
+    assert found.text.startswith("2 of 11 joint parameters lie further than 4 σ of truth: C<sub>2</sub>, α")
+    assert "largest |pull| 9.0 (α<sub>x,1</sub>)" in found.text
+
+
+def test_flight_data_are_never_green():
+    found = judged(joint_fit({"C_2": 2.0}), told=False)
+    assert found.state == "open"
+    assert "largest |difference / σ| 1.4 (C<sub>2</sub>)" in found.text  # 2 / sqrt(2)
+    assert "Nothing to compare" in judged(make_fit({}), told=False).text
+
+
+def warned(code, *names):
+    return FitWarning(code, names, "so it is")
+
+
+@pytest.mark.parametrize("code", ["not_converged", "chi2", "noise_mismatch", "contradiction"])
+def test_what_spoils_the_judged_fit(code):
+    assert judged(joint_fit(warnings=[LOST, warned(code)])).state == "bad"
+    alone = replace(experiment_fit(), warnings=(warned(code),))
+    found = judged(joint_fit(), experiments={"A1": experiment_fit(), "B2": alone})
+    assert found.state == "doubtful"
+    assert found.text.endswith(": experiment B2.")
+    shown = [tables.table(alone, [])]
+    assert verdict(results(experiments={"B2": alone}), shown).state == "bad"
+
+
+def test_a_fit_that_did_not_converge_need_not_say_so():
+    found = judged(joint_fit(converged=False))
+    assert found.state == "bad"
+    assert found.text.startswith("Did not converge. All 11")
+    found = judged(joint_fit(), inertial={"3": make_fit({"C_2": 1.0}, converged=False)})
+    assert (found.state, found.text[-18:]) == ("doubtful", "inertial period 3.")
+
+
+@pytest.mark.parametrize("code", ["missing_run", "no_noise_run", "too_many_glitches", "saturated_too_long"])
+def test_what_casts_doubt(code):
+    assert judged(joint_fit(warnings=[warned(code)])).state == "doubtful"
+
+
+def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
+    off = make_fit({"b_1": 2e-5, "b_3": 1e-5})
+    off = replace(
+        off, parameters={n: Estimate(e.value, e.sigma, "1", 0.0, 9.0) for n, e in off.parameters.items()}
+    )
+    found = judged(joint_fit(), cross_talk={"1": replace(off, warnings=(warned("attenuated", "b_3"),))})
+    assert found.state == "doubtful"
+    assert found.text.endswith("Further than 4 σ of truth: b<sub>1</sub> of cross-talk of epoch 1.")
+    told = (warned("attenuated", "b_3"), warned("euler_included", "b_1", "b_2"))
+    assert judged(joint_fit(), cross_talk={"1": replace(off, warnings=told)}).state == "good"
+
+
+def test_warnings_are_told_once_with_all_fits_that_raise_them():
+    fits = {name: replace(experiment_fit(), warnings=(LOST, warned("glitches"))) for name in "AB"}
+    found = report_warnings.matters(results(joint=joint_fit(), experiments=fits))
+    assert [matter.code for matter in found] == ["indeterminable", "glitches"]
+    (notice,) = found[0].notices
+    assert notice.message == "Nothing drives test mass 1."
+    assert notice.scopes == ("joint fit", "experiment A", "experiment B")
+    assert "<code>lpfcosim forecast</code>" in found[0].advice
+
+
+def test_a_symbol_at_the_start_keeps_its_case():
+    fit = replace(experiment_fit(), warnings=(FitWarning("x", (), "b_1 and b_2 differ."),))
+    (matter,) = report_warnings.matters(results(experiments={"A": fit}))
+    assert (matter.notices[0].message, matter.advice) == ("b_1 and b_2 differ.", "")
+
+
+def codes(tree):
+    """Every code that a module hands to `FitWarning`: literals, constants, loop variables."""
+    known = {}
+    for node in ast.walk(tree):
+        pairs = []
+        if isinstance(node, ast.Assign):
+            pairs = [(target, [node.value]) for target in node.targets]
+        elif isinstance(node, ast.For) and isinstance(node.iter, ast.Tuple):
+            pairs = [(node.target, node.iter.elts)]
+        for target, values in pairs:
+            names = target.elts if isinstance(target, ast.Tuple) else [target]
+            for value in values:
+                parts = (
+                    value.elts if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple) else [value]
+                )
+                for name, part in zip(names, parts, strict=False):
+                    if isinstance(name, ast.Name):
+                        known.setdefault(name.id, []).append(part)
+    calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func) == "FitWarning"]
+
+    def resolve(node):
+        if isinstance(node, ast.Constant):
+            return {node.value}
+        if isinstance(node, ast.IfExp):
+            return resolve(node.body) | resolve(node.orelse)
+        if isinstance(node, ast.Name) and node.id in known:
+            return set().union(*map(resolve, known[node.id]))
+        raise AssertionError(f"no code can be told from {ast.unparse(node)}")
+
+    return set().union(*(resolve(call.args[0]) for call in calls)) if calls else set()
+
+
+def test_every_warning_comes_with_advice():
+    modules = [p for package in ("fit", "lpfcosim") for p in sorted((ROOT / package).rglob("*.py"))]
+    raised = set().union(*(codes(ast.parse(path.read_text(encoding="utf-8"))) for path in modules))
+    assert raised == set(ADVICE)
+    assert len(raised) > 20
+    for advice in ADVICE.values():
+        assert re.fullmatch(r"[A-Z].*\.", advice)
+        assert advice.count("`") % 2 == 0

@@ -1,0 +1,177 @@
+"""Filters, stencils, windows and the noise model against formulas."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.errors import FitError
+from fit.signal import spectra
+
+BAND = np.array([1e-3, 13.33e-3, 53.33e-3, 0.1])  # Hz, at a sample rate of 1 Hz
+
+
+def response(weights, f):
+    k = np.arange(-(weights.size // 2), weights.size // 2 + 1)
+    return np.exp(2j * np.pi * np.outer(f, k)) @ weights
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.186, 0.45, -0.3, 1.5])
+def test_stencil_delays_and_differentiates_to_better_than_1e_7_in_the_band(shift, order):
+    ideal = (2j * np.pi * BAND) ** order * np.exp(-2j * np.pi * BAND * shift)
+    assert np.abs(response(spectra.stencil(shift, order), BAND) / ideal - 1).max() < 1e-8
+
+
+@given(
+    offset=st.floats(-1, 1),
+    slope=st.floats(-1, 1),
+    curvature=st.floats(-1, 1),
+    shift=st.floats(-2, 2),
+)
+def test_stencil_is_exact_on_parabolas(offset, slope, curvature, shift):
+    n = np.arange(60.0)
+    x = offset + slope * n + curvature * n**2
+    at = n[spectra.HALF : -spectra.HALF] - shift
+    expected = (offset + slope * at + curvature * at**2, slope + 2 * curvature * at, 2 * curvature + 0 * at)
+    for order, values in enumerate(expected):
+        assert np.allclose(spectra.apply(spectra.stencil(shift, order), x), values, rtol=0, atol=1e-9)
+
+
+def test_second_derivative_lets_no_offset_or_drift_through():
+    weights = spectra.stencil(0.0, 2)
+    k = np.arange(-spectra.HALF, spectra.HALF + 1)
+    # 1e-14 s^-2 would be a ten-millionth of the stiffness
+    assert abs(weights.sum()) < 1e-14
+    assert abs(weights @ k) < 1e-13
+
+
+@pytest.mark.parametrize(("fs", "factor"), [(10.0, 10), (5.0, 5), (2.5, 2), (2.0, 2), (1.0, 1), (0.5, 1)])
+def test_low_pass_keeps_the_band_and_removes_what_would_alias(fs, factor):
+    taps, found = spectra.low_pass(fs)
+    assert found == factor
+    band = np.linspace(0, spectra.F_MAX, 50)
+    assert np.abs(response(taps, band / fs) - 1).max() < 3e-5
+    for alias in range(1, factor):
+        near = alias * fs / factor + np.linspace(-spectra.F_MAX, spectra.F_MAX, 50)
+        assert np.abs(response(taps, near / fs)).max() < 2e-5
+
+
+@pytest.mark.parametrize("fs", [10.0, 5.0, 2.5, 1.0])
+@pytest.mark.parametrize("n", [4000, 4007])
+def test_decimation_keeps_time(fs, n):
+    taps, factor = spectra.low_pass(fs)
+    t = np.arange(n) / fs
+    kept = spectra.decimate(np.sin(2 * np.pi * 0.05 * t), taps, factor)
+    first = taps.size // 2
+    assert kept.size == len(t[first : n - first : factor])
+    assert np.allclose(kept, np.sin(2 * np.pi * 0.05 * t[first::factor][: kept.size]), atol=2e-5)
+
+
+def test_short_gaps_are_bridged_and_long_ones_masked():
+    t = np.arange(3000) / 10
+    x = np.sin(2 * np.pi * 0.0533 * t)
+    holed = x.copy()
+    for missing in (slice(0, 3), slice(500, 501), slice(800, 810), slice(1500, 1511), slice(2990, 3000)):
+        holed[missing] = np.nan
+    filled, masked = spectra.bridge(holed, 10.0)
+    assert np.flatnonzero(masked).tolist() == list(range(1500, 1511))
+    assert np.abs(filled - x)[3:2990][~masked[3:2990]].max() < 1e-4
+    assert np.isfinite(filled).all()
+
+
+def test_nothing_missing_nothing_done():
+    x = np.arange(10.0)
+    filled, masked = spectra.bridge(x, 10.0)
+    assert filled is x
+    assert not masked.any()
+
+
+@given(flags=st.lists(st.booleans(), min_size=1, max_size=30))
+def test_stretches_cover_exactly_what_is_flagged(flags):
+    flags = np.array(flags)
+    covered = np.zeros_like(flags)
+    for start, stop in spectra.stretches(flags):
+        assert not covered[start:stop].any()
+        covered[start:stop] = True
+    assert np.array_equal(covered, flags)
+
+
+def test_window_is_flat_tapered_and_notched():
+    valid = np.ones(10000, dtype=bool)
+    w = spectra.window(valid, 1.0)
+    assert w[600:-600].min() == 1
+    assert w[0] < 1e-5
+    assert w[-1] < 1e-5
+    valid[5000:5040] = False
+    notched = spectra.window(valid, 1.0)
+    assert not notched[5000:5040].any()
+    assert np.array_equal(notched[:4900], w[:4900])
+    assert np.abs(np.diff(notched)).max() < 0.03  # smooth, so that nothing leaks far
+
+
+@given(f=st.floats(0.006, 0.09), phase=st.floats(0, 6), gap=st.booleans())
+def test_parseval(f, phase, gap):
+    valid = np.ones(4000, dtype=bool)
+    valid[2000:2020] = not gap
+    x = np.sin(2 * np.pi * f * np.arange(4000) + phase)
+    spectrum = spectra.transform(x[:, None], valid, 1.0)
+    w = spectrum.window
+    power = np.sum(np.abs(spectrum.columns) ** 2) / 4000  # one-sided PSD, times the bin width
+    assert power == pytest.approx(np.sum((w * x) ** 2) / np.sum(w**2), rel=5e-4)
+
+
+def test_linear():
+    rng = np.random.default_rng(1)
+    x = rng.standard_normal((1000, 3))
+    valid = np.ones(1000, dtype=bool)
+    both = spectra.transform(np.stack([x @ [1, 2, 3]], axis=1), valid, 1.0).columns[:, 0]
+    assert np.allclose(both, spectra.transform(x, valid, 1.0).columns @ [1, 2, 3])
+
+
+def shape(f):
+    """PSD of a Delta g with its tail, plateau, read-out noise and a jitter bump at 50 mHz."""
+    bump = 12e-15 * np.exp(-0.5 * (np.log(f / 0.05) / 0.35) ** 2)
+    return (60e-15 * 2e-5 / f) ** 2 + 4e-15**2 + bump**2 + (35e-15 * (2 * np.pi * f) ** 2) ** 2
+
+
+@pytest.mark.parametrize("hours", [6, 8, 65])
+def test_noise_model_follows_tail_bump_and_rise(hours):
+    f = np.arange(1, int(360 * hours) + 1) / (3600 * hours)
+    model = spectra.fit_noise(f, shape(f), np.ones(f.size))
+    assert np.abs(model(f) / shape(f) - 1)[f > 1e-4].max() < 0.05
+
+
+@pytest.mark.stat
+def test_noise_model_is_unbiased_and_knows_its_own_variance():
+    # 400 periodograms; false-positive probability below 1e-3 (five standard errors at five frequencies)
+    rng = np.random.default_rng(2)
+    f = np.arange(1, 2161) / 21600
+    models = [
+        spectra.fit_noise(f, shape(f) * rng.exponential(size=f.size), np.ones(f.size)) for _ in range(400)
+    ]
+    at = f[[10, 30, 100, 500, 2000]]
+    logs = np.log([model(at) / shape(at) for model in models])
+    stated = np.log(models[0].expected(at) / models[0](at))
+    assert np.all(np.abs(logs.std(axis=0) ** 2 / stated - 1) < 0.45)
+    assert np.all(np.abs(logs.mean(axis=0) + stated / 2) < 5 * np.sqrt(stated / 400) + 0.01)
+
+
+def test_noise_model_allows_for_what_a_fit_has_taken_out():
+    f = np.arange(1, 2161) / 21600
+    left = np.where(f < 1e-3, 0.6, 1.0)
+    model = spectra.fit_noise(f, shape(f) * left, left)
+    assert np.abs(model(f) / shape(f) - 1)[f > 1e-4].max() < 0.05
+
+
+def test_noise_model_goes_on_straight_below_the_first_bin():
+    f = np.arange(1, 2161) / 21600
+    model = spectra.fit_noise(f, 1e-30 * f**-2.0, np.ones(f.size))
+    assert model(np.array([1e-6])) == pytest.approx([1e-30 * 1e12], rel=1e-6)
+
+
+@pytest.mark.parametrize("level", [0.0, np.nan, np.inf])
+def test_no_noise_is_an_error(level):
+    f = np.arange(1, 501) / 5000
+    with pytest.raises(FitError, match="no noise"):
+        spectra.fit_noise(f, np.full(500, level), np.ones(500))

@@ -1,0 +1,433 @@
+"""Telemetry in CSV, MATLAB and FITS: the same numbers as in HDF5, and one sentence for whatever is wrong."""
+
+import gzip
+import json
+import re
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from fit.errors import InputError
+from fit.pipeline import calibrate
+from fit.telemetry.conversion import convert
+from fit.telemetry.reader import read, read_all
+from tests import ROOT
+from tests.oracles.contract_file import write_contract_file
+from tests.oracles.synthetic import World, pair
+
+DOCUMENT = ROOT / "docs" / "archives.md"
+COLUMNS = {"o_1": "OMS_x1", "o_12": "OMS_x12", "f_x_1": "a1", "f_x_2": "a2"}
+UNITS = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
+SHARED = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch", "m_tm")
+
+
+def as_csv(path, columns, delimiter=","):
+    lines = ["# an archive", delimiter.join(columns)]
+    lines += [delimiter.join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def as_blanks(path, columns):
+    np.savetxt(path, np.column_stack(list(columns.values())), "%24.17g", header=" ".join(columns))
+
+
+def as_mat(path, columns):
+    savemat(path, {"data": {name: values[:, None] for name, values in columns.items()}, "note": "of a test"})
+
+
+def as_mat_73(path, columns):
+    """Write the layout of MATLAB's `save -v7.3`: a block of text, then HDF5 with matrices transposed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        data = file.create_group("data")
+        data.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, values in columns.items():
+            data.create_dataset(name, data=values[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
+        text = file.create_dataset("data/label", data=np.array([[111], [107]], dtype="u2"))
+        text.attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def as_fits(path, columns, units=None):
+    fits = pytest.importorskip("astropy.io.fits")
+    table = [
+        fits.Column(name, "D", unit=(units or {}).get(name), array=values) for name, values in columns.items()
+    ]
+    hdus = [fits.PrimaryHDU(), fits.BinTableHDU.from_columns(table, name="OMS")]
+    fits.HDUList(hdus).writeto(path)
+
+
+FORMATS = {
+    "csv": (as_csv, ""),
+    "tsv": (lambda path, columns: as_csv(path, columns, "\t"), ""),
+    "dat": (as_blanks, ""),
+    "mat": (as_mat, 'table = "data"\n'),
+    "v73.mat": (as_mat_73, 'table = "data"\n'),
+    "fits": (as_fits, 'table = "OMS"\n'),
+}
+
+
+def columns_of(run, offset=1.1e9):
+    named = {COLUMNS[name]: values for name, values in run.channels.items()}
+    return {"t": offset + run.time, "temperature": np.full(run.time.size, 21.5), **named}
+
+
+def map_of(runs, suffix, table="", units=UNITS):
+    shared = "".join(f"{name} = {getattr(runs[0], name)!r}\n" for name in SHARED)
+    channels = "".join(f'{n} = {{ column = "{c}", unit = "{units[n]}" }}\n' for n, c in COLUMNS.items())
+    entries = "".join(
+        f'[[runs]]\nfile = "{r.run}.{suffix}"\nrun = "{r.run}"\nexperiment = "{r.experiment}"\n'
+        f'kind = "{r.kind}"\nt0 = {r.t0}\n{table}'
+        for r in runs
+    )
+    return (
+        f'schema = "lpf-map/1"\n[attributes]\n{shared}[channels]\n{channels}'
+        f'[time]\ncolumn = "t"\nunit = "s"\n{entries}'
+    )
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
+
+
+@pytest.fixture(scope="module")
+def contract(runs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("contract")
+    for run in runs:
+        attributes = {name: getattr(run, name) for name in ("run", "experiment", "kind", "fs", "t0", *SHARED)}
+        channels = {name: (values, UNITS[name]) for name, values in run.channels.items()}
+        write_contract_file(folder / f"{run.run}.h5", samples=run.time.size, channels=channels, **attributes)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def archive(runs, tmp_path_factory):
+    """Write the runs in a format; returns the map."""
+
+    def write(suffix):
+        folder = tmp_path_factory.mktemp("archive")
+        writer, table = FORMATS[suffix]
+        for run in runs:
+            writer(folder / f"{run.run}.{suffix}", columns_of(run))
+        (folder / "map.toml").write_text(map_of(runs, suffix, table))
+        return folder / "map.toml"
+
+    return write
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_format_gives_the_telemetry_of_the_contract(archive, contract, tmp_path, suffix):
+    expected = read_all([contract])
+    found = read_all(convert([archive(suffix)], tmp_path / "telemetry", any_gaps=False))
+    assert [run.run for run in found] == [run.run for run in expected]
+    for run, other in zip(found, expected, strict=True):
+        for name in ("experiment", "kind", "fs", *SHARED):
+            assert getattr(run, name) == getattr(other, name)
+        np.testing.assert_array_equal(run.time, other.time)
+        assert run.channels.keys() == other.channels.keys()
+        for name in UNITS:
+            np.testing.assert_array_equal(run.channels[name], other.channels[name])
+    assert {file.name for file in tmp_path.iterdir()} == {"telemetry"}
+
+
+def test_the_fit_does_not_see_the_format(archive, contract, tmp_path):
+    fits = [
+        calibrate(read_all(paths)).experiments["E1"].parameters
+        for paths in ([contract], convert([archive("csv")], tmp_path / "telemetry", any_gaps=False))
+    ]
+    assert fits[0] == fits[1]
+    assert {"lambda_1", "lambda_2", "C_2"} <= fits[0].keys()
+
+
+def test_prefixes_of_units(runs, tmp_path):
+    scales = {"o_1": ("nm", 1e9), "o_12": ("pm", 1e12), "f_x_1": ("fm/s^2", 1e15), "f_x_2": ("pN/kg", 1e12)}
+    columns = columns_of(runs[0])
+    for name, (_, factor) in scales.items():
+        columns[COLUMNS[name]] = columns[COLUMNS[name]] * factor
+    columns["t"] = columns["t"] / 86400  # a day count, right to 0.2 us
+    as_csv(tmp_path / f"{runs[0].run}.csv", columns)
+    text = map_of(runs[:1], "csv", units={name: unit for name, (unit, _) in scales.items()})
+    text = text.replace('unit = "s"', 'unit = "d"').replace("F_max_2 = 2.2e-09", 'F_max_2 = "2200 pN"')
+    (tmp_path / "map.toml").write_text(text)
+    (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
+    found = read(path)
+    assert found.fs == 1.0
+    assert found.F_max_2 == runs[0].F_max_2
+    for name in scales:
+        np.testing.assert_allclose(found.channels[name], runs[0].channels[name], rtol=4e-16, atol=0)
+
+
+def test_units_and_missing_values_that_fits_states(runs, tmp_path):
+    fits = pytest.importorskip("astropy.io.fits")
+    columns = columns_of(runs[0])
+    integers = np.arange(7200, dtype="i4")
+    integers[5] = -99
+    table = [fits.Column(name, "D", array=values) for name, values in columns.items() if name != "OMS_x1"]
+    table.append(fits.Column("OMS_x1", "J", unit="nm", null=-99, array=integers))
+    table.append(fits.Column("OMS_y", "J", null=-99, array=integers))
+    plain = tmp_path / "plain.fits"
+    fits.BinTableHDU.from_columns(table).writeto(plain)
+    for key, value in (("TSCAL", 0.5), ("TZERO", 7.0)):
+        fits.setval(plain, f"{key}{len(table)}", value=value, ext=1)
+    (tmp_path / f"{runs[0].run}.fits.gz").write_bytes(gzip.compress(plain.read_bytes()))
+    text = map_of(runs[:1], "fits.gz").replace('"OMS_x1", unit = "m"', '"OMS_x1"')
+    text = text.replace("[time]", 'grs_y_1 = { column = "OMS_y", unit = "m" }\n[time]')
+    (tmp_path / "map.toml").write_text(text)
+    (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
+    channels = read(path).channels
+    expected = np.where(integers == -99, np.nan, integers)
+    np.testing.assert_allclose(channels["o_1"], 1e-9 * expected, rtol=1e-15)
+    np.testing.assert_array_equal(channels["grs_y_1"], 0.5 * expected + 7.0)
+
+
+def test_no_time_column(runs, tmp_path):
+    as_csv(tmp_path / f"{runs[0].run}.csv", columns_of(runs[0]))
+    text = re.sub(r"\[time\]\n.*\n.*\n", "", map_of(runs[:1], "csv"))
+    (tmp_path / "map.toml").write_text(text.replace("[attributes]", '[attributes]\nfs = "100 mHz"'))
+    (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
+    np.testing.assert_allclose(read(path).time, 10.0 * runs[0].time)
+
+
+def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):
+    monkeypatch.setattr("fit.telemetry.archives.BLOCK", 1000)
+    for suffix in FORMATS:
+        first, _ = convert([archive(suffix)], tmp_path / "telemetry", any_gaps=False)
+        np.testing.assert_array_equal(read(first).channels["o_12"], runs[0].channels["o_12"])
+
+
+def test_fit_report_and_delta_g_of_a_map(lpfcosim, archive, contract, tmp_path):
+    where = archive("csv")
+    for paths, out in (([contract], "plain"), ([where], "mapped")):
+        status, _, err = lpfcosim("fit", *paths, "--include-short", "--out", out)
+        assert status == 0, err
+    plain, mapped = (json.loads((tmp_path / d / "results.json").read_text()) for d in ("plain", "mapped"))
+    assert mapped["joint"] == plain["joint"]
+    assert mapped["experiments"] == plain["experiments"]
+    assert mapped["provenance"]["telemetry"] == ["telemetry/E1-noise.h5", "telemetry/E1-sysid.h5"]
+    status, _, err = lpfcosim("report", "mapped")
+    assert status == 0, err
+    for paths, out in (([contract], "plain-g"), ([where], "mapped-g")):
+        status, _, err = lpfcosim("deltag", *paths, "--calibration", "plain/results.json", "--out", out)
+        assert status == 0, err
+    with (
+        h5py.File("plain-g/E1-noise-deltag.h5") as first,
+        h5py.File("mapped-g/E1-noise-deltag.h5") as second,
+    ):
+        np.testing.assert_array_equal(first["delta_g"][:], second["delta_g"][:])
+        assert second.attrs["archive"] == "E1-noise.csv"
+
+
+def test_what_was_converted_before_is_replaced_other_telemetry_never(lpfcosim, archive, contract, tmp_path):
+    where = archive("csv")
+    folder = tmp_path / "result" / "telemetry"
+    convert([where], folder, any_gaps=False)
+    where.write_text(where.read_text().replace('run = "E1-noise"', 'run = "other"'))
+    convert([where], folder, any_gaps=False)
+    assert {path.name for path in folder.iterdir()} == {"E1-sysid.h5", "other.h5"}
+    (folder / "E1-sysid.h5").write_bytes((contract / "E1-sysid.h5").read_bytes())
+    with pytest.raises(InputError, match=r"E1-sysid\.h5: telemetry that was not converted"):
+        convert([where], folder, any_gaps=False)
+
+
+def test_delta_g_is_had_of_a_run_with_many_gaps(archive, tmp_path):
+    where = archive("csv")
+    file = where.parent / "E1-sysid.csv"
+    lines = file.read_text().splitlines()
+    lines[1000:3000] = [re.sub(r",[^,]*$", ",", line) for line in lines[1000:3000]]
+    file.write_text("\n".join(lines))
+    first, _ = convert([where], tmp_path / "telemetry", any_gaps=True)
+    with h5py.File(first) as h5:
+        assert np.isnan(h5["f_x_2"][:]).sum() == 2000
+    with pytest.raises(InputError, match=r"E1-sysid\.csv: column a2 \(channel f_x_2\): nan from sample 998 "):
+        convert([where], tmp_path / "other", any_gaps=False)
+
+
+def test_the_example_of_the_documentation(tmp_path):
+    (text,) = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "mission.toml").write_text(text)
+    values = np.arange(100.0)
+    names = ("t", "OMS_x1", "OMS_x12", "a1_cmd", "a2_cmd", "torque")
+    for file in ("2016-04-16.csv", "quiet.csv"):
+        as_csv(tmp_path / file, dict.fromkeys(names, values) | {"t": 500.0 * values}, ";")
+    found = read_all(convert([tmp_path / "mission.toml"], tmp_path / "telemetry", any_gaps=False))
+    assert [(run.run, run.fs, run.F_max_2) for run in found] == [
+        ("A1-noise", 2.0, 2.2e-9),
+        ("A1", 2.0, 2.2e-9),
+    ]
+    np.testing.assert_allclose(found[0].channels["f_x_1"], 1e-12 * values, rtol=1e-15)
+    np.testing.assert_array_equal(found[0].channels["N_phi_1"], values)
+
+
+def in_map(old, new):
+    def change(where):
+        text = where.read_text()
+        assert re.search(old, text)
+        where.write_text(re.sub(old, new, text, count=1))
+
+    return change
+
+
+def in_archive(old, new, line=None):
+    def change(where):
+        file = where.parent / "E1-noise.csv"
+        lines = file.read_text().splitlines()
+        chosen = range(len(lines)) if line is None else [line]
+        for i in chosen:
+            lines[i] = re.sub(old, new, lines[i])
+        file.write_text("\n".join(lines))
+
+    return change
+
+
+FAULTS = {
+    "no map": (lambda where: where.unlink(), "map.toml: not a readable file"),
+    "no TOML": (in_map("schema = ", "schema "), r"map\.toml: Expected"),
+    "unknown schema": (
+        in_map("lpf-map/1", "lpf-map/9"),
+        "map.toml: schema: 'lpf-map/9', expected 'lpf-map/1'",
+    ),
+    "no schema": (in_map("schema = .*\n", ""), "map.toml: schema: missing"),
+    "unknown table": (in_map(r"\[time\]", "[clock]"), r"map\.toml: clock: "),
+    "unknown key of a channel": (
+        in_map("unit = ", "units = "),
+        r"map\.toml: channels\.o_1\.units: 'm': Extra",
+    ),
+    "unknown channel": (in_map("f_x_2 = ", "f_x_3 = "), r"map\.toml: channels\.f_x_2: missing"),
+    "unknown optional channel": (
+        in_map("f_x_2 = ", 'N_ph_1 = { column = "a1" }\nf_x_2 = '),
+        r"channels\.N_ph_1: not known, expected a channel of the contract",
+    ),
+    "unknown attribute": (in_map("m_tm", "mass"), r"map\.toml: attributes\.mass: not known"),
+    "unknown attribute of a run": (in_map("kind", "art"), r"map\.toml: runs\[0\]\.art: not known"),
+    "no attribute": (in_map("m_tm.*\n", ""), r"map\.toml: runs\[0\]: attribute m_tm: missing"),
+    "wrong kind": (in_map('"noise"', '"quiet"'), r"map\.toml: runs\[1\]: attribute kind: 'quiet'"),
+    "attribute in another unit": (
+        in_map("F_max_1 = .*", 'F_max_1 = "2200 nm"'),
+        r"attributes\.F_max_1: '2200 nm', unit 'nm' does not measure what 'N' does, expected",
+    ),
+    "channel in another unit": (
+        in_map('"OMS_x12", unit = "m"', '"OMS_x12", unit = "nN"'),
+        r"map\.toml: channels\.o_12\.unit: unit 'nN' does not measure what 'm' does, expected 'm'",
+    ),
+    "unit that is none": (in_map('unit = "s"', 'unit = "tick"'), r"time\.unit: unit 'tick' is not known"),
+    "neither time nor rate": (in_map(r"\[time\]\n.*\n.*\n", ""), r"map\.toml: time: missing"),
+    "twice one run": (in_map('run = "E1-noise"', 'run = "E1-sysid"'), r"runs\[1\]\.run: 'E1-sysid' is also"),
+    "run that leaves the folder": (in_map('run = "E1', 'run = "../E1'), r"runs\[0\]\.run: '\.\./E1-sysid'"),
+    "missing file": (in_map(r"E1-noise\.csv", "E2.csv"), r"runs\[1\]\.file: 'E2\.csv', no such file"),
+    "unknown format": (
+        lambda where: ((where.parent / "x.docx").touch(), in_map(r"E1-noise\.csv", "x.docx")(where)),
+        r"x\.docx: of no known format",
+    ),
+    "table in a CSV file": (in_map("kind", "table = 1\nkind"), r"E1-sysid\.csv: no table 1"),
+    "missing column": (
+        in_archive("OMS_x12", "OMS"),
+        r"E1-noise\.csv: column OMS_x12 \(channel o_12\): missing, .* t, temperature, OMS_x1, OMS, a1, a2",
+    ),
+    "several of a name": (in_archive("temperature", "a1"), r"E1-noise\.csv: column a1: there are several"),
+    "ragged": (in_archive(",[^,]*$", "", 9), r"E1-noise\.csv: line 10: 5 cells, expected the 6"),
+    "words": (in_archive("21.5,[^,]*", "21.5,off", 9), r"line 10: column OMS_x1: 'off', expected a number"),
+    "decimal commas": (
+        in_archive(r"21\.5,", "21,5,", 9),
+        r"E1-noise\.csv: line 10: 7 cells, expected the 6 of the line with the names",
+    ),
+    "a line left out": (
+        lambda where: in_archive("^", "#", 9)(where),
+        r"E1-noise\.csv: column t: from 6 s to 8 s at sample 7, expected uniform",
+    ),
+    "no time": (in_archive("^[^,]*", "", 9), r"E1-noise\.csv: column t: nan at sample 7"),
+    "time that stands still": (in_archive("^1[^,]*", "7"), r"column t: from 0 s to 0 s, expected it to incr"),
+    "another rate": (
+        in_map(r"\[attributes\]", "[attributes]\nfs = 2.0"),
+        r"column t: steps of 1 s, expected",
+    ),
+    "too fast": (in_map('unit = "s"', 'unit = "ms"'), r"map\.toml: runs\[0\]: attribute fs: 1000\.0"),
+    "infinite": (
+        in_archive("21.5,[^,]*", "21.5,inf", 9),
+        r"E1-noise\.csv: column OMS_x1 \(channel o_1\): inf at sample 7 \(t = 7 s\), expected a finite",
+    ),
+    "too many missing": (
+        in_archive("21.5,[^,]*", "21.5,nan"),
+        r"column OMS_x1 \(channel o_1\): nan from sample 0 .*, expected at most 1 % and 600 s",
+    ),
+    "empty": (in_archive("^.*$", ""), r"E1-noise\.csv: column OMS_x1 .*: missing, .* there are none"),
+    "one line": (in_archive(r"^1\d{8}.*[2-9].*$", ""), r"E1-noise\.csv: [01] samples, expected 2 to"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_one_sentence_and_leaves_nothing(lpfcosim, archive, tmp_path, fault):
+    change, expected = FAULTS[fault]
+    where = archive("csv")
+    change(where)
+    status, _, err = lpfcosim("fit", where, "--out", "result")
+    (sentence,) = err.strip().splitlines()
+    assert status == 2
+    assert sentence.startswith(f"lpfcosim: error: {where.parent}")
+    assert re.search(expected, sentence), sentence
+    assert not list(tmp_path.iterdir())
+
+
+def cut(file):
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2])
+
+
+def matrix(file):
+    savemat(file, {"data": {"t": np.zeros((9, 3))}})
+
+
+def shorter(file):
+    as_mat(file, {name: np.arange(9.0 if name != "a2" else 8.0) for name in ("t", *COLUMNS.values())})
+
+
+def image(file):
+    fits = pytest.importorskip("astropy.io.fits")
+    fits.PrimaryHDU(np.zeros((2, 2))).writeto(file, overwrite=True)
+
+
+def other_units(file):
+    file.unlink()
+    as_fits(file, dict.fromkeys(("t", *COLUMNS.values()), np.arange(9.0)), {"a1": "counts"})
+
+
+BINARY_FAULTS = {
+    "cut .mat": ("mat", cut, r"E1-noise\.mat: cannot be read"),
+    "cut .mat of version 7.3": ("v73.mat", cut, r"E1-noise\.v73\.mat: cannot be read"),
+    "cut FITS": ("fits", cut, r"E1-noise\.fits: cannot be read"),
+    "text called .mat": ("mat", lambda file: file.write_text("t,x\n1,2\n"), r"E1-noise\.mat: cannot be read"),
+    "text called FITS": ("fits", lambda file: file.write_text("t,x\n"), r"E1-noise\.fits: cannot be read"),
+    "matrix": ("mat", matrix, r"column OMS_x1 .*: missing, expected it among the columns: t"),
+    "other struct": ("mat", lambda file: savemat(file, {"x": 1.0}), r"no table 'data', expected a struct"),
+    "lengths": ("mat", shorter, r"E1-noise\.mat: column a2 \(channel f_x_2\): 8 samples, expected 9"),
+    "a unit of the file": (
+        "fits",
+        other_units,
+        r"E1-noise\.fits: column a1 \(channel f_x_1\): unit 'counts' .*, expected 'm s-2' or a multiple",
+    ),
+    "image": ("fits", image, r"E1-noise\.fits: no table 'OMS', expected an extension with a table"),
+}
+
+
+@pytest.mark.parametrize("fault", BINARY_FAULTS)
+def test_a_fault_of_a_binary_archive(lpfcosim, archive, tmp_path, fault):
+    suffix, change, expected = BINARY_FAULTS[fault]
+    where = archive(suffix)
+    where.write_text(where.read_text().replace('"a1", unit = "m s-2"', '"a1"'))
+    change(where.parent / f"E1-noise.{suffix}")
+    status, _, err = lpfcosim("fit", where, "--out", "result")
+    assert status == 2
+    (sentence,) = err.strip().splitlines()
+    assert re.search(expected, sentence), sentence
+    assert not list(tmp_path.iterdir())
+
+
+def test_fits_needs_an_extra(lpfcosim, archive, monkeypatch):
+    where = archive("fits")
+    monkeypatch.setitem(sys.modules, "astropy.io.fits", None)
+    status, _, err = lpfcosim("fit", where)
+    assert status == 2
+    assert "E1-sysid.fits: FITS needs the extra lpfcosim[fits]" in err

@@ -1,0 +1,291 @@
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.errors import InputError
+from fit.telemetry.reader import read, read_all, read_truth
+from tests.oracles.contract_file import UNITS, write_contract_file
+
+N = 200
+
+
+@pytest.fixture
+def file(tmp_path):
+    return write_contract_file(tmp_path / "A1.h5", samples=N)
+
+
+def refusal(path):
+    """Return the message of the refusal; it must be one sentence that names the file."""
+    with pytest.raises(InputError) as caught:
+        read(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert "expected" in message
+    return message.removeprefix(str(path))
+
+
+def test_a_valid_file(tmp_path):
+    o_1 = np.linspace(-1e-9, 1e-9, N)
+    path = write_contract_file(
+        tmp_path / "A1.h5",
+        samples=N,
+        channels={"o_1": (o_1, "m"), "counter": (np.arange(N), ""), "F_x_sc": (np.ones(N), "N")},
+        seed=7,
+        version="0.1.0",
+    )
+    telemetry = read(path)
+    assert (telemetry.run, telemetry.experiment, telemetry.kind) == ("A1", "A1", "sysid")
+    assert (telemetry.fs, telemetry.duration, telemetry.alignment_epoch) == (10.0, 20.0, 1)
+    assert (telemetry.F_max_2, telemetry.N_max_1, telemetry.m_tm) == (2200e-12, 10.4e-12, 1.928)
+    np.testing.assert_array_equal(telemetry.channels["o_1"], o_1)
+    np.testing.assert_array_equal(telemetry.channels["counter"], np.arange(N))
+    assert telemetry.channels["counter"].dtype == np.float64
+    assert telemetry.channels.keys() == {*UNITS, "counter", "F_x_sc"}
+    assert telemetry.units["f_x_2"] == "m s-2"
+    assert telemetry.attributes == {"seed": 7, "version": "0.1.0"}
+    assert telemetry.time[1] == 0.1
+
+
+def test_foreign_forms_of_attributes(tmp_path):
+    path = write_contract_file(
+        tmp_path / "foreign.h5",
+        run=np.bytes_("A1"),
+        experiment=np.array(["A1"], dtype="S2"),
+        F_max_2=np.float32(2.2e-9),
+        alignment_epoch=1.0,
+        m_tm=np.array([[1.928]]),
+        note=np.array([1.0, 2.0]),
+    )
+    with h5py.File(path, "a") as h5:
+        h5.attrs["fs"] = np.array([10], dtype="i4")
+        h5.attrs["kind"] = np.array("noise", dtype=h5py.string_dtype())
+        h5["o_1"].attrs["units"] = np.bytes_("m")
+        h5["f_x_1"].attrs["units"] = "m/s^2"
+        h5["f_x_2"].attrs["units"] = np.array(["m s^-2"], dtype="S8")
+    telemetry = read(path)
+    assert (telemetry.run, telemetry.experiment, telemetry.kind) == ("A1", "A1", "noise")
+    assert telemetry.fs == 10.0
+    assert isinstance(telemetry.fs, float)
+    assert telemetry.alignment_epoch == 1
+    assert telemetry.m_tm == 1.928
+    np.testing.assert_array_equal(telemetry.attributes["note"], [1.0, 2.0])
+
+
+def test_a_slower_archive_and_a_late_start(tmp_path):
+    path = write_contract_file(tmp_path / "slow.h5", fs=1.0)
+    with h5py.File(path, "a") as h5:
+        h5["time"][...] += 1.4e9
+    assert read(path).duration == N
+
+
+def test_what_is_no_channel_is_left_alone(file):
+    with h5py.File(file, "a") as h5:
+        h5["scalar"] = 3.0
+        h5["image"] = np.zeros((N, 3))
+        h5["names"] = np.array([b"x"] * N)
+        h5.create_group("other")["o_1"] = 1.0
+        h5["frequency"] = np.arange(7.0)
+        h5["frequency"].make_scale("frequency")
+        h5["psd"] = np.ones(7)
+        h5["psd"].dims[0].attach_scale(h5["frequency"])
+        h5["gap"] = np.full(N, np.nan)
+        h5["broken"] = h5py.SoftLink("/nowhere")
+    assert read(file).channels.keys() == {*UNITS, "gap"}
+
+
+ATTRIBUTE_FAULTS = [
+    ("schema", None, "schema: missing"),
+    ("schema", "lpf-telemetry/2", "'lpf-telemetry/2', expected 'lpf-telemetry/1'"),
+    ("schema", 1, "schema: 1"),
+    ("run", None, "run: missing"),
+    ("run", "", "run: ''"),
+    ("run", 5, "run: 5"),
+    ("experiment", None, "experiment: missing"),
+    ("kind", "Noise", "'Noise'"),
+    ("t0", "yesterday", "t0: 'yesterday'"),
+    ("t0", 0.0, "t0: 0.0"),
+    ("fs", None, "fs: missing"),
+    ("fs", "10", "fs: '10'"),
+    ("fs", 0.0, "fs: 0.0"),
+    ("fs", -10.0, "fs: -10.0"),
+    ("fs", 100.0, "fs: 100.0"),
+    ("fs", np.nan, "fs: nan"),
+    ("fs", True, "fs: True"),
+    ("fs", np.array([10.0, 10.0]), "fs: array"),
+    ("F_max_1", -1e-12, "F_max_1: -1e-12"),
+    ("F_max_2", None, "F_max_2: missing"),
+    ("N_max_1", np.inf, "N_max_1: inf"),
+    ("N_max_2", "10.4 pN m", "N_max_2: '10.4 pN m'"),
+    ("alignment_epoch", 1.5, "alignment_epoch: 1.5"),
+    ("alignment_epoch", -1, "alignment_epoch: -1"),
+    ("alignment_epoch", "1", "alignment_epoch: '1'"),
+    ("m_tm", 0.0, "m_tm: 0.0"),
+    ("m_tm", h5py.Empty("f"), "m_tm: "),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "expected"), ATTRIBUTE_FAULTS)
+def test_faults_of_root_attributes(file, name, value, expected):
+    with h5py.File(file, "a") as h5:
+        del h5.attrs[name]
+        if value is not None:
+            h5.attrs[name] = value
+    message = refusal(file)
+    assert f"attribute {name}" in message
+    assert expected in message
+
+
+def replace(h5, name, values, units="m"):
+    if name in h5:
+        del h5[name]
+    h5[name] = values
+    h5[name].attrs["units"] = units
+
+
+def with_value(h5, name, index, value):
+    h5[name][index] = value
+
+
+CHANNEL_FAULTS = {
+    "missing": (lambda h5: h5.pop("f_x_2"), ["channel f_x_2: missing"]),
+    "a group": (lambda h5: (h5.pop("o_1"), h5.create_group("o_1")), ["channel o_1: missing"]),
+    "nm": (lambda h5: h5["o_12"].attrs.update(units="nm"), ["channel o_12", "'nm'", "'m'"]),
+    "N": (lambda h5: h5["f_x_1"].attrs.update(units="N"), ["channel f_x_1", "'N'", "'m s-2'"]),
+    "unit number": (lambda h5: h5["o_1"].attrs.update(units=1.0), ["channel o_1", "1.0"]),
+    "no unit": (lambda h5: h5["o_1"].attrs.pop("units"), ["channel o_1: without units", "'m'"]),
+    "optional nm": (lambda h5: replace(h5, "guidance_o_1", np.zeros(N), "nm"), ["guidance_o_1", "'nm'"]),
+    "optional torque": (lambda h5: replace(h5, "N_phi_2", np.zeros(N), "N"), ["N_phi_2", "'N m'"]),
+    "short": (lambda h5: replace(h5, "o_1", np.zeros(N - 1)), ["channel o_1: 199", "200"]),
+    "ragged unknown": (lambda h5: replace(h5, "odd", np.zeros(N + 1), ""), ["channel odd: 201"]),
+    "2-D": (lambda h5: replace(h5, "o_1", np.zeros((N, 1))), ["channel o_1", "(200, 1)"]),
+    "scalar": (lambda h5: replace(h5, "o_1", 0.0), ["channel o_1", "()"]),
+    "text": (lambda h5: replace(h5, "o_1", np.array([b"1"] * N)), ["channel o_1"]),
+    "complex": (lambda h5: replace(h5, "o_1", np.zeros(N, complex)), ["channel o_1", "complex128"]),
+    "unwritten": (
+        lambda h5: (h5.pop("o_1"), h5.create_dataset("o_1", N, "f8").attrs.update(units="m")),
+        ["channel o_1: declared but never written"],
+    ),
+    "all nan": (lambda h5: with_value(h5, "o_12", slice(None), np.nan), ["channel o_12: nan", "100 %"]),
+    "too many nan": (
+        lambda h5: with_value(h5, "o_12", slice(42, 45), np.nan),
+        ["channel o_12: nan from sample 42 (t = 4.2 s)", "1.5 %", "0.3 s", "expected at most 1 % and 600 s"],
+    ),
+    "nan all over": (
+        lambda h5: [with_value(h5, name, 7 * k, np.nan) for k, name in enumerate(UNITS)],
+        ["nan from sample", "2 % of the samples"],
+    ),
+    "inf": (lambda h5: with_value(h5, "f_x_2", 0, -np.inf), ["channel f_x_2: -inf at sample 0"]),
+    "inf elsewhere": (lambda h5: replace(h5, "odd", np.full(N, np.inf), ""), ["channel odd: inf"]),
+}
+
+
+@pytest.mark.parametrize("fault", CHANNEL_FAULTS)
+def test_faults_of_channels(file, fault):
+    mutate, expected = CHANNEL_FAULTS[fault]
+    with h5py.File(file, "a") as h5:
+        mutate(h5)
+    message = refusal(file)
+    for part in expected:
+        assert part in message
+
+
+@pytest.mark.parametrize(("gap", "accepted"), [(600, True), (601, False)])
+def test_missing_samples_up_to_one_per_cent_and_ten_minutes_are_kept(tmp_path, gap, accepted):
+    o_1 = np.zeros(80_000)
+    o_1[1000 : 1000 + gap] = np.nan
+    path = write_contract_file(tmp_path / "gap.h5", samples=80_000, fs=1.0, channels={"o_1": (o_1, "m")})
+    if accepted:
+        np.testing.assert_array_equal(read(path).channels["o_1"], o_1)
+    else:
+        assert "gaps of up to 601 s" in refusal(path)
+
+
+def drift(h5):
+    # Every step within the tolerance, the clock as a whole 5e-4 fast.
+    h5["time"][...] = np.arange(N) * 0.1 * (1 + 5e-4)
+
+
+TIME_FAULTS = {
+    "missing": (lambda h5: h5.pop("time"), "time: missing"),
+    "milliseconds": (lambda h5: h5["time"].attrs.update(units="ms"), "'ms'"),
+    "jump": (
+        lambda h5: with_value(h5, "time", slice(100, None), np.arange(100, 200) * 0.1 + 3),
+        "sample 100",
+    ),
+    "decreasing": (lambda h5: with_value(h5, "time", slice(None), -np.arange(N) * 0.1), "steps of -0.1 s"),
+    "repeated": (lambda h5: with_value(h5, "time", 7, 0.6), "sample 7"),
+    "other rate": (lambda h5: with_value(h5, "time", slice(None), np.arange(N) * 1.0), "steps of 1 s"),
+    "drift": (drift, "spans"),
+    "nan": (lambda h5: with_value(h5, "time", 3, np.nan), "time: nan at sample 3"),
+    "inf": (lambda h5: with_value(h5, "time", -1, np.inf), "time: inf at sample 199"),
+    "empty": (lambda h5: replace(h5, "time", np.zeros(0), "s"), "time: 0 samples"),
+    "one sample": (lambda h5: replace(h5, "time", np.zeros(1), "s"), "time: 1 samples"),
+    "text": (lambda h5: replace(h5, "time", np.array([b"0"] * N), "s"), "time: |S1"),
+    "absurd": (
+        lambda h5: (h5.pop("time"), h5.create_dataset("time", 2**60, "f8", chunks=(1024,))),
+        f"time: {2**60} samples",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", TIME_FAULTS)
+def test_faults_of_time(file, fault):
+    mutate, expected = TIME_FAULTS[fault]
+    with h5py.File(file, "a") as h5:
+        mutate(h5)
+    assert expected in refusal(file)
+
+
+def test_what_is_no_hdf5(tmp_path):
+    (tmp_path / "empty.h5").touch()
+    assert "not HDF5" in refusal(tmp_path / "empty.h5")
+    (tmp_path / "text.h5").write_text("time,o_1\n0,1\n")
+    assert "not HDF5" in refusal(tmp_path / "text.h5")
+    assert "no such file" in refusal(tmp_path / "nowhere.h5")
+    with h5py.File(tmp_path / "bare.h5", "w"):
+        pass
+    assert "schema: missing" in refusal(tmp_path / "bare.h5")
+
+
+@given(share=st.floats(0, 0.999))
+def test_truncated_files(tmp_path_factory, share):
+    path = write_contract_file(tmp_path_factory.mktemp("truncated") / "A1.h5", samples=N)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    refusal(path)
+
+
+def test_folders_are_sorted_by_start_then_run(tmp_path):
+    for name, t0 in [
+        ("c", "2016-05-02T00:00:00Z"),
+        ("b", "2016-05-01T00:00:00"),
+        ("a", "2016-05-01T02:00:00+02:00"),
+    ]:
+        write_contract_file(tmp_path / f"{name}.h5", run=name, t0=t0)
+    (tmp_path / "readme.txt").write_text("not telemetry")
+    assert [t.run for t in read_all([tmp_path])] == ["a", "b", "c"]
+    assert [t.run for t in read_all([tmp_path / "c.h5", tmp_path])] == ["a", "b", "c"]
+
+
+def test_two_runs_of_one_name(tmp_path):
+    write_contract_file(tmp_path / "x.h5")
+    write_contract_file(tmp_path / "y.h5")
+    with pytest.raises(InputError, match=r"y\.h5: attribute run: 'A1' .*x\.h5"):
+        read_all([tmp_path])
+
+
+def test_a_folder_without_telemetry(tmp_path):
+    with pytest.raises(InputError, match=r"expected files \*\.h5"):
+        read_all([tmp_path])
+    with pytest.raises(InputError, match="no such file"):
+        read_all([tmp_path / "nowhere"])
+
+
+def test_truth(tmp_path):
+    truth = {"lambda_2": 1.0776, "alignment": "good", "C_2": np.array([0.186]), "bad": np.nan}
+    path = write_contract_file(tmp_path / "A1.h5", truth=truth)
+    assert read_truth(path) == {"lambda_2": 1.0776, "C_2": 0.186}
+    assert read_truth(write_contract_file(tmp_path / "flight.h5")) == {}

@@ -1,0 +1,401 @@
+"""What a notebook needs: names that cost nothing, the values of the command line, displays that are sound."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import fit
+import lpfcosim as simulator
+from fit import pipeline, settings
+from fit.deltag import write_delta_g
+from fit.results import Estimate, Fit, FitWarning, Results
+from tests import ROOT
+from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of
+from tests.oracles.contract_file import write_contract_file
+from tests.oracles.synthetic import World, pair
+from tests.test_docs import Runner, blocks
+
+DOCUMENT = ROOT / "docs" / "python.md"
+HEAVY = ("numpy", "scipy", "lmfit", "matplotlib", "h5py", "pandas", "pydantic", "fmpy", "xarray")
+
+
+@pytest.fixture(scope="module")
+def campaign(quickstart):
+    """Experiments C and D of the quick start."""
+    whole = simulator.load_campaign(str(quickstart))
+    return replace(whole, experiments=whole.experiments[-2:])
+
+
+@pytest.fixture(scope="module")
+def folder(campaign, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simulated")
+    paths = simulator.simulate(campaign, str(folder), fmus=False)
+    assert paths == [folder / "telemetry" / f"{run.name}.h5" for run in campaign.runs]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(folder):
+    return fit.load(str(folder / "telemetry"))
+
+
+@pytest.fixture(scope="module")
+def results(runs):
+    return fit.calibrate(runs)
+
+
+# Names ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("package", ["fit", "lpfcosim"])
+def test_importing_a_package_reads_in_nothing(package):
+    code = f"import sys, {package}; print([m for m in {HEAVY} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_what_calibrates_is_ready_before_its_tools_are():
+    code = "import sys; from fit import calibrate; print([m for m in sys.modules if m in ("
+    code += "'lmfit', 'pandas', 'matplotlib', 'scipy.signal', 'scipy.stats', 'scipy.optimize', 'fmpy')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", [fit, simulator], ids=lambda package: package.__name__)
+def test_every_public_name_is_there_listed_and_typed(package):
+    tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
+    typed = {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        for statement in node.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+    }
+    assert typed == set(package.__all__)
+    assert list(package.__all__) == sorted(package.__all__)
+    assert set(package.__all__) <= set(dir(package))
+    for name in package.__all__:
+        assert getattr(package, name).__doc__, name
+    with pytest.raises(AttributeError, match="nothing_of_that_name"):
+        _ = package.nothing_of_that_name
+
+
+# Loading --------------------------------------------------------------------------------------------------
+
+
+def test_load_takes_files_lists_and_folders_of_a_run(folder, runs):
+    names = ["C-noise", "C", "D-noise", "D"]
+    assert [run.run for run in runs] == names
+    assert [run.run for run in fit.load(folder)] == names
+    files = [str(folder / "telemetry" / f"{name}.h5") for name in reversed(names)]
+    assert [run.run for run in fit.load(files)] == names
+    assert [run.run for run in fit.load(files[0])] == ["D"]
+
+
+def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
+    found = pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1")
+    for run in found:
+        as_csv(tmp_path / f"{run.run}.csv", columns_of(run))
+    (tmp_path / "flight.toml").write_text(map_of(found, "csv"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    loaded = fit.load("flight.toml")
+    assert {run.path.parent for run in loaded} == {Path("flight/telemetry")}
+    elsewhere = fit.load(tmp_path / "flight.toml", folder=tmp_path / "elsewhere")
+    assert {run.path.parent for run in elsewhere} == {tmp_path / "elsewhere"}
+    for one, other in zip(
+        sorted(loaded, key=lambda r: r.run), sorted(found, key=lambda r: r.run), strict=True
+    ):
+        np.testing.assert_array_equal(one.channels["o_12"], other.channels["o_12"])
+
+
+@pytest.mark.parametrize(
+    ("act", "expected"),
+    [
+        (lambda: fit.load("missing.h5"), "missing.h5: no such file"),
+        (lambda: fit.load_results("missing.json"), "missing.json: not a readable file"),
+        (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
+        (lambda: fit.calibrate([], estimator="magic"), "calibrate.estimator: 'magic'"),
+        (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_sentence(act, expected):
+    with pytest.raises(fit.CalibrationError, match=re.escape(expected)) as raised:
+        act()
+    assert isinstance(raised.value, fit.InputError)
+    assert "\n" not in str(raised.value)
+
+
+# Results --------------------------------------------------------------------------------------------------
+
+
+def test_values_are_those_of_the_command_line(lpfcosim, folder, tmp_path):
+    files = [folder / "telemetry" / name for name in ("D-noise.h5", "D.h5")]
+    status, _, err = lpfcosim("fit", *files, "--out", "by_command", "--quiet")
+    assert status == 0, err
+    runs = fit.load(files)
+    results = fit.calibrate(runs)
+    expected = json.loads((tmp_path / "by_command" / "results.json").read_text(encoding="utf-8"))
+    results.save(str(tmp_path / "results.json"))
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    for section in ("joint", "experiments", "cross_talk", "inertial"):
+        assert found[section] == expected[section]
+    assert found["joint"]["parameters"]["lambda_2"]["pull"] == results.joint["lambda_2"].pull
+    page = fit.save_report(results, runs, tmp_path / "by_function")
+    assert page == tmp_path / "by_function" / "report.html"
+    theirs = {p.name for p in (tmp_path / "by_command" / "figures").iterdir()}
+    assert {p.name for p in (page.parent / "figures").iterdir()} == theirs
+    written = fit.load_results(tmp_path / "by_function" / "results.json")
+    assert [(page.parent / p).resolve() for p in written.provenance["telemetry"]] == files
+
+
+def test_settings_are_those_of_table_fit(runs, tmp_path):
+    (tmp_path / "fit.toml").write_text('[fit]\nestimator = "gaussian"\nexclude = ["C"]\n', encoding="utf-8")
+    expected = pipeline.calibrate(runs, settings.read(tmp_path / "fit.toml"))
+    found = fit.calibrate(runs, estimator="gaussian", exclude=["C"])
+    assert found.provenance["settings"] == expected.provenance["settings"]
+    assert [e.value for e in found.joint.parameters.values()] == [
+        e.value for e in expected.joint.parameters.values()
+    ]
+
+
+def test_a_fit_is_indexed_by_names(results):
+    joint = results.joint
+    assert joint["lambda_2"] is joint.parameters["lambda_2"]
+    assert list(joint) == list(joint.parameters)
+    assert "lambda_2" in joint
+    assert "lambda_1" not in joint
+    with pytest.raises(fit.InputError, match="lambda_1 is not determined by these data"):
+        joint["lambda_1"]
+    with pytest.raises(
+        fit.InputError, match="lambda_3 is no parameter of this fit, expected one of lambda_2"
+    ):
+        joint["lambda_3"]
+    sigma = np.array([joint[name].sigma for name in joint])
+    np.testing.assert_allclose(joint.correlation * np.outer(sigma, sigma), joint.covariance, rtol=1e-9)
+
+
+def test_saved_results_come_back(results, tmp_path):
+    results.save(tmp_path / "results.json")
+    again = fit.load_results(str(tmp_path / "results.json"))
+    assert again.joint.parameters == results.joint.parameters
+    np.testing.assert_array_equal(again.joint.covariance, results.joint.covariance)
+
+
+def test_telemetry_in_memory_has_no_truth_to_tell():
+    found = fit.calibrate(pair(World(), "E", duration=7200.0, drive_1=1e-13, experiment="E1"))
+    assert found.experiments["E1"]["lambda_2"].truth is None
+
+
+# Arrays with units ----------------------------------------------------------------------------------------
+
+
+def test_to_xarray_is_what_xarray_reads_from_the_file(runs):
+    xr = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    for run in runs[-2:]:
+        with xr.open_dataset(run.path, engine="h5netcdf") as expected:
+            xr.testing.assert_identical(run.to_xarray(), expected.load())
+
+
+def test_to_xarray_keeps_what_is_unknown(tmp_path):
+    xr = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    heat = {"temperature": (np.full(200, 21.5), "degC")}
+    path = write_contract_file(tmp_path / "run.h5", channels=heat, spare_attribute="kept")
+    found = fit.load(path)[0].to_xarray()
+    assert (
+        found["time"].attrs.pop("long_name") == "time since 2016-04-16T00:00:00Z"
+    )  # which this file leaves out
+    with xr.open_dataset(path, engine="h5netcdf") as expected:
+        xr.testing.assert_identical(found, expected.load())
+
+
+def test_without_xarray_one_sentence_says_so(runs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(fit.InputError, match=re.escape("needs xarray, of the extra lpfcosim[notebook]")):
+        runs[0].to_xarray()
+
+
+def test_delta_g_is_that_of_the_product_file(runs, results, tmp_path):
+    run = runs[-1]
+    found = fit.delta_g(run, results)
+    notes = write_delta_g(run.path, tmp_path / "D-deltag.h5", results, results.joint, {})
+    with h5py.File(tmp_path / "D-deltag.h5") as file:
+        names = set(file) - {"time"}
+        assert set(found.channels) == names
+        for name in names:
+            np.testing.assert_array_equal(found.channels[name], file[name][:])
+            assert found.units[name] == file[name].attrs["units"] == "m s-2"
+            assert found.long_names[name] == file[name].attrs["long_name"]
+        np.testing.assert_array_equal(found.time, file["time"][:])
+        assert found.fs == file.attrs["fs"]
+        assert found.attributes["notes"] == file.attrs["notes"] == "\n".join(notes)
+    assert all(note in Page(found._repr_html_()).text for note in notes)
+    xr = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    with xr.open_dataset(tmp_path / "D-deltag.h5", engine="h5netcdf") as expected:
+        xr.testing.assert_identical(found.to_xarray(), expected.load())
+    with pytest.raises(fit.InputError, match="no joint fit"):
+        fit.delta_g(run, replace(results, joint=None))
+
+
+# Displays -------------------------------------------------------------------------------------------------
+
+
+class Page(HTMLParser):
+    """Cells of tables and all text; every element must be closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.rows, self.text = [], [], ""
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        assert tag != "script"
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag != "img":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+        if "td" in self.open or "th" in self.open:
+            self.rows[-1][-1] += data
+
+
+def test_results_show_the_table_of_the_joint_fit(results):
+    rows = {row[1]: row for row in Page(results._repr_html_()).rows if len(row) == 7}
+    estimate = results.joint["lambda_2"]
+    value, sigma = map(float, rows["lambda_2"][4].split(" ± "))
+    assert value == pytest.approx(estimate.value, abs=estimate.sigma / 10)
+    assert sigma == pytest.approx(estimate.sigma, rel=0.05)
+    assert float(rows["lambda_2"][5]) == pytest.approx(1.0776, abs=1e-9)
+    assert rows["lambda_1"][4] == "not determined"
+    assert rows["delta_ifo_2"][3] == "10⁻⁵"
+    shown = float(rows["delta_ifo_2"][4].split(" ± ")[0].replace("−", "-"))
+    leakage = results.joint["delta_ifo_2"]
+    assert 1e-5 * shown == pytest.approx(leakage.value, abs=leakage.sigma / 10)
+    assert "experiments" in Page(results._repr_html_()).text
+
+
+def test_text_gives_every_number_to_the_second_digit_of_its_sigma(results):
+    lines = {line.split()[0]: line for line in repr(results).splitlines() if line}
+    for name, estimate in results.joint.parameters.items():
+        unit = estimate.unit
+        value, sigma, truth, pull = lines[name].split(unit, 1)[1].split()
+        assert float(value) == pytest.approx(estimate.value, abs=estimate.sigma / 10)
+        assert float(sigma) == pytest.approx(estimate.sigma, rel=0.05)
+        assert float(truth) == pytest.approx(estimate.truth, abs=estimate.sigma / 10)
+        assert float(pull) == pytest.approx(estimate.pull, abs=0.01)
+    assert "warning: the data do not determine lambda_1" in repr(results)
+
+
+EVIL = "<script>alert(x)</script>&\"'"
+
+
+def test_what_files_say_is_escaped(runs):
+    estimate = Estimate(1.0, 0.1, EVIL, truth=1.05, pull=-0.5)
+    one = Fit({EVIL: estimate}, np.array([[0.01]]), 1.0, 1, False, (FitWarning("code", (), EVIL),), 3)
+    results = Results(one, {EVIL: one}, {}, {}, {})
+    run = replace(
+        runs[0],
+        run=EVIL,
+        experiment=EVIL,
+        channels={EVIL: np.zeros(3)},
+        units={EVIL: EVIL},
+        long_names={EVIL: EVIL},
+    )
+    for shown in (estimate, one, results, run):
+        page = Page(shown._repr_html_())
+        assert EVIL in page.text
+        assert repr(shown)
+    assert "not converged" in repr(one)
+    assert "3 samples masked" in repr(one)
+
+
+def test_telemetry_shows_its_channels_without_reading_them(runs):
+    run = replace(runs[0], channels=dict.fromkeys(runs[0].channels))
+    rows = Page(run._repr_html_()).rows
+    assert ["o_12", "m", run.long_names["o_12"]] in rows
+    assert repr(run).startswith("<Telemetry C-noise: noise run of C, 6 h at 10 Hz from 2016-04-")
+
+
+def test_figures_show_themselves_and_their_numbers(results, runs, tmp_path):
+    plots = (
+        fit.plot.spectra(results, runs, "D"),
+        fit.plot.responses(runs, "D"),
+        fit.plot.breakdown(results, runs, "D"),
+        fit.plot.residual(results, runs, "D"),
+        fit.plot.stiffness(results, runs),
+    )
+    assert Page(plots[0]._repr_html_()).text == ""
+    for plot in plots:
+        assert plot._repr_html_().startswith('<img src="data:image/svg+xml;base64,')
+        assert len({len(column) for column in plot.columns.values()}) == 1
+        assert plot.figure.axes
+    plots[0].save(tmp_path / "spectra.pdf")
+    assert (tmp_path / "spectra.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(fit.InputError, match="no sysid run of 'E', expected one of C, D"):
+        fit.plot.spectra(results, runs, "E")
+    with pytest.raises(fit.InputError, match="no experiment 'D', expected one of none"):
+        fit.plot.spectra(replace(results, experiments={}), runs, "D")
+
+
+# Simulation -----------------------------------------------------------------------------------------------
+
+
+def test_what_is_simulated_already_is_kept(campaign, folder):
+    before = {path: path.stat().st_mtime_ns for path in (folder / "telemetry").iterdir()}
+    simulator.simulate(campaign, folder, fmus=False)
+    assert {path: path.stat().st_mtime_ns for path in (folder / "telemetry").iterdir()} == before
+    other = replace(campaign, seed=1)
+    with pytest.raises(simulator.InputError, match="telemetry of something else"):
+        simulator.simulate(other, folder, fmus=False)
+
+
+def test_a_folder_that_cannot_be(campaign, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(simulator.InputError, match="is a file or lies in one"):
+        simulator.simulate(campaign, tmp_path / "file", fmus=False)
+
+
+@pytest.mark.fmu
+def test_simulated_through_the_fmus_it_is_the_same(campaign, folder, tmp_path):
+    brief = replace(
+        campaign, experiments=[replace(e, n_samples=6000, n_noise_samples=0) for e in campaign.experiments]
+    )
+    ours = simulator.simulate(brief, tmp_path / "fmus", jobs=1)
+    theirs = simulator.simulate(brief, tmp_path / "reference", fmus=False)
+    for one, other in zip(ours, theirs, strict=True):
+        with h5py.File(one) as found, h5py.File(other) as expected:
+            assert set(found) == set(expected)
+            for name in set(found) - {"truth", "time"}:
+                rms = np.sqrt(np.mean(expected[name][:] ** 2))
+                assert np.abs(found[name][:] - expected[name][:]).max() <= 1e-9 * rms, name
+
+
+@pytest.mark.slow
+def test_the_page_runs_from_top_to_bottom_and_prints_what_it_says(lpfcosim, capfd, tmp_path):
+    (tmp_path / "campaigns").symlink_to(ROOT / "campaigns", target_is_directory=True)
+    runner = Runner(lpfcosim, capfd)
+    for block in blocks(DOCUMENT):
+        runner.run(block)
+    assert (tmp_path / "quickstart" / "report.html").is_file()
+    assert (tmp_path / "spectra.pdf").is_file()

@@ -1,0 +1,247 @@
+"""The Delta g product: against the truth of an independent simulator, and as a file."""
+
+import sys
+import tracemalloc
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from scipy.signal import welch
+from scipy.spatial.transform import Rotation
+
+from fit import results as fit_results
+from fit.deltag import write_delta_g
+from fit.errors import FitError, InputError
+from fit.model import stretches
+from fit.results import Estimate, Fit
+from lpfcosim.cli import start as cli
+from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write
+
+DAY = 86400.0
+LATE = World(plateau=1.74e-15, tail=40e-15)
+PRODUCT = ("delta_g", "delta_g_x", "g_c", "g_Omega", "g_dOmega", "delta_g_SC")
+
+
+def fit_of(**values):
+    sigma = {name: abs(value) / 100 for name, value in values.items()}
+    estimates = {name: Estimate(value, sigma[name], "1") for name, value in values.items()}
+    return Fit(estimates, np.diag([s**2 for s in sigma.values()]), 1.0, 1, True, ())
+
+
+def calibrated(world, *, cross_talk=True):
+    """Return results with the truth; b_1 and b_2 hold the Euler force as well, as fitted ones do."""
+    phi, eta = world.phi.delta, world.eta.delta
+    b = {"1": fit_of(b_1=world.b_1 + BASELINE * phi, b_2=world.b_2 - BASELINE * eta)} if cross_talk else {}
+    return replace(calibration(world), inertial={"0": fit_of(delta_phi=phi, delta_eta=eta)}, cross_talk=b)
+
+
+def product(path, out, results):
+    notes = write_delta_g(path, out, results, results.joint, {"calibration_sha256": "abc"})
+    with xarray.open_dataset(out, engine="h5netcdf") as file:
+        return file.load(), notes
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Two days: the file, its truth, its product."""
+    folder = tmp_path_factory.mktemp("deltag")
+    telemetry, truth = run(LATE, duration=2 * DAY)
+    path = write(folder, telemetry, LATE)
+    return path, truth, *product(path, folder / "product.h5", calibrated(LATE))
+
+
+def test_it_is_telemetry_that_others_read(recorded):
+    path, _, file, notes = recorded
+    assert notes == ()
+    assert set(PRODUCT) <= set(file.data_vars)
+    assert file.time.attrs["units"] == "s"
+    for channel in file.data_vars.values():
+        assert channel.attrs["units"] == "m s-2"
+        assert channel.attrs["long_name"]
+        assert channel.dtype == np.float64
+    with h5py.File(path) as source:
+        for name, value in source.attrs.items():
+            assert file.attrs[name] == value
+    assert file.attrs["calibration_sha256"] == "abc"
+    assert file.attrs["notes"] == ""
+    np.testing.assert_array_equal(np.diff(file.time), 1.0)
+
+
+def test_the_terms_add_up(recorded):
+    file = recorded[2]
+    whole = file.delta_g_x + file.delta_g_SC + file.g_Omega + file.g_dOmega
+    np.testing.assert_allclose(whole, file.delta_g, rtol=0, atol=1e-24)
+    dynamics = file.ddo_12 - file.g_c + file.omega2_2_o_12 + file.domega2_12_o_1 - file.delta_ifo_ddo_1
+    np.testing.assert_allclose(dynamics, file.delta_g_x, rtol=0, atol=1e-24)
+    assert float(np.abs(file.g_c).mean()) > 1e-14
+    assert all(float(file[name].std()) > 0 for name in PRODUCT)
+
+
+def level(x, low, high):
+    """Return the ASD averaged in power over a band [Hz] at 1 Hz sampling."""
+    f, S = welch(x, 1.0, nperseg=x.size // 4, detrend="linear")
+    return np.sqrt(S[(f >= low) & (f <= high)].mean())
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "gained", "left"),
+    [(0.08e-3, 0.2e-3, 1.7, 0.15), (0.2e-3, 2e-3, 1.5, 0.3), (25e-3, 35e-3, 10, 2.0)],
+)
+def test_delta_g_is_the_true_one(recorded, low, high, gained, left):
+    _, truth, file, _ = recorded
+    true = truth["delta_g"][10:-10]
+    assert level(file.delta_g_x.values, low, high) > gained * level(true, low, high)
+    assert level(file.delta_g.values - true, low, high) < left * level(true, low, high)
+
+
+def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
+    path = tmp_path / "gaps.h5"
+    path.write_bytes(recorded[0].read_bytes())
+    with h5py.File(path, "a") as file:
+        for name, start, stop in (
+            ("o_12", 1_000, 1_001),
+            ("N_phi_2", 5_000, 5_001),
+            ("f_x_2", 20_000, 20_300),
+            ("o_eta_1", 50_000, 50_020),
+            ("ast_phi", 80_000, 90_000),
+            ("o_1", 100_000, 130_000),
+        ):
+            file[name][start:stop] = np.nan
+    whole, _ = product(path, tmp_path / "whole.h5", calibrated(LATE))
+    for outputs in (4_990, 7_001):
+        monkeypatch.setattr(stretches, "OUTPUTS", outputs)
+        pieces, _ = product(path, tmp_path / "pieces.h5", calibrated(LATE))
+        for name, channel in whole.data_vars.items():
+            scale = float(np.nanmax(np.abs(channel)))
+            np.testing.assert_allclose(pieces[name], channel, rtol=0, atol=1e-9 * scale, err_msg=name)
+    missing = np.isnan(whole.delta_g)
+    assert int(missing.sum()) == 300 + 20 + 30_000 + 3 * 20  # gaps of a sample are interpolated
+    assert not np.isnan(whole.g_Omega[19_900:20_400]).any()
+    assert np.isnan(whole.g_dOmega[49_995])
+    there = ~missing.values
+    change = (whole.delta_g - recorded[2].delta_g).values[there]
+    assert np.abs(change).max() < 2e-13  # beside the interpolated sample of o_12; of 1e-12
+
+
+def test_ten_hertz_gives_the_same_at_one(tmp_path):
+    for fs in (1.0, 10.0):
+        telemetry, _ = run(LATE, duration=DAY / 2, fs=fs, inertial_period=0)
+        file, _ = product(write(tmp_path, telemetry, LATE), tmp_path / "p.h5", calibrated(LATE))
+        assert file.attrs["fs"] == 1.0
+        assert file.time.size == pytest.approx(DAY / 2, abs=40)
+        assert level(file.delta_g.values, 1e-3, 20e-3) == pytest.approx(2.0e-15, rel=0.25)
+
+
+def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(stretches, "OUTPUTS", 3_600)
+    peaks = []
+    for days in (0.4, 1.6):
+        path = write(tmp_path, run(LATE, duration=days * DAY, name="long")[0], LATE)
+        tracemalloc.start()
+        write_delta_g(path, tmp_path / "p.h5", calibrated(LATE), calibrated(LATE).joint, {})
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
+
+
+def test_quaternion_instead_of_angles(recorded, tmp_path):
+    path = tmp_path / "turned.h5"
+    path.write_bytes(recorded[0].read_bytes())
+    with h5py.File(path, "a") as file:
+        angles = np.stack([np.zeros(file["time"].size), file["ast_eta"][()], file["ast_phi"][()]], axis=1)
+        q = (Rotation.from_euler("xyz", [1.0, 0.2, -2.0]) * Rotation.from_rotvec(angles)).as_quat()
+        q[:17] = np.nan
+        for i in range(4):
+            channel = file.create_dataset(f"ast_q_{i + 1}", data=q[:, i])
+            channel.attrs["units"] = "1"
+            channel.dims[0].attach_scale(file["time"])
+        del file["ast_eta"], file["ast_phi"]
+    turned, _ = product(path, tmp_path / "p.h5", calibrated(LATE))
+    apart = (turned.g_Omega - recorded[2].g_Omega).values
+    assert level(apart, 0.05e-3, 2e-3) < 0.02 * level(recorded[2].g_Omega.values, 0.05e-3, 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("without", "lacking", "note"),
+    [
+        (("N_eta_1", "N_eta_2"), {"g_Omega", "g_dOmega"}, "no torques about phi and eta"),
+        (("o_eta_12",), {"delta_g_SC"}, "delta_g_SC is left out: no channel o_eta_12"),
+        (("ast_eta",), set(), "without star tracker"),
+    ],
+)
+def test_what_a_file_lacks_is_left_out_and_told(recorded, tmp_path, without, lacking, note):
+    path = tmp_path / "less.h5"
+    path.write_bytes(recorded[0].read_bytes())
+    with h5py.File(path, "a") as file:
+        for name in without:
+            del file[name]
+    file, notes = product(path, tmp_path / "p.h5", calibrated(LATE))
+    assert set(PRODUCT) - set(file.data_vars) == lacking
+    assert any(note in line for line in notes)
+    assert note in file.attrs["notes"]
+    assert np.isfinite(file.delta_g).all()
+
+
+def test_what_the_calibration_lacks_is_left_out_and_told(recorded, tmp_path):
+    bare = replace(calibrated(LATE, cross_talk=False), inertial={"3": fit_of(delta_phi=1.0, delta_eta=1.0)})
+    file, notes = product(recorded[0], tmp_path / "p.h5", bare)
+    assert set(PRODUCT) - set(file.data_vars) == {"delta_g_SC", "g_dOmega"}
+    assert "no cross_talk of alignment epoch 1" in notes[0]
+    assert "no inertial period 0" in notes[1]
+
+
+def test_nothing_is_left_of_what_fails(recorded, tmp_path):
+    results = calibrated(LATE)
+    path = tmp_path / "short.h5"
+    write(tmp_path, replace(run(LATE, duration=DAY / 8, name="short")[0]), LATE)
+    with h5py.File(path, "a") as file:
+        file["f_x_2"][9_000] = np.inf
+    with pytest.raises(InputError, match=r"short\.h5: channel f_x_2: inf at sample 9000"):
+        write_delta_g(path, tmp_path / "p.h5", results, results.joint, {})
+    assert [p.name for p in tmp_path.iterdir()] == ["short.h5"]
+    with pytest.raises(FitError, match=r"nowhere/p\.h5: cannot be written"):
+        write_delta_g(recorded[0], tmp_path / "nowhere" / "p.h5", results, results.joint, {})
+
+
+def test_too_short_a_run_is_refused(tmp_path):
+    write(tmp_path, run(LATE, duration=20, name="tiny")[0], LATE)
+    results = calibrated(LATE)
+    with pytest.raises(InputError, match=r"tiny\.h5: 20 samples, expected more than 20"):
+        write_delta_g(tmp_path / "tiny.h5", tmp_path / "p.h5", results, results.joint, {})
+
+
+def command(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return stopped.value.code or 0
+
+
+def test_command(recorded, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "a.h5").write_bytes(recorded[0].read_bytes())
+    fit_results.write(calibrated(LATE, cross_talk=False), tmp_path / "R.json")
+    assert command(monkeypatch, "deltag", "data", "--calibration", "R.json") == 0
+    captured = capfd.readouterr()
+    assert captured.out.strip() == "data-deltag/a-deltag.h5"
+    assert "warning: delta_g_SC is left out" in captured.err
+    assert [p.name for p in (tmp_path / "data").iterdir()] == ["a.h5"]
+    with xarray.open_dataset("data-deltag/a-deltag.h5", engine="h5netcdf") as file:
+        assert file.attrs["source"] == "a.h5"
+        assert len(file.attrs["calibration_sha256"]) == 64
+        assert file.attrs["lpfcosim_version"]
+    assert command(monkeypatch, "deltag", "data", "--calibration", "R.json", "--out", "x", "--quiet") == 0
+    assert capfd.readouterr() == ("", "")
+    for arguments, words in (
+        (("data/a.h5", "--calibration", "nowhere.json"), "nowhere.json: not a readable file"),
+        (("nowhere.h5", "--calibration", "R.json"), "nowhere.h5: no such file"),
+        (("R.json", "--calibration", "R.json"), "R.json: not HDF5"),
+        (("data", "data-deltag/../x", "--calibration", "R.json", "--out", "R.json"), "R.json: is a file"),
+    ):
+        assert command(monkeypatch, "deltag", *arguments) == 2
+        err = capfd.readouterr().err
+        assert words in err
+        assert len(err.strip().splitlines()) == 1

@@ -1,0 +1,252 @@
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.errors import FitError, InputError
+from fit.results import Estimate, Fit, FitWarning, Results, load, with_truth, write
+from fit.telemetry.reader import read
+from tests.oracles.contract_file import write_contract_file
+
+TRUTH = {
+    "lambda_1": 1.0748,
+    "lambda_2": 1.0776,
+    "C_1": 0.149,
+    "C_2": 0.186,
+    "omega2_1_0": -3.99e-7,
+    "omega2_2_0": -4.19e-7,
+    "alpha_x_1": -345.0,
+    "alpha_x_2": -317.0,
+    "alpha_phi_1": -28.2e3,
+    "alpha_phi_2": -27.4e3,
+}
+
+
+def make_fit(warnings=(), **values):
+    return Fit(
+        parameters={name: Estimate(value, 0.5, "1") for name, value in values.items()},
+        covariance=0.25 * np.eye(len(values)),
+        chi2=1000.5,
+        dof=1000,
+        converged=True,
+        warnings=tuple(warnings),
+    )
+
+
+def make_results(**sections):
+    empty = {"joint": None, "experiments": {}, "cross_talk": {}, "inertial": {}, "provenance": {}}
+    return Results(**{**empty, **sections})
+
+
+INDETERMINABLE = FitWarning(
+    "indeterminable", ("lambda_1", "C_1"), "test mass 1 was not driven", {"lambda_1": 1.0, "C_1": -0.2}
+)
+
+
+def assert_same(a, b):
+    assert a.parameters == b.parameters
+    assert list(a.parameters) == list(b.parameters)
+    np.testing.assert_array_equal(a.covariance, b.covariance)
+    assert (a.chi2, a.dof, a.converged, a.warnings, a.masked_samples) == (
+        b.chi2,
+        b.dof,
+        b.converged,
+        b.warnings,
+        b.masked_samples,
+    )
+
+
+def test_round_trip(tmp_path):
+    results = make_results(
+        joint=make_fit([INDETERMINABLE], lambda_2=1.0776, C_2=0.186),
+        experiments={
+            "A1": make_fit(lambda_2=1.0),
+            "<B>": make_fit([FitWarning("own_psd", (), "no noise run")]),
+        },
+        inertial={"0": make_fit(delta_phi=-4e-4)},
+        provenance={"version": "0.1.0", "files": ["a.h5"], "options": {"short": False}},
+    )
+    write(results, tmp_path / "results.json")
+    loaded = load(tmp_path / "results.json")
+    assert_same(loaded.joint, results.joint)
+    assert loaded.experiments.keys() == {"A1", "<B>"}
+    for name, fit in results.experiments.items():
+        assert_same(loaded.experiments[name], fit)
+    assert_same(loaded.inertial["0"], results.inertial["0"])
+    assert loaded.cross_talk == {}
+    assert loaded.provenance == results.provenance
+
+
+@given(value=st.floats(-1e100, 1e100), sigma=st.floats(1e-100, 1e100))
+def test_every_float_survives_to_the_last_bit(tmp_path_factory, value, sigma):
+    path = tmp_path_factory.mktemp("results") / "results.json"
+    fit = replace(
+        make_fit(), parameters={"C_2": Estimate(value, sigma, "s")}, covariance=np.array([[sigma**2]])
+    )
+    write(make_results(joint=fit), path)
+    estimate = load(path).joint.parameters["C_2"]
+    assert math.copysign(1, estimate.value) == math.copysign(1, value)
+    assert (estimate.value, estimate.sigma) == (value, sigma)
+
+
+def test_the_json_is_that_of_the_contract(tmp_path):
+    fit = make_fit([INDETERMINABLE], lambda_2=1.0, C_2=0.2)
+    fit.parameters["C_2"] = Estimate(0.2, 0.5, "s", truth=0.1, pull=0.2)
+    write(make_results(joint=fit), tmp_path / "results.json")
+    document = json.loads((tmp_path / "results.json").read_text())
+    assert document["schema"] == "lpf-results/1"
+    assert document.keys() == {"schema", "joint", "experiments", "cross_talk", "inertial", "provenance"}
+    joint = document["joint"]
+    assert joint["names"] == ["lambda_2", "C_2"]
+    assert joint["parameters"]["lambda_2"] == {"value": 1.0, "sigma": 0.5, "unit": "1"}
+    assert joint["parameters"]["C_2"] == {"value": 0.2, "sigma": 0.5, "unit": "s", "truth": 0.1, "pull": 0.2}
+    assert joint["covariance"] == [[0.25, 0.0], [0.0, 0.25]]
+    assert (joint["chi2"], joint["dof"], joint["converged"]) == (1000.5, 1000, True)
+    assert joint["warnings"] == [
+        {
+            "code": "indeterminable",
+            "parameters": ["lambda_1", "C_1"],
+            "combination": {"lambda_1": 1.0, "C_1": -0.2},
+            "message": "test mass 1 was not driven",
+        }
+    ]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_doubtful_number_is_never_written(tmp_path, bad):
+    path = tmp_path / "results.json"
+    path.write_text("kept")
+    with pytest.raises(FitError, match="not finite"):
+        write(make_results(joint=make_fit(C_2=bad)), path)
+    assert path.read_text() == "kept"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def document(**changes):
+    fit = {
+        "parameters": {"C_2": {"value": 0.2, "sigma": 0.1, "unit": "s"}},
+        "names": ["C_2"],
+        "covariance": [[0.01]],
+        "chi2": 1.0,
+        "dof": 1,
+        "converged": True,
+        "warnings": [],
+    }
+    return {"schema": "lpf-results/1", "joint": {**fit, **changes}}
+
+
+FAULTS = {
+    "": "expected a JSON object",
+    "{": "expected a JSON object",
+    "[]": "expected a JSON object",
+    "[" * 100_000: "expected a JSON object",
+    "{}": "schema is None, expected 'lpf-results/1'",
+    '{"schema": "lpf-results/2"}': "schema is 'lpf-results/2'",
+    json.dumps(document(parameters={"C_2": {"value": "0.2", "sigma": 0.1, "unit": "s"}})): "C_2.value",
+    json.dumps(document(parameters={"C_2": {"value": 0.2, "unit": "s"}})): "C_2.sigma",
+    json.dumps(
+        document(parameters={"C_2": {"value": 0.2, "sigma": -0.1, "unit": "s"}})
+    ): "squares of positive sigmas",
+    json.dumps(document(parameters={"C_2": {"value": math.nan, "sigma": 0.1, "unit": "s"}})): "C_2.value",
+    json.dumps(document(chi2=math.inf)): "joint.chi2",
+    json.dumps(document(chi2=1.0)).replace("1.0", "1e999"): "joint.chi2",
+    json.dumps(document(dof=1.5)): "joint.dof",
+    json.dumps(document(converged=1)): "joint.converged",
+    json.dumps(document(names=["C_1"])): "joint.names: expected each of the parameters once",
+    json.dumps(document(names=["C_2", "C_2"])): "joint.names",
+    json.dumps(document(covariance=[[0.01, 0.0]])): "joint.covariance: expected 1 rows of 1 numbers",
+    json.dumps(document(covariance=[])): "joint.covariance",
+    json.dumps(document(covariance=[[0.1]])): "joint.covariance: expected the squares of positive sigmas",
+    json.dumps(
+        document(warnings=[{"code": "x", "parameters": "C_2", "message": ""}])
+    ): "warnings[0].parameters",
+}
+
+
+@pytest.mark.parametrize("text", FAULTS, ids=lambda text: text[:60])
+def test_faulty_json_is_refused_with_its_place(tmp_path, text):
+    path = tmp_path / "results.json"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert FAULTS[text] in message
+    assert "\n" not in message
+
+
+def test_missing_and_binary_files(tmp_path):
+    with pytest.raises(InputError, match="not a readable file"):
+        load(tmp_path / "results.json")
+    (tmp_path / "binary.json").write_bytes(b"\x89\xff")
+    with pytest.raises(InputError, match="not a readable file"):
+        load(tmp_path / "binary.json")
+
+
+def telemetry(folder, name, truth, **attributes):
+    path = write_contract_file(
+        folder / f"{name}.h5", run=name, **{"experiment": name, **attributes}, truth=truth
+    )
+    return read(path)
+
+
+def test_truth_and_pull_of_the_joint_fit(tmp_path):
+    runs = [
+        telemetry(tmp_path, "A1", {**TRUTH, "delta_ifo_1": -2.2e-5}),
+        telemetry(tmp_path, "B2", {**TRUTH, "delta_ifo": -1.4e-5}, alignment_epoch=2),
+    ]
+    joint = make_fit(lambda_2=2.0776, C_2=0.186, delta_ifo_1=0.0, delta_ifo_2=0.0)
+    parameters = with_truth(make_results(joint=joint), runs).joint.parameters
+    assert parameters["lambda_2"].truth == 1.0776
+    assert parameters["lambda_2"].pull == pytest.approx(2.0)
+    assert parameters["C_2"].pull == 0.0
+    assert parameters["delta_ifo_1"].truth == -2.2e-5
+    assert parameters["delta_ifo_2"].truth == -1.4e-5
+    assert joint.parameters["lambda_2"].truth is None
+
+
+def test_truth_of_an_experiment_follows_its_authority(tmp_path):
+    tau = {key: value for key, value in TRUTH.items() if key != "C_2"} | {"tau_2": 0.186 / 1.0776}
+    run = telemetry(
+        tmp_path, "D2", {**tau, "delta_ifo": -1.4e-5}, F_max_2=50e-12, N_max_1=1.5e-12, N_max_2=1e-12
+    )
+    fit = make_fit(lambda_2=1.0, C_2=0.0, omega2_2=0.0, domega2_12=0.0, delta_ifo=0.0)
+    parameters = with_truth(make_results(experiments={"D2": fit}), [run]).experiments["D2"].parameters
+    # By hand: -4.19e-7 - 317*50e-12 - 27.4e3*1e-12 and -3.99e-7 - 28.2e3*1.5e-12.
+    assert parameters["omega2_2"].truth == pytest.approx(-4.6225e-7, rel=1e-12)
+    assert parameters["domega2_12"].truth == pytest.approx(-4.6225e-7 + 4.413e-7, rel=1e-9)
+    assert parameters["C_2"].truth == pytest.approx(0.186, rel=1e-12)
+    assert parameters["delta_ifo"].truth == -1.4e-5
+
+
+def test_a_truth_given_directly_wins_over_the_stiffness_model(tmp_path):
+    run = telemetry(tmp_path, "A1", {**TRUTH, "omega2_2": -5e-7})
+    results = make_results(experiments={"A1": make_fit(omega2_2=0.0)})
+    assert with_truth(results, [run]).experiments["A1"].parameters["omega2_2"].truth == -5e-7
+
+
+def test_a_jittered_gain_has_a_truth_per_experiment_but_none_in_the_joint_fit(tmp_path):
+    runs = [
+        telemetry(tmp_path, name, {**TRUTH, "lambda_2": gain}) for name, gain in [("A1", 1.07), ("B1", 1.08)]
+    ]
+    results = make_results(
+        joint=make_fit(lambda_2=1.075, C_2=0.1),
+        experiments={"A1": make_fit(lambda_2=1.0), "B1": make_fit(lambda_2=1.0)},
+    )
+    told = with_truth(results, runs)
+    assert told.joint.parameters["lambda_2"].truth is None
+    assert told.joint.parameters["lambda_2"].pull is None
+    assert told.joint.parameters["C_2"].truth == 0.186
+    assert told.experiments["A1"].parameters["lambda_2"].truth == 1.07
+    assert told.experiments["B1"].parameters["lambda_2"].truth == 1.08
+
+
+def test_flight_data_has_no_truth(tmp_path):
+    results = make_results(joint=make_fit(lambda_2=1.0), experiments={"A1": make_fit(lambda_2=1.0)})
+    told = with_truth(results, [telemetry(tmp_path, "A1", None)])
+    assert told.joint.parameters == results.joint.parameters
+    assert told.experiments["A1"].parameters == results.experiments["A1"].parameters

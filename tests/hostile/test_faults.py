@@ -1,0 +1,311 @@
+"""Faults of telemetry that leave the contract intact: each is recognised and named, none passes for sound.
+
+``python -m tests.hostile.test_faults`` writes what is said of them into docs/faults.md.
+"""
+
+import json
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fit.errors import CalibrationError, InputError
+from fit.estimate import irls
+from fit.pipeline import calibrate
+from fit.settings import settings
+from tests import ROOT
+from tests.oracles.contract_file import UNITS, write_contract_file
+from tests.oracles.synthetic import World, pair
+
+PAGE = ROOT / "docs" / "faults.md"
+
+
+def changed(run, **channels):
+    """Return the run with channels replaced by functions of themselves."""
+    return replace(run, channels=run.channels | {k: f(run.channels[k]) for k, f in channels.items()})
+
+
+def negative(values):
+    return -values
+
+
+def runs():
+    """Two experiments that tell all of test mass 2 and, the second, test mass 1."""
+    return [*pair(World(), "A", seed=1), *pair(World(), "E", seed=2, drive_1=1e-12)]
+
+
+def of(run, fault):
+    """Return all runs, one of them with a fault."""
+    return [fault(r) if r.run == run else r for r in runs()]
+
+
+def guided(run):
+    return replace(run, channels=run.channels | {"guidance_o_1": -run.channels["o_1"]})
+
+
+def clipped(level):
+    """Clip f_x_2 at `level` of its extreme; of so heavy a test mass that the authority allows no more."""
+
+    def fault(run):
+        limit = level * np.abs(run.channels["f_x_2"]).max()
+        at_limit = changed(run, f_x_2=lambda f: np.clip(f, -limit, limit))
+        return replace(at_limit, m_tm=run.F_max_2 / limit)
+
+    return fault
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """A fault and what becomes of it.
+
+    `outcome` is "refused" (exit status 2), "failed" (1), "no sigma", "left out" or "sound"; `code` that of
+    the warning, if there is one.
+    """
+
+    name: str
+    runs: list
+    outcome: str
+    code: str | None = None
+
+
+def storm(run):
+    rng = np.random.default_rng(7)
+    kicks = np.zeros(run.time.size)
+    kicks[rng.integers(0, kicks.size, 900)] = rng.choice([-1, 1], 900) * 3e-9
+    return changed(run, o_12=lambda o: o + kicks)
+
+
+FAULTS = [
+    Fault(
+        "`o_12` with the wrong sign, in one experiment",
+        of("A-sysid", lambda r: changed(r, o_12=negative)),
+        "refused",
+    ),
+    Fault(
+        "the same where test mass 1 is driven too",
+        of("E-sysid", lambda r: changed(r, o_12=negative)),
+        "refused",
+    ),
+    Fault("`f_x_1` with the wrong sign", of("E-sysid", lambda r: changed(r, f_x_1=negative)), "refused"),
+    Fault(
+        "`f_x_2` in N instead of m s-2",
+        of("A-sysid", lambda r: changed(r, f_x_2=lambda f: 1.928 * f)),
+        "refused",
+    ),
+    Fault(
+        "`o_12` in nm, declared as m", of("A-sysid", lambda r: changed(r, o_12=lambda o: 1e9 * o)), "failed"
+    ),
+    Fault("`o_1` with the wrong sign, its guidance recorded", of("A-sysid", guided), "refused"),
+    Fault("a noise run at another authority", of("A-noise", lambda r: replace(r, F_max_2=50e-12)), "refused"),
+    Fault(
+        "a noise run half as loud as the experiment",
+        of("A-noise", lambda r: changed(r, o_12=lambda o: 0.5 * o)),
+        "no sigma",
+        "noise_mismatch",
+    ),
+    Fault(
+        "a noise run twice as loud as the experiment",
+        of("A-noise", lambda r: changed(r, o_12=lambda o: 2 * o)),
+        "no sigma",
+        "noise_mismatch",
+    ),
+    Fault(
+        "a noise run of nothing but zeros",
+        of("A-noise", lambda r: changed(r, o_12=np.zeros_like, f_x_2=np.zeros_like)),
+        "no sigma",
+        "noise_mismatch",
+    ),
+    Fault("no noise run", [r for r in runs() if r.run != "A-noise"], "sound", "no_noise_run"),
+    Fault(
+        "`f_x_2` at the limit of its authority now and then",
+        of("A-sysid", clipped(0.999)),
+        "sound",
+        "saturated",
+    ),
+    Fault("`f_x_2` at the limit for much of a run", of("A-sysid", clipped(0.7)), "left out", "excluded"),
+    Fault("a storm of glitches", of("A-sysid", storm), "failed"),
+    Fault(
+        "experiments whose actuators differ by 1 %",
+        [*pair(World(), "A", seed=1), *pair(World(lambda_2=1.0884), "E", seed=2, drive_1=1e-12)],
+        "no sigma",
+        "contradiction",
+    ),
+    Fault("one experiment, hence one authority", pair(World(), "A", seed=1), "sound", "indeterminable"),
+    Fault(
+        "two tones of test mass 2 too close to tell",
+        pair(World(), "A", seed=1, tones_12=(3e-3,)),
+        "sound",
+        "indeterminable",
+    ),
+    Fault(
+        "an experiment without injections",
+        [*runs(), *pair(World(), "B", seed=3, tones_12=(), tones_1=())],
+        "sound",
+        "indeterminable",
+    ),
+]
+
+
+@cache
+def told(fault):
+    """Return what becomes of a fault, the results if there are any, and what is said of it."""
+    try:
+        results = calibrate(fault.runs)
+    except InputError as error:
+        return "refused", None, [str(error)]
+    except CalibrationError as error:
+        return "failed", None, [str(error)]
+    codes = {w.code for w in results.joint.warnings}
+    what = "no sigma" if results.joint.unsound else "left out" if "excluded" in codes else "sound"
+    named = [*results.joint.unsound, *results.joint.warnings]
+    return what, results, [w.message for w in named if fault.code in (w.code, None)]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_fault_is_named(fault):
+    outcome, results, said = told(fault)
+    assert outcome == fault.outcome
+    assert said
+    if results is not None and fault.outcome in ("sound", "left out"):  # what is shown holds
+        for name, estimate in results.joint.parameters.items():
+            assert abs(estimate.value - getattr(World(), name)) < 4.5 * estimate.sigma, name
+
+
+def single(name, tone, fault):
+    return [fault(r) for r in pair(World(), "A", seed=1, experiment=name, tones_12=(tone,), tones_1=())]
+
+
+def test_a_gain_that_only_all_together_determine_is_looked_at():
+    flipped = [*single("A", 1e-3, lambda r: changed(r, o_12=negative))]
+    flipped += single("B", 2e-2, lambda r: changed(r, o_12=negative))
+    with pytest.raises(InputError, match=r"A-sysid\.h5, B-sysid\.h5: o_12 or f_x_2 has the wrong sign"):
+        calibrate(flipped)
+
+
+def test_what_is_excluded_stops_nothing_and_is_no_sound_fit():
+    wrong = of("A-sysid", lambda r: changed(r, o_12=negative))
+    results = calibrate(wrong, settings({"exclude": ["A"]}))
+    assert not results.joint.unsound
+    assert [w.code for w in results.experiments["A"].unsound] == ["wrong_sign"]
+    assert not results.unsound
+
+
+@pytest.mark.parametrize(
+    "guidance",
+    [
+        lambda t: np.full(t.size, 3e-9),
+        lambda t: 1e-9 * np.sin(2 * np.pi * 0.08 * t),
+        lambda t: 1e-9 * np.sin(2 * np.pi * 0.03 * t),
+        lambda t: 1e-12 * np.sin(2 * np.pi * 0.0011 * t),
+    ],
+    ids=["constant", "80 mHz", "30 mHz", "unanswered"],
+)
+def test_guidance_that_tells_no_sign_is_no_fault(guidance):
+    sysid, *others = runs()
+    with_guidance = sysid.channels | {"guidance_o_1": guidance(sysid.time)}
+    assert not calibrate([replace(sysid, channels=with_guidance), *others]).joint.unsound
+
+
+def test_what_rests_on_the_joint_fit_shares_its_doubts(monkeypatch):
+    monkeypatch.setattr(irls, "TOLERANCE", 0.0)
+    results = calibrate(mission_runs())
+    assert results.cross_talk
+    for fit in results.cross_talk.values():
+        assert "not_converged" in {w.code for w in fit.unsound}
+
+
+def mission_runs():
+    found = [*pair(World(), "A", seed=1)]
+    rng = np.random.default_rng(4)
+    names = ("o_phi_1", "o_phi_12")
+    return [
+        replace(r, channels=r.channels | {n: 1e-8 * rng.standard_normal(r.time.size) for n in names})
+        for r in found
+    ]
+
+
+def test_a_sound_calibration_says_so():
+    results = calibrate(runs())
+    assert not results.joint.unsound
+    assert not any(fit.unsound for fit in results.experiments.values())
+
+
+def test_an_iteration_that_does_not_settle_is_no_result(monkeypatch):
+    monkeypatch.setattr(irls, "MAX_ITERATIONS", 2)
+    with pytest.raises(CalibrationError, match=r"A, E: parameters still move by .* sigma after 2 iterations"):
+        calibrate(runs())
+
+
+def test_one_that_nearly_settles_is_not_sound(monkeypatch):
+    monkeypatch.setattr(irls, "TOLERANCE", 0.0)
+    results = calibrate(pair(World(), "A", seed=1))
+    assert [w.code for w in results.joint.unsound] == ["not_converged"]
+
+
+def test_no_table_shows_sigmas_that_do_not_hold(tmp_path, lpfcosim):
+    loud = next(fault for fault in FAULTS if fault.name.startswith("a noise run half as loud"))
+    for run in loud.runs:
+        names = (
+            "run",
+            "experiment",
+            "kind",
+            "fs",
+            "F_max_1",
+            "F_max_2",
+            "N_max_1",
+            "N_max_2",
+            "alignment_epoch",
+        )
+        channels = {name: (values, UNITS[name]) for name, values in run.channels.items()}
+        attributes = {name: getattr(run, name) for name in names}
+        truth = {"lambda_2": World().lambda_2}
+        write_contract_file(
+            tmp_path / f"{run.run}.h5", samples=run.time.size, channels=channels, truth=truth, **attributes
+        )
+    status, out, err = lpfcosim("fit", tmp_path, "--out", tmp_path / "out")
+    assert status == 1
+    assert "the noise of A is not that of the noise run" in err.splitlines()[-1]
+    row = next(line.split() for line in out.splitlines() if "lambda_2" in line)
+    assert row[-2:] == ["?", "1.0776"]  # sigma, truth, and no pull
+    document = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert document["joint"]["sound"] is False
+    assert "pull" not in document["joint"]["parameters"]["lambda_2"]
+    assert (document["experiments"]["A"]["sound"], document["experiments"]["E"]["sound"]) == (False, True)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "± ?" in page
+
+
+def table():
+    """Return the table of the page."""
+    names = {
+        "refused": "refused, exit status 2",
+        "failed": "no result, exit status 1",
+        "no sigma": "values without sigmas, exit status 1",
+        "left out": "left out of the joint fit, which is sound",
+        "sound": "sound",
+    }
+    lines = ["| fault | what becomes of it | what is said |", "|---|---|---|"]
+    for fault in FAULTS:
+        outcome, _, (said, *_) = told(fault)
+        said = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.3g}", said).replace("|", "\\|")
+        lines.append(f"| {fault.name} | {names[outcome]} | {said} |")
+    return "\n".join(lines)
+
+
+def test_the_page_has_what_is_said():
+    page = PAGE.read_text(encoding="utf-8")
+    found = page[page.index("| fault |") : page.index("<!-- end -->")].strip()
+    assert words(found) == words(table())
+
+
+def words(text):
+    """Leave out numbers, whose last digits are those of a machine."""
+    return re.sub(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", "#", text).splitlines()
+
+
+if __name__ == "__main__":
+    before, after = PAGE.read_text(encoding="utf-8").split("<!-- begin -->")
+    after = after.split("<!-- end -->")[1]
+    PAGE.write_text(f"{before}<!-- begin -->\n{table()}\n<!-- end -->{after}", encoding="utf-8")

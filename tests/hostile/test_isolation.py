@@ -1,0 +1,113 @@
+"""An FMU that crashes, hangs, ends the process or returns nonsense fails its own run and no other."""
+
+import os
+import re
+import time
+from dataclasses import replace
+
+import fmpy
+import pytest
+
+from lpfcosim.campaign import campaign
+from lpfcosim.errors import InputError
+from lpfcosim.modelica import build
+from lpfcosim.running import runner
+from tests.hostile.faulty import FAULTS, SEGFAULT, after, by_value, faulty
+from tests.lpfcosim.running.test_runner import PLAN
+
+pytestmark = [pytest.mark.fmu, pytest.mark.skipif(os.name != "posix", reason="faults are those of POSIX")]
+
+LONG, SHORT = "one", "one-noise"
+MODEL = "OpticalMetrology"
+TOLD = {  # what is said of a run, and what its log holds
+    "segfault": (rf"the {MODEL} FMU crashed \(SIGSEGV, .*\) at 150\.0 s", "Fatal Python error"),
+    "abort": (rf"the {MODEL} FMU crashed \(SIGABRT, .*\) at 150\.0 s", "Fatal Python error"),
+    "exit": (rf"the {MODEL} FMU ended the process with status 3 at 150\.0 s", "no licence"),
+    "leave": (rf"the {MODEL} FMU ended the process with status 0 at 150\.0 s", ""),
+    "killed": (r"its process was killed \(SIGKILL; out of memory\?\) at 150\.0 s", ""),
+    "hang": (rf"the {MODEL} FMU hangs \(nothing was done for 5 s\) at 150\.0 s", ""),
+    "error": (rf"the {MODEL} FMU reports 'error' at 150\.0 s \(as asked\)", f"{MODEL}: as asked"),
+    "nan": (r"diverges: o_1 is not finite at 150\.\d s", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def fmus():
+    return build.build()
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    file = tmp_path_factory.mktemp("plan") / "short.toml"
+    file.write_text(PLAN)
+    return campaign.load(file)
+
+
+def folder_of(path):
+    return sorted(p.name for p in path.iterdir())
+
+
+@pytest.mark.parametrize("engine", ["compiled", pytest.param("fmpy", marks=pytest.mark.slow)])
+def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path, engine):
+    """One FMU does it all: which fault it has is told by its parameter delta_ifo."""
+    description = fmpy.read_model_description(fmus[MODEL])
+    (reference,) = (v.valueReference for v in description.modelVariables if v.name == "delta_ifo")
+    kinds = [*FAULTS, "sound", "sounder"]
+    step = after(150.0, by_value(reference, [*FAULTS.values(), ""]))
+    mixed = replace(
+        plan,
+        truth=replace(plan.truth, delta_ifo={k: k * 1e-9 for k in range(len(kinds))}),
+        experiments=tuple(
+            replace(plan.experiments[0], name=kind, alignment_epoch=k, n_noise_samples=0)
+            for k, kind in enumerate(kinds)
+        ),
+    )
+    bad = {**fmus, MODEL: faulty(fmus[MODEL], tmp_path / "bad.fmu", step=step)}
+    out = tmp_path / "out"
+    done = runner.simulate(mixed, out / "telemetry", bad, jobs=2, engine=engine, silence=5.0)
+    assert list(done.files) == ["sound", "sounder"], done.failures
+    assert list(done.failures) == list(FAULTS) == list(TOLD)
+    assert folder_of(out / "telemetry") == ["sound.h5", "sounder.h5"]
+    assert folder_of(out / "logs") == sorted(f"{kind}.log" for kind in FAULTS)
+    for kind, (sentence, logged) in TOLD.items():
+        message = str(done.failures[kind])
+        assert re.fullmatch(rf"run '{kind}':? {sentence}", message)
+        log = (out / "logs" / f"{kind}.log").read_text()
+        assert logged in log
+        assert log.splitlines()[-1] == message
+
+
+def test_a_fault_while_an_fmu_is_loaded(fmus, plan, tmp_path):
+    bad = {**fmus, MODEL: faulty(fmus[MODEL], tmp_path / "bad.fmu", load=SEGFAULT)}
+    done = runner.simulate(plan, tmp_path / "telemetry", bad, jobs=2)
+    assert not done.files
+    for name, error in done.failures.items():
+        assert re.fullmatch(
+            rf"run '{name}': the {MODEL} FMU crashed \(SIGSEGV, .*\) while the FMUs were loaded", str(error)
+        )
+
+
+def test_a_run_longer_than_its_time_limit(fmus, plan, tmp_path):
+    endless = replace(plan, experiments=(replace(plan.experiments[0], n_samples=65 * 36_000, injections=()),))
+    begun = time.monotonic()
+    done = runner.simulate(endless, tmp_path / "telemetry", fmus, engine="fmpy", time_limit=6.0)
+    assert time.monotonic() - begun < 20
+    assert list(done.failures) == [LONG]
+    assert re.fullmatch(
+        r"run 'one': its process was ended at its time limit of 6 s at \d+\.\d s", str(done.failures[LONG])
+    )
+
+
+def test_what_failed_is_made_good_and_no_log_is_left(fmus, plan, tmp_path):
+    sound = runner.simulate(plan, tmp_path / "sound" / "telemetry", fmus)
+    out = tmp_path / "out" / "telemetry"
+    bad = {**fmus, MODEL: faulty(fmus[MODEL], tmp_path / "bad.fmu", step=after(150.0, SEGFAULT))}
+    assert list(runner.simulate(plan, out, bad).failures) == [LONG]
+    refusal = rf"{SHORT}\.h5: simulated with another {MODEL} FMU; choose another --out or give --rerun"
+    with pytest.raises(InputError, match=refusal):
+        runner.simulate(plan, out, fmus)
+    done = runner.simulate(plan, out, fmus, rerun=True)
+    assert not done.failures
+    assert not (tmp_path / "out" / "logs").exists()
+    for name, path in done.files.items():
+        assert path.read_bytes() == sound.files[name].read_bytes()

@@ -1,0 +1,223 @@
+"""Campaigns, settings, maps and results that are damaged or hostile: one sentence, or sound."""
+
+import csv
+import json
+import os
+import random
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit import results as fit_results
+from fit import settings as fit_settings
+from fit.telemetry import conversion
+from fit.telemetry import maps as mapping
+from lpfcosim.campaign import campaign
+from lpfcosim.errors import InputError
+from tests import ROOT
+from tests.hostile.mutations import HangError, damaged, guarded, hostile, restructured, survives, swapped
+
+CAMPAIGNS = [
+    (ROOT / "campaigns" / f"{name}.toml").read_text(encoding="utf-8")
+    for name in ("quickstart", "spacecraft", "operations")
+] + [(ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")]
+SETTINGS = (ROOT / "fit" / "default.toml").read_text(encoding="utf-8")
+MAP = """\
+schema = "lpf-map/1"
+time = { column = "t" }
+[attributes]
+kind = "noise"
+F_max_1 = "0 pN"
+F_max_2 = "2200 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+[[runs]]
+file = "a.csv"
+run = "A"
+experiment = "A"
+t0 = 2016-04-16T00:00:00Z
+alignment_epoch = 1
+m_tm = "1.928 kg"
+[channels]
+o_1 = { column = "o1", unit = "nm" }
+o_12 = { column = "o12", unit = "nm" }
+f_x_1 = { column = "a1" }
+f_x_2 = { column = "a2" }
+"""
+TABLE = "t,o1,o12,a1,a2\n" + "".join(f"{i},{i % 7}e-3,{i % 5}e-3,0,{i % 3}e-12\n" for i in range(60))
+RESULTS = {
+    "schema": "lpf-results/1",
+    "joint": {
+        "parameters": {"C_2": {"value": 0.186, "sigma": 1e-3, "unit": "s"}},
+        "names": ["C_2"],
+        "covariance": [[1e-6]],
+        "chi2": 1.0,
+        "dof": 2,
+        "converged": True,
+        "warnings": [{"code": "indeterminable", "parameters": ["C_1"], "message": "not told"}],
+    },
+    "provenance": {"telemetry": ["telemetry/A.h5"]},
+}
+
+
+def written(folder, name, content):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "replace"))
+    return path
+
+
+def mutated(text, rng):
+    """Return a TOML file after one of the mutations."""
+    how = rng.randrange(3)
+    if how == 0:
+        return damaged(text.encode(), rng)
+    if how == 1:
+        return swapped(text, rng)
+    try:
+        return tomli_w.dumps(restructured(tomllib.loads(text), rng))
+    except (TypeError, ValueError):  # what cannot be written
+        return swapped(text, rng)
+
+
+def test_campaigns(tmp_path, cases):
+    told = [0, 0]
+    for n in range(cases(0.2, 250)):
+        rng = random.Random(n)
+        path = written(tmp_path, "c.toml", mutated(rng.choice(CAMPAIGNS), rng))
+        said = survives(lambda path=path: campaign.load(path).runs, path, f"campaign {n}")
+        told[said is None] += 1
+    assert min(told) > 0  # some are refused, and some survive
+
+
+def test_settings(tmp_path, cases):
+    for n in range(cases(0.05, 100)):
+        path = written(tmp_path, "fit.toml", mutated(SETTINGS, random.Random(n)))
+        survives(lambda path=path: fit_settings.read(path), path, f"settings {n}")
+
+
+def test_maps_and_their_tables(tmp_path, cases):
+    out = tmp_path / "in" / "out"
+    out.mkdir(parents=True)
+    for n in range(cases(0.1, 60)):
+        rng = random.Random(n)
+        path = written(tmp_path / "in", "map.toml", MAP if n % 2 else mutated(MAP, rng))
+        written(tmp_path / "in", "a.csv", damaged(TABLE.encode(), rng) if n % 2 else TABLE)
+        survives(
+            lambda path=path: conversion.convert([path], out / "telemetry", any_gaps=False), path, f"map {n}"
+        )
+    assert {p.name for p in tmp_path.iterdir()} == {"in"}
+    assert {p.name for p in (tmp_path / "in").iterdir()} == {"map.toml", "a.csv", "out"}
+    assert {p.name for p in out.iterdir()} <= {"telemetry"}
+
+
+def test_results(tmp_path, cases):
+    for n in range(cases(0.1, 150)):
+        rng = random.Random(n)
+        if n % 2:
+            content = json.dumps(restructured(json.loads(json.dumps(RESULTS)), rng))
+        else:
+            content = damaged(json.dumps(RESULTS).encode(), rng)
+        path = written(tmp_path, "results.json", content)
+        survives(lambda path=path: fit_results.load(path), path, f"results {n}")
+
+
+@given(st.text(max_size=60))
+def test_no_text_is_too_strange_for_a_name(tmp_path_factory, text):
+    folder = tmp_path_factory.getbasetemp()
+    document = tomllib.loads(CAMPAIGNS[-1])
+    document["experiments"][0]["name"] = text
+    document["authority"][text] = document["authority"]["A"]
+    try:
+        content = tomli_w.dumps(document)
+    except UnicodeEncodeError:
+        return
+    path = written(folder, "name.toml", content)
+    said = survives(lambda: campaign.load(path).runs, path, repr(text))
+    assert said is None or said.startswith(str(path))
+
+
+@given(st.randoms(use_true_random=False))
+def test_no_value_is_too_strange_for_settings(rng):
+    chosen = hostile(rng)
+    if isinstance(chosen, dict):
+        survives(lambda: fit_settings.settings(chosen), None, chosen)
+
+
+LIMITS = {
+    "endless": lambda folder: Path("/dev/zero"),
+    "huge": lambda folder: _sparse(folder / "huge.toml", 2**34),
+    "pipe": lambda folder: _pipe(folder / "pipe.toml"),
+    "folder": lambda folder: folder,
+    "deep": lambda folder: written(folder, "deep.toml", "a = " + "[" * 500_000),
+    "deep key": lambda folder: written(folder, "keys.toml", "a" + ".a" * 300_000 + " = 1"),
+    "many keys": lambda folder: written(folder, "many.toml", "".join(f"k{i} = 1\n" for i in range(70_000))),
+    "long name": lambda folder: folder / ("x" * 1000),
+}
+
+
+def _sparse(path, size):
+    with path.open("wb") as file:
+        file.truncate(size)
+    return path
+
+
+def _pipe(path):
+    os.mkfifo(path)
+    return path
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has neither pipes nor devices among its files")
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("reader", [campaign.load, fit_settings.read, mapping.load, fit_results.load])
+def test_what_has_no_end(tmp_path, limit, reader):
+    path = LIMITS[limit](tmp_path)
+    started = time.perf_counter()
+    assert survives(lambda: reader(path), path, limit)
+    assert time.perf_counter() - started < 10
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has neither pipes nor devices among its files")
+@pytest.mark.parametrize(
+    "base", ["/dev/zero", "pipe.toml", "c.toml", "other.toml", "../" * 50, "x" * 5000, "a\\u0000b", "."]
+)
+def test_what_extends_nothing_good(tmp_path, base):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "other.toml").write_text('extends = "c.toml"\n')
+    path = tmp_path / "c.toml"
+    path.write_text(f'extends = "{base}"\n')
+    assert survives(lambda: campaign.load(path), path, base)
+
+
+def test_a_long_chain_of_campaigns(tmp_path):
+    for k in range(30):
+        (tmp_path / f"{k}.toml").write_text(f'extends = "{k + 1}.toml"\n')
+    assert "one on top of the other" in survives(
+        lambda: campaign.load(tmp_path / "0.toml"), tmp_path / "0.toml", 0
+    )
+
+
+def test_a_table_without_line_ends(tmp_path):
+    written(tmp_path, "a.csv", TABLE + "1" * 2_000_000)
+    path = written(tmp_path, "map.toml", MAP)
+    said = survives(lambda: conversion.convert([path], tmp_path / "t", any_gaps=False), path, "long line")
+    assert "line 62" in said
+
+
+def test_the_guard_ends_what_hangs():
+    with pytest.raises(HangError), guarded(1):
+        while True:
+            pass
+
+
+def test_what_is_written_is_what_csv_reads():
+    assert len(list(csv.reader(TABLE.splitlines()))) == 61
+
+
+def test_refusals_are_of_one_kind(tmp_path):
+    with pytest.raises(InputError):
+        campaign.load(written(tmp_path, "c.toml", "schema = 1"))

@@ -1,0 +1,214 @@
+"""Folders of results that are damaged or hostile: nothing outside them is written, and one sentence told."""
+
+import json
+import random
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from fit import results as fit_results
+from fit.errors import InputError
+from fit.estimate import mcmc, refit
+from fit.estimate.posterior import Posterior
+from fit.pipeline import calibrate
+from fit.report import page as report
+from fit.telemetry import guard as probe
+from fit.telemetry.writer import Writer
+from lpfcosim.cli import montecarlo as cli_montecarlo
+from lpfcosim.running import dossier
+from tests.hostile.mutations import damaged, hostile, restructured, survives
+from tests.oracles.synthetic import World, pair
+
+CHANNELS = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
+ROOT = (
+    "run",
+    "experiment",
+    "kind",
+    "fs",
+    "t0",
+    "F_max_1",
+    "F_max_2",
+    "N_max_1",
+    "N_max_2",
+    "alignment_epoch",
+    "m_tm",
+)
+
+
+def write(run, path, changes=None):
+    attributes = {
+        "schema": "lpf-telemetry/1",
+        **{name: getattr(run, name) for name in ROOT},
+        **(changes or {}),
+    }
+    with Writer(path, run.time.size, {n: (u, n) for n, u in CHANNELS.items()}, attributes) as file:
+        file.append(run.time, {name: run.channels[name] for name in CHANNELS})
+    return path
+
+
+def content(folder):
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*"))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder of results without its report."""
+    folder = tmp_path_factory.mktemp("made") / "out"
+    (folder / "telemetry").mkdir(parents=True)
+    runs = [
+        refit.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
+    ]
+    results = calibrate(runs)
+    results.provenance["telemetry"] = [f"telemetry/{r.run}.h5" for r in runs]
+    fit_results.write(results, folder / "results.json")
+    return folder
+
+
+@pytest.fixture
+def copied(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "in" / "out")
+
+
+def rebuild(folder):
+    """Do as ``lpfcosim report``; the drawings are those of other tests."""
+    results, runs = refit.load(folder)
+    report.write_report(folder, results, runs)
+
+
+def test_results(copied, cases, monkeypatch):
+    monkeypatch.setattr(probe, "check", lambda *_: None)  # the telemetry is sound
+    good = (copied / "results.json").read_text()
+    for n in range(cases(0.01, 25)):
+        rng = random.Random(n)
+        path = copied / "results.json"
+        path.write_text(json.dumps(restructured(json.loads(good), rng)))
+        survives(lambda: rebuild(copied), path, f"folder {n}")
+    assert content(copied.parent.parent)[:2] == ["in", "in/out"]
+    assert {p.name for p in copied.iterdir()} <= {"results.json", "telemetry", "report.html", "figures"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../../evil", "/tmp/evil", "a/b", "..", "x" * 300, "y" * 90, "\u202eevil", "<evil>", "a\nb", "con"],
+)
+def test_names_of_experiments(tmp_path, name):
+    folder = tmp_path / "in" / "out"
+    (folder / "telemetry").mkdir(parents=True)
+    paths = [
+        write(r, folder / "telemetry" / f"{k}.h5", {"run": f"{name}{k}", "experiment": name})
+        for k, r in enumerate(pair(World()))
+    ]
+
+    def work():
+        runs = refit.read_all(paths, own=True)
+        report.write_report(folder, calibrate(runs), runs)
+
+    said = survives(work, folder / "telemetry" / "x", name)
+    assert (said is None) == (name.isprintable() and len(name) <= 100)
+    assert {p.name for p in tmp_path.iterdir()} == {"in"}
+    assert {p.name for p in (tmp_path / "in").iterdir()} == {"out"}
+    assert {p.name for p in folder.iterdir()} <= {"telemetry", "figures", "report.html"}
+    if said is None:
+        assert all(p.is_file() for p in (folder / "figures").iterdir())
+        assert "<evil>" not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("document", ["mcmc.json", "montecarlo.json"])
+def test_what_other_commands_left(copied, document, cases):
+    results = fit_results.load(copied / "results.json")
+    schema = f"lpf-{document[:-5]}/1"
+    for n in range(cases(0.005, 30)):
+        rng = random.Random(n)
+        value = {
+            "schema": schema,
+            "n": 2,
+            "parameters": {"C_2": hostile(rng)},
+            "failed": {},
+            "steps": hostile(rng),
+        }
+        path = copied / document
+        path.write_text(json.dumps(value if n % 3 else hostile(rng)))
+        survives(lambda: report.report_sampling.parts(results, copied), path, f"{document} {n}")
+
+
+LOG = [{"number": k, "estimates": {"C_2": [0.1 * k, 1e-3]}} for k in range(5)]
+
+
+def test_logs_of_campaigns(tmp_path, cases):
+    header = {"campaign_digest": "x"}
+    path = tmp_path / "campaigns.jsonl"
+    for n in range(cases(0.02, 100)):
+        rng = random.Random(n)
+        lines = restructured({"lines": json.loads(json.dumps(LOG))}, rng).get("lines") if n % 2 else LOG
+        lines = lines if isinstance(lines, list) else [lines]
+        text = "".join(json.dumps(line) + "\n" for line in [header, *lines])
+        path.write_bytes(text.encode() if n % 2 else damaged(text.encode(), rng))
+
+        def read():
+            kept = cli_montecarlo._kept(path, header)
+            cli_montecarlo.pulls.summary([line["estimates"] for line in kept.values()])
+
+        survives(read, path, f"log {n}")
+
+
+def test_chains(copied, cases, monkeypatch):
+    """Chains of another length, kind or place of their numbers, and damaged ones."""
+    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    monkeypatch.setattr(mcmc, "CHECK", 10)
+    results, runs = refit.load(copied)
+    posterior = Posterior(refit.refit(results, runs, copied / "results.json"))
+    path = copied / "mcmc.h5"
+
+    def sample():
+        mcmc.sample(posterior, path, steps=10, seed=1)
+
+    assert "not converged" in survives(sample, path, "new")
+    good = path.read_bytes()
+    for n in range(cases(0.005, 10)):
+        path.write_bytes(damaged(good, random.Random(n)))
+        survives(sample, path, f"chain {n}")
+    for change in (
+        lambda h5: h5.__delitem__("mcmc"),
+        lambda h5: h5.__delitem__("mcmc/chain"),
+        lambda h5: h5["mcmc"].attrs.__delitem__("iteration"),
+        lambda h5: h5["mcmc"].attrs.__setitem__("iteration", 10**12),
+        lambda h5: h5["mcmc"].attrs.__setitem__("iteration", -5),
+        lambda h5: h5["mcmc"].attrs.__setitem__("nwalkers", "x"),
+        lambda h5: h5["mcmc/chain"].__setitem__(..., np.nan),
+        lambda h5: h5["mcmc/log_prob"].__setitem__(..., np.nan),
+        lambda h5: h5["mcmc/chain"].resize((10**7, *h5["mcmc/chain"].shape[1:])),
+        lambda h5: h5.__delitem__("fingerprint") or h5.create_dataset("fingerprint", data="x"),
+        lambda h5: h5.__delitem__("names") or h5.create_dataset("names", data=3.0),
+        lambda h5: h5.__delitem__("names") or h5.__setitem__("names", h5py.ExternalLink("/dev/zero", "x")),
+    ):
+        path.write_bytes(good)
+        with h5py.File(path, "a") as h5:
+            change(h5)
+        assert survives(sample, path, change)
+
+
+@pytest.mark.parametrize("there", [None, "folder", b"\xff", b"schema = 1", b'extends = "/dev/zero"'])
+def test_what_is_to_be_reproduced(tmp_path, lpfcosim, there):
+    path = tmp_path / "out" / dossier.CAMPAIGN
+    path.parent.mkdir()
+    (tmp_path / "out" / "telemetry").mkdir()
+    (tmp_path / "out" / "telemetry" / "A.h5").write_bytes(b"x")
+    if there == "folder":
+        path.mkdir()
+    elif there is not None:
+        path.write_bytes(there)
+    status, _, err = lpfcosim("reproduce", "out")
+    assert status in (1, 2)
+    assert "Traceback" not in err
+    assert err.splitlines()[-1].startswith("lpfcosim: error: ")
+
+
+def test_what_is_read_names_a_file_that_is_none(copied):
+    document = json.loads((copied / "results.json").read_text())
+    for names in (["/dev/zero"], ["../../../etc/passwd"], ["x" * 5000], ["a\x00b"], ["."], [""]):
+        document["provenance"]["telemetry"] = names
+        (copied / "results.json").write_text(json.dumps(document))
+        with pytest.raises(InputError):
+            rebuild(copied)

@@ -1,0 +1,385 @@
+"""Telemetry and archives that are damaged or hostile: the process that tries them may crash, this one not."""
+
+import gzip
+import json
+import random
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy
+
+from fit.errors import InputError
+from fit.pipeline import calibrate
+from fit.telemetry import guard as probe
+from fit.telemetry import reader as telemetry
+from fit.telemetry.archives import opened
+from fit.telemetry.guard import look_at
+from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives
+from tests.oracles.contract_file import write_contract_file
+from tests.oracles.synthetic import World, pair
+
+N = 200
+GIGA = 2**30
+
+
+@pytest.fixture
+def file(tmp_path):
+    return write_contract_file(tmp_path / "A1.h5", samples=N, truth={"lambda_1": 1.07})
+
+
+def packed(path):
+    """Write a file whose channels are compressed, with old and new structures of HDF5."""
+    write_contract_file(path, samples=N)
+    with h5py.File(path, "a") as h5:
+        for name in ("o_1", "f_x_1"):
+            values = h5[name][()]
+            del h5[name]
+            h5.create_dataset(
+                name, data=values, chunks=(64,), compression="gzip", shuffle=True, fletcher32=True
+            )
+            h5[name].attrs["units"] = "m" if name == "o_1" else "m s-2"
+    return path
+
+
+def latest(path):
+    with h5py.File(write_contract_file(path.with_suffix(".old"), samples=N)) as old, \
+            h5py.File(path, "w", libver="latest") as new:  # fmt: skip
+        new.attrs.update(dict(old.attrs))
+        for name in old:
+            new.create_dataset(name, data=old[name][()], chunks=(50,), compression="lzf")
+            new[name].attrs["units"] = old[name].attrs["units"]
+    return path
+
+
+def refusals(files: list[Path], kind: probe.Kind) -> dict[Path, str | None]:
+    """Look at many files, with as few processes as they leave."""
+    found: dict[Path, str | None] = {}
+    while files:
+        said = look_at(files, kind, {})
+        found.update(zip(files, said, strict=False))
+        files = files[len(said) :]
+    return found
+
+
+def use(path):
+    """Read a file as the fit does."""
+    (read,) = telemetry.read_all([path], own=True)
+    for name in read.channels:
+        assert np.isfinite(np.nansum(read.channels[name])), name
+    telemetry.read_truth(path)
+    return read
+
+
+def try_all(made: dict[Path, str], kind: probe.Kind, reader: Callable[[Path], object]) -> dict[str, int]:
+    """Try files in the other process, and those it gets through in this one; count what becomes of them."""
+    counts = {"sound": 0, "refused": 0, "ended the process": 0}
+    for path, said in refusals(list(made), kind).items():
+        if said is None:
+            said = survives(lambda path=path: reader(path), path, made[path])
+        else:
+            survives(lambda said=said: _raise(InputError(said)), path, made[path])
+        outcome = "sound" if said is None else "ended the process" if "damaged: " in said else "refused"
+        counts[outcome] += 1
+    return counts
+
+
+def _raise(error):
+    raise error
+
+
+def test_damaged_telemetry(tmp_path, cases, monkeypatch):
+    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    sources = [
+        write_contract_file(tmp_path / "plain.source", samples=N, truth={"lambda_1": 1.07}).read_bytes(),
+        packed(tmp_path / "packed.source").read_bytes(),
+        latest(tmp_path / "latest.source").read_bytes(),
+    ]
+    total = cases(0.25, 150)
+    for first in range(0, total, 100):
+        made = {}
+        for n in range(first, min(first + 100, total)):
+            path = tmp_path / f"{n}.h5"
+            path.write_bytes(damaged(sources[n % 3], random.Random(n)))
+            made[path] = f"telemetry {n}"
+        print(try_all(made, "telemetry", use))
+        for path in made:
+            path.unlink()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
+def test_truncated_telemetry(file, share):
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    assert survives(lambda: telemetry.read_all([file]), file, share)
+
+
+def put(h5, name, *arguments, **options):
+    """Replace a channel; the units stay."""
+    units = h5[name].attrs["units"]
+    del h5[name]
+    h5.create_dataset(name, *arguments, **options).attrs["units"] = units
+
+
+def bomb(h5):
+    """A chunk whose few bytes unpack to far more than it may hold."""
+    put(h5, "o_1", (N,), "f8", chunks=(N,), compression="gzip")
+    packer = zlib.compressobj(9)
+    first = packer.compress(bytes(2**24)) + packer.flush(zlib.Z_FULL_FLUSH)
+    again = packer.compress(bytes(2**24)) + packer.flush(zlib.Z_FULL_FLUSH)  # may be repeated as it is
+    h5["o_1"].id.write_direct_chunk((0,), first + 400 * again + packer.flush())
+
+
+def elsewhere(h5):
+    values = Path(h5.filename).with_name("elsewhere.bin")
+    values.write_bytes(bytes(8 * N))
+    put(h5, "o_1", (N,), "f8", external=[(str(values), 0, 8 * N)])
+
+
+def virtual(h5):
+    layout = h5py.VirtualLayout((N,), "f8")
+    other = write_contract_file(Path(h5.filename).with_suffix(".other"), samples=N)
+    layout[:] = h5py.VirtualSource(str(other), "o_12", (N,))
+    del h5["o_1"]
+    h5.create_virtual_dataset("o_1", layout)
+    h5["o_1"].attrs["units"] = "m"
+
+
+def sparse(h5):
+    """A terabyte of samples of which one chunk was written."""
+    for name in ("time", "o_1"):
+        if name == "time":
+            del h5["time"]
+            h5.create_dataset("time", (10**11,), "f8", chunks=(1000,), compression="gzip")
+        else:
+            put(h5, name, (10**11,), "f8", chunks=(1000,), compression="gzip")
+        h5[name][:1000] = np.arange(1000) / 10
+
+
+def _link(target):
+    def change(h5):
+        del h5["o_1"]
+        h5["o_1"] = target
+
+    return change
+
+
+KIND = h5py.enum_dtype({"A": 0, "B": 1})
+FAULTS = {
+    "compound": lambda h5: put(h5, "o_1", data=np.zeros(N, [("a", "f8"), ("b", "i4")])),
+    "objects": lambda h5: put(h5, "o_1", (N,), h5py.ref_dtype),
+    "texts": lambda h5: put(h5, "o_1", data=["x"] * N, dtype=h5py.string_dtype()),
+    "rows of rows": lambda h5: put(h5, "o_1", (N,), h5py.vlen_dtype("f8")),
+    "booleans of another kind": lambda h5: put(h5, "o_1", data=np.zeros(N, KIND)),
+    "nothing": lambda h5: put(h5, "o_1", data=h5py.Empty("f8")),
+    "a scalar": lambda h5: put(h5, "o_1", data=1.0),
+    "many dimensions": lambda h5: put(h5, "o_1", data=np.zeros((1,) * 30 + (N,))),
+    "half precision": lambda h5: put(h5, "o_1", data=np.full(N, 1e-9, "f2")),
+    "not a number": lambda h5: put(h5, "o_1", data=np.full(N, np.nan)),
+    "another file": _link(h5py.ExternalLink("/etc/passwd", "/o_1")),
+    "another file as a device": _link(h5py.ExternalLink("/dev/zero", "/o_1")),
+    "itself": _link(h5py.SoftLink("/o_1")),
+    "in a circle": lambda h5: (_link(h5py.SoftLink("/b"))(h5), h5.__setitem__("b", h5py.SoftLink("/o_1"))),
+    "elsewhere": elsewhere,
+    "virtual": virtual,
+    "sparse": sparse,
+    "a terabyte": lambda h5: put(h5, "o_1", (10**12,), "f8"),
+    "a huge chunk": lambda h5: put(h5, "o_1", (N,), "f8", maxshape=(None,), chunks=(2**28,)),
+    "time in a group": lambda h5: (h5.pop("time"), h5.create_group("time")),
+    "time nan": lambda h5: h5["time"].__setitem__(3, np.nan),
+    "time backwards": lambda h5: h5["time"].__setitem__(slice(None), -np.arange(N) / 10),
+    "time beyond all": lambda h5: h5["time"].__setitem__(slice(None), np.full(N, 1e308)),
+    "beyond all": lambda h5: h5["o_1"].__setitem__(slice(None), np.full(N, 1e308)),
+    "units of units": lambda h5: h5["o_1"].attrs.__setitem__("units", ["m", "m"]),
+    "long units": lambda h5: h5["o_1"].attrs.__setitem__("units", " " * 60_000 + "/"),
+    "numbers for units": lambda h5: h5["o_1"].attrs.__setitem__("units", 1.0),
+}  # fmt: skip
+SOUND = {"booleans of another kind", "half precision"}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_hostile_telemetry(file, fault):
+    with h5py.File(file, "a") as h5:
+        FAULTS[fault](h5)
+    said = survives(lambda: telemetry.read_all([file]), file, fault)
+    assert (said is None) == (fault in SOUND), said
+
+
+def test_memory_is_bounded(file, monkeypatch):
+    """Were the bomb unpacked, it would take 6 GB; the process that tries may have one."""
+    monkeypatch.setattr(probe, "MEMORY", GIGA)
+    with h5py.File(file, "a") as h5:
+        bomb(h5)
+    assert file.stat().st_size < 10 * 2**20
+    assert survives(lambda: telemetry.read_all([file]), file, "bomb")
+
+
+ATTRIBUTES = (
+    "schema",
+    "run",
+    "experiment",
+    "kind",
+    "fs",
+    "t0",
+    "F_max_1",
+    "alignment_epoch",
+    "m_tm",
+    "inertial_period",
+)
+
+
+def test_hostile_attributes(tmp_path, cases):
+    good = write_contract_file(tmp_path / "good.source", samples=N).read_bytes()
+    path = tmp_path / "A1.h5"
+    for n in range(cases(0.05, 120)):
+        rng = random.Random(n)
+        path.write_bytes(good)
+        with h5py.File(path, "a") as h5:
+            for _ in range(rng.choice((1, 1, 2))):
+                holder = rng.choice((h5, h5, h5, h5["o_1"], h5["time"]))
+                name = rng.choice(ATTRIBUTES) if holder is h5 else rng.choice(("units", "long_name"))
+                value = rng.choice((
+                    rng.choice(TEXTS), rng.choice(NUMBERS), np.zeros(3), ["a", "b"], h5py.Empty("f8"),
+                    1j, np.bool_(1), np.float32(1), np.array([[1]]), b"\xff\xfe", np.array("x", "S3"),
+                    h5["o_1"].ref, np.zeros((), [("a", "i4")]), "9999-12-31T23:59:59-23:59", "0001-01-01",
+                ))  # fmt: skip
+                try:
+                    holder.attrs[name] = value
+                except (TypeError, ValueError, OverflowError, OSError):
+                    continue  # what HDF5 cannot hold
+        said = survives(lambda: use(path), path, f"attributes {n}")
+        assert said is None or str(path) in said
+
+
+def matlab(path):
+    scipy.io.savemat(
+        path, {"OMS": {"o1": np.arange(50.0), "x": np.zeros((3, 3)), "s": "text"}}, do_compression=True
+    )
+    return path
+
+
+def matlab_7_3(path):
+    with h5py.File(path, "w", userblock_size=512) as h5:
+        h5.create_dataset("OMS/o1", data=np.arange(50.0), compression="gzip")
+    return path
+
+
+def fits(path):
+    astropy = pytest.importorskip("astropy.io.fits")
+    columns = [
+        astropy.Column("o1", "D", unit="m", array=np.arange(50.0)),
+        astropy.Column("n", "A", array=["x"] * 50),
+    ]
+    astropy.HDUList([astropy.PrimaryHDU(), astropy.BinTableHDU.from_columns(columns)]).writeto(path)
+    return path
+
+
+def read_table(path):
+    with opened(path, None) as table:
+        for name, column in table.columns.items():
+            if column.size:
+                for _ in table.blocks([name]):
+                    pass
+
+
+def test_damaged_archives(tmp_path, cases, monkeypatch):
+    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    sources = {
+        ".mat": [matlab(tmp_path / "a.mat").read_bytes(), matlab_7_3(tmp_path / "b.mat").read_bytes()],
+        ".fits": [fits(tmp_path / "c.fits").read_bytes()],
+    }
+    sources[".fits.gz"] = [gzip.compress(sources[".fits"][0])]
+    total = cases(0.1, 80)
+    made = {}
+    for n in range(total):
+        rng = random.Random(n)
+        suffix = rng.choice(list(sources))
+        path = tmp_path / f"{n}{suffix}"
+        path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
+        made[path] = f"archive {n}"
+    print(try_all(made, "table", read_table))
+
+
+def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
+    monkeypatch.setattr(probe, "MEMORY", 2 * GIGA)
+    path = tmp_path / "a.fits.gz"
+    monkeypatch.setattr(probe, "PATIENCE", 3.0)
+    path.write_bytes(
+        gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
+    )
+    assert path.stat().st_size < 2**25
+    survives(lambda: probe.check([path], "table"), path, "bomb")
+
+
+def test_the_process_says_which_file_and_how(tmp_path, monkeypatch, file):
+    """A library that crashes or hangs is told with the file it did so at; those before it count."""
+    package = tmp_path / "fake" / "fit"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "look.py").write_text(
+        "import json, os, sys, time\nfiles = json.load(sys.stdin)['files']\n"
+        "print(json.dumps({'refused': None}), flush=True)\n"
+        "os.abort() if 'crash' in files[1][0] else time.sleep(60)\n"
+    )
+    monkeypatch.setattr(probe, "_environment", lambda: {"PYTHONPATH": str(package.parent)})
+    monkeypatch.setattr(probe, "PATIENCE", 1.0)
+    for name, words in (("crash.h5", "ends by SIGABRT"), ("hang.h5", "is not done with in 1 s")):
+        (tmp_path / name).write_bytes(b"")
+        with pytest.raises(InputError, match=rf"{name}: damaged: .*{words}"):
+            probe.check([file, tmp_path / name])
+
+
+def spoilt(run, rng):
+    """Return a run, in the limits of the contract, that no spacecraft ever sends."""
+    n, channels = run.time.size, dict(run.channels)
+    name = rng.choice(list(channels))
+    noise = np.random.default_rng(rng.randrange(99)).standard_normal(n)
+    how = rng.randrange(9)
+    if how == 0:
+        channels[name] = channels[name] * rng.choice((1e12, 1e6, 1e-300, 0.0, -1.0))
+    elif how == 1:
+        channels[name] = np.full(n, rng.choice((0.0, 1e6, -1e6, 1e-320, 1.0)))
+    elif how == 2:
+        channels[name] = np.where(np.arange(n) % 2, 1e6, -1e6)
+    elif how == 3:
+        channels[name] = noise * rng.choice((1e-9, 1.0, 1e5))
+    elif how == 4:
+        channels[name] = np.where(
+            np.arange(n) == rng.randrange(n), rng.choice((1e6, 1.0, np.nan)), channels[name]
+        )
+    elif how == 5:
+        n = rng.choice((2, 3, 10, 100, 1000, 5000))
+        channels = {key: values[:n] for key, values in channels.items()}
+    elif how == 6:
+        authority = {rng.choice(("F_max_1", "F_max_2", "N_max_1")): rng.choice((0.0, 1e-320, 1e3))}
+        return replace(run, **authority, m_tm=rng.choice((1e-3, 1.928, 1e6)))
+    elif how == 7:
+        return replace(run, fs=rng.choice((1e-3, 0.3, 10.0)), alignment_epoch=rng.choice((0, 7, 10**18)))
+    else:
+        return replace(run, kind=rng.choice(("noise", "sysid")), experiment=rng.choice(("A", "E", "x")))
+    return replace(run, time=run.time[:n], channels=channels)
+
+
+def test_calibrations_of_hostile_numbers(cases):
+    good = [*pair(World(), "A", seed=1), *pair(World(), "E", seed=2, drive_1=1e-12)]
+    for n in range(cases(0.02, 4)):
+        rng = random.Random(n)
+        runs = good[: rng.choice((2, 4))]
+        for _ in range(rng.choice((1, 1, 2))):
+            place = rng.randrange(len(runs))
+            runs[place] = spoilt(runs[place], rng)
+        survives(lambda runs=runs: calibrate(runs), None, f"calibration {n}")
+
+
+def test_own_files_are_not_tried(file, monkeypatch):
+    monkeypatch.setattr(probe, "look_at", lambda *_: pytest.fail("tried"))
+    assert telemetry.read_all([file], own=True)
+
+
+def test_json_of_the_other_process_is_one_line_a_file(file):
+    assert look_at([file, file], "telemetry", {}) == [None, None]
+    assert json.dumps({"refused": None}).endswith("}")

@@ -1,0 +1,148 @@
+"""A campaign that is killed, or runs out of disk, goes on where it was and ends as if nothing had happened.
+
+    pytest tests/hostile/test_resume.py --kills 100 -s        kills at times uniform over the whole run
+
+Every kill is a SIGKILL of the whole process group: nobody is left to tidy up, as after a power cut (but for
+what the operating system has not written yet, which fsync is for and which is not tested here).
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from tests.lpfcosim.cli.test_cli import SHORT, one_sentence
+
+pytestmark = [pytest.mark.fmu, pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL and setrlimit")]
+
+PLAN = (
+    SHORT.replace("noise_duration", 'sample_rate = "2 Hz"\nnoise_duration')
+    + "\n[fit]\ninclude_short = true\n"
+)
+
+
+def content(folder):
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file() and p.name != ".lock"
+    }
+
+
+def command(folder, *options):
+    campaign = str(folder.parent / "short.toml")
+    return [sys.executable, "-m", "lpfcosim", "run", campaign, "--out", str(folder), "--jobs", "1", *options]
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """Folder with the campaign file and a place for temporary files."""
+    folder = tmp_path_factory.mktemp("home")
+    (folder / "short.toml").write_text(PLAN)
+    (folder / "tmp").mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(home):
+    """Content of the folder, by path, of a run that nothing happens to."""
+    timed(home / "sound")  # the first waits for the disk
+    return content(home / "sound")
+
+
+def timed(folder):
+    """Run the command to its end; return the seconds it takes."""
+    shutil.rmtree(folder, ignore_errors=True)
+    begun = time.monotonic()
+    subprocess.run(command(folder), check=True, capture_output=True)
+    return time.monotonic() - begun
+
+
+def killed(folder, home, fraction, seconds):
+    """Kill the command with all its processes after a fraction of the seconds it takes; return these.
+
+    If it was faster than that, on a machine less busy, this is how long it takes, and it is tried again.
+    """
+    environment = {**os.environ, "TMPDIR": str(home / "tmp")}
+    while True:
+        begun = time.monotonic()
+        process = subprocess.Popen(
+            command(folder),
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(fraction * seconds)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            return seconds
+        seconds = time.monotonic() - begun
+        shutil.rmtree(folder)
+
+
+def test_killed_at_any_moment(home, undisturbed, request, lpfcosim):
+    kills = request.config.getoption("--kills")
+    stages: dict[str, int] = {}
+    for k in range(kills):
+        folder = home / f"killed-{k}"
+        if k % 10 == 0:
+            seconds = timed(home / "timed")
+        seconds = killed(folder, home, (k + 0.5) / kills, seconds)
+        left = content(folder) if folder.is_dir() else {}
+        finished = {
+            n: b for n, b in left.items() if not any(p.startswith((".", "logs")) for p in Path(n).parts)
+        }
+        for name, data in finished.items():  # what looks finished is
+            if name != "telemetry.sha256":
+                assert data == undisturbed[name], f"{name} after kill {k}"
+        known = left.get("telemetry.sha256", b"").decode()
+        kept = [Path(n).stem for n in finished if n.startswith("telemetry/") and n in known]
+        stamps = {n: (folder / "telemetry" / f"{n}.h5").stat().st_mtime_ns for n in kept}
+        status, _, err = lpfcosim("run", home / "short.toml", "--out", folder)
+        assert status == 0, err
+        for name, stamp in stamps.items():  # not simulated again
+            assert f"run {name}: kept" in err
+            assert (folder / "telemetry" / f"{name}.h5").stat().st_mtime_ns == stamp
+        assert content(folder) == undisturbed, f"after kill {k}"
+        assert not (folder / "logs").exists()
+        assert not list((home / "tmp").glob("lpfcosim-*"))
+        last = [n for n in ("results.json", "report.html") if n in left]
+        stage = " and ".join([f"{len(kept)} of 2 runs", *last])
+        stages[stage] = stages.get(stage, 0) + 1
+        shutil.rmtree(folder)
+    print(f"\n{kills} SIGKILLs within {seconds:.1f} s, all resumed, found finished: {stages}")
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [pytest.param(100, marks=pytest.mark.slow), 200_000, pytest.param(900_000, marks=pytest.mark.slow)],
+)
+def test_a_full_disk(home, undisturbed, lpfcosim, limit):
+    """A limit on the size of files stands in for a disk that is full: writes fail half-way."""
+    import resource
+
+    folder = home / f"full-{limit}"
+    done = subprocess.run(
+        command(folder, "--quiet"),
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 1
+    assert "cannot be written" in one_sentence(done.stderr) or "File too large" in one_sentence(done.stderr)
+    left = content(folder)
+    assert all(undisturbed[n] == b for n, b in left.items() if n.startswith(("telemetry/", "results")))
+    assert not [n for n in left if Path(n).name.startswith(".")]
+    status, _, err = lpfcosim("run", home / "short.toml", "--out", folder)
+    assert status == 0, err
+    assert content(folder) == undisturbed

@@ -1,0 +1,232 @@
+"""Campaign files: what they become."""
+
+import json
+import tomllib
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lpfcosim.campaign import campaign
+from lpfcosim.errors import InputError
+from lpfcosim.plant import signals
+from lpfcosim.spacecraft.control import DRAG_FREE
+from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
+from tests import ROOT
+
+TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+def test_everything_arrives_in_si(file):
+    c = campaign.load(file)
+    assert (c.name, c.seed, c.t0) == ("test", 1, "2016-04-16T08:00:00Z")
+    assert c.truth == replace(Truth(), lambda_1=1.07)
+    assert c.drag_free == replace(DRAG_FREE, unity_gain=0.09)
+    first, second = c.experiments
+    assert first.authority == Authority("A", 2.2e-9, 2.2e-9, 1.04e-11, 1.04e-11)
+    assert first.noise == Noise(oms=35e-15, tail=1.5)
+    assert second.noise == Noise(oms=35e-15, tail=1.0, plateau=5e-15)
+    assert first.injections == (Sine("guidance_o_12", 10e-9, 1e-3, 2, 60.0),)
+    assert second.injections == (
+        HalfCosine("F_x_1", 1.5e-9, 10.0, 20.0),
+        Sine("F_x_1", 0.6e-12, 10e-3, 20, 30.0, phase=pytest.approx(np.pi / 2)),
+    )
+
+
+def test_a_glitch_is_a_pulse_of_either_sign(file):
+    glitch = '{ shape = "pulse", into = "g_2", amplitude = "-2 pm s^-2", start = "9 s", duration = "30 s" },'
+    file.write_text(TEXT.replace("tone = [", f"tone = [\n  {glitch}"), encoding="utf-8")
+    assert campaign.load(file).runs[1].injections[0] == Pulse("g_2", -2e-12, 9.0, 30.0)
+    file.write_text(
+        TEXT.replace("tone = [", f"tone = [\n  {glitch.replace('30 s', '0.1 s')}"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r'sequences.tone\[0\].duration: "0.1 s" is below 0.2 s'):
+        campaign.load(file)
+
+
+def test_runs_follow_one_another_noise_first(file):
+    runs = campaign.load(file).runs
+    assert [r.name for r in runs] == ["first-noise", "first", "second"]
+    assert [r.experiment for r in runs] == ["first", "first", "second"]
+    assert [r.kind for r in runs] == ["noise", "sysid", "sysid"]
+    assert [r.n_samples for r in runs] == [18_000, 36_000, 72_000]
+    assert [r.t0 for r in runs] == ["2016-04-16T08:00:00Z", "2016-04-16T08:30:00Z", "2016-04-16T09:30:00Z"]
+    assert [len(r.injections) for r in runs] == [0, 1, 2]
+    assert runs[2].dc == -8e-12
+    assert runs[2].f_x_2_start == pytest.approx(8e-12 / 1.0776)
+    assert runs[2].delta_ifo == -2.09e-5
+    assert runs[0].time[-1] == 1799.9
+    assert runs[0].omega2_1 == pytest.approx(-3.99e-7 - 345 * 2.2e-9 - 28.2e3 * 10.4e-12)  # eq. stiff_model
+
+
+def test_quick_start_is_the_campaign_it_should_be(quickstart):
+    c = campaign.load(quickstart)
+    assert c.truth == Truth()
+    assert [r.name for r in c.runs] == [n for x in "ABCD" for n in (f"{x}-noise", x)]
+    assert {r.n_samples for r in c.runs} == {216_000}
+    for run in c.runs:
+        injected = signals.injections(run)
+        assert abs(run.dc) * run.m_tm < 0.5 * run.authority.F_max_2
+        assert not injected["F_x_1"].any()
+        if run.kind == "sysid":
+            for into in ("guidance_o_1", "guidance_o_12"):
+                tones = sorted((i for i in run.injections if i.into == into), key=lambda i: i.start)
+                gaps = [b.start - a.end for a, b in pairwise(tones)]
+                assert len(tones) == 5
+                assert gaps == pytest.approx([60] * 4, abs=1.1)
+
+
+def test_digest_is_of_the_content_not_of_its_spelling(file):
+    digest = campaign.load(file).digest
+    file.write_text("# a comment\n" + TEXT.replace('"10 nm"', '"1e-8 m"'), encoding="utf-8")
+    assert campaign.load(file).digest == digest
+    file.write_text(TEXT.replace('"10 nm"', '"11 nm"'), encoding="utf-8")
+    assert campaign.load(file).digest != digest
+    assert len(digest) == 64
+
+
+def test_toml_dates_and_byte_order_marks_are_fine(file):
+    text = TEXT.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
+    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert campaign.load(file).t0 == "2016-04-16T08:00:00Z"
+
+
+def test_another_alignment_epoch_may_be_given(file):
+    text = TEXT.replace("[truth]", "[truth]\ndelta_ifo_7 = 3e-5").replace(
+        "alignment_epoch = 3", "alignment_epoch = 7"
+    )
+    file.write_text(text, encoding="utf-8")
+    assert campaign.load(file).runs[2].delta_ifo == 3e-5
+
+
+def test_schema_names_every_key_and_is_json():
+    schema = json.loads(json.dumps(campaign.json_schema()))
+    assert {"schema", "seed", "experiments"} <= schema["properties"].keys()
+    sine = schema["$defs"]["SineTable"]["properties"]
+    assert sine["frequency"]["type"] == "string"
+    assert sine["frequency"]["examples"] == ["0.833 mHz"]
+    assert schema["$defs"]["TruthTable"]["patternProperties"]
+
+
+def toml(value):
+    """Write a value the way TOML does, tables inline."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, str | bool) else repr(value)
+
+
+def load_table(folder, table):
+    path = folder / "table.toml"
+    path.write_text("\n".join(f"{key} = {toml(value)}" for key, value in table.items()), encoding="utf-8")
+    return campaign.load(path)
+
+
+plain = st.text("ab Hz0.-[]{}", max_size=8)
+anything = st.booleans() | st.integers() | st.floats() | plain | st.lists(st.integers(), max_size=2)
+
+
+@settings(max_examples=200)
+@given(changes=st.dictionaries(st.sampled_from(list(tomllib.loads(TEXT))), anything, min_size=1))
+def test_whatever_a_key_holds_is_understood_or_refused(tmp_path_factory, changes):
+    """A value of a wrong kind leads to InputError and to nothing else."""
+    try:
+        built = load_table(tmp_path_factory.getbasetemp(), {**tomllib.loads(TEXT), **changes})
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert built.runs
+
+
+@settings(max_examples=50)
+@given(
+    frequency=st.floats(1e-4, 4.9),
+    amplitude=st.floats(1e-14, 9e-5),
+    cycles=st.integers(1, 20),
+    phase=st.floats(-7, 7),
+    oms=st.floats(0, 1e-9),
+    dc=st.floats(-1e-9, 1e-9),
+    C_2=st.floats(0.06, 9),
+)
+def test_a_campaign_written_in_si_comes_back_to_the_last_bit(
+    tmp_path_factory, frequency, amplitude, cycles, phase, oms, dc, C_2
+):
+    table = tomllib.loads(TEXT)
+    sine = {"into": "guidance_o_1", "shape": "sine", "cycles": cycles, "start": "100 s"}
+    sine |= {"frequency": f"{frequency!r} Hz", "amplitude": f"{amplitude!r} m", "phase": f"{phase!r} rad"}
+    table["experiments"][1] |= {"duration": "10 d", "dc": f"{dc!r} m s^-2", "injections": [sine]}
+    table["noise"]["oms"] = f"{oms!r} m Hz^-0.5"
+    table["truth"]["C_2"] = f"{C_2!r} s"
+    c = load_table(tmp_path_factory.getbasetemp(), table)
+    second = c.experiments[1]
+    assert second.injections == (Sine("guidance_o_1", amplitude, frequency, cycles, 100.0, phase),)
+    assert (second.dc, second.noise.oms, c.truth.C_2) == (dc, oms, C_2)
+
+
+def test_a_campaign_adds_to_the_one_it_extends(file):
+    more = file.parent / "more.toml"
+    more.write_text(
+        'extends = "c.toml"\nname = "more"\n'
+        '[truth]\nlambda_1 = 1.08\n[noise]\nplateau = "4 fm s^-2 Hz^-0.5"\n',
+        encoding="utf-8",
+    )
+    base, c = campaign.load(file), campaign.load(more)
+    assert (c.name, c.truth.lambda_1, c.truth.lambda_2) == ("more", 1.08, base.truth.lambda_2)
+    assert c.experiments[0].noise == replace(base.experiments[0].noise, plateau=4e-15)
+    assert [r.name for r in c.runs] == [r.name for r in base.runs]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('extends = "more.toml"', 'extends: "more.toml" extends this file in turn'),
+        ('extends = "nowhere.toml"', "no such file"),
+        ("extends = 1", "extends: "),
+        ('extends = "c.toml"\nspeed = 1', "speed: unknown key"),
+    ],
+)
+def test_what_cannot_be_extended_is_told(file, text, told):
+    more = file.parent / "more.toml"
+    more.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        campaign.load(more)
+    assert told in str(error.value)
+    assert str(more) in str(error.value)
+
+
+def test_an_experiment_may_have_a_start_of_its_own(file):
+    file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-05-01T00:00:00Z"'))
+    assert [r.t0 for r in campaign.load(file).runs][2] == "2016-05-01T00:00:00Z"
+    file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-04-16T09:00:00Z"'))
+    with pytest.raises(InputError, match=r'experiments\[1\].t0: .* is before "first" ends'):
+        campaign.load(file)
+
+
+def test_gains_scatter_from_experiment_to_experiment_alone(file):
+    file.write_text(TEXT.replace("[truth]", "[truth]\nlambda_scatter = 0.005"), encoding="utf-8")
+    noise, first, second = campaign.load(file).runs
+    assert noise.truth == first.truth
+    assert first.truth.lambda_2 != second.truth.lambda_2
+    assert first.truth.C_2 == second.truth.C_2
+    names = [f"e{i}" for i in range(2000)]
+    gains = [first.truth.of_experiment(name, 1).lambda_2 / first.truth.lambda_2 for name in names]
+    assert np.std(gains) == pytest.approx(0.005, rel=0.1)  # six sigma
+
+
+def test_what_is_said_of_the_fit_leaves_the_digest(file):
+    digest = campaign.load(file).digest
+    file.write_text(TEXT + '\n[fit]\nestimator = "student_t"\n', encoding="utf-8")
+    c = campaign.load(file)
+    assert c.fit == {"estimator": "student_t"}
+    assert c.digest == digest

@@ -1,0 +1,125 @@
+"""Campaign files: the sentence for everything that can be wrong with them."""
+
+import pytest
+
+from lpfcosim.campaign import campaign
+from lpfcosim.errors import InputError
+from tests import ROOT
+
+TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+TONE = 'frequency = "1 mHz"'
+BAD = [  # what to replace, by what, and what the sentence then begins with
+    ("seed = 1", "seed = 1\nsede = 2", 'sede: unknown key, did you mean "seed"? (known: authority,'),
+    (TONE, 'frequence = "1 mHz"', 'sequences.tone[0].frequence: unknown key, did you mean "freq'),
+    (TONE + ", ", "", 'sequences.tone[0].frequency: missing, write frequency = "0.833 mHz"'),
+    ("[[experiments]]", "[[experiment]]", 'experiment: unknown key, did you mean "experiments"?'),
+    ("lpf-campaign/1", "lpf-campaign/9", 'schema: "lpf-campaign/9" is not known, did you mean'),
+    ("seed = 1", "", "seed: missing, write seed = 1"),
+    ("seed = 1", "seed = 1.5", "seed: 1.5 is not a whole number"),
+    ("seed = 1", "seed = -1", "seed: -1 is too small, expected 0 or more"),
+    ("08:00:00Z", "08:00:00+02:00", 't0: "2016-04-16T08:00:00+02:00" is not a time in UTC'),
+    ('"test"', '"a/b"', 'name: "a/b" cannot name a file'),
+    ('"first"', '"nul"', 'experiments[0].name: "nul" cannot name a file on every system'),
+    (TONE, "frequency = 0.001", "sequences.tone[0].frequency: 0.001 has no unit, write a string with"),
+    (TONE, 'frequency = "0.1"', 'sequences.tone[0].frequency: "0.1" is not a number and a unit'),
+    (TONE, 'frequency = "1 mHerz"', 'sequences.tone[0].frequency: "1 mHerz" has no known unit, write'),
+    (TONE, 'frequency = "1 nm"', 'sequences.tone[0].frequency: "1 nm" is not a frequency, write'),
+    (TONE, 'frequency = "1 rad/s"', 'sequences.tone[0].frequency: "1 rad/s" is not a frequency'),
+    (TONE, 'frequency = "1e999 Hz"', 'sequences.tone[0].frequency: "1e999 Hz" is not a finite number'),
+    (TONE, 'frequency = "-1 mHz"', 'sequences.tone[0].frequency: "-1 mHz" must be above zero'),
+    (TONE, 'frequency = "1 Hz^9^9^9^9"', "sequences.tone[0].frequency: "),
+    (TONE, 'frequency = "5 Hz"', "sequences.tone[0].frequency: 5 Hz is not below the Nyquist"),
+    ("cycles = 2", "cycles = 2.5", "sequences.tone[0].cycles: 2.5 is not a whole number"),
+    ("cycles = 2", "cycles = 0", "sequences.tone[0].cycles: 0 is too small, expected more than 0"),
+    ('"0.6 pN"', '"0.6 pm"', 'experiments[1].injections[1].amplitude: "0.6 pm" is not a force'),
+    ('"10 nm"', '"10 nN"', 'sequences.tone[0].amplitude: "10 nN" is not a length'),
+    ('"10 nm"', '"10 mm"', 'sequences.tone[0].amplitude: "10 mm" is beyond the reach'),
+    ('"guidance_o_12"', '"guidance_012"', 'sequences.tone[0].into: "guidance_012" is not known, did you'),
+    ('"sine"', '"sinus"', 'sequences.tone[0].shape: "sinus" is not known, did you mean "sine"?'),
+    ('shape = "sine", ', "", 'sequences.tone[0].shape: missing, write shape = "sine" or'),
+    ('shape = "half_cosine"', 'shape = "pulse"', "experiments[1].injections[0].end: unknown key"),
+    ('into = "F_x_1"', 'into = "g_1"', 'experiments[1].injections[0].into: "g_1" is not known'),
+    ('end = "20 s"', 'end = "5 s"', "experiments[1].injections[0].end: 5 s is not after the start"),
+    ("cycles = 2,", "cycles = 4,", 'sequences.tone[0]: ends at 4060 s, past the end of experiment "first"'),
+    ('end = "20 s"', 'end = "3 h"', "experiments[1].injections[0]: ends at 10800 s, past the end of"),
+    ('authority = "A"', 'authority = "B"', 'experiments[0].authority: no authority set "B"'),
+    ('["tone"]', '["tome"]', 'experiments[0].sequences[0]: no sequence "tome", did you mean "tone"?'),
+    ('"second"', '"first"', 'experiments[1].name: there would be two runs named "first"'),
+    ('"second"', '"first-noise"', 'experiments[1].name: there would be two runs named "first-noise"'),
+    ('"second"', '"First"', 'experiments[1].name: there would be two runs named "First"'),
+    ("epoch = 3", "epoch = 5", "experiments[1].alignment_epoch: there is no truth.delta_ifo_5"),
+    ("epoch = 3", "epoch = 0", "experiments[1].alignment_epoch: 0 is too small, expected 1"),
+    ('"7200 s"', '"7200.05 s"', "experiments[1].duration: 7200.05 s is not a whole number of"),
+    ('"7200 s"', '"1 ns"', "experiments[1].duration: 1e-09 s is less than a sample"),
+    ('"7200 s"', '"2 yr"', 'experiments[1].duration: "2 yr" is above 3.16224e+07 s, which is'),
+    ('F_max_1 = "2200 pN"', 'F_max_1 = "-1 pN"', 'authority.A.F_max_1: "-1 pN" must be zero or'),
+    ('"35 fm Hz', '"-35 fm Hz', 'noise.oms: "-35 fm Hz^-0.5" must be zero or above'),
+    ("tail = 1.0", "tail = -1.0", "experiments[1].noise.tail: -1.0 is too small, expected 0 or"),
+    ("lambda_1 = 1.07", "lambda_1 = 0.0", "truth.lambda_1: 0.0 is too small, expected more than 0.7"),
+    ("lambda_1 = 1.07", "lambda_1 = nan", "truth.lambda_1: NaN is not a finite number"),
+    ("lambda_1 = 1.07", "lambda_3 = 1.07", "truth.lambda_3: unknown key, did you mean"),
+    ("lambda_1 = 1.07", 'C_1 = "0.04 s"', "truth.C_1: C_1/lambda_1 = 0.03722 s is below 0.05 s"),
+    ("lambda_1 = 1.07", 'C_1 = "1 h"', 'truth.C_1: "1 h" is above 10 s, which is implausible for'),
+    ("lambda_1 = 1.07", 'omega2_1_0 = "4e-7 s^-2"', 'truth.omega2_1_0: "4e-7 s^-2" must be zero or below;'),
+    ("lambda_1 = 1.07", 'alpha_x_1 = "345 kg^-1 m^-1"', 'truth.alpha_x_1: "345 kg^-1 m^-1" must be'),
+    ("lambda_1 = 1.07", "delta_ifo_5 = inf", "truth.delta_ifo_5: Infinity is not a finite"),
+    ('unity_gain = "90 mHz"', 'poles = ["1 Hz", "1 Hz"]', "control.drag_free.poles: the two poles must"),
+    ('unity_gain = "90 mHz"', 'poles = ["1 Hz"]', "control.drag_free.poles: has 1 of its values, expected"),
+    ('"0.6 pN"', '"2.3 nN"', "experiments[1].injections[1].amplitude: the force on test mass 1 reaches"),
+    ('"1.5 nN"', '"2.3 nN"', "experiments[1].injections[0].amplitude: the force on test mass 1 reaches"),
+    ('"-8e-12 m s^-2"', '"2e-9 m s^-2"', "experiments[1].dc: holding it takes 3578 pN of the 2200 pN that"),
+    ("[control.drag_free]\nunity_gain", "[control]\ndrag_free", "control.drag_free: expected a table"),
+    ("seed = 1", 'seed = 1\n"a\\nb" = 2', '"a\\nb": unknown key'),
+    ("seed = 1", "seed = " + "1" * 5000, "holds a number of too many digits"),
+    ("seed = 1", "seed" + ".a" * 20_000 + " = 1", "is nested too deeply"),
+    ("lambda_1 = 1.07", "lambda_1 = 1e-320", "truth.lambda_1: 1e-320 is too small, expected more than 0.7"),
+    ("lambda_1 = 1.07", 'C_1 = "9 s"\nlambda_1 = 0.8', "truth.C_1: C_1/lambda_1 = 11.25 s is above 10 s"),
+    ("lambda_1 = 1.07", 'omega2_1_0 = "-1e30 s^-2"', 'truth.omega2_1_0: "-1e30 s^-2" is above 1 s^-2, which'),
+    ("lambda_1 = 1.07", 'alpha_x_1 = "-1e30 kg^-1 m^-1"', 'truth.alpha_x_1: "-1e30 kg^-1 m^-1" is above'),
+    ("lambda_1 = 1.07", "delta_ifo_5 = 1e300", "truth.delta_ifo_5: 1e+300 is too large, expected 1 or less"),
+    ('F_max_1 = "2200 pN"', 'F_max_1 = "1e300 N"', 'authority.A.F_max_1: "1e300 N" is above 1 N, which'),
+    ('N_max_1 = "10.4 pN m"', 'N_max_1 = "1e300 N m"', 'authority.A.N_max_1: "1e300 N m" is above 1 N m'),
+    ('"35 fm Hz', '"1e300 m Hz', 'noise.oms: "1e300 m Hz^-0.5" is above 1e-06 m Hz^-0.5, which'),
+    ("tail = 1.0", "tail = 1e300", "experiments[1].noise.tail: 1e+300 is too large, expected 1e+06"),
+    ('"90 mHz"', '"1e300 Hz"', 'control.drag_free.unity_gain: "1e300 Hz" is above 1000 Hz, which'),
+    ('"90 mHz"', '"1e-300 Hz"', 'control.drag_free.unity_gain: "1e-300 Hz" is below 1e-09 Hz, which'),
+    ('"90 mHz"', '"5 Hz"', "control.drag_free.unity_gain: 5 Hz is not below the Nyquist"),
+    ('unity_gain = "90 mHz"', 'poles = ["1 Hz", "6 Hz"]', "control.drag_free.poles[1]: 6 Hz is not below"),
+    ('"90 deg"', '"1e300 deg"', 'experiments[1].injections[1].phase: "1e300 deg" is above'),
+    ('"7200 s"', '"1e308 s"', 'experiments[1].duration: "1e308 s" is above'),
+    ("seed = 1", "seed = = 1", "line 4, column 8: invalid value"),
+    ("seed = 1", "seed = 1\nseed = 2", "line 5, column 9: cannot overwrite a value"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), BAD)
+def test_bad_input_is_one_sentence_with_its_place(file, old, new, sentence):
+    assert old in TEXT
+    file.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as refusal:
+        campaign.load(file)
+    message = str(refusal.value)
+    assert message.startswith(f"{file}: {sentence}")
+    assert "\n" not in message
+
+
+def test_what_is_no_file_at_all(tmp_path):
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "deep.toml").write_text("x = " + "[" * 100_000, encoding="utf-8")
+    for name, words in {
+        "absent.toml": "no such file",
+        ".": "is a folder",
+        "binary.toml": "is not UTF-8",
+        "deep.toml": "is nested too deeply",
+    }.items():
+        with pytest.raises(InputError, match=words):
+            campaign.load(tmp_path / name)

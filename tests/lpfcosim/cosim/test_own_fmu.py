@@ -1,0 +1,469 @@
+"""Somebody else's FMU in the place of one of ours: the variable map, and what is said if it does not fit."""
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import fmpy
+import h5py
+import numpy as np
+import pytest
+
+from lpfcosim.campaign import campaign
+from lpfcosim.cosim import master, placement
+from lpfcosim.cosim.interface import resolve
+from lpfcosim.cosim.placement import _exponents
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.modelica import build
+from lpfcosim.network import network
+from lpfcosim.running import runner
+from lpfcosim.spacecraft.run import Noise, Replacement, Sine
+from lpfcosim.spacecraft.spacecraft import Spacecraft
+from tests import ROOT
+from tests.campaign_text import ONE_EXPERIMENT
+from tests.lpfcosim.cosim.foreign import edited, renamed
+
+pytestmark = pytest.mark.fmu
+FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
+
+NAMES = {"o_12": "measured", "guidance_o_12": "wanted", "f_control_2": "u", "f_u": "bandwidth"}
+
+
+@pytest.fixture(scope="module")
+def fmus():
+    return build.build()
+
+
+@pytest.fixture
+def run(make_run):
+    return make_run(
+        n_samples=3000,
+        noise=Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5),
+        injections=(Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=2, start=10),),
+        dc=4e-12,
+    )
+
+
+def simulate(run, fmus, replacement, **options):
+    run = replace(run, replacements=(replacement,))
+    return master.simulate(run, {**fmus, replacement.model: replacement.archive}, **options)
+
+
+def refusal(run, fmus, replacement):
+    run = replace(run, replacements=(replacement,))
+    with pytest.raises(InputError) as refused:
+        placement.interfaces(run, {**fmus, replacement.model: replacement.archive})
+    message = str(refused.value)
+    assert "\n" not in message
+    return message
+
+
+@FMI
+@ENGINE
+def test_map_of_names_gives_the_same_bits(run, fmus, tmp_path, fmi, engine):
+    # Also: FMI 2.0 and 3.0 mixed in one network.
+    ours = build.build(["SuspensionControl"], fmi=fmi)["SuspensionControl"]
+    archive = renamed(ours, tmp_path / "mine.fmu", NAMES)
+    wanted = master.simulate(run, fmus)
+    got = simulate(run, fmus, Replacement("SuspensionControl", archive, NAMES), engine=engine)
+    for channel, values in wanted.items():
+        assert np.array_equal(got[channel], values), channel
+
+
+@pytest.mark.parametrize("model", build.MODELS)
+def test_every_place_can_be_taken(run, fmus, tmp_path, model):
+    if model not in {c.model for c in network.every(run)}:
+        run = replace(run, spacecraft=Spacecraft())
+    component = next(c for c in network.every(run) if c.model == model)
+    names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
+    archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
+    wanted = master.simulate(run, fmus)
+    got = simulate(run, fmus, Replacement(model, archive, names))
+    assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+
+
+def test_own_parameters_are_set(run, fmus, tmp_path):
+    archive = renamed(fmus["SuspensionControl"], tmp_path / "mine.fmu", {"f_u": "bandwidth"})
+    wanted = master.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
+    got = simulate(run, fmus, Replacement("SuspensionControl", archive, values={"bandwidth": 2e-3}))
+    assert np.array_equal(got["o_12"], wanted["o_12"])
+
+
+def test_unused_inputs_keep_their_start_values(run, fmus):
+    quiet = replace(run, noise=replace(run.noise, oms=0.0))
+    wanted = master.simulate(quiet, fmus)
+    mine = Replacement("OpticalMetrology", fmus["OpticalMetrology"], unused=("n_1", "n_12"))
+    got = simulate(run, fmus, mine)
+    assert np.array_equal(got["o_12"], wanted["o_12"])
+
+
+SUSPENSION = "SuspensionControl"
+UNFIT = {
+    "missing": (
+        (' name="o_12" ', ' name="y" '),
+        "variable 'o_12' is missing; expected of the SuspensionControl as its input",
+    ),
+    "causality": (
+        (r'(name="f_control_2" [^>]*causality=)"output"', r'\1"local"'),
+        "variable 'f_control_2' is of causality 'local'; expected causality 'output' for f_control_2",
+    ),
+    "nanometres": (
+        (r'<BaseUnit m="1" ?/>', '<BaseUnit m="1" factor="1e-9"/>'),
+        "variable 'o_12' is in m, by which it means 1e-09 m; expected m, for o_12",
+    ),
+    "dimension": (
+        (r'<BaseUnit m="1" ?/>', '<BaseUnit rad="1"/>'),
+        "variable 'o_12' is in m, by which it means rad; expected m, for o_12",
+    ),
+    "unit without base units": (
+        (r'(?s)<Unit name="m">.*?</Unit>(.*name="\w*o_12" [^>]*unit=)"m"(.*o_12" [^>]*unit=)"m"',
+         r'<Unit name="m"/><Unit name="nm"/>\1"nm"\2"nm"'),
+        "variable 'o_12' is in nm, of which it does not give the base units; expected m, for o_12",
+    ),
+    "step": (
+        (r'fixedInternalStepSize="0.1"', 'fixedInternalStepSize="0.04"'),
+        "steps by 0.04 s; expected a step that divides that of the loop, 0.1 s",
+    ),
+    "platform": (
+        (r'modelIdentifier="\w+"', 'modelIdentifier="Another"'),
+        f"expected one for {fmpy.platform_tuple}",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "told"), UNFIT.values(), ids=UNFIT)
+def test_what_does_not_fit_is_one_sentence(run, fmus, tmp_path, change, told):
+    archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", change)
+    message = refusal(run, fmus, Replacement(SUSPENSION, archive))
+    assert message.startswith(f"fmus.SuspensionControl: {archive}: ")
+    assert told in message
+
+
+def test_step_of_an_fmi_2_fmu_that_takes_no_other(run, fmus, tmp_path):
+    ours = build.build([SUSPENSION], fmi="2.0")[SUSPENSION]
+    for step, fits in (("0.2", False), ("0.05", True)):
+        archive = edited(ours, tmp_path / f"{step}.fmu", (r'stepSize="[\d.]+"', f'stepSize="{step}"'))
+        if fits:
+            assert simulate(run, fmus, Replacement(SUSPENSION, archive))["o_12"].any()
+        else:
+            assert "steps by 0.2 s" in refusal(run, fmus, Replacement(SUSPENSION, archive))
+
+
+def test_other_platforms_are_named(run, fmus, tmp_path):
+    archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", drop=["binaries/"])
+    assert f"has no binary; expected one for {fmpy.platform_tuple}" in refusal(
+        run, fmus, Replacement(SUSPENSION, archive)
+    )
+
+
+@pytest.mark.parametrize("step", ["0", "NaN", "1e-320", "-0.1", "INF"])
+def test_steps_that_are_none(run, fmus, tmp_path, step):
+    change = ('fixedInternalStepSize="0.1"', f'fixedInternalStepSize="{step}"')
+    archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", change)
+    assert "mine.fmu: " in refusal(run, fmus, Replacement(SUSPENSION, archive))
+
+
+def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
+    ours = fmus[SUSPENSION]
+    twin = (r'(<Float64 name="o_12" [^>]*)/>', r'\1><Alias name="twin"/></Float64>')
+    alias = edited(ours, tmp_path / "alias.fmu", twin)
+    told = refusal(run, fmus, Replacement(SUSPENSION, alias, {"guidance_o_12": "twin"}))
+    assert "'o_12' and 'twin' are one variable; expected two" in told
+    # The name of another parameter of ours: that one is then not set.
+    mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
+    assert "f_z" in placement.ignored(mine, placement.interfaces(mine, fmus))[SUSPENSION]
+
+
+def test_our_parameter_can_be_declined(run, fmus):
+    mine = Replacement(SUSPENSION, fmus[SUSPENSION], unused=("f_u",), values={"f_u": 2e-3})
+    wanted = master.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
+    assert np.array_equal(simulate(run, fmus, mine)["o_12"], wanted["o_12"])
+
+
+def test_type_is_checked(run, fmus, tmp_path):
+    archive = edited(
+        fmus["OpticalMetrology"], tmp_path / "mine.fmu", (r'<Float64( name="x_1" .*)', r"<Float32\1"),
+    )  # fmt: skip
+    told = refusal(run, fmus, Replacement("OpticalMetrology", archive))
+    assert "variable 'x_1' is of type Float32; expected Float64 for x_1" in told
+
+
+def test_plant_whose_motion_follows_at_once_from_a_force_is_a_loop(run, fmus, tmp_path):
+    description = fmpy.read_model_description(fmus["Plant"])
+    reference = {v.name: v.valueReference for v in description.modelVariables}
+    archive = edited(
+        fmus["Plant"], tmp_path / "mine.fmu",
+        (rf'<Output valueReference="{reference["x_1"]}"',
+         f'<Output valueReference="{reference["x_1"]}" dependencies="{reference["F_x_sc"]}"'),
+    )  # fmt: skip
+    message = refusal(run, fmus, Replacement("Plant", archive))
+    (loop,) = re.findall(r"^algebraic loop: (.*);", message)
+    assert set(loop.split(" -> ")) == {"Plant.x_1", "OpticalMetrology.o_1", "DragFreeControl.F_x_sc"}
+
+
+def test_variables_without_a_unit_are_taken_as_ours(run, fmus, tmp_path):
+    archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", (r'(name="o_12" [^>]*) unit="m"', r"\1"))
+    assert np.array_equal(
+        simulate(run, fmus, Replacement(SUSPENSION, archive))["o_12"], master.simulate(run, fmus)["o_12"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("unit", "exponents"),
+    [
+        ("m/s2", {"m": 1, "s": -2}), ("m.s-2", {"m": 1, "s": -2}), ("m s^-2", {"m": 1, "s": -2}),
+        ("m/s**2", {"m": 1, "s": -2}), ("kg.m/s2", {"kg": 1, "m": 1, "s": -2}), ("1/s2", {"s": -2}),
+        ("1/(kg.m)", {"kg": -1, "m": -1}), ("N", {"kg": 1, "m": 1, "s": -2}), ("m/m", {}), ("1", {}),
+        ("nm", None), ("10", None), ("m/s/s", None), ("", None),
+    ],
+)  # fmt: skip
+def test_units_are_read(unit, exponents):
+    assert _exponents(unit) == exponents
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [("gain", 0), ("row[1]", 0), ("row[3]", 2), ("A[1,1]", 0), ("A[2,1]", 3), ("A[2, 3]", 5), ("b[1]", 0)],
+)
+def test_elements_of_arrays_are_counted_row_by_row(name, place):
+    variables = {
+        n: SimpleNamespace(name=n, shape=s)
+        for n, s in (("gain", ()), ("row", (3,)), ("A", (2, 3)), ("b[1]", None))
+    }
+    variable, element = resolve(Path("own.fmu"), variables, name, "Plant")
+    assert (variable.name, element) == (name if name in variables else name.partition("[")[0], place)
+
+
+@pytest.mark.parametrize("name", ["row", "row[0]", "row[4]", "A[1]", "A[3,1]", "A[1,1,1]", "gain[1]", "c"])
+def test_elements_that_are_not_there(name):
+    variables = {n: SimpleNamespace(name=n, shape=s) for n, s in (("gain", ()), ("row", (3,)), ("A", (2, 3)))}
+    with pytest.raises(InputError, match=r"^own\.fmu: variable '.*' is (missing|an array of 3); expected"):
+        resolve(Path("own.fmu"), variables, name, "Plant")
+
+
+TOML = f"""
+schema = "lpf-campaign/1"
+name = "own"
+seed = 3
+
+[fmus.SuspensionControl]
+path = "mine.fmu"
+{{keys}}
+{ONE_EXPERIMENT}
+duration = "60 s"
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ("variables = {o_13 = 'y'}", '.variables: no variable "o_13", did you mean "o_12"?'),
+        ("variables = {o_12 = 3}", "fmus.SuspensionControl.variables.o_12: "),
+        ("variables = {o_12 = 'y', guidance_o_12 = 'y'}", '"y" stands for o_12 and for guidance_o_12'),
+        ("unused = ['f_control_2']", 'fmus.SuspensionControl.unused[0]: no input or parameter "f_control_2"'),
+        ("unused = ['o_12']\nvariables = {o_12 = 'y'}", '"o_12" has a place under variables too'),
+        ("values = {f_u = 2e-3}", 'fmus.SuspensionControl.values: "f_u" is set by the campaign already'),
+        ("values = {gain = '2'}", "fmus.SuspensionControl.values.gain: "),
+        ("pathh = 'x'", "fmus.SuspensionControl.pathh: unknown key"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_in_the_campaign_file_is_told(tmp_path, keys, told):
+    (tmp_path / "mine.fmu").write_bytes(b"")
+    file = tmp_path / "own.toml"
+    file.write_text(TOML.format(keys=keys))
+    with pytest.raises(InputError) as refused:
+        campaign.load(file)
+    assert str(refused.value).startswith(f"{file}: ")
+    assert told in str(refused.value)
+
+
+def test_place_of_another_loop_is_told(tmp_path):
+    (tmp_path / "mine.fmu").write_bytes(b"")
+    file = tmp_path / "own.toml"
+    file.write_text(TOML.format(keys="") + "\n[spacecraft]\n")
+    with pytest.raises(InputError, match=r"fmus\.SuspensionControl: the loop of this campaign has no such"):
+        campaign.load(file)
+
+
+def test_folder_in_the_place_of_an_fmu_is_told(tmp_path):
+    (tmp_path / "mine.fmu").mkdir()
+    file = tmp_path / "own.toml"
+    file.write_text(TOML.format(keys=""))
+    with pytest.raises(InputError, match=r"fmus\.SuspensionControl\.path: .*mine\.fmu: is not a file$"):
+        campaign.load(file)
+
+
+def test_missing_file_and_unknown_place_are_told(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(TOML.format(keys=""))
+    with pytest.raises(InputError, match=r"fmus\.SuspensionControl\.path: .*mine\.fmu: no such file$"):
+        campaign.load(file)
+    file.write_text(TOML.format(keys="").replace("[fmus.SuspensionControl]", "[fmus.Suspension]"))
+    with pytest.raises(InputError, match=r'fmus\.Suspension: .*did you mean "SuspensionControl"'):
+        campaign.load(file)
+
+
+def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
+    renamed(fmus[SUSPENSION], tmp_path / "mine.fmu", NAMES)
+    file = tmp_path / "own.toml"
+    table = "".join(f"variables.{ours} = '{theirs}'\n" for ours, theirs in NAMES.items())
+    file.write_text(TOML.format(keys=table))
+    plan = campaign.load(file)
+    mine = {**fmus, SUSPENSION: tmp_path / "mine.fmu"}
+    runner.simulate(plan, tmp_path / "telemetry", mine, jobs=1)
+    with h5py.File(tmp_path / "telemetry" / "one.h5") as written:
+        assert (
+            written.attrs["fmu_SuspensionControl"] == runner.provenance(plan, mine)["fmu_SuspensionControl"]
+        )
+        assert np.array_equal(written["o_12"], master.simulate(plan.runs[0], mine)["o_12"])
+        assert written["truth"].attrs["omega2_2_0"] == plan.truth.omega2_2_0
+    # The folder that the FMU lies in does not count.
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    (other / "own.toml").write_text(file.read_text())
+    (other / "mine.fmu").write_bytes((tmp_path / "mine.fmu").read_bytes())
+    assert campaign.load(other / "own.toml").digest == plan.digest
+
+
+def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
+    # Its stiffness of test mass 2 and its cross-talk have other names, which nobody maps.
+    plant = renamed(fmus["Plant"], tmp_path / "plant.fmu", {"omega2_2_0": "k", "tau_1": "delay"})
+    replacement = Replacement("Plant", plant)
+    mine = replace(run, n_samples=50, replacements=(replacement,))
+    runner.record(mine, {**fmus, "Plant": plant}, tmp_path / "one.h5", {})
+    with h5py.File(tmp_path / "one.h5") as written:
+        told = set(written["truth"].attrs)
+    runner.record(replace(run, n_samples=50), fmus, tmp_path / "ours.h5", {})
+    with h5py.File(tmp_path / "ours.h5") as written:
+        all_of_it = set(written["truth"].attrs)
+    assert all_of_it - told == {"omega2_2_0", "omega2_2", "domega2_12", "tau_1", "C_1"}
+
+
+@pytest.mark.parametrize(
+    ("model", "missing", "gone"),
+    [
+        ("Plant", {"F_max_2"}, {"alpha_x_2", "omega2_2", "domega2_12"}),
+        ("Plant", {"N_max_1"}, {"alpha_phi_1", "omega2_1", "domega2_12"}),
+        ("Plant", {"f_applied_1"}, {"lambda_1", "C_1", "tau_1"}),
+        ("Actuation", {"F_max_2"}, set()),
+        ("Actuation", {"lambda_2"}, {"lambda_2", "C_2"}),
+        ("OpticalMetrology", {"x_1"}, {"delta_ifo", *(f"delta_ifo_{k}" for k in (1, 2, 3, 4))}),
+        ("SuspensionControl", {"f_u", "h"}, set()),
+    ],
+)
+def test_truths_that_hang_on_what_is_taken(run, model, missing, gone):
+    assert network.untold(run, {model: missing}) == gone
+
+
+MISBEHAVING = """
+from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Float64
+
+class Odd(Fmi3Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.time = self.o_12 = self.guidance_o_12 = self.f_control_2 = 0.0
+        for name, causality in (("time", "independent"), ("o_12", "input"), ("guidance_o_12", "input"),
+                                ("f_control_2", "output")):
+            self.register_variable(Float64(name, causality=getattr(Fmi3Causality, causality),
+                                           variability=Fmi3Variability.continuous))
+
+    def do_step(self, current_time, step_size):
+        late = current_time > 4.95
+        WHAT
+"""
+
+
+@ENGINE
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        (
+            "return Fmi3StepResult(status=Fmi3Status.ok, terminateSimulation=late)",
+            "asks to end the simulation",
+        ),
+        (
+            "self.f_control_2 = float('inf') if late else 0.0; return Fmi3StepResult(status=Fmi3Status.ok)",
+            "puts out a value that is not finite",
+        ),
+        ("return Fmi3StepResult(status=Fmi3Status.discard if late else Fmi3Status.ok)", "reports 'discard'"),
+    ],
+    ids=["ends", "infinite", "discards"],
+)
+def test_fmu_that_misbehaves_is_named_with_the_time(run, fmus, tmp_path, engine, what, told, request):
+    pythonfmu3 = pytest.importorskip("pythonfmu3")
+    source = tmp_path / f"odd_{request.node.callspec.id.replace('-', '_')}.py"  # Python keeps modules by name
+    source.write_text(MISBEHAVING.replace("WHAT", what))
+    archive = pythonfmu3.FmuBuilder.build_FMU(source, dest=tmp_path)
+    with pytest.raises(RunError, match=rf"^run 'run': the SuspensionControl FMU {told} at 5\.0 s"):
+        simulate(run, fmus, Replacement(SUSPENSION, Path(archive)), engine=engine)
+
+
+@ENGINE
+def test_controller_of_another_exporter(run, fmus, tmp_path, engine):
+    pythonfmu3 = pytest.importorskip("pythonfmu3")
+    source = ROOT / "tests" / "oracles" / "suspension_controller.py"
+    archive = pythonfmu3.FmuBuilder.build_FMU(source, dest=tmp_path)
+    names = {
+        "o_12": "y[1]", "guidance_o_12": "y[2]", "f_control_2": "u",
+        "f_u": "unity_gain", "f_x_2_start": "bias",
+    }  # fmt: skip
+    wanted = master.simulate(run, fmus)
+    got = simulate(run, fmus, Replacement(SUSPENSION, Path(archive), names), engine=engine)
+    assert np.abs(wanted["f_x_2"]).max() > 0
+    for channel, values in wanted.items():
+        # Second-order sections with poles this close to 1 lose five digits in single outputs.
+        assert np.abs(got[channel] - values).max() <= 1e-8 * np.sqrt(np.mean(values**2)), channel
+
+
+REFERENCE_FMUS = Path(os.environ.get("LPFCOSIM_REFERENCE_FMUS", "not named"))
+with_reference_fmus = pytest.mark.skipif(
+    not REFERENCE_FMUS.is_dir(),
+    reason="LPFCOSIM_REFERENCE_FMUS names no folder with 2.0/*.fmu, 3.0/*.fmu of modelica/Reference-FMUs",
+)
+
+
+@with_reference_fmus
+@FMI
+@ENGINE
+def test_feedthrough_of_the_modelica_association_steers_the_spacecraft(run, fmus, fmi, engine):
+    # F_x_sc = 1 N/m o_1 holds for minutes, although it has no phase lead.
+    names = {"o_1": "Float64_continuous_input", "F_x_sc": "Float64_continuous_output"}
+    mine = Replacement("DragFreeControl", REFERENCE_FMUS / fmi / "Feedthrough.fmu", names, ("guidance_o_1",))
+    got = simulate(run, fmus, mine, engine=engine)
+    assert np.array_equal(got["F_x_sc"], got["o_1"])
+    assert np.ptp(got["o_1"]) > 1e-9
+
+
+@with_reference_fmus
+@FMI
+def test_reference_fmus_that_do_not_fit_say_why(run, fmus, fmi):
+    folder = REFERENCE_FMUS / fmi
+    feedthrough = {"x_1": "Float64_continuous_output", "F_x_sc": "Float64_continuous_input",
+                   "x_2": "Float64_discrete_output", "f_applied_2": "Float64_discrete_input"}  # fmt: skip
+    unused = ("f_applied_1", "g_1", "g_2", "F_noise_x_sc")
+    told = refusal(run, fmus, Replacement("Plant", folder / "Feedthrough.fmu", feedthrough, unused))
+    assert told.startswith("algebraic loop: ")
+    told = refusal(run, fmus, Replacement(SUSPENSION, folder / "VanDerPol.fmu"))
+    assert "variable 'o_12' is missing" in told
+    names = {"o_12": "h", "guidance_o_12": "v", "f_control_2": "h"}
+    told = refusal(run, fmus, Replacement(SUSPENSION, folder / "BouncingBall.fmu", names))
+    assert "variable 'h' is of causality 'output'; expected causality 'input' for o_12" in told
+    names = {"o_12": "Int32_input", "f_control_2": "Float64_continuous_output"}
+    if fmi == "3.0":
+        told = refusal(
+            run, fmus, Replacement(SUSPENSION, folder / "Feedthrough.fmu", names, ("guidance_o_12",))
+        )
+        assert "variable 'Int32_input' is of type Int32; expected Float64 for o_12" in told
+        # Arrays, whose sizes are structural parameters; its own step of 1 s is too long for ours.
+        names = {"o_12": "u[1]", "guidance_o_12": "u[2]", "f_control_2": "y[3]"}
+        told = refusal(run, fmus, Replacement(SUSPENSION, folder / "StateSpace.fmu", names))
+        assert "steps by 1 s; expected a step that divides that of the loop, 0.1 s" in told
+        told = refusal(run, fmus, Replacement(SUSPENSION, folder / "StateSpace.fmu", names | {"o_12": "u"}))
+        assert "variable 'u' is an array of 3; expected one of its elements, such as 'u[1]'" in told
+        told = refusal(
+            run, fmus, Replacement(SUSPENSION, folder / "StateSpace.fmu", names | {"o_12": "u[4]"})
+        )
+        assert "variable 'u[4]' is missing" in told

@@ -1,0 +1,223 @@
+"""The SSP archive against its XML schema, through FMPy's reader, and against the network it says it holds."""
+
+import zipfile
+from collections import Counter
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import fmpy.ssp
+import numpy as np
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import get_connections, read_ssd, read_ssv
+from lxml import etree
+
+from lpfcosim.campaign import campaign
+from lpfcosim.errors import InputError
+from lpfcosim.export import ssp
+from lpfcosim.modelica import build
+from lpfcosim.network import along_x, network
+from lpfcosim.plant import signals
+from tests import ROOT
+
+pytestmark = pytest.mark.fmu
+
+SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"
+SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
+
+
+@pytest.fixture(scope="module")
+def fmus():
+    return build.build(fmi="2.0")
+
+
+@pytest.fixture(scope="module")
+def plan(quickstart):
+    return campaign.load(quickstart)
+
+
+@pytest.fixture(scope="module")
+def archive(fmus, plan, tmp_path_factory):
+    path = tmp_path_factory.mktemp("ssp") / "folder" / "loop.ssp"
+    assert ssp.export(plan, fmus, path) == path
+    return path
+
+
+@pytest.fixture(scope="module")
+def members(archive):
+    with zipfile.ZipFile(archive) as stored:
+        return {name: stored.read(name) for name in stored.namelist()}
+
+
+def expected_connections():
+    """(start element, start connector, end element, end connector), None for the system."""
+    wanted = []
+    for component in along_x.COMPONENTS:
+        for variable, source in component.inputs.items():
+            start = tuple(source.split(".")) if "." in source else (None, source)
+            wanted.append((*start, component.model, variable))
+    for channel, source in along_x.RECORD.items():
+        if "." in source:
+            wanted.append((*source.split("."), None, channel))
+    return wanted
+
+
+@pytest.mark.parametrize("kind", ["ssd", "ssv"])
+def test_fits_the_schema(members, kind):
+    schema = {"ssd": "Description", "ssv": "ParameterValues"}[kind]
+    schema = etree.XMLSchema(file=str(SCHEMAS / f"SystemStructure{schema}.xsd"))
+    checked = [name for name in members if name.endswith(kind)]
+    for name in checked:
+        schema.assertValid(etree.parse(BytesIO(members[name])))
+    assert len(checked) == {"ssd": 1, "ssv": 4}[kind]
+
+
+def test_components_stand_in_the_order_of_the_steps(archive):
+    system = read_ssd(str(archive)).system
+    assert [e.name for e in system.elements] == [c.model for c in along_x.COMPONENTS]
+    for element, component in zip(system.elements, along_x.COMPONENTS, strict=True):
+        kinds = {c.name: c.kind for c in element.connectors}
+        assert kinds == dict.fromkeys(component.inputs, "input") | dict.fromkeys(component.outputs, "output")
+
+
+def test_the_outside_is_signals_and_channels(plan, archive):
+    system = read_ssd(str(archive)).system
+    inputs = [c.name for c in system.connectors if c.kind == "input"]
+    outputs = [c.name for c in system.connectors if c.kind == "output"]
+    assert sorted(inputs) == sorted(signals.names(plan.runs[0]))
+    assert set(inputs) | set(outputs) == {*signals.names(plan.runs[0]), *along_x.RECORD}
+    assert not set(inputs) & set(outputs)
+
+
+def test_every_connection_is_there_once(archive):
+    system = read_ssd(str(archive)).system
+    found = [(c.startElement, c.startConnector, c.endElement, c.endConnector) for c in system.connections]
+    assert Counter(found) == Counter(expected_connections())
+    ends = Counter((c.endElement, c.endConnector) for c in system.connections)
+    assert set(ends.values()) == {1}
+
+
+def test_no_input_is_left_unconnected(archive):
+    # A reader of FMPy's kind gives an unconnected input the source of the one before it.
+    system = read_ssd(str(archive)).system
+    ends = {(c.endElement, c.endConnector) for c in system.connections}
+    for element in system.elements:
+        for connector in element.connectors:
+            assert connector.kind == "output" or (element.name, connector.name) in ends
+    assert len(get_connections(system)) == len(system.connections)
+
+
+def test_units_are_those_of_the_fmus_and_agree_along_connections(members, fmus):
+    root = etree.fromstring(members["SystemStructure.ssd"])
+    units = {}
+    for element in (root.find(f"{SSD}System"), *root.iter(f"{SSD}Component")):
+        for connector in element.iterfind(f"{SSD}Connectors/{SSD}Connector"):
+            name = element.get("name") if element.tag == f"{SSD}Component" else None
+            units[name, connector.get("name")] = connector.find(f"{SSC}Real").get("unit")
+    for start, output, end, variable in expected_connections():
+        assert units[start, output] == units[end, variable] is not None
+    for model, path in fmus.items():
+        for variable in fmpy.read_model_description(str(path)).modelVariables:
+            assert units.get((model, variable.name), variable.unit) == variable.unit
+    newton = root.find(f"{SSD}Units/{SSC}Unit[@name='N']/{SSC}BaseUnit")
+    assert dict(newton.attrib) == {"kg": "1", "m": "1", "s": "-2"}
+    defined = [u.get("name") for u in root.iterfind(f"{SSD}Units/{SSC}Unit")]
+    assert sorted(defined) == sorted(set(units.values()))
+
+
+def test_fmus_inside_are_those_handed_in(members, fmus, archive):
+    for element in read_ssd(str(archive)).system.elements:
+        assert members[element.source] == fmus[element.name].read_bytes()
+
+
+def test_every_authority_set_has_its_values(archive, members, plan, fmus):
+    known = {
+        f"{model}.{v.name}": v.unit
+        for model, path in fmus.items()
+        for v in fmpy.read_model_description(str(path)).modelVariables
+    }
+    for name in ("A", "B", "C", "D"):
+        run = next(r for r in plan.runs if r.authority.name == name)
+        values = read_ssv(str(archive), f"resources/authority_{name}.ssv")
+        wanted = {f"{m}.{n}": v for m, vs in network.parameters(run).items() for n, v in vs.items()}
+        assert {p.name: float(p.value) for p in values.parameters} == wanted
+        assert len(values.parameters) == len(wanted)
+        for parameter in values.parameters:
+            assert parameter.unit == known[parameter.name]
+    assert sum(name.endswith(".ssv") for name in members) == 4
+
+
+def test_first_authority_set_is_bound_to_the_system(archive, plan):
+    system = read_ssd(str(archive)).system
+    (binding,) = system.parameterBindings
+    assert binding.source == f"resources/authority_{plan.runs[0].authority.name}.ssv"
+    assert not binding.prefix
+    assert all(not element.parameterBindings for element in system.elements)
+
+
+def test_fmpy_instantiates_parametrises_and_steps_it(archive):
+    # A smoke test: FMPy steps Jacobi, so its numbers are not those of the loop.
+    values = read_ssv(str(archive), "resources/authority_B.ssv")
+    result = simulate_ssp(str(archive), stop_time=0.95, step_size=0.1, parameter_set=values)
+    assert len(result) == 10
+    assert all(np.isfinite(result[name]).all() for name in result.dtype.names)
+
+
+def test_bytes_are_reproducible(archive, plan, fmus, tmp_path):
+    again = ssp.export(plan, fmus, tmp_path / "again.ssp")
+    assert again.read_bytes() == archive.read_bytes()
+    assert list(tmp_path.iterdir()) == [again]
+
+
+def test_experiments_that_share_a_set_share_a_file(fmus, tmp_path):
+    plan = campaign.load(ROOT / "tests" / "two_experiments.toml")
+    path = ssp.export(plan, fmus, tmp_path / "loop.ssp")
+    with zipfile.ZipFile(path) as stored:
+        assert [n for n in stored.namelist() if n.endswith(".ssv")] == ["resources/authority_A.ssv"]
+        root = etree.fromstring(stored.read("resources/authority_A.ssv"))
+    assert "experiment first" in root.get("description")
+
+
+def test_signal_that_feeds_two_components_is_one_connector(fmus, plan, tmp_path, monkeypatch):
+    *others, plant = along_x.COMPONENTS
+    plant = replace(plant, inputs={**plant.inputs, "g_2": "g_1"})
+    monkeypatch.setattr(along_x, "COMPONENTS", (*others, plant))
+    system = read_ssd(str(ssp.export(plan, fmus, tmp_path / "loop.ssp"))).system
+    assert [c.name for c in system.connectors].count("g_1") == 1
+    assert sum(c.startConnector == "g_1" for c in system.connections) == 2
+
+
+def test_fmi_3_is_refused(fmus, plan, tmp_path):
+    newer = build.build(["Plant"], fmi="3.0")
+    with pytest.raises(InputError, match=r"fmi3/Plant\.fmu: is FMI 3\.0; SSP 1\.0 takes FMI 2\.0"):
+        ssp.export(plan, {**fmus, **newer}, tmp_path / "loop.ssp")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_variable_is_told(fmus, plan, tmp_path):
+    with pytest.raises(
+        InputError, match=r"Control\.fmu: variable 'x_1' is missing; expected of the OpticalMetrology"
+    ):
+        ssp.export(plan, {**fmus, "OpticalMetrology": fmus["SuspensionControl"]}, tmp_path / "loop.ssp")
+
+
+def test_unreadable_fmu_is_told(fmus, plan, tmp_path):
+    broken = tmp_path / "broken.fmu"
+    broken.write_bytes(b"not a zip archive")
+    with pytest.raises(InputError, match=r"broken\.fmu: not a readable FMU"):
+        ssp.export(plan, {**fmus, "Plant": broken}, tmp_path / "loop.ssp")
+
+
+def test_units_of_one_name_must_mean_the_same(fmus, plan, tmp_path):
+    other = tmp_path / "other.fmu"
+    with zipfile.ZipFile(fmus["DragFreeControl"]) as stored, zipfile.ZipFile(other, "w") as changed:
+        for name in stored.namelist():
+            content = stored.read(name)
+            if name == "modelDescription.xml":
+                content = content.replace(b'<BaseUnit rad="1" s="-1" />', b'<BaseUnit s="-1" />')
+                assert content != stored.read(name)
+            changed.writestr(name, content)
+    with pytest.raises(InputError, match=r": unit 'rad/s' is not what another FMU means by it"):
+        ssp.export(plan, {**fmus, "DragFreeControl": other}, tmp_path / "loop.ssp")

@@ -1,0 +1,243 @@
+"""From Modelica to sorted equations: what is understood is understood right, the rest is refused by name."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lpfcosim.errors import InputError
+from lpfcosim.modelica import build
+from lpfcosim.modelica.flat import UnsupportedError, flatten
+from tests.lpfcosim.modelica.modelica_source import translate, write
+
+pytestmark = pytest.mark.fmu
+
+
+def value(system, name, **numbers):
+    """Evaluate the algebraic variable or derivative ``name`` of a system at ``numbers``."""
+    known = {sp.Symbol(k, real=True): v for k, v in numbers.items()}
+    for symbol, expression in (*system.calculated, *system.algebraic, *system.derivatives):
+        known[symbol] = expression.xreplace(known) if symbol not in known else known[symbol]
+        if symbol.name == name:
+            return float(expression.xreplace(known))
+    raise KeyError(name)
+
+
+@pytest.mark.parametrize("file", sorted(build.PACKAGE.rglob("*.mo")), ids=lambda p: p.name)
+def test_package_parses_with_an_independent_front_end(file):
+    parser = pytest.importorskip("pymoca.parser")
+    tree = parser.parse(file.read_text(encoding="utf-8"))
+    package = tree.classes["LISAPathfinder"]
+    assert file.name == "package.mo" or file.stem in package.classes
+
+
+@pytest.mark.parametrize("file", sorted(build.PACKAGE.rglob("*.mo")), ids=lambda p: p.name)
+def test_package_stands_alone_and_files_are_where_tools_look_for_them(file):
+    text = file.read_text(encoding="utf-8")
+    assert "Modelica." not in text
+    if file.name != "package.mo":
+        assert text.startswith("within LISAPathfinder;\n")
+        assert f"end {file.stem};" in text
+        assert file.stem in (build.PACKAGE / "package.order").read_text().split()
+
+
+def test_every_declaration_is_described_and_every_real_has_a_unit():
+    for model in build.MODELS:
+        for v in flatten(build.PACKAGE, f"LISAPathfinder.{model}").variables:
+            assert v.description, f"{model}.{v.name}"
+            assert v.unit, f"{model}.{v.name}"
+
+
+def test_for_equation_is_expanded_to_its_last_point(tmp_path):
+    # The front end leaves zeros for all but the first two points.
+    system = translate(
+        tmp_path,
+        """model M
+          parameter Integer n = 5;
+          Real x[n]; input Real u[n];
+        equation
+          for i in 1:n loop der(x[i]) = i*u[i]; end for;
+        end M;""",
+    )
+    for i in range(1, 6):
+        assert value(system, f"x[{i}]", **{f"u[{i}]": 10.0}) == 10.0 * i
+
+
+def test_nested_for_equation(tmp_path):
+    system = translate(
+        tmp_path,
+        """model M
+          Real x[4, 3]; input Real u[4];
+        equation
+          for i in 1:4 loop for j in 1:3 loop der(x[i, j]) = u[i]*j; end for; end for;
+        end M;""",
+    )
+    for i in range(1, 5):
+        for j in range(1, 4):
+            assert value(system, f"x[{i},{j}]", **{f"u[{i}]": i + 0.5}) == (i + 0.5) * j
+
+
+def test_algebraic_loop_is_solved(tmp_path):
+    system = translate(
+        tmp_path,
+        """model M
+          input Real u; output Real y; Real z; parameter Real k = 3;
+        equation
+          y + k*z = u;
+          k*y - z = 2;
+        end M;""",
+    )
+    a = np.array([[1.0, 3.0], [3.0, -1.0]])
+    expected = np.linalg.solve(a, [0.7, 2.0])
+    assert value(system, "y", u=0.7, k=3.0) == pytest.approx(expected[0], rel=1e-15)
+    assert value(system, "z", u=0.7, k=3.0) == pytest.approx(expected[1], rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("expression", "expected"),
+    [
+        ("A*v", "a @ v"),
+        ("transpose(A)*v + 2*v", "a.T @ v + 2 * v"),
+        ("cross(v, w)", "np.cross(v, w)"),
+        ("v .* w ./ {1, 2, 4}", "v * w / np.array([1, 2, 4])"),
+        ("fill(v*w, 3) - w", "np.full(3, v @ w) - w"),
+        ("cat(1, {v[2]}, w[1:2])", "np.array([v[1], w[0], w[1]])"),
+        ("{sin(v[1]), exp(-v[2]^2), sqrt(abs(w[3]))}",
+         "[np.sin(v[0]), np.exp(-v[1]**2), np.sqrt(abs(w[2]))]"),
+        ("v*(if v[1] > 0 and w[2] < 1 then 1 else -1)", "v * (1 if v[0] > 0 and w[1] < 1 else -1)"),
+        ("{max(v[1], w[1]), min(v), sum(w)}", "np.array([max(v[0], w[0]), min(v), sum(w)])"),
+        ("twice(v)", "2 * v"),
+        ("identity(3)*v + diagonal(w)*v", "v + w * v"),
+        ("{atan2(v[1], v[2]), tanh(v[3]), -(v[1] - 2)^3}",
+         "[np.arctan2(v[0], v[1]), np.tanh(v[2]), -(v[0] - 2)**3]"),
+    ],
+)  # fmt: skip
+def test_expression_against_numpy(tmp_path, expression, expected):
+    from tests.lpfcosim.modelica.modelica_source import fmu
+
+    archive = fmu(
+        tmp_path,
+        f"""function twice
+          input Real v[3]; output Real y[3];
+        algorithm
+          for i in 1:3 loop y[i] := 2*v[i]; end for;
+        end twice;
+        model M
+          parameter Real A[3, 3] = [1, 2, 3; 0, 4, 5; -1, 0, 6];
+          input Real v[3](start = {{0.3, -1.2, 2.5}}); input Real w[3](start = {{-0.7, 0.2, 1.1}});
+          output Real y[3];
+        equation
+          y = {expression};
+        end M;""",
+    )
+    import fmpy
+
+    result = fmpy.simulate_fmu(str(archive), stop_time=0.1, output_interval=0.1)
+    names = {
+        "np": np, "a": np.array([[1.0, 2, 3], [0, 4, 5], [-1, 0, 6]]),
+        "v": np.array([0.3, -1.2, 2.5]), "w": np.array([-0.7, 0.2, 1.1]),
+    }  # fmt: skip
+    wanted = eval(expected, names)
+    got = [result[f"y[{i}]"][-1] for i in (1, 2, 3)]
+    np.testing.assert_allclose(got, wanted, rtol=1e-14)
+
+
+def test_affine_systems_are_recognised(tmp_path):
+    head = "model M Real x; Real y; input Real u; parameter Real k = 2; equation der(x) = y;"
+    assert translate(tmp_path, f"{head} der(y) = -k^2*x + u; end M;").affine is not None
+    assert translate(tmp_path, f"{head} der(y) = -k^2*sin(x) + u; end M;").affine is None
+    assert translate(tmp_path, f"{head} der(y) = -u*x; end M;").affine is None
+    assert translate(tmp_path, f"{head} der(y) = -x + time; end M;").affine is None
+
+
+REFUSED = {
+    "algorithm section": ("Real x; input Real u;\nalgorithm\n  x := u;", 3),
+    "initial equation": ("Real x; input Real u;\ninitial equation\n  x = 3;\nequation\n  der(x) = u;", 3),
+    "assert": ("output Real x; input Real u;\nequation\n  x = u;\n  assert(u > 0, \"negative\");", 4),
+    "elsewhen": ("discrete Real x; input Real u;\nequation\n  when sample(0, 0.1) then\n    x = u;\n"
+                 "  elsewhen u > 1 then\n    x = 2;\n  end when;", 5),
+    "when with a condition other than sample": ("discrete Real x; input Real u;\nequation\n"
+                                                "  when u > 1 then\n    x = 2;\n  end when;", 3),
+    "reinit inside when": ("Real x(start = 0); input Real u;\nequation\n  der(x) = u;\n"
+                           "  when sample(0, 1) then\n    reinit(x, 2);\n  end when;", 5),
+    "type String of 's'": ("output Real x;\n  parameter String s = \"a\";\nequation\n  x = 1;", 2),
+    "nonlinear equation for x": ("output Real x; input Real u;\nequation\n  x^3 + x = u;", 3),
+    "singular equation for": ("output Real x; output Real y; input Real u;\nequation\n"
+                                "  x + y = u;\n  2*x + 2*y = 1;", 3),
+    "event inside a step": ("Real x; input Real u;\nequation\n  der(x) = if x > 1 then 0 else u;", 3),
+    "event inside a step ": ("Real x; input Real u;\nequation\n  der(x) = -abs(x) + u;", 3),
+    "delay() of a signal that is not held": ("Real x; output Real y; input Real u;\nequation\n"
+                                             "  der(x) = u;\n  y = delay(x, 0.3);", 4),
+    "delay() with a varying delay time": ("output Real y; input Real u; input Real T;\nequation\n"
+                                          "  y = delay(u, T, 3.0);", 3),
+    "depend on each other in a circle": ("discrete Real x; discrete Real y; input Real u;\nequation\n"
+                                         "  when sample(0, 0.1) then\n    x = y + u;\n    y = 2*x;\n"
+                                         "  end when;", None),
+    "nonlinear equation for": ("output Real y; Real z;\nequation\n  y = if z > 0.5 then 10 else 1;\n"
+                               "  z = y + 0;", 3),
+    "initial equation 'fixed = true' of 'y'": ("Real x(start = 0); output Real y(start = 5, fixed = true);\n"
+                                              "equation\n  der(x) = 1;\n  y = x;", 1),
+    "parameter 'p' with 'fixed = false'": ("output Real y;\n  parameter Real p(fixed = false);\n"
+                                           "equation\n  y = p;", 2),
+    "pre() outside when": ("discrete Real n(start = 0); output Real y;\nequation\n  y = pre(n);\n"
+                           "  when sample(0, 0.1) then\n    n = pre(n) + 1;\n  end when;", 3),
+    "attribute of 'x' that is not a number": ("parameter Real p = 1; output Real x(min = p);\n"
+                                              "equation\n  x = 1;", 1),
+    "unit 'flubber'": ("output Real x(unit = \"flubber\");\nequation\n  x = 1;", 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("construct", REFUSED)
+def test_unsupported_construct_is_refused_with_its_place(tmp_path, construct):
+    body, line = REFUSED[construct]
+    text = f"model M {body}\nend M;\n"
+    with pytest.raises(
+        UnsupportedError, match=construct.strip().replace("(", r"\(").replace(")", r"\)")
+    ) as caught:
+        build.build_one(write(tmp_path, text), "M", tmp_path / "M.fmu")
+    if line is not None:
+        assert f"Test.mo:{line}: M: " in str(caught.value)
+    assert not (tmp_path / "M.fmu").exists()
+
+
+def test_external_function_is_refused(tmp_path):
+    text = """function f
+  input Real x; output Real y;
+  external "C" y = foo(x);
+end f;
+model M output Real x; equation x = f(3); end M;"""
+    with pytest.raises(UnsupportedError, match=r"Test\.mo:1: M: external function 'f'"):
+        translate(tmp_path, text)
+
+
+def test_syntax_error_has_file_and_line(tmp_path):
+    with pytest.raises(InputError, match=r"Test\.mo:2: unexpected"):
+        translate(tmp_path, "model M\n  Real x\n  equation\n  x = 1;\nend M;\n")
+
+
+def test_unknown_name_is_told(tmp_path):
+    with pytest.raises(InputError, match="unresolved component reference: 'nowhere'"):
+        translate(tmp_path, "model M output Real x; equation x = nowhere; end M;")
+
+
+def test_unbalanced_model_is_told(tmp_path):
+    with pytest.raises(InputError, match="unbalanced model"):
+        translate(tmp_path, "model M output Real x; equation x = 1; x = 2; end M;")
+
+
+def test_missing_package_is_told(tmp_path):
+    with pytest.raises(InputError, match="no such Modelica file"):
+        flatten(tmp_path / "Nowhere", "Nowhere.M")
+
+
+def test_place_of_a_refusal_is_found_in_a_package_of_many_files(tmp_path):
+    package = tmp_path / "P"
+    package.mkdir()
+    (package / "package.mo").write_text("package P\nend P;\n")
+    for name in ("A", "B"):
+        (package / f"{name}.mo").write_text(
+            f"within P;\nmodel {name}\n  Real x; input Real u;\nalgorithm\n  x := u;\nend {name};\n"
+        )
+    with pytest.raises(UnsupportedError, match=r"[/\\]B\.mo:5: P\.B: 'algorithm section'"):
+        flatten(Path(package), "P.B")
