@@ -1,6 +1,5 @@
 """Estimation: from runs to estimates with true sigmas, verdicts, forecasts, samples of the posterior."""
 
-from fit.estimate import bump, forecast, inertial, mcmc, pulls, refit, selection, separation, soundness
 from fit.estimate.chains import head
 from fit.estimate.diagnostics import SCORES, diagnose
 from fit.estimate.forecast import Planned, document, expected_fit

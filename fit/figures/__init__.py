@@ -1,6 +1,5 @@
 """Figures: what is drawn, each with the numbers it draws, and its files. The only user of matplotlib."""
 
-from fit.figures import delta_g, files, mcmc, mission, montecarlo, motion, runs
 from fit.figures.drawings import Drawing, drawing
 from fit.figures.files import drawn, svg
 

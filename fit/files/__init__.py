@@ -4,7 +4,6 @@ Whoever reads TOML or JSON, or writes a result, comes through here; what is wron
 sentence that names it.
 """
 
-from fit.files import atomic, documents
 from fit.files.documents import is_file, key
 
 __all__ = ["atomic", "documents", "is_file", "key"]

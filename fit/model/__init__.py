@@ -3,7 +3,6 @@
 The only room with signs.
 """
 
-from fit.model import dynamics, rate, rotation
 from fit.model.dynamics import Columns
 from fit.model.known import Dynamics, dynamics_of
 from fit.model.sharing import Sharing

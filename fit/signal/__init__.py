@@ -3,7 +3,6 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal import spectra
 from fit.signal.binned import Estimator
 from fit.signal.logpsd import LogSpectrum, log_psd
 from fit.signal.spectra import NoiseModel, Spectra, Spectrum

@@ -1,6 +1,5 @@
 """Tables: numbers in print, and what telemetry and results look like in a notebook."""
 
-from fit.tables import notebook, parameters
 from fit.tables.parameters import LIMIT, Number, Table, signed, symbol
 
 __all__ = ["LIMIT", "Number", "Table", "notebook", "parameters", "signed", "symbol"]

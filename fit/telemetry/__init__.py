@@ -4,7 +4,6 @@ A run is a `Telemetry`; its channels are read when they are asked for. Files fro
 another process first (`guard`).
 """
 
-from fit.telemetry import guard, reader
 from fit.telemetry.conversion import convert, is_map
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.reader import (

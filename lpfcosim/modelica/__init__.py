@@ -4,7 +4,6 @@ Every model of the package ``fmus/LISAPathfinder`` takes the same path; nothing 
 A construct that this path does not carry over faithfully is refused with file, line and name.
 """
 
-from lpfcosim.modelica import build
 from lpfcosim.modelica.build import engine_library
 
 __all__ = ["build", "engine_library"]

@@ -1,6 +1,5 @@
 """Running: campaigns on processes or a cluster, into telemetry files that survive."""
 
-from lpfcosim.running import cluster, dossier, ledger, lock, runner, simulation, telemetry, trust
 from lpfcosim.running.runner import Simulated
 from lpfcosim.running.simulation import load_campaign, simulate
 
