@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
     from fit.report import plot
-    from fit.results import Estimate, Fit, FitWarning, Results
+    from fit.results import Estimate, Fit, Results
     from fit.telemetry import Telemetry
+    from fit.warnings import FitWarning
 
 __all__ = [
     "CalibrationError",
@@ -44,7 +45,8 @@ _HOME = {
     "api": ("calibrate", "calibrate_inertial", "load", "load_results", "save_report"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
-    "results": ("Estimate", "Fit", "FitWarning", "Results"),
+    "results": ("Estimate", "Fit", "Results"),
+    "warnings": ("FitWarning",),
     "telemetry.reader": ("Telemetry",),
 }
 

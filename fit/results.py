@@ -16,6 +16,7 @@ from fit.errors import FitError, InputError, shown
 from fit.files import atomic, documents
 from fit.paper import stiffness
 from fit.telemetry import Telemetry, inertial_period, read_truth
+from fit.warnings import FitWarning as FitWarning
 
 SCHEMA = "lpf-results/1"
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
@@ -24,18 +25,7 @@ _Score = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Count = Annotated[int, Field(ge=0, le=2**53)]
 _LARGEST = 1e100  # value or sigma in any unit, whose square is still a number
 _SECTIONS = ("experiments", "cross_talk", "inertial")
-#: Codes of warnings with which the sigmas of a fit do not hold.
-UNSOUND = frozenset(
-    {
-        "contradiction",
-        "noise_mismatch",
-        "not_converged",
-        "saturated_too_long",
-        "too_many_glitches",
-        "wrong_sign",
-    }
-)
-WITHHELD = "?"  # what tables show in the place of such a sigma
+WITHHELD = "?"  # what tables show in the place of a sigma that does not hold
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,26 +47,6 @@ class Estimate(Displayed):
     unit: str
     truth: float | None = None
     pull: float | None = None
-
-
-@dataclass(frozen=True)
-class FitWarning:
-    """What the user must know before trusting a fit.
-
-    Attributes
-    ----------
-    code, message : str
-        Short identifier for programs, e.g. ``indeterminable``, and one plain sentence.
-    parameters : tuple of str
-        The parameters concerned.
-    combination : mapping of str to float, optional
-        Coefficients of the degenerate combination.
-    """
-
-    code: str
-    parameters: tuple[str, ...]
-    message: str
-    combination: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -156,7 +126,7 @@ class Fit(Displayed):
     @property
     def unsound(self) -> tuple[FitWarning, ...]:
         """The warnings with which the sigmas do not hold; none in a sound fit."""
-        return tuple(w for w in self.warnings if w.code in UNSOUND)
+        return tuple(w for w in self.warnings if w.kind.unsound)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -330,6 +300,7 @@ def _fit_to_json(fit: Fit) -> dict[str, object]:
                 parameters=list(w.parameters),
                 combination=w.combination and dict(w.combination),
                 message=w.message,
+                spans=w.spans or None,
             )
             for w in fit.warnings
         ],

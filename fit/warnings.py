@@ -1,95 +1,253 @@
-"""What to do about each warning of a calibration, one sentence by code."""
+"""The warnings of a calibration: what each code means for a fit, and what to do about it.
 
-ADVICE = {
-    "attenuated": (
-        "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger motion "
-        "would bring them closer to the truth."
+Whoever raises a warning, or judges a fit by one, looks it up here; no one reads the message but the user.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+
+class Severity(Enum):
+    """What a warning does to the verdict on the fit it is raised in."""
+
+    NOTE = "to be known, nothing more"
+    DOUBT = "casts doubt on it"
+    FAILURE = "spoils it"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What all warnings of one code have in common.
+
+    Attributes
+    ----------
+    advice : str
+        What to do about it, in one sentence; words between backquotes are code.
+    severity : Severity
+        What it does to the verdict.
+    words : str
+        How the verdict names it; empty for a note.
+    unsound : bool
+        Whether the sigmas of the fit do not hold.
+    biased : bool
+        Whether its parameters differ from the truth by more than their sigmas tell.
+    """
+
+    advice: str
+    severity: Severity = Severity.NOTE
+    words: str = ""
+    unsound: bool = False
+    biased: bool = False
+
+
+class Span(NamedTuple):
+    """A stretch of a run, `begin` and `end` in seconds since its t0."""
+
+    run: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
+class FitWarning:
+    """What the user must know before trusting a fit.
+
+    Attributes
+    ----------
+    code, message : str
+        Short identifier for programs, one of `KINDS`, and one plain sentence.
+    parameters : tuple of str
+        The parameters concerned.
+    combination : mapping of str to float, optional
+        Coefficients of the degenerate combination.
+    spans : tuple of Span
+        What was masked.
+    """
+
+    code: str
+    parameters: tuple[str, ...]
+    message: str
+    combination: Mapping[str, float] | None = None
+    spans: tuple[Span, ...] = ()
+
+    @property
+    def kind(self) -> Kind:
+        """What its code stands for; results written elsewhere may hold one that nobody here knows."""
+        return KINDS.get(self.code, _UNKNOWN)
+
+
+def masked(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
+    """Return begin and end [s] of what was masked in a run."""
+    return [(span.begin, span.end) for w in warnings for span in w.spans if span.run == run]
+
+
+_UNKNOWN = Kind(advice="")
+
+#: By code: first what spoils a fit and what casts doubt on it, in the order in which a verdict tells them.
+KINDS: Mapping[str, Kind] = {
+    "not_converged": Kind(
+        severity=Severity.FAILURE,
+        words="Did not converge",
+        advice=(
+            "Look for gaps, glitches or lines in the noise run, take another one or another `estimator` in "
+            "the table [fit], and fit again; until then add 0.05 sigma to every error."
+        ),
+        unsound=True,
     ),
-    "chi2": (
-        "Look where residual and noise part in the experiments' spectra: a peak at an injected frequency is "
-        "something the model lacks, a raised floor a noise run that is too old or too quiet; do not trust "
-        "the sigmas until it is found."
+    "chi2": Kind(
+        severity=Severity.FAILURE,
+        words="χ² is off by more than 20 %, and sigmas by more than 10 %",
+        advice=(
+            "Look where residual and noise part in the experiments' spectra: a peak at an injected frequency "
+            "is something the model lacks, a raised floor a noise run that is too old or too quiet; do not "
+            "trust the sigmas until it is found."
+        ),
     ),
-    "contradiction": (
-        "Compare gain and stiffness of the experiments alone; exclude the odd one (`exclude` of the table "
-        "[fit]) or let the gains scatter (`scatter`)."
+    "noise_mismatch": Kind(
+        severity=Severity.FAILURE,
+        words="The noise is not that of the noise run",
+        advice=(
+            "Pair the experiment with a noise run of its own authority and season; if the excess lies at "
+            "injected frequencies, the model lacks something."
+        ),
+        unsound=True,
     ),
-    "correlation": (
-        "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in one "
-        "more experiment of the epoch."
+    "contradiction": Kind(
+        severity=Severity.FAILURE,
+        words="The experiments contradict each other",
+        advice=(
+            "Compare gain and stiffness of the experiments alone; exclude the odd one (`exclude` of the "
+            "table [fit]) or let the gains scatter (`scatter`)."
+        ),
+        unsound=True,
     ),
-    "degenerate_with_actuation_crosstalk": (
-        "Bound the actuation cross-talk by other means (ground calibration, a torque injection of its own) "
-        "before reading the angles as a misalignment."
+    "missing_run": Kind(
+        severity=Severity.DOUBT,
+        words="Experiments are missing, whose runs failed",
+        advice=(
+            "Read the log of the run in the folder logs, mend what it names and give the same command again; "
+            "what is finished is kept."
+        ),
     ),
-    "euler_included": (
-        "Fit a noise run of 12 h or more with torques from the same inertial period along; until then "
-        "subtract with these b_1 and b_2, but do not read them as couplings."
+    "no_noise_run": Kind(
+        severity=Severity.DOUBT,
+        words="Without a noise run χ² tells nothing",
+        advice="Record a noise run at the same authority next to the experiment and fit both together.",
     ),
-    "euler_separated": (
-        "Nothing to do; where Delta g is corrected, use b_1 and b_2 and the inertial fit together."
+    "too_many_glitches": Kind(
+        severity=Severity.DOUBT,
+        words="Too many glitches to mask them",
+        advice="Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise.",
+        unsound=True,
     ),
-    "excluded": (
-        "Nothing if that was intended; otherwise change `exclude` of the table [fit], or repeat the "
-        "experiment at a quieter time."
+    "saturated_too_long": Kind(
+        severity=Severity.DOUBT,
+        words="For too long at the limit of authority",
+        advice="Repeat the run with a smaller injection or more authority; do not use this one.",
+        unsound=True,
     ),
-    "glitches": (
-        "Look at the residual at these times; if it is no glitch but signal, set `glitches = false` in the "
-        "table [fit]."
+    "attenuated": Kind(
+        advice=(
+            "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
+            "motion would bring them closer to the truth."
+        ),
+        biased=True,
     ),
-    "indeterminable": (
-        "Add a run that injects or varies what is named here; `lpfcosim forecast` tells beforehand whether "
-        "it suffices."
+    "correlation": Kind(
+        advice=(
+            "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
+            "one more experiment of the epoch."
+        ),
     ),
-    "missing_run": (
-        "Read the log of the run in the folder logs, mend what it names and give the same command again; "
-        "what is finished is kept."
+    "degenerate_with_actuation_crosstalk": Kind(
+        advice=(
+            "Bound the actuation cross-talk by other means (ground calibration, a torque injection of its "
+            "own) before reading the angles as a misalignment."
+        ),
     ),
-    "no_noise_run": "Record a noise run at the same authority next to the experiment and fit both together.",
-    "no_star_tracker": (
-        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run."
+    "euler_included": Kind(
+        advice=(
+            "Fit a noise run of 12 h or more with torques from the same inertial period along; until then "
+            "subtract with these b_1 and b_2, but do not read them as couplings."
+        ),
+        biased=True,
     ),
-    "no_torsional_stiffness": (
-        "Put the attributes into the telemetry files if the torsional stiffness is known."
+    "euler_separated": Kind(
+        advice="Nothing to do; where Delta g is corrected, use b_1 and b_2 and the inertial fit together.",
     ),
-    "noise_mismatch": (
-        "Pair the experiment with a noise run of its own authority and season; if the excess lies at "
-        "injected frequencies, the model lacks something."
+    "excluded": Kind(
+        advice=(
+            "Nothing if that was intended; otherwise change `exclude` of the table [fit], or repeat the "
+            "experiment at a quieter time."
+        ),
     ),
-    "noise_run_lacks": "Archive the same read-outs in the noise run as in the experiment.",
-    "not_calibrated": (
-        "Calibrate with a run that determines them before relying on a Delta g where they matter."
+    "glitches": Kind(
+        advice=(
+            "Look at the residual at these times; if it is no glitch but signal, set `glitches = false` in "
+            "the table [fit]."
+        ),
     ),
-    "not_converged": (
-        "Look for gaps, glitches or lines in the noise run, take another one or another `estimator` in the "
-        "table [fit], and fit again; until then add 0.05 sigma to every error."
+    "indeterminable": Kind(
+        advice=(
+            "Add a run that injects or varies what is named here; `lpfcosim forecast` tells beforehand "
+            "whether it suffices."
+        ),
     ),
-    "not_fitted_alone": (
-        "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer or "
-        "at more frequencies."
+    "no_star_tracker": Kind(
+        advice=(
+            "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run."
+        ),
     ),
-    "saturated": "Nothing if little is lost; otherwise lower the injection or give the run more authority.",
-    "saturated_too_long": "Repeat the run with a smaller injection or more authority; do not use this one.",
-    "scatter": (
-        "Quote the mean with this sigma; to use an experiment on its own, take its own value instead of the "
-        "joint one."
+    "no_torsional_stiffness": Kind(
+        advice="Put the attributes into the telemetry files if the torsional stiffness is known.",
     ),
-    "short_run": (
-        "Run it for 6 h or more, or let it take part with `include_short = true` in the table [fit] "
-        "(`lpfcosim fit --include-short`)."
+    "noise_run_lacks": Kind(
+        advice="Archive the same read-outs in the noise run as in the experiment.",
     ),
-    "single_tone": (
-        "Nothing if the other experiments determine the rest; otherwise inject a second frequency at least "
-        "three times lower or higher."
+    "not_calibrated": Kind(
+        advice="Calibrate with a run that determines them before relying on a Delta g where they matter.",
     ),
-    "star_tracker_reversed": (
-        "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last."
+    "not_fitted_alone": Kind(
+        advice=(
+            "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer "
+            "or at more frequencies."
+        ),
     ),
-    "too_many_glitches": (
-        "Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise."
+    "saturated": Kind(
+        advice="Nothing if little is lost; otherwise lower the injection or give the run more authority.",
     ),
-    "wrong_sign": "Check sign and unit of the channel in the archive, or of the map that reads it.",
-    "torque_alone": (
-        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques."
+    "scatter": Kind(
+        advice=(
+            "Quote the mean with this sigma; to use an experiment on its own, take its own value instead of "
+            "the joint one."
+        ),
+    ),
+    "short_run": Kind(
+        advice=(
+            "Run it for 6 h or more, or let it take part with `include_short = true` in the table [fit] "
+            "(`lpfcosim fit --include-short`)."
+        ),
+    ),
+    "single_tone": Kind(
+        advice=(
+            "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
+            "least three times lower or higher."
+        ),
+    ),
+    "star_tracker_reversed": Kind(
+        advice=(
+            "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last."
+        ),
+    ),
+    "torque_alone": Kind(
+        advice=(
+            "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques."
+        ),
+    ),
+    "wrong_sign": Kind(
+        advice="Check sign and unit of the channel in the archive, or of the map that reads it.",
+        unsound=True,
     ),
 }

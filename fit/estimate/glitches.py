@@ -23,8 +23,8 @@ from fit.estimate import linear
 from fit.estimate.runs import Experiment, Run
 from fit.model import dynamics
 from fit.paper import FLIGHT
-from fit.results import FitWarning
 from fit.signal import NoiseModel, Spectrum, spectra
+from fit.warnings import FitWarning, Span
 
 Array = NDArray[np.float64]
 
@@ -164,13 +164,14 @@ class _Search:
         masks = self.run.masks[len(self._original.masks) :]
         name, n = self.run.telemetry.run, len(masks)
         places = ", ".join(f"{begin:.0f} s ({end - begin:.0f} s)" for begin, end in masks)
-        message = f"{name}: {n} glitch{'es' * (n > 1)} masked, at {places}"
         if self.hopeless:
             message = (
                 f"{name}: masking all that stands out of the noise would cost more than {100 * MOST:g} % of "
                 "the run, which is no matter of glitches; nothing is masked"
             )
-        return FitWarning(TOO_MANY if self.hopeless else "glitches", (), message)
+            return FitWarning(TOO_MANY, (), message)
+        message = f"{name}: {n} glitch{'es' * (n > 1)} masked, at {places}"
+        return FitWarning("glitches", (), message, spans=tuple(Span(name, *mask) for mask in masks))
 
 
 def _least(U: Spectrum) -> Array:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate.runs import Run
-from fit.results import FitWarning
 from fit.signal import spectra
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning, Span
 
 AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
 MOST = 0.3  # of a run; if saturation would take more, nothing is masked and the run cannot be trusted
@@ -37,7 +37,8 @@ def clean(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     at_limit = np.any(list(flags.values()), axis=0) if flags else np.zeros(telemetry.time.size, bool)
     if not at_limit.any():
         return run, ()
-    masked = run.without(_stretches(telemetry, at_limit))
+    stretches = _stretches(telemetry, at_limit)
+    masked = run.without(stretches)
     told = " and ".join(
         f"{name} in {int(of.sum())} samples (F_max_{name[-1]}/m_tm = {limits[name]:.3g} m s-2)"
         for name, of in flags.items()
@@ -48,7 +49,9 @@ def clean(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     if left < 1 - MOST:
         what = f"to mask that would cost {100 * (1 - left):.0f} % of the run"
         return run, (FitWarning(TOO_LONG, (), f"{said}; {what}, so nothing is masked"),)
-    return masked, (FitWarning(SATURATED, (), f"{said}; these are masked, {100 * left:.3g} % is left"),)
+    spans = tuple(Span(telemetry.run, *stretch) for stretch in stretches)
+    said = f"{said}; these are masked, {100 * left:.3g} % is left"
+    return masked, (FitWarning(SATURATED, (), said, spans=spans),)
 
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

@@ -169,7 +169,7 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     parameters : mapping
         Those of `fit.model.dynamics.residual`.
     masked : sequence of tuple of float
-        Begin and end [s] of the stretches that were taken for glitches.
+        Begin and end [s] of the stretches that were masked: glitches, saturation.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     mean.draw(ax, "orange", label=f"{SLOW:g} s", linewidth=0.8)
     spans = {
         "missing samples": spectra.stretches(np.isnan(delta_g)) / fs + time[0],
-        "glitches, masked": masked,
+        "masked": masked,
     }
     for (label, places), role in zip(spans.items(), ("blue", "violet"), strict=True):
         for begin, end in places:

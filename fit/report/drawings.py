@@ -1,14 +1,13 @@
 """The figures of one experiment on the page, and what to see in them."""
 
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from fit.figures import Drawing, drawing
 from fit.figures import delta_g as figures_delta_g
 from fit.figures import runs as figures
-from fit.results import FitWarning
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning, masked
 
 
 def drawings(
@@ -32,7 +31,7 @@ def drawings(
     parameters : mapping
         Those of `fit.model.dynamics.residual`.
     warnings : iterable of FitWarning
-        Of the fit; they tell what was taken for glitches.
+        Of the fit; they tell what was masked.
     """
     run, noise = runs
     terms = figures_delta_g.split(run, parameters)
@@ -82,14 +81,6 @@ def drawings(
             figures_delta_g.residual,
             run,
             parameters,
-            places(warnings, run.run),
+            masked(warnings, run.run),
         ),
     )
-
-
-def places(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
-    """Return begin and end [s] of the glitches of a run, to the second, as the fit's warning tells them."""
-    told = (w.message.partition(" masked, at ") for w in warnings if w.code == "glitches")
-    where = " ".join(places for who, _, places in told if who.startswith(f"{run}: "))
-    pairs = re.findall(r"(\d+) s \((\d+) s\)", where)
-    return [(float(begin), float(begin) + float(length)) for begin, length in pairs]

@@ -14,11 +14,11 @@ from fit.figures import delta_g as figures_delta_g
 from fit.figures import drawn, svg
 from fit.figures import files as figure_files
 from fit.figures import runs as figures
-from fit.report import drawings as report_drawings
 from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
 from fit.telemetry import Telemetry
+from fit.warnings import masked
 
 SCALE = 2.2  # a figure of one column of a journal's page, on a screen
 
@@ -61,8 +61,8 @@ def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> P
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the residual Delta g of an experiment against time."""
     run = _fitted(results, runs, experiment)
-    masked = report_drawings.places(results.experiments[experiment].warnings, run.run)
-    return _drawn(figures_delta_g.residual, run, parameters(results, run), masked)
+    spans = masked(results.experiments[experiment].warnings, run.run)
+    return _drawn(figures_delta_g.residual, run, parameters(results, run), spans)
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:

@@ -8,20 +8,7 @@ from markupsafe import Markup
 from fit.report import warnings as report_warnings
 from fit.results import Fit, Results
 from fit.tables import LIMIT, Table, symbol
-
-#: Warnings that spoil the fit they are raised in, and those that cast doubt on it, in words.
-_FAILURES = {
-    "not_converged": "Did not converge",
-    "chi2": "χ² is off by more than 20 %, and sigmas by more than 10 %",
-    "noise_mismatch": "The noise is not that of the noise run",
-    "contradiction": "The experiments contradict each other",
-}
-_DOUBTS = {
-    "missing_run": "Experiments are missing, whose runs failed",
-    "no_noise_run": "Without a noise run χ² tells nothing",
-    "too_many_glitches": "Too many glitches to mask them",
-    "saturated_too_long": "For too long at the limit of authority",
-}
+from fit.warnings import KINDS, Severity
 
 
 @dataclass(frozen=True)
@@ -34,8 +21,7 @@ class Verdict:
 
 def failing(fit: Fit) -> list[str]:
     """Return the codes of the warnings that spoil a fit."""
-    told = {w.code for w in report_warnings.raised(fit)}
-    return [code for code in _FAILURES if code in told]
+    return list(_told({"": fit}, Severity.FAILURE))
 
 
 def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
@@ -58,8 +44,8 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     judged = {"": joint} if joint else alone
     everything = dict(report_warnings.fits(results))
     others = {name: fit for name, fit in everything.items() if all(fit is not one for one in judged.values())}
-    failed = _named(judged, _FAILURES)
-    doubts = [*_named(judged, _DOUBTS), *_named(others, _FAILURES), *_outliers(others)]
+    failed = _named(judged, Severity.FAILURE)
+    doubts = [*_named(judged, Severity.DOUBT), *_named(others, Severity.FAILURE), *_outliers(others)]
     head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "No truth in the telemetry. ")
     lost = joint.undetermined if joint else ()
     told = [*failed, agreement]
@@ -96,14 +82,22 @@ def _agreement(shown: Sequence[Table], has_truth: bool, of: str) -> tuple[Markup
     return Markup("{}; largest |{}| {:.1f} ({}).").format(head, measure, abs(largest), worst), bool(beyond)
 
 
-def _named(fits: Mapping[str, Fit], what: Mapping[str, str]) -> list[str]:
-    """Say which of some warnings were raised, and in which of some fits; the nameless one goes without."""
-    found: dict[str, list[str]] = {code: [] for code in what}
-    for name, fit in fits.items():
-        for code in {w.code for w in report_warnings.raised(fit)} & what.keys():
-            found[code].append(name)
+def _told(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
+    """Return by code which of some fits raise warnings of a severity, in the order of `KINDS`."""
+    codes = {name: {w.code for w in report_warnings.raised(fit)} for name, fit in fits.items()}
+    found = {
+        code: [name for name in fits if code in codes[name]]
+        for code, kind in KINDS.items()
+        if kind.severity is severity
+    }
+    return {code: names for code, names in found.items() if names}
+
+
+def _named(fits: Mapping[str, Fit], severity: Severity) -> list[str]:
+    """Say which warnings of a severity were raised, and in which fits; the nameless one goes without."""
     return [
-        f"{what[code]}: {', '.join(names)}.".replace(": .", ".") for code, names in found.items() if names
+        f"{KINDS[code].words}: {', '.join(names)}.".replace(": .", ".")
+        for code, names in _told(fits, severity).items()
     ]
 
 

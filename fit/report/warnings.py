@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from fit.estimate import JOINED
-from fit.results import Fit, FitWarning, Results
+from fit.results import Fit, Results
 from fit.tables import parameters as tables
-from fit.warnings import ADVICE
+from fit.warnings import FitWarning
 
 NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")
 
@@ -53,14 +52,16 @@ def raised(fit: Fit) -> list[FitWarning]:
 
 def biased(fit: Fit) -> set[str]:
     """Return the parameters that a fit says differ from the truth by more than their sigma tells."""
-    return {name for w in fit.warnings if w.code in ("attenuated", JOINED) for name in w.parameters}
+    return {name for w in fit.warnings if w.kind.biased for name in w.parameters}
 
 
 def matters(results: Results) -> list[Matter]:
     """Return what there is to warn of, by code, in the order in which the fits raise it."""
     scopes: dict[str, dict[tuple[str, Markup | None], list[str]]] = {}
+    advice: dict[str, str] = {}
     for scope, fit in fits(results):
         for w in raised(fit):
+            advice[w.code] = w.kind.advice
             several = w.combination is not None and len(w.combination) > 1
             combination = tables.combination_text(w.combination) if w.combination and several else None
             scopes.setdefault(w.code, {}).setdefault((w.message, combination), []).append(scope)
@@ -71,7 +72,7 @@ def matters(results: Results) -> list[Matter]:
                 Notice(_sentence(message), combination, tuple(where))
                 for (message, combination), where in of.items()
             ),
-            _with_code(ADVICE.get(code, "")),
+            _with_code(advice[code]),
         )
         for code, of in scopes.items()
     ]

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import FitError, InputError
-from fit.results import Estimate, Fit, FitWarning, Results, load, with_truth, write
+from fit.results import Estimate, Fit, Results, load, with_truth, write
 from fit.telemetry.reader import read
+from fit.warnings import FitWarning, Span
 from tests.oracles.contract_file import write_contract_file
 
 TRUTH = {
@@ -66,6 +67,9 @@ def test_round_trip(tmp_path):
         experiments={
             "A1": make_fit(lambda_2=1.0),
             "<B>": make_fit([FitWarning("own_psd", (), "no noise run")]),
+            "C": make_fit(
+                [FitWarning("glitches", (), "two", spans=(Span("a", 1.5, 2.0), Span("b", 3.0, 4.0)))]
+            ),
         },
         inertial={"0": make_fit(delta_phi=-4e-4)},
         provenance={"version": "0.1.0", "files": ["a.h5"], "options": {"short": False}},
@@ -73,12 +77,23 @@ def test_round_trip(tmp_path):
     write(results, tmp_path / "results.json")
     loaded = load(tmp_path / "results.json")
     assert_same(loaded.joint, results.joint)
-    assert loaded.experiments.keys() == {"A1", "<B>"}
+    assert loaded.experiments.keys() == {"A1", "<B>", "C"}
     for name, fit in results.experiments.items():
         assert_same(loaded.experiments[name], fit)
     assert_same(loaded.inertial["0"], results.inertial["0"])
     assert loaded.cross_talk == {}
     assert loaded.provenance == results.provenance
+
+
+@pytest.mark.parametrize(
+    "span", [["a", 1.0], ["a", "1", 2.0], ["a", 1.0, None], {"run": "a"}, ["a", 1.0, 2.0, 3.0]]
+)
+def test_a_span_is_a_run_and_two_times(tmp_path, span):
+    warning = {"code": "glitches", "parameters": [], "message": "one", "spans": [span]}
+    written = tmp_path / "results.json"
+    written.write_text(json.dumps(document(warnings=[warning])))
+    with pytest.raises(InputError, match="spans"):
+        load(written)
 
 
 @given(value=st.floats(-1e100, 1e100), sigma=st.floats(1e-100, 1e100))

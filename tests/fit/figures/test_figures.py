@@ -17,6 +17,7 @@ from fit.figures import delta_g as figures_delta_g
 from fit.figures import files as figure_files
 from fit.figures import mission as figures_mission
 from fit.report import drawings as report_drawings
+from fit.warnings import FitWarning, Span, masked
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")
@@ -156,14 +157,10 @@ def test_the_residual_lies_on_the_noise_and_its_tones_stand_out(folder):
 
 def test_gaps_and_glitches_are_marked(runs, folder, tmp_path):
     gone = without(runs[0], (4000, 4200), (9000, 9050))
-    warnings = [
-        glitches.FitWarning("glitches", (), f"{gone.run}: 2 glitches masked, at 100 s (12 s), 900 s (7 s)")
-    ]
-    assert report_drawings.places(warnings, gone.run) == [(100.0, 112.0), (900.0, 907.0)]
-    assert report_drawings.places(warnings, "another") == []
-    figure_files.write(
-        tmp_path, "t", figures_delta_g.residual, gone, TRUTH, report_drawings.places(warnings, gone.run)
-    )
+    spans = (Span(gone.run, 100.0, 112.0), Span("another", 5.0, 6.0), Span(gone.run, 900.0, 907.0))
+    told = masked([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
+    assert told == [(100.0, 112.0), (900.0, 907.0)]
+    figure_files.write(tmp_path, "t", figures_delta_g.residual, gone, TRUTH, told)
     text = (tmp_path / "t.svg").read_text(encoding="utf-8")
     assert text.count("data-moves") == 4
     assert (folder / "e1t-A-residual.svg").read_text(encoding="utf-8").count("data-moves") == 0
@@ -173,11 +170,11 @@ def test_gaps_and_glitches_are_marked(runs, folder, tmp_path):
     assert np.isnan(hours[1][inside]).all()
 
 
-def test_places_are_read_as_they_are_told(runs):
+def test_a_warning_holds_where_it_masked(runs):
     spoilt = pair(World(), "A", seed=1, drive_1=1e-12)[0]
     spoilt.channels["f_x_2"][8000:8010] += 1e-12  # a force that was commanded and did not act
     _, warnings = glitches.clean(Experiment(Run(spoilt), Run(runs[1])))
-    ((begin, end),) = report_drawings.places(warnings, spoilt.run)
+    ((begin, end),) = masked(warnings, spoilt.run)
     assert 7980 < begin < end < 8050
 
 

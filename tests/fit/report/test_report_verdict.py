@@ -11,7 +11,7 @@ from fit.report import warnings as report_warnings
 from fit.report.verdict import verdict
 from fit.results import Estimate, FitWarning
 from fit.tables import parameters as tables
-from fit.warnings import ADVICE
+from fit.warnings import KINDS, Severity
 from tests import ROOT
 from tests.fit.report.test_report import LOST, experiment_fit, joint_fit, make_fit, results
 
@@ -145,8 +145,9 @@ def codes(tree):
 def test_every_warning_comes_with_advice():
     modules = [p for package in ("fit", "lpfcosim") for p in sorted((ROOT / package).rglob("*.py"))]
     raised = set().union(*(codes(ast.parse(path.read_text(encoding="utf-8"))) for path in modules))
-    assert raised == set(ADVICE)
+    assert raised == set(KINDS)
     assert len(raised) > 20
-    for advice in ADVICE.values():
-        assert re.fullmatch(r"[A-Z].*\.", advice)
-        assert advice.count("`") % 2 == 0
+    for kind in KINDS.values():
+        assert re.fullmatch(r"[A-Z].*\.", kind.advice)
+        assert kind.advice.count("`") % 2 == 0
+        assert bool(kind.words) == (kind.severity is not Severity.NOTE)
