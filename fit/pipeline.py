@@ -23,7 +23,7 @@ from fit.estimate import (
 from fit.model import Sharing, rotation
 from fit.results import Fit, FitWarning, Results
 from fit.settings import Settings, settings
-from fit.signal import spectra
+from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, inertial_period
 
 
@@ -210,6 +210,6 @@ def _provenance(experiments: Sequence[Experiment], taking_part: Sequence[Experim
     return {
         "joint_runs": [e.sysid.telemetry.run for e in taking_part],
         "noise_runs": {e.sysid.telemetry.run: e.noise.telemetry.run for e in experiments if e.noise},
-        "f_max": spectra.F_MAX,
+        "f_max": derivatives.F_MAX,
         "window": f"Tukey {spectra.TAPER:g}",
     }

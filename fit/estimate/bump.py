@@ -19,7 +19,7 @@ from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report
 from fit.model import Sharing, dynamics
 from fit.results import Fit, FitWarning
-from fit.signal import spectra
+from fit.signal import derivatives, spectra
 
 Array = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ def expected_shift(outcome: Outcome, experiments: Sequence[Experiment]) -> Array
         of_run = to_run @ theta
         noise = noise_model(experiment, of_run, to_run @ covariance @ to_run.T, None)
         terms = run.spectra(dynamics.delays(of_run))
-        H += linear.information([linear.block(terms, noise, run.tau, to_run)], theta)
+        H += linear.information([linear.block(terms, noise, to_run)], theta)
         weight, floor = 2 / noise.expected(terms.f), read_out_noise(run)
         for mean, S_n in floor.items():
             rows = np.zeros((terms.f.size, len(to_run)))
@@ -175,11 +175,11 @@ def read_out_noise(run: Run) -> dict[str, float]:
         One-sided PSD [rad^2 Hz^-1] or [m^2 Hz^-1] of those of the `dynamics.MEANS` that the run has.
     """
     telemetry, channels = run.telemetry, run.channels
-    taps, factor = spectra.low_pass(telemetry.fs)
+    taps, factor = derivatives.low_pass(telemetry.fs)
 
     def prepared(parts: Mapping[str, float]) -> Array:
         x = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
-        return spectra.decimate(spectra.bridge(x, telemetry.fs)[0], taps, factor)
+        return derivatives.decimate(derivatives.bridge(x, telemetry.fs)[0], taps, factor)
 
     angles = [channels.means[mean] for mean in ("phi", "eta") if mean in channels.means]
     means = [mean for mean in channels.means if mean in DIFFERENCES]
@@ -228,7 +228,7 @@ def subtraction(run: Run, parameters: Mapping[str, float], edges: Sequence[float
     """
     theta = np.array([parameters.get(name, 0.0) for name in run.channels.parameters])
     terms = run.spectra(dynamics.delays(theta))
-    c, split = dynamics.coefficients(theta, run.tau), len(dynamics.COLUMNS)
+    c, split = dynamics.coefficients(theta, terms.tau), len(dynamics.COLUMNS)
     delta_g_x = terms.columns[:, :split] @ c[:split]
     delta_g = delta_g_x + terms.columns[:, split:] @ c[split:]
     read_outs = sum(mean in DIFFERENCES for mean in run.channels.means)

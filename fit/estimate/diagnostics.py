@@ -95,7 +95,7 @@ def residual(experiment: Experiment, theta: Array, covariance: Array) -> Residua
     U, _ = linear.whiten(terms, S)
     w2 = terms.window**2
     correlation = w2.size * float(w2 @ w2) / float(w2.sum()) ** 2
-    z = np.asarray(U @ dynamics.coefficients(theta, run.tau), dtype=np.complex128)
+    z = np.asarray(U @ dynamics.coefficients(theta, terms.tau), dtype=np.complex128)
     return Residual(terms.f, z, noise, correlation, experiment.noise is not None)
 
 

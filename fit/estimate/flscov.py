@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fit.estimate.likelihood import Weights
 from fit.estimate.linear import Block, single_tone
 from fit.model import Columns
-from fit.signal import Spectrum, spectra
+from fit.signal import Spectrum, derivatives
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def transform(terms: Columns) -> tuple[Array, Spectrum]:
     w = np.asarray(scipy.signal.windows.blackmanharris(n, sym=False), dtype=np.float64)
     step = round(n * (1 - OVERLAP))
     starts = np.minimum(np.arange(STRETCHES) * step, N - n)
-    bins = slice(FIRST, math.floor(min(spectra.F_MAX, terms.fs / 10) * n / terms.fs) + 1, STRIDE)
+    bins = slice(FIRST, math.floor(min(derivatives.F_MAX, terms.fs / 10) * n / terms.fs) + 1, STRIDE)
     scale = math.sqrt(2 / (terms.fs * float(w @ w)))
     found = [scipy.fft.rfft(w[:, None] * terms.values[a : a + n], axis=0)[bins] * scale for a in starts]
     return np.arange(n // 2 + 1)[bins] * terms.fs / n, np.stack(found)

@@ -23,7 +23,7 @@ from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
-from fit.signal import spectra
+from fit.signal import derivatives
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -150,15 +150,15 @@ class _Expectation:
         self._sysid, self._share = planned.experiment.sysid, share
         self._names = _channels(self._sysid)
         lowest = 0.9 / self._sysid.telemetry.duration
-        n = int(GRID * np.log10(spectra.F_MAX / lowest)) + 2
-        self._f = np.geomspace(lowest, 1.01 * spectra.F_MAX, n)
+        n = int(GRID * np.log10(derivatives.F_MAX / lowest)) + 2
+        self._f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
         self._noise = planned.cross_spectra(self._names, self._f)
 
     def block(self, theta: Array) -> Expected:
         of_run, run = self._share @ theta, self._sysid
         terms = run.spectra(dynamics.delays(of_run))
-        c = dynamics.coefficients(of_run, run.tau)
-        T = responses(run, self._names, self._f)
+        c = dynamics.coefficients(of_run, terms.tau)
+        T = responses(run.channels, terms.tau, self._names, self._f)
         power = np.einsum("bki,bij,blj->bkl", T.conj(), self._noise, T, optimize=True).real
         residual = np.einsum("k,bkl,l->b", c, power, c)
         x, of_x = np.log(terms.f), np.log(self._f)
@@ -169,7 +169,7 @@ class _Expectation:
         u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
         tone = linear.single_tone(terms.f, u)
         even = weights("gaussian", terms.f, u)
-        return Expected(run.tau, U, even, terms.window, tone, self._share, of_bin.sum(axis=0))
+        return Expected(terms.tau, U, even, terms.window, tone, self._share, of_bin.sum(axis=0))
 
 
 def _channels(run: Run) -> tuple[str, ...]:
@@ -178,27 +178,29 @@ def _channels(run: Run) -> tuple[str, ...]:
     return (*dynamics.CHANNELS, *of_means)
 
 
-def responses(run: Run, names: Sequence[str], f: Array) -> Spectrum:
+def responses(run: dynamics.Channels, tau: tuple[float, float], names: Sequence[str], f: Array) -> Spectrum:
     """Return the frequency responses of the K columns of a run to channels, shape (B, K, C).
 
     Parameters
     ----------
-    run : Run
-        At 1 to 2 Hz; its delays are those at which its spectra stand.
+    run : Channels
+        Of the run, at 1 to 2 Hz.
+    tau : tuple of float
+        The delays [s] about which the columns are expanded.
     names : sequence of str
         The C channels.
     f : ndarray, shape (B,)
         Hz.
     """
-    fs, still = run.channels.fs, np.zeros(4 * spectra.HALF + 1)
-    lags = np.arange(-spectra.HALF, spectra.HALF + 1) / fs
+    fs, still = run.fs, np.zeros(4 * derivatives.HALF + 1)
+    lags = np.arange(-derivatives.HALF, derivatives.HALF + 1) / fs
     pulse = still.copy()
-    pulse[2 * spectra.HALF] = 1.0
+    pulse[2 * derivatives.HALF] = 1.0
     weights_of = []
     for name in names:
         channels = {other: pulse if other == name else still for other in names}
         alone = replace(
-            run.channels,
+            run,
             time=np.arange(still.size) / fs,
             valid=np.ones(still.size, dtype=bool),
             o_1=channels["o_1"],
@@ -207,8 +209,8 @@ def responses(run: Run, names: Sequence[str], f: Array) -> Spectrum:
             f_x_2=channels["f_x_2"],
             means={
                 mean: np.sum([weight * channels[key] for key, weight in dynamics.MEANS[mean].items()], axis=0)
-                for mean in run.channels.means  # those of the run, also where they are still
+                for mean in run.means  # those of the run, also where they are still
             },
         )
-        weights_of.append(dynamics.columns(alone, run.tau).values)
+        weights_of.append(dynamics.columns(alone, tau).values)
     return np.asarray(np.einsum("bm,cmk->bkc", np.exp(-2j * np.pi * f[:, None] * lags), weights_of))

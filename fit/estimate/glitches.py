@@ -23,7 +23,7 @@ from fit.estimate import linear
 from fit.estimate.runs import Experiment, Run
 from fit.model import dynamics
 from fit.paper import FLIGHT
-from fit.signal import NoiseModel, Spectrum, spectra
+from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
 from fit.warnings import FitWarning, Span
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ class _Search:
             self._c = np.array([coefficients.get(name, 0.0) for name in self._names])
         with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
             power = np.abs(U @ self._c) ** 2 * S / 2
-            self._model = spectra.fit_noise(terms.f, power, np.maximum(left, 0))
+            self._model = fit_noise(terms.f, power, np.maximum(left, 0))
         return dict(zip(self._names, self._c.tolist(), strict=True))
 
     def _S(self, f: Array) -> Array:
@@ -120,19 +120,19 @@ class _Search:
         """Mask what stands out of the noise; False if nothing does."""
         ratios = self._ratios(noise)
         highest = ratios.max(axis=0)
-        above = spectra.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max())))
+        above = derivatives.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max())))
         if self.hopeless or not len(above):
             return False
         self.found, time, fs = True, self.run.channels.time, self.run.channels.fs
         for begin, end in above:
             peak = begin + int(np.argmax(highest[begin:end]))
             width = WIDTHS[int(np.argmax(ratios[:, peak]))]
-            reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + spectra.HALF
+            reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + derivatives.HALF
             self._flags[max(0, middle - reach) : middle + reach + 1] = True
-        for begin, end in spectra.stretches(~self._flags):
-            if begin > 0 and end < self._flags.size and end - begin <= 2 * spectra.HALF:
+        for begin, end in derivatives.stretches(~self._flags):
+            if begin > 0 and end < self._flags.size and end - begin <= 2 * derivatives.HALF:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
-        found = [(float(time[a]), float(time[b - 1])) for a, b in spectra.stretches(self._flags)]
+        found = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.stretches(self._flags)]
         masked = self._original.without(found)
         self.hopeless = masked.weight < (1 - MOST) * self._original.weight
         self.run = self._original if self.hopeless else masked

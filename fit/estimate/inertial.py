@@ -31,7 +31,7 @@ from fit.estimate.runs import LEAST
 from fit.model import dynamics, dynamics_of, rate, rotation
 from fit.paper import cross_talk_parameter
 from fit.results import Estimate, Fit, FitWarning
-from fit.signal import spectra
+from fit.signal import NoiseModel, fit_noise, spectra
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -150,15 +150,13 @@ def _stretch(run: Telemetry, joint: Fit) -> tuple[_Stretch, list[FitWarning]]:
     return stretch, [*found.warnings, *slow.warnings, *of_run.warnings]
 
 
-def _noise(
-    stretch: _Stretch, theta: Array, covariance: Array, previous: spectra.NoiseModel | None
-) -> spectra.NoiseModel:
+def _noise(stretch: _Stretch, theta: Array, covariance: Array, previous: NoiseModel | None) -> NoiseModel:
     """Fit a smooth PSD to the residual; what the fit has taken out of it is given back."""
     S = previous(stretch.terms.f) if previous else np.ones(stretch.terms.f.size)
     U, left = linear.whiten(stretch.terms, S)
     residual = U[:, 0] + U[:, 1:5] @ theta
     taken = np.einsum("bi,ij,bj->b", U[:, 1:5], covariance, U[:, 1:5].conj()).real / 2
-    model = spectra.fit_noise(stretch.terms.f, np.abs(residual) ** 2 * S / 2, np.maximum(left - taken, 0))
+    model = fit_noise(stretch.terms.f, np.abs(residual) ** 2 * S / 2, np.maximum(left - taken, 0))
     return model if previous else _noise(stretch, theta, covariance, model)
 
 
@@ -185,7 +183,7 @@ class _Solution:
     dof: int
 
 
-def _solve(stretches: Sequence[_Stretch], models: Sequence[spectra.NoiseModel]) -> _Solution:
+def _solve(stretches: Sequence[_Stretch], models: Sequence[NoiseModel]) -> _Solution:
     """Solve the weighted normal equations; b_1 and b_2 have their weak priors about zero."""
     H, M, right = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4)
     whitened = []

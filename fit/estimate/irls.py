@@ -210,8 +210,8 @@ class _Smooth:
         self._model = noise_model(self._experiment, of_run, share @ covariance @ share.T, self._model)
         terms = run.spectra(dynamics.delays(of_run))
         # before the signal is subtracted, no residual can tell an outlier
-        c = dynamics.coefficients(of_run, run.tau) if iteration > _WARM_UP else None
-        return linear.block(terms, self._model, run.tau, share, likelihood=self._likelihood, c=c)
+        c = dynamics.coefficients(of_run, terms.tau) if iteration > _WARM_UP else None
+        return linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)
 
 
 class _Flscov:

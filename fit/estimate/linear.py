@@ -126,7 +126,6 @@ def _complex(x: Array) -> Spectrum:
 def block(
     spectra: Spectra,
     noise: NoiseModel,
-    tau: tuple[float, float],
     share: Array,
     *,
     likelihood: Likelihood = "gaussian",
@@ -140,7 +139,7 @@ def block(
         The run.
     noise : NoiseModel
         Of its noise.
-    tau, share
+    share : ndarray, shape (K - 1, P)
         See `Block`.
     likelihood : str
         What the residual is taken to be like.
@@ -150,7 +149,7 @@ def block(
     U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
-    return Block(tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share)
+    return Block(spectra.tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share)
 
 
 def single_tone(f: Array, power: Array) -> float | None:

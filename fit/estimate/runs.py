@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.estimate import linear
 from fit.model import dynamics
-from fit.signal import spectra
+from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, spectra
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is
 
 
 class Run:
-    """A run whose spectra are recomputed only when a delay has moved.
+    """A run, and its spectra at any delay.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Run:
         self.telemetry = telemetry
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
-        self.tau = (np.inf, np.inf)
+        self._last: Spectra | None = None
 
     def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked besides what is masked already."""
@@ -48,7 +48,7 @@ class Run:
             valid &= (time < begin) | (time > end)
         run.channels = replace(self.channels, valid=valid)
         run.masks = (*self.masks, *stretches)
-        run.tau = (np.inf, np.inf)
+        run._last = None
         return run
 
     @property
@@ -60,31 +60,33 @@ class Run:
     @property
     def weight(self) -> float:
         """What missing samples, masks and the stencils beside them leave of the window, in samples."""
-        reached = spectra.apply(np.ones(2 * spectra.HALF + 1), (~self.channels.valid).astype(float)) > 0.5
+        reached = (
+            derivatives.apply(np.ones(2 * derivatives.HALF + 1), (~self.channels.valid).astype(float)) > 0.5
+        )
         return float(np.sum(spectra.window(~reached, self.channels.fs) ** 2))
 
     def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
         """Return the columns expanded about exactly these delays."""
         return dynamics.columns(self.channels, tau)
 
-    def spectra(self, tau: tuple[float, float]) -> spectra.Spectra:
-        """Return the spectra for delays within CLOSE of `tau`; `self.tau` then says which exactly.
+    def spectra(self, tau: tuple[float, float]) -> Spectra:
+        """Return the spectra for delays within CLOSE of `tau`; they carry the delays they were made with.
 
         Raises
         ------
         InputError
             If missing samples leave too little of the run.
         """
-        if max(abs(tau[0] - self.tau[0]), abs(tau[1] - self.tau[1])) > CLOSE:
+        last = self._last  # made anew only when a delay has moved
+        if last is None or max(abs(tau[0] - last.tau[0]), abs(tau[1] - last.tau[1])) > CLOSE:
             terms = self.columns(tau)
-            self.tau = tau
-            self._spectra = spectra.transform(terms.values, terms.valid, terms.fs)
-            if np.mean(self._spectra.window**2) < LEAST:
+            self._last = last = spectra.transform(terms.values, terms.valid, terms.fs, tau)
+            if np.mean(last.window**2) < LEAST:
                 raise InputError(
                     f"{self.telemetry.path}: {self.channels.missing} missing samples lie so widely scattered "
                     f"that masking leaves less than {100 * LEAST:g} % of the run, expected longer stretches"
                 )
-        return self._spectra
+        return last
 
 
 @dataclass(frozen=True)
@@ -106,8 +108,8 @@ class Experiment:
 
 
 def noise_model(
-    experiment: Experiment, theta: Array, covariance: Array, previous: spectra.NoiseModel | None
-) -> spectra.NoiseModel:
+    experiment: Experiment, theta: Array, covariance: Array, previous: NoiseModel | None
+) -> NoiseModel:
     """Fit the noise PSD to the residual of the noise run or, without one, of the run itself.
 
     Parameters
@@ -128,9 +130,9 @@ def noise_model(
     of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
     S = previous(terms.f) if previous else np.ones(terms.f.size)
     U, left = linear.whiten(terms, S)
-    power = np.abs(U @ dynamics.coefficients(of_run, run.tau)) ** 2 * S / 2
+    power = np.abs(U @ dynamics.coefficients(of_run, terms.tau)) ** 2 * S / 2
     if experiment.noise is None:
-        rows = U @ dynamics.gradient(theta, run.tau)
+        rows = U @ dynamics.gradient(theta, terms.tau)
         left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
-    model = spectra.fit_noise(terms.f, power, np.maximum(left, 0))
+    model = fit_noise(terms.f, power, np.maximum(left, 0))
     return model if previous else noise_model(experiment, theta, covariance, model)

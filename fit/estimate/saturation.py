@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate.runs import Run
-from fit.signal import spectra
+from fit.signal import derivatives
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, Span
 
@@ -56,9 +56,10 @@ def clean(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Return begin and end [s] of every stretch, with the reach of the low-pass."""
-    taps, _ = spectra.low_pass(telemetry.fs)
+    taps, _ = derivatives.low_pass(telemetry.fs)
     reach = taps.size / 2 / telemetry.fs
     time = telemetry.time
     return [
-        (float(time[begin] - reach), float(time[end - 1] + reach)) for begin, end in spectra.stretches(flags)
+        (float(time[begin] - reach), float(time[end - 1] + reach))
+        for begin, end in derivatives.stretches(flags)
     ]

@@ -12,7 +12,7 @@ from fit.errors import InputError
 from fit.figures.files import COLOURS, MOVES, VANISHES, Curve, Plot, column, legend_above, loglog, table
 from fit.figures.runs import envelope
 from fit.model import dynamics
-from fit.signal import Estimator, spectra
+from fit.signal import Estimator, derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -147,9 +147,9 @@ def _spectrum(name: str, series: Array, of: Terms) -> Curve:
 def _band(ax: Axes, fs: float) -> None:
     """Frame the spectra and mark what is not fitted."""
     loglog(ax, (LOWEST, min(HIGHEST, fs / 2)))
-    ax.axvspan(spectra.F_MAX, HIGHEST, color=COLOURS["grid"], alpha=0.6, linewidth=0, zorder=0, gid=MOVES)
+    ax.axvspan(derivatives.F_MAX, HIGHEST, color=COLOURS["grid"], alpha=0.6, linewidth=0, zorder=0, gid=MOVES)
     ax.text(
-        spectra.F_MAX,
+        derivatives.F_MAX,
         0.02,
         " not fitted",
         transform=ax.get_xaxis_transform(),
@@ -191,7 +191,7 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     fast.draw(ax, "grey", label=f"{FAST:g} s", linewidth=0.4, alpha=0.7)
     mean.draw(ax, "orange", label=f"{SLOW:g} s", linewidth=0.8)
     spans = {
-        "missing samples": spectra.stretches(np.isnan(delta_g)) / fs + time[0],
+        "missing samples": derivatives.stretches(np.isnan(delta_g)) / fs + time[0],
         "masked": masked,
     }
     for (label, places), role in zip(spans.items(), ("blue", "violet"), strict=True):

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.signal import spectra
+from fit.signal import derivatives
 from fit.telemetry import MAX_MISSING, Telemetry
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class Channels:
 
 def channels(telemetry: Telemetry) -> Channels:
     """Low-pass and decimate what the equation needs."""
-    return _channels(telemetry, *spectra.low_pass(telemetry.fs))
+    return _channels(telemetry, *derivatives.low_pass(telemetry.fs))
 
 
 def archived(telemetry: Telemetry) -> Channels:
@@ -134,9 +134,9 @@ def archived(telemetry: Telemetry) -> Channels:
 
 def _channels(telemetry: Telemetry, taps: Array, factor: int) -> Channels:
     raw = {name: telemetry.channels[name] for name in CHANNELS} | means(telemetry)
-    filled, masked = zip(*(spectra.bridge(x, telemetry.fs) for x in raw.values()), strict=True)
-    touched = spectra.decimate(np.any(masked, axis=0).astype(float), np.ones_like(taps), factor)
-    kept = {name: spectra.decimate(x, taps, factor) for name, x in zip(raw, filled, strict=True)}
+    filled, masked = zip(*(derivatives.bridge(x, telemetry.fs) for x in raw.values()), strict=True)
+    touched = derivatives.decimate(np.any(masked, axis=0).astype(float), np.ones_like(taps), factor)
+    kept = {name: derivatives.decimate(x, taps, factor) for name, x in zip(raw, filled, strict=True)}
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.time[taps.size // 2 :: factor][: touched.size],
@@ -174,10 +174,10 @@ class Columns:
 
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
-    fs, inner = run.fs, slice(spectra.HALF, -spectra.HALF)
+    fs, inner = run.fs, slice(derivatives.HALF, -derivatives.HALF)
 
     def derivative(x: Array, order: int, delay: float = 0.0) -> Array:
-        return spectra.apply(spectra.stencil(delay * fs, order) * fs**order, x)
+        return derivatives.apply(derivatives.stencil(delay * fs, order) * fs**order, x)
 
     def force(x: Array, delay: float) -> Array:
         # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
@@ -195,8 +195,8 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
         derivative(run.o_1, 2),
         *(derivative(run.means[mean], 2) if order else run.means[mean][inner] for mean, order in cross_talk),
     )
-    reach = np.ones(2 * spectra.HALF + 1)
-    valid = spectra.apply(reach, (~run.valid).astype(float)) < 0.5
+    reach = np.ones(2 * derivatives.HALF + 1)
+    valid = derivatives.apply(reach, (~run.valid).astype(float)) < 0.5
     return Columns(tau, fs, run.time[inner], np.stack(values, axis=1), valid)
 
 

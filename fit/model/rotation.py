@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.model.stretches import differentiated, reduced
 from fit.results import FitWarning
-from fit.signal import spectra
+from fit.signal import derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ class Motion:
 
 def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None) -> Motion:
     """Low-pass and decimate the channels and form dOmega; `reference` is that of `attitude`."""
-    taps, factor = spectra.low_pass(telemetry.fs)
+    taps, factor = derivatives.low_pass(telemetry.fs)
     fs = telemetry.fs / factor
 
     def terms(x: Array) -> tuple[Array, Array, Flags]:
@@ -182,7 +182,7 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
     angles = [terms(x) for x in attitude(telemetry, found, reference).T]
     return Motion(
         fs=fs,
-        time=telemetry.time[taps.size // 2 + spectra.HALF * factor :: factor][: N.size],
+        time=telemetry.time[taps.size // 2 + derivatives.HALF * factor :: factor][: N.size],
         dOmega=np.stack(dOmega, axis=1),
         swing=np.stack(swing, axis=1),
         valid=~np.any(lost, axis=0),

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.signal import spectra
+from fit.signal import derivatives
 from fit.telemetry import Telemetry, read_stretch, samples
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 OUTPUTS = 14_400  # per stretch: 4 h at 1 Hz
-MARGIN = 400.0  # s, kept on either side for `spectra.bridge` to see gaps whole and for filters to run in
+MARGIN = 400.0  # s, kept on either side for `derivatives.bridge` to see gaps whole and for filters to run in
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Grid:
 
 def grid(samples: int, fs: float) -> Grid:
     """Return the grid of a run of that many samples at `fs` [Hz]."""
-    taps, factor = spectra.low_pass(fs)
-    return Grid(samples, taps.size - 1 + 2 * spectra.HALF * factor, factor)
+    taps, factor = derivatives.low_pass(fs)
+    return Grid(samples, taps.size - 1 + 2 * derivatives.HALF * factor, factor)
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ def cut(path: Path, fs: float) -> Iterator[Stretch]:
 
 def reduced(x: Array, fs: float) -> tuple[Array, Flags]:
     """Low-pass and decimate a channel as `dynamics.channels` does; tell which samples gaps reach."""
-    taps, factor = spectra.low_pass(fs)
-    filled, masked = spectra.bridge(x, fs)
-    touched = spectra.decimate(masked.astype(float), np.ones_like(taps), factor) > 0.5
-    return spectra.decimate(filled, taps, factor), touched
+    taps, factor = derivatives.low_pass(fs)
+    filled, masked = derivatives.bridge(x, fs)
+    touched = derivatives.decimate(masked.astype(float), np.ones_like(taps), factor) > 0.5
+    return derivatives.decimate(filled, taps, factor), touched
 
 
 def differentiated(x: Array, masked: Flags, fs: float) -> tuple[Array, Array, Flags]:
@@ -79,6 +79,6 @@ def differentiated(x: Array, masked: Flags, fs: float) -> tuple[Array, Array, Fl
 
     `fs` [Hz] is the rate of the reduced channel; all are 2 HALF samples shorter.
     """
-    inner = slice(spectra.HALF, -spectra.HALF)
-    near = spectra.apply(np.ones(2 * spectra.HALF + 1), masked.astype(float)) > 0.5
-    return x[inner], spectra.apply(spectra.stencil(0.0, 2) * fs**2, x), near
+    inner = slice(derivatives.HALF, -derivatives.HALF)
+    near = derivatives.apply(np.ones(2 * derivatives.HALF + 1), masked.astype(float)) > 0.5
+    return x[inner], derivatives.apply(derivatives.stencil(0.0, 2) * fs**2, x), near

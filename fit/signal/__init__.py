@@ -3,8 +3,18 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal.binned import Estimator
-from fit.signal.logpsd import LogSpectrum, log_psd
-from fit.signal.spectra import NoiseModel, Spectra, Spectrum
+from fit.signal.averages import Estimator, LogSpectrum, log_psd
+from fit.signal.noise import NoiseModel, fit_noise
+from fit.signal.spectra import Spectra, Spectrum
 
-__all__ = ["Estimator", "LogSpectrum", "NoiseModel", "Spectra", "Spectrum", "log_psd", "spectra"]
+__all__ = [
+    "Estimator",
+    "LogSpectrum",
+    "NoiseModel",
+    "Spectra",
+    "Spectrum",
+    "derivatives",
+    "fit_noise",
+    "log_psd",
+    "spectra",
+]

@@ -13,7 +13,7 @@ from fit.estimate.verdict import as_fit
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.settings import settings
-from fit.signal import spectra
+from fit.signal import derivatives
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
 
@@ -68,7 +68,7 @@ def test_every_term_has_its_sign_and_size(name):
     only = {**dict.fromkeys(TRUTH, 0.0), name: TRUTH[name]}
     recorded, truth = run(Motion(b=only, grs=0.0, dws=0.0), LATE, kind="noise", duration=7200.0)
     _, found = dynamics.delta_g_SC(recorded, only)
-    expected = truth["delta_g_SC"][spectra.HALF : -spectra.HALF]
+    expected = truth["delta_g_SC"][derivatives.HALF : -derivatives.HALF]
     assert in_band(found - expected, 1e-3, 0.1) < 1e-6 * in_band(expected, 1e-3, 0.1)
 
 
@@ -80,7 +80,7 @@ def test_delta_g_is_what_was_put_in():
     _, delta_g_x = dynamics.residual(recorded, own)
     _, delta_g_SC = dynamics.delta_g_SC(recorded, TRUTH)
     assert np.allclose(delta_g, delta_g_x + delta_g_SC, rtol=0, atol=1e-20)
-    expected = truth["delta_g"][spectra.HALF : -spectra.HALF]
+    expected = truth["delta_g"][derivatives.HALF : -derivatives.HALF]
     assert in_band(delta_g - expected, 1e-3, 0.1) < 1e-3 * in_band(expected, 1e-3, 0.1)
     assert time.size == delta_g.size
 
@@ -107,7 +107,7 @@ def test_missing_samples_of_a_mean_are_masked():
     recorded.channels["grs_y_2"][3000:3050] = np.nan
     time, values = dynamics.delta_g_SC(recorded, TRUTH)
     lost = time[np.isnan(values)]
-    assert (lost.min(), lost.max()) == (3000 - spectra.HALF, 3049 + spectra.HALF)
+    assert (lost.min(), lost.max()) == (3000 - derivatives.HALF, 3049 + derivatives.HALF)
     assert dynamics.channels(recorded).missing == 50
 
 

@@ -11,7 +11,7 @@ from fit.estimate.joint import fit_experiment
 from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
 from fit.results import Results, load, write
-from fit.signal import spectra
+from fit.signal import fit_noise, spectra
 from tests.oracles.synthetic import World, pair, telemetry
 
 HOURS = 3600
@@ -34,7 +34,7 @@ def model(run):
     S = np.ones(run.f.size)
     for _ in range(2):
         U, left = linear.whiten(run, S)
-        found = spectra.fit_noise(run.f, np.abs(U[:, 0]) ** 2 * S / 2, np.maximum(left, 0))
+        found = fit_noise(run.f, np.abs(U[:, 0]) ** 2 * S / 2, np.maximum(left, 0))
         S = found(run.f)
     return found
 

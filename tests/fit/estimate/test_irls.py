@@ -11,7 +11,7 @@ from fit.errors import FitError
 from fit.estimate import irls, linear
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.signal import spectra
+from fit.signal import NoiseModel, derivatives, spectra
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 NAMES = ["lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo"]
@@ -29,14 +29,14 @@ def pulls(fit, truth):
 def flat(level):
     """Make a noise model of the constant PSD `level`, known perfectly."""
     knots = np.log([1e-5, 1e-2, 1.0])
-    return spectra.NoiseModel(knots, np.full(3, np.log(level)), np.zeros((3, 3)))
+    return NoiseModel(knots, np.full(3, np.log(level)), np.zeros((3, 3)))
 
 
 def white_block(n=20000, taper=0.1, monkeypatch=None):
     monkeypatch.setattr(spectra, "TAPER", taper)
     columns = np.random.default_rng(3).standard_normal((n, 8))
-    run = spectra.transform(columns, np.ones(n, bool), 1.0)
-    return linear.block(run, flat(2.0), (0.1, 0.1), np.eye(7))
+    run = spectra.transform(columns, np.ones(n, bool), 1.0, (0.1, 0.1))
+    return linear.block(run, flat(2.0), np.eye(7))
 
 
 @pytest.mark.parametrize(("taper", "ratio"), [(0.0, 1.0), (0.1, 1.027), (1.0, 1.39)])
@@ -52,7 +52,7 @@ def test_sigma_accounts_for_the_window(taper, ratio, monkeypatch):
 def test_compression_keeps_chi2(monkeypatch):
     columns = np.random.default_rng(4).standard_normal((5000, 8))
     run = spectra.transform(columns, np.ones(5000, bool), 1.0)
-    block = linear.block(run, flat(2.0), (0.1, 0.1), np.eye(7))
+    block = linear.block(run, flat(2.0), np.eye(7))
     c = np.arange(8.0)
     whitened, _ = linear.whiten(run, np.full(run.f.size, 2.0))
     assert np.sum((block.R @ c) ** 2) == pytest.approx(np.sum(np.abs(whitened @ c) ** 2))
@@ -65,7 +65,7 @@ def test_constant_and_ramp_are_invisible():
     columns = np.random.default_rng(5).standard_normal((n, 8))
     drift = columns + np.linspace(3, 70, n)[:, None]
     blocks = [
-        linear.block(spectra.transform(x, np.ones(n, bool), 1.0), flat(2.0), (0.1, 0.1), np.eye(7))
+        linear.block(spectra.transform(x, np.ones(n, bool), 1.0, (0.1, 0.1)), flat(2.0), np.eye(7))
         for x in (columns, drift)
     ]
     assert np.allclose(blocks[0].R.T @ blocks[0].R, blocks[1].R.T @ blocks[1].R, atol=1e-6)
@@ -152,7 +152,7 @@ def test_without_a_drive_its_gain_is_in_the_warnings():
 
 def test_chi2_is_that_of_noise():
     fit = fit_one(pair(World(), seed=1))
-    bins = prev_fast_len(21600 - 2 * spectra.HALF) // 10  # up to 0.1 Hz
+    bins = prev_fast_len(21600 - 2 * derivatives.HALF) // 10  # up to 0.1 Hz
     assert fit.dof == 2 * (bins - 1) - 5
     assert fit.chi2 / fit.dof == pytest.approx(1, abs=5 * np.sqrt(2.1 / fit.dof + 20 / bins**2))
 

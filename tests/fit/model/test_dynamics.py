@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.model import dynamics
-from fit.signal import spectra
+from fit.signal import derivatives, spectra
 from fit.telemetry.reader import Telemetry
 from lpfcosim.plant import reference
 from lpfcosim.spacecraft.run import Noise, Run, Sine
@@ -54,7 +54,7 @@ def test_every_term_counts_with_its_sign(name):
         "domega2_12": o_1,
         "delta_ifo": -second,
     }[name] * (0.001 * truth[name])
-    expected = expected[spectra.HALF : -spectra.HALF]
+    expected = expected[derivatives.HALF : -derivatives.HALF]
     assert np.corrcoef(off, expected)[0, 1] > 0.95
     assert rms(off) == pytest.approx(rms(expected), rel=0.2)
 
@@ -103,10 +103,10 @@ def test_missing_samples_spoil_no_more_than_the_filters_reach():
     _, whole = dynamics.residual(run, {})
     time, holed = dynamics.residual(without(run, (1000, 1030), (2000, 2001)), {})
     lost = time[np.isnan(holed)]
-    assert lost.min() == 1000 - spectra.HALF
-    assert lost.max() == 1029 + spectra.HALF
+    assert lost.min() == 1000 - derivatives.HALF
+    assert lost.max() == 1029 + derivatives.HALF
     rest = ~np.isnan(holed)
-    far = rest & (np.abs(time - 2000) > spectra.HALF)
+    far = rest & (np.abs(time - 2000) > derivatives.HALF)
     assert np.array_equal(holed[far], whole[far])
     assert dynamics.channels(without(run, (1000, 1030), (2000, 2001))).missing == 31
 

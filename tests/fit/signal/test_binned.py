@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fit.signal.binned import Estimator
+from fit.signal.averages import Estimator
 
 FS = 10.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fit.signal.logpsd import log_psd
+from fit.signal.averages import log_psd
 
 N = 100_000
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import FitError
-from fit.signal import spectra
+from fit.signal import derivatives, fit_noise, spectra
 
 BAND = np.array([1e-3, 13.33e-3, 53.33e-3, 0.1])  # Hz, at a sample rate of 1 Hz
 
@@ -20,7 +20,7 @@ def response(weights, f):
 @pytest.mark.parametrize("shift", [0.0, 0.1, 0.186, 0.45, -0.3, 1.5])
 def test_stencil_delays_and_differentiates_to_better_than_1e_7_in_the_band(shift, order):
     ideal = (2j * np.pi * BAND) ** order * np.exp(-2j * np.pi * BAND * shift)
-    assert np.abs(response(spectra.stencil(shift, order), BAND) / ideal - 1).max() < 1e-8
+    assert np.abs(response(derivatives.stencil(shift, order), BAND) / ideal - 1).max() < 1e-8
 
 
 @given(
@@ -32,15 +32,15 @@ def test_stencil_delays_and_differentiates_to_better_than_1e_7_in_the_band(shift
 def test_stencil_is_exact_on_parabolas(offset, slope, curvature, shift):
     n = np.arange(60.0)
     x = offset + slope * n + curvature * n**2
-    at = n[spectra.HALF : -spectra.HALF] - shift
+    at = n[derivatives.HALF : -derivatives.HALF] - shift
     expected = (offset + slope * at + curvature * at**2, slope + 2 * curvature * at, 2 * curvature + 0 * at)
     for order, values in enumerate(expected):
-        assert np.allclose(spectra.apply(spectra.stencil(shift, order), x), values, rtol=0, atol=1e-9)
+        assert np.allclose(derivatives.apply(derivatives.stencil(shift, order), x), values, rtol=0, atol=1e-9)
 
 
 def test_second_derivative_lets_no_offset_or_drift_through():
-    weights = spectra.stencil(0.0, 2)
-    k = np.arange(-spectra.HALF, spectra.HALF + 1)
+    weights = derivatives.stencil(0.0, 2)
+    k = np.arange(-derivatives.HALF, derivatives.HALF + 1)
     # 1e-14 s^-2 would be a ten-millionth of the stiffness
     assert abs(weights.sum()) < 1e-14
     assert abs(weights @ k) < 1e-13
@@ -48,21 +48,21 @@ def test_second_derivative_lets_no_offset_or_drift_through():
 
 @pytest.mark.parametrize(("fs", "factor"), [(10.0, 10), (5.0, 5), (2.5, 2), (2.0, 2), (1.0, 1), (0.5, 1)])
 def test_low_pass_keeps_the_band_and_removes_what_would_alias(fs, factor):
-    taps, found = spectra.low_pass(fs)
+    taps, found = derivatives.low_pass(fs)
     assert found == factor
-    band = np.linspace(0, spectra.F_MAX, 50)
+    band = np.linspace(0, derivatives.F_MAX, 50)
     assert np.abs(response(taps, band / fs) - 1).max() < 3e-5
     for alias in range(1, factor):
-        near = alias * fs / factor + np.linspace(-spectra.F_MAX, spectra.F_MAX, 50)
+        near = alias * fs / factor + np.linspace(-derivatives.F_MAX, derivatives.F_MAX, 50)
         assert np.abs(response(taps, near / fs)).max() < 2e-5
 
 
 @pytest.mark.parametrize("fs", [10.0, 5.0, 2.5, 1.0])
 @pytest.mark.parametrize("n", [4000, 4007])
 def test_decimation_keeps_time(fs, n):
-    taps, factor = spectra.low_pass(fs)
+    taps, factor = derivatives.low_pass(fs)
     t = np.arange(n) / fs
-    kept = spectra.decimate(np.sin(2 * np.pi * 0.05 * t), taps, factor)
+    kept = derivatives.decimate(np.sin(2 * np.pi * 0.05 * t), taps, factor)
     first = taps.size // 2
     assert kept.size == len(t[first : n - first : factor])
     assert np.allclose(kept, np.sin(2 * np.pi * 0.05 * t[first::factor][: kept.size]), atol=2e-5)
@@ -74,7 +74,7 @@ def test_short_gaps_are_bridged_and_long_ones_masked():
     holed = x.copy()
     for missing in (slice(0, 3), slice(500, 501), slice(800, 810), slice(1500, 1511), slice(2990, 3000)):
         holed[missing] = np.nan
-    filled, masked = spectra.bridge(holed, 10.0)
+    filled, masked = derivatives.bridge(holed, 10.0)
     assert np.flatnonzero(masked).tolist() == list(range(1500, 1511))
     assert np.abs(filled - x)[3:2990][~masked[3:2990]].max() < 1e-4
     assert np.isfinite(filled).all()
@@ -82,7 +82,7 @@ def test_short_gaps_are_bridged_and_long_ones_masked():
 
 def test_nothing_missing_nothing_done():
     x = np.arange(10.0)
-    filled, masked = spectra.bridge(x, 10.0)
+    filled, masked = derivatives.bridge(x, 10.0)
     assert filled is x
     assert not masked.any()
 
@@ -91,7 +91,7 @@ def test_nothing_missing_nothing_done():
 def test_stretches_cover_exactly_what_is_flagged(flags):
     flags = np.array(flags)
     covered = np.zeros_like(flags)
-    for start, stop in spectra.stretches(flags):
+    for start, stop in derivatives.stretches(flags):
         assert not covered[start:stop].any()
         covered[start:stop] = True
     assert np.array_equal(covered, flags)
@@ -138,7 +138,7 @@ def shape(f):
 @pytest.mark.parametrize("hours", [6, 8, 65])
 def test_noise_model_follows_tail_bump_and_rise(hours):
     f = np.arange(1, int(360 * hours) + 1) / (3600 * hours)
-    model = spectra.fit_noise(f, shape(f), np.ones(f.size))
+    model = fit_noise(f, shape(f), np.ones(f.size))
     assert np.abs(model(f) / shape(f) - 1)[f > 1e-4].max() < 0.05
 
 
@@ -147,9 +147,7 @@ def test_noise_model_is_unbiased_and_knows_its_own_variance():
     # 400 periodograms; false-positive probability below 1e-3 (five standard errors at five frequencies)
     rng = np.random.default_rng(2)
     f = np.arange(1, 2161) / 21600
-    models = [
-        spectra.fit_noise(f, shape(f) * rng.exponential(size=f.size), np.ones(f.size)) for _ in range(400)
-    ]
+    models = [fit_noise(f, shape(f) * rng.exponential(size=f.size), np.ones(f.size)) for _ in range(400)]
     at = f[[10, 30, 100, 500, 2000]]
     logs = np.log([model(at) / shape(at) for model in models])
     stated = np.log(models[0].expected(at) / models[0](at))
@@ -160,13 +158,13 @@ def test_noise_model_is_unbiased_and_knows_its_own_variance():
 def test_noise_model_allows_for_what_a_fit_has_taken_out():
     f = np.arange(1, 2161) / 21600
     left = np.where(f < 1e-3, 0.6, 1.0)
-    model = spectra.fit_noise(f, shape(f) * left, left)
+    model = fit_noise(f, shape(f) * left, left)
     assert np.abs(model(f) / shape(f) - 1)[f > 1e-4].max() < 0.05
 
 
 def test_noise_model_goes_on_straight_below_the_first_bin():
     f = np.arange(1, 2161) / 21600
-    model = spectra.fit_noise(f, 1e-30 * f**-2.0, np.ones(f.size))
+    model = fit_noise(f, 1e-30 * f**-2.0, np.ones(f.size))
     assert model(np.array([1e-6])) == pytest.approx([1e-30 * 1e12], rel=1e-6)
 
 
@@ -174,4 +172,4 @@ def test_noise_model_goes_on_straight_below_the_first_bin():
 def test_no_noise_is_an_error(level):
     f = np.arange(1, 501) / 5000
     with pytest.raises(FitError, match="no noise"):
-        spectra.fit_noise(f, np.full(500, level), np.ones(500))
+        fit_noise(f, np.full(500, level), np.ones(500))

@@ -1,0 +1,103 @@
+"""Sampled channels made ready: gaps bridged, low-passed, decimated, exactly differentiated and delayed.
+
+Everything that differentiates or delays acts in the time domain on unwindowed data; (i omega)^2 applied to
+windowed data would turn the slope of the window into signal. Window and transform come after (`spectra`).
+"""
+
+import math
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+F_MAX = 0.1  # Hz, end of the fitted band; archives at 1 Hz are flat up to here
+RATE = 1.0  # Hz, least rate after decimation
+HALF = 10  # samples on either side of a stencil: gain right to 1e-10 below F_MAX at 1 Hz
+RIPPLE = 100.0  # dB, what the low-pass leaves of what would alias into the band
+BRIDGE = 1.0  # s, longest stretch of missing samples that is interpolated rather than masked
+
+
+def stencil(shift: float, order: int) -> Array:
+    """Return the weights that give a derivative of the interpolating polynomial, exact to degree 2 HALF.
+
+    Constants and ramps have exactly the derivative they should, so that a second derivative lets no offset
+    through (an offset would pass for stiffness).
+
+    Parameters
+    ----------
+    shift : float
+        Delay in samples, well below HALF.
+    order : int
+        Of the derivative, per sample.
+
+    Returns
+    -------
+    ndarray, shape (2 HALF + 1,)
+        To be applied with `apply`.
+    """
+    powers = np.arange(2 * HALF + 1)
+    nodes = np.arange(-HALF, HALF + 1) / HALF
+    moments = [math.perm(m, order) * (-shift / HALF) ** (m - order) if m >= order else 0.0 for m in powers]
+    return np.linalg.solve(nodes ** powers[:, None], np.array(moments) / HALF**order)
+
+
+def apply(weights: Array, x: Array) -> Array:
+    """Return ``sum_k weights[k] x[n + k]`` wherever the stencil fits; 2 HALF samples shorter than `x`."""
+    return np.correlate(x, weights, mode="valid")
+
+
+def bridge(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Interpolate missing samples (NaN) and tell which stretches are too long to believe it.
+
+    Returns
+    -------
+    filled : ndarray, shape (N,)
+        `x` with a cubic spline through the short gaps and straight lines through the others.
+    masked : ndarray of bool, shape (N,)
+        True in stretches longer than BRIDGE.
+    """
+    missing = np.isnan(x)
+    if not missing.any():
+        return x, missing
+    if np.count_nonzero(~missing) < 2:
+        return np.zeros_like(x), np.ones_like(missing)
+    masked = np.zeros_like(missing)
+    for start, stop in stretches(missing):
+        masked[start:stop] = stop - start > max(1.0, BRIDGE * fs)
+    n, short = np.arange(x.size), missing & ~masked
+    filled = x.copy()
+    filled[masked] = np.interp(n[masked], n[~missing], x[~missing])
+    if short.any():
+        filled[short] = scipy.interpolate.CubicSpline(n[~missing], x[~missing])(n[short])
+    return filled, masked
+
+
+def stretches(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return first index and end of every run of True, shape (number of runs, 2)."""
+    edges = np.diff(flags.astype(np.int8), prepend=0, append=0)
+    return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
+
+
+def low_pass(fs: float) -> tuple[Array, int]:
+    """Return the taps of the common zero-phase filter and the decimation it makes safe, 1 below 2 Hz.
+
+    Flat to 10^(-RIPPLE/20) up to F_MAX; the same filter on every column leaves the equation as it is.
+    """
+    factor = max(1, math.floor(fs / RATE + 1e-9))
+    if factor == 1:
+        return np.ones(1), 1
+    width = fs / factor - 2 * F_MAX  # from F_MAX to where aliases would reach F_MAX
+    half = (RIPPLE - 7.95) / (2.285 * 2 * math.pi * width / fs) / 2
+    half = factor * math.ceil(half / factor)
+    window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
+    taps = scipy.signal.firwin(2 * half + 1, F_MAX + width / 2, window=window, fs=fs)
+    return np.asarray(taps, dtype=np.float64), factor
+
+
+def decimate(x: Array, taps: Array, factor: int) -> Array:
+    """Filter and keep every factor-th sample, the first at index ``taps.size // 2`` of `x`."""
+    lost = taps.size - 1  # a multiple of factor
+    kept = scipy.signal.upfirdn(taps, x, down=factor)[lost // factor : (x.size - 1) // factor + 1]
+    return np.asarray(kept, dtype=np.float64)

@@ -1,0 +1,118 @@
+"""The smooth PSD of noise, fitted to a periodogram by likelihood: what weighs the data."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+
+Array = NDArray[np.float64]
+
+KNOTS_PER_DECADE = 10
+BINS_PER_KNOT = 12
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Smooth one-sided PSD: a natural cubic spline of log S in log f, straight beyond its ends.
+
+    Attributes
+    ----------
+    knots : ndarray, shape (K,)
+        log(f / Hz).
+    values : ndarray, shape (K,)
+        log S at the knots.
+    covariance : ndarray, shape (K, K)
+        Of `values`.
+    """
+
+    knots: Array
+    values: Array
+    covariance: Array
+
+    def __call__(self, f: Array) -> Array:
+        """Return S at the frequencies `f`, shape (B,)."""
+        return np.asarray(np.exp(_spline_basis(self.knots, f) @ self.values), dtype=np.float64)
+
+    def expected(self, f: Array) -> Array:
+        """Return the power to expect at the frequencies `f`, shape (B,), knowing S only as well as we do.
+
+        An estimate of variance v of log S is as often too low by a factor as too high, which makes the mean
+        of the true S larger than the estimate by e^v. Hardly known bins lose their weight that way.
+        """
+        basis = _spline_basis(self.knots, f)
+        variance = np.sum((basis @ self.covariance) * basis, axis=1)
+        return np.asarray(np.exp(basis @ self.values + variance), dtype=np.float64)
+
+
+def _spline_basis(knots: Array, f: Array) -> Array:
+    return _basis(knots.tobytes(), f.tobytes())
+
+
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths, and each is asked for again and again
+def _basis(of_knots: bytes, of_f: bytes) -> Array:
+    knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
+    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
+    u = np.log(f)
+    inside = np.clip(u, knots[0], knots[-1])
+    basis = np.asarray(spline(inside) + spline(inside, 1) * (u - inside)[:, None], dtype=np.float64)
+    basis.setflags(write=False)
+    return basis
+
+
+def _knots(f: Array) -> Array:
+    """Space the knots evenly in log f, but never closer than BINS_PER_KNOT bins."""
+    bins = [0.0]
+    while bins[-1] < f.size - 1:
+        bins.append(bins[-1] + max(BINS_PER_KNOT, (bins[-1] + 1) * (10 ** (1 / KNOTS_PER_DECADE) - 1)))
+    short = f.size - 1 - bins[-2] < 0.5 * (bins[-1] - bins[-2])
+    bins[-2 if short else -1 :] = [f.size - 1.0]
+    return np.log(np.interp(bins, np.arange(f.size), f))
+
+
+def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
+    """Fit a noise model to a periodogram by maximum (Whittle) likelihood.
+
+    Minimises ``sum dof log S + power / S``, convex in the logarithms; Fisher scoring.
+
+    Parameters
+    ----------
+    f, power : ndarray, shape (B,)
+        Frequencies [Hz] and periodogram.
+    dof : ndarray, shape (B,)
+        Expected power over S: 1, less what a fit has already taken out of the bin.
+
+    Raises
+    ------
+    FitError
+        If there is no noise, or the iteration does not settle.
+    """
+    level = float(np.mean(power))
+    if not (math.isfinite(level) and level > 0):
+        raise FitError("the residual carries no noise whose PSD could weigh the data")
+    knots = _knots(f)
+    basis = _spline_basis(knots, f)
+    start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
+    values = np.asarray(np.linalg.lstsq(basis, start)[0], dtype=np.float64)
+    fisher: Array = (basis * dof[:, None]).T @ basis
+
+    def cost(v: Array) -> float:
+        with np.errstate(over="ignore"):  # a step too far costs infinitely much
+            return float(dof @ (basis @ v) + np.sum(power * np.exp(-basis @ v)))
+
+    last = cost(values)
+    for _ in range(100):
+        gradient = basis.T @ (power * np.exp(-basis @ values) - dof)
+        step = np.asarray(np.linalg.solve(fisher, gradient), dtype=np.float64)
+        size = 1.0
+        while cost(values + size * step) > last and size > 1e-6:
+            size /= 2
+        values = values + size * step
+        previous, last = last, cost(values)
+        if abs(previous - last) < 1e-9 * f.size:
+            return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)))
+    raise FitError("the smooth PSD of the noise did not converge")
