@@ -1,5 +1,10 @@
 """What can go wrong, told apart by what the user can do about it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import fit.errors
+
 
 class LpfcosimError(Exception):
     """Base of every error this package raises on purpose."""
@@ -11,3 +16,14 @@ class InputError(LpfcosimError):
 
 class RunError(LpfcosimError):
     """The input is sound but the work failed (exit 1)."""
+
+
+@contextmanager
+def ours(place: str = "") -> Iterator[None]:
+    """Turn an error of `fit`, whose ways with files we share, into ours, with `place` before it."""
+    try:
+        yield
+    except fit.errors.InputError as error:
+        raise InputError(f"{place}{error}") from error
+    except fit.errors.CalibrationError as error:
+        raise RunError(f"{place}{error}") from error

@@ -9,7 +9,12 @@ from fit.errors import FitError
 
 def temporary(path: Path) -> Path:
     """Return the name under which this process writes ``path``."""
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
+    return path.with_name(f".{path.name}{suffix(os.getpid())}")
+
+
+def suffix(process: int | str) -> str:
+    """Return how the names end under which a process writes, ``"*"`` for any."""
+    return f".{process}.part"
 
 
 def settle(partial: Path, path: Path) -> None:

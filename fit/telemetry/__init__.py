@@ -4,10 +4,10 @@ A run is a `Telemetry`; its channels are read when they are asked for. Files fro
 another process first (`guard`).
 """
 
+from fit.telemetry.contract import CHANNELS, SCHEMA
 from fit.telemetry.conversion import convert, is_map
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.reader import (
-    SCHEMA,
     Telemetry,
     inertial_period,
     inside,
@@ -19,6 +19,7 @@ from fit.telemetry.reader import (
 from fit.telemetry.writer import Writer
 
 __all__ = [
+    "CHANNELS",
     "MAX_MISSING",
     "SCHEMA",
     "Telemetry",

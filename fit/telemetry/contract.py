@@ -1,47 +1,147 @@
-"""The units the telemetry contract asks of its channels, and the spellings of one unit."""
+"""The telemetry contract, schema ``lpf-telemetry/1``: channels and root attributes of a file, with units."""
 
-import re
-from collections import Counter
 from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Annotated, Literal, NamedTuple
 
-#: The channels a calibration needs, and their units.
-REQUIRED: Mapping[str, str] = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
-_OPTIONAL = (
-    (re.compile(r"guidance_o_(1|12)|grs_[xyz]_[12]"), "m"),
-    (re.compile(r"o_(phi|eta)_(1|12)|grs_(theta|eta|phi)_[12]|ast_(theta|eta|phi)"), "rad"),
-    (re.compile(r"F_[xyz]_([12]|sc)"), "N"),
-    (re.compile(r"N_(theta|eta|phi)_[12]|N_[xyz]_sc"), "N m"),
-)
-_SYMBOL = re.compile(r"(/?)(?:([A-Za-z]+)\^?([+-]?\d+)?|(\S))\s*")
+from fit.errors import InputError, shown
+
+SCHEMA = "lpf-telemetry/1"
+
+
+class Channel(NamedTuple):
+    """Unit of a channel, ``""`` for a pure number, and what the channel is."""
+
+    unit: str
+    long_name: str
+
+
+_MASSES = (1, 2)
+_AXES = ("x", "y", "z")
+_ANGLES = ("theta", "eta", "phi")
+
+CHANNELS: Mapping[str, Channel] = {
+    "o_1": Channel("m", "interferometer read-out of x_1, test mass 1 relative to the spacecraft"),
+    "o_12": Channel("m", "interferometer read-out of x_2 - x_1"),
+    **{
+        f"f_x_{j}": Channel("m s-2", f"commanded force on test mass {j} along x per unit mass")
+        for j in _MASSES
+    },
+    "guidance_o_1": Channel("m", "guidance injected into the drag-free loop"),
+    "guidance_o_12": Channel("m", "guidance injected into the suspension loop"),
+    **{f"F_{k}_sc": Channel("N", f"commanded thrust on the spacecraft along {k}") for k in _AXES},
+    **{f"N_{k}_sc": Channel("N m", f"commanded torque on the spacecraft about {k}") for k in _AXES},
+    **{
+        f"o_{k}_{j}": Channel("rad", f"wavefront-sensing read-out of {k}, test mass {of}")
+        for k in ("phi", "eta")
+        for j, of in ((1, "1"), (12, "2 less test mass 1"))
+    },
+    **{
+        f"grs_{k}_{j}": Channel(unit, f"capacitive read-out of {k}, test mass {j}")
+        for j in _MASSES
+        for unit, names in (("m", _AXES), ("rad", _ANGLES))
+        for k in names
+    },
+    **{
+        f"F_{k}_{j}": Channel("N", f"commanded force on test mass {j} along {k}")
+        for j in _MASSES
+        for k in _AXES
+    },
+    **{
+        f"N_{k}_{j}": Channel("N m", f"commanded torque on test mass {j}, angle {k}")
+        for j in _MASSES
+        for k in _ANGLES
+    },
+    **{f"ast_{k}": Channel("rad", f"star-tracker attitude against J2000, angle {k}") for k in _ANGLES},
+    **{
+        f"ast_q_{i}": Channel("", f"star-tracker quaternion J2000 to body, component {i}, scalar last")
+        for i in (1, 2, 3, 4)
+    },
+}
+#: The channels a calibration needs.
+REQUIRED = ("o_1", "o_12", "f_x_1", "f_x_2")
 
 
 def expected_unit(channel: str) -> str | None:
-    """Return the unit the contract gives a channel, None for a channel it does not know."""
-    if channel in REQUIRED:
-        return REQUIRED[channel]
-    return next((unit for pattern, unit in _OPTIONAL if pattern.fullmatch(channel)), None)
+    """Return the unit a file must state for a channel, None for a pure number or a channel not known."""
+    return CHANNELS[channel].unit or None if channel in CHANNELS else None
 
 
-def same_unit(a: str, b: str) -> bool:
-    """Tell whether two texts spell one unit; prefixes are not converted.
+def utc(t0: str) -> datetime:
+    """Return a start time that compares with others; without an offset it is UTC, as the contract says."""
+    moment = datetime.fromisoformat(t0)
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
-    Examples
-    --------
-    >>> same_unit("m s-2", "m/s^2"), same_unit("nm", "m")
-    (True, False)
+
+def whole(value: object) -> object:
+    """Let a whole number pass that was stored as a float."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _iso_8601(t0: str) -> str:
+    utc(t0)
+    return t0
+
+
+def _printable(name: str) -> str:
+    if not name.isprintable():
+        raise ValueError("should have letters that can be printed")
+    return name
+
+
+class _Unit(str):
+    """Unit of a root attribute."""
+
+
+_Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
+_Force = Annotated[float, Field(ge=0, le=1e3), _Unit("N")]
+_Torque = Annotated[float, Field(ge=0, le=1e3), _Unit("N m")]
+
+
+class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
+    """The root attributes that every file has; the fields have the names of `Telemetry`."""
+
+    run: _Name
+    experiment: _Name
+    kind: Literal["sysid", "noise"]
+    fs: Annotated[float, Field(ge=1e-3, le=10), _Unit("Hz")]
+    t0: Annotated[str, AfterValidator(_iso_8601)]
+    F_max_1: _Force
+    F_max_2: _Force
+    N_max_1: _Torque
+    N_max_2: _Torque
+    alignment_epoch: Annotated[int, Field(ge=0), BeforeValidator(whole)]
+    m_tm: Annotated[float, Field(ge=1e-3, le=1e6), _Unit("kg")]
+
+
+#: Every root attribute that describes a run, with its unit, None for what is no quantity.
+ATTRIBUTES: Mapping[str, str | None] = {
+    **{
+        name: next((str(unit) for unit in field.metadata if isinstance(unit, _Unit)), None)
+        for name, field in Root.model_fields.items()
+    },
+    "inertial_period": None,
+    "I_yy": "kg m2",
+    "I_zz": "kg m2",
+    "omega2_phi": "s-2",
+    "omega2_eta": "s-2",
+}
+
+
+def check_root(place: str, attributes: Mapping[str, object]) -> Root:
+    """Return root attributes, which are at `place`, as `Telemetry` has them.
+
+    Raises
+    ------
+    InputError
+        If one is missing or breaks the contract.
     """
-    return _powers(a) == _powers(b)
-
-
-def _powers(unit: str) -> dict[str, int] | str:
-    """Return the power of every symbol, or the text itself where it is no product of powers."""
-    if len(unit) > 80:
-        return unit
-    text = re.sub(r"\s*/\s*", "/", unit.replace("**", "^")).replace("·", " ").replace("*", " ").strip()
-    powers: Counter[str] = Counter()
-    for slash, symbol, power, other in _SYMBOL.findall(text):
-        if other:
-            return unit
-        powers[symbol] += int(power or 1) * (-1 if slash else 1)
-    return {symbol: power for symbol, power in powers.items() if power}
+    try:
+        return Root.model_validate(attributes)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = str(fault["loc"][0])
+        found = shown(attributes[name]) if name in attributes else "missing"
+        raise InputError(f"{place}: attribute {name}: {found}, expected: {fault['msg']}") from error

@@ -19,10 +19,9 @@ from fit.errors import InputError
 from fit.files import key
 from fit.telemetry import guard as probe
 from fit.telemetry.archives import Table, is_text, opened
-from fit.telemetry.contract import REQUIRED
+from fit.telemetry.contract import CHANNELS, REQUIRED, SCHEMA, check_root
 from fit.telemetry.datasets import MAX_SAMPLES, check_finite, check_missing, check_time, check_values
-from fit.telemetry.maps import Column, Map, attributes_of, check_unit, load, unit_of
-from fit.telemetry.reader import SCHEMA, check_root
+from fit.telemetry.maps import Column, Map, attributes_of, check_unit, load
 from fit.telemetry.writer import Writer
 
 Array = NDArray[np.float64]
@@ -116,7 +115,7 @@ def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> N
     archive = path.parent / source.file
     with opened(archive, source.table) as table:
         columns = {
-            name: _find(archive, table, column, f" (channel {name})", unit_of(name))
+            name: _find(archive, table, column, f" (channel {name})", CHANNELS[name].unit)
             for name, column in found.channels.items()
         }
         attributes = attributes_of(path, found, i)

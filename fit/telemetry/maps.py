@@ -1,7 +1,5 @@
 """A map, schema ``lpf-map/1``: which columns of which files are the channels of which runs, in what units."""
 
-import re
-from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 from typing import Literal
@@ -10,31 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fit.errors import InputError, shown
 from fit.files import documents
-from fit.telemetry.contract import REQUIRED, expected_unit
-from fit.telemetry.reader import check_root
+from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED, check_root
 from fit.telemetry.units import factor, to_si
 
-SCHEMA = "lpf-map/1"
-#: The root attributes of the contract that a map may give; those with a unit may be quantities.
-ATTRIBUTES: Mapping[str, str | None] = {
-    "run": None,
-    "experiment": None,
-    "kind": None,
-    "fs": "Hz",
-    "t0": None,
-    "F_max_1": "N",
-    "F_max_2": "N",
-    "N_max_1": "N m",
-    "N_max_2": "N m",
-    "alignment_epoch": None,
-    "m_tm": "kg",
-    "inertial_period": None,
-    "I_yy": "kg m2",
-    "I_zz": "kg m2",
-    "omega2_phi": "s-2",
-    "omega2_eta": "s-2",
-}
-_QUATERNION = re.compile(r"ast_q_[1-4]")
+_SCHEMA = "lpf-map/1"
 
 
 class _Table(BaseModel):
@@ -77,10 +54,10 @@ def load(path: Path) -> Map:
     InputError
         If the file cannot be read or breaks the schema; the message names file, place and what was expected.
     """
-    document = documents.toml(path, f"a map of schema {SCHEMA!r}")
-    if document.get("schema") != SCHEMA:
+    document = documents.toml(path, f"a map of schema {_SCHEMA!r}")
+    if document.get("schema") != _SCHEMA:
         stated = shown(document["schema"]) if "schema" in document else "missing"
-        raise InputError(f"{path}: schema: {stated}, expected {SCHEMA!r}")
+        raise InputError(f"{path}: schema: {stated}, expected {_SCHEMA!r}")
     try:
         found = Map.model_validate(document)
     except ValidationError as error:
@@ -129,11 +106,6 @@ def attributes_of(path: Path, found: Map, i: int) -> dict[str, str | int | float
     return values
 
 
-def unit_of(channel: str) -> str:
-    """Return the unit the contract gives one of its channels, ``""`` for a pure number."""
-    return expected_unit(channel) or ""
-
-
 def check_unit(where: str, unit: str | None, si: str) -> float:
     """Return the factor from `unit`, None for `si` itself, to `si`.
 
@@ -153,9 +125,9 @@ def _check_channels(path: Path, found: Map) -> None:
         if name not in found.channels:
             raise InputError(f"{path}: channels.{name}: missing, expected the column it is in")
     for name, column in found.channels.items():
-        if expected_unit(name) is None and not _QUATERNION.fullmatch(name):
+        if name not in CHANNELS:
             place = f"{path}: channels.{documents.key(name)}"
             raise InputError(f"{place}: not known, expected a channel of the contract")
-        check_unit(f"{path}: channels.{name}.unit", column.unit, unit_of(name))
+        check_unit(f"{path}: channels.{name}.unit", column.unit, CHANNELS[name].unit)
     if found.time is not None:
         check_unit(f"{path}: time.unit", found.time.unit, "s")

@@ -7,29 +7,24 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.telemetry import guard as probe
-from fit.telemetry.contract import REQUIRED
+from fit.telemetry.contract import REQUIRED, SCHEMA, Root, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
 
 if TYPE_CHECKING:
     import xarray
 
-SCHEMA = "lpf-telemetry/1"
-
 _BLOCK = 2**20  # samples
-_Authority = Annotated[float, Field(ge=0, le=1e3)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,7 +120,7 @@ def read(path: Path) -> Telemetry:
     telemetry = read_stretch(path, 0, None)
     missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
     check_missing(missing, telemetry.fs)
-    for name in telemetry.channels.keys() - REQUIRED.keys():
+    for name in telemetry.channels.keys() - set(REQUIRED):
         telemetry.channels[name]  # its values are checked here, not in the middle of a fit
     return telemetry
 
@@ -198,7 +193,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
                 f"{telemetry.path}: attribute run: {shown(telemetry.run)} is also the run of {twin.path}, "
                 "expected unique names"
             )
-    return sorted(runs.values(), key=lambda t: (_utc(t.t0), t.run))
+    return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
 
 
 def inertial_period(telemetry: Telemetry) -> str:
@@ -210,7 +205,7 @@ def inertial_period(telemetry: Telemetry) -> str:
         If the attribute is neither a whole number, zero or more, nor a word.
     """
     value = telemetry.attributes.get("inertial_period", 0)
-    number = _whole(value)
+    number = whole(value)
     if isinstance(number, int) and not isinstance(value, bool) and number >= 0:
         return str(number)
     if isinstance(value, str) and value.strip():
@@ -296,64 +291,6 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
-
-
-def _utc(t0: str) -> datetime:
-    """Return a start time that compares with others; without an offset it is UTC, as the contract says."""
-    moment = datetime.fromisoformat(t0)
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-
-
-def _iso_8601(t0: str) -> str:
-    _utc(t0)
-    return t0
-
-
-def _whole(value: object) -> object:
-    """Let a whole number pass that was stored as a float."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-def _printable(name: str) -> str:
-    if not name.isprintable():
-        raise ValueError("should have letters that can be printed")
-    return name
-
-
-_Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
-
-
-class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
-    """The root attributes; the fields have the names of `Telemetry`."""
-
-    run: _Name
-    experiment: _Name
-    kind: Literal["sysid", "noise"]
-    fs: Annotated[float, Field(ge=1e-3, le=10)]
-    t0: Annotated[str, AfterValidator(_iso_8601)]
-    F_max_1: _Authority
-    F_max_2: _Authority
-    N_max_1: _Authority
-    N_max_2: _Authority
-    alignment_epoch: Annotated[int, Field(ge=0), BeforeValidator(_whole)]
-    m_tm: Annotated[float, Field(ge=1e-3, le=1e6)]
-
-
-def check_root(place: str, attributes: Mapping[str, object]) -> Root:
-    """Return root attributes, which are at `place`, as `Telemetry` has them.
-
-    Raises
-    ------
-    InputError
-        If one is missing or breaks the contract.
-    """
-    try:
-        return Root.model_validate(attributes)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        name = str(fault["loc"][0])
-        found = shown(attributes[name]) if name in attributes else "missing"
-        raise InputError(f"{place}: attribute {name}: {found}, expected: {fault['msg']}") from error
 
 
 def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:

@@ -43,6 +43,20 @@ def factor(unit: str, si: str) -> float:
     return float(f"{given / wanted:.15g}")
 
 
+def same_unit(a: str, b: str) -> bool:
+    """Tell whether two texts spell one unit; prefixes are not converted.
+
+    Examples
+    --------
+    >>> same_unit("m s-2", "m/s^2"), same_unit("nm", "m")
+    (True, False)
+    """
+    try:
+        return a == b or factor(a, b) == 1  # pint, which takes its time, is seldom asked
+    except ValueError:
+        return False
+
+
 def to_si(value: str | float, si: str) -> float:
     """Return a quantity such as ``"2200 pN"``, or a number that is in `si` already, in `si`.
 

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 class Writer:
     """A file that appears whole or not at all; to be used in a ``with`` statement.
 
+    Same content, same bytes: nothing in the file depends on when or where it was written.
+
     Parameters
     ----------
     path : Path
@@ -26,14 +28,20 @@ class Writer:
     size : int
         Number of samples.
     channels : mapping of str to (str, str)
-        Unit and description of every channel.
+        Unit and description of every channel, in the order they stand in the file.
     attributes : mapping
         Of the root.
+    truth : mapping, optional
+        Attributes of a group ``/truth``.
+    finite : bool
+        Refuse values that are not.
+    alphabetical : bool
+        Of a channel, write what it is before its unit; the order is part of the bytes.
 
     Raises
     ------
     FitError
-        If the file cannot be written.
+        If the file cannot be written, or other samples come than were announced.
     """
 
     def __init__(
@@ -42,34 +50,52 @@ class Writer:
         size: int,
         channels: Mapping[str, tuple[str, str]],
         attributes: Mapping[str, object],
+        *,
+        truth: Mapping[str, float] | None = None,
+        finite: bool = False,
+        alphabetical: bool = False,
     ) -> None:
         self._path = path
         self._partial = atomic.temporary(path)
-        self._done = 0
+        self._size, self._done, self._finite = size, 0, finite
         self._channels: dict[str, h5py.Dataset] = {}
         with ExitStack() as undo, self._told():
             undo.callback(self._discard)
+            self._partial.open("wb").close()  # the operating system's words for a path that cannot be
             self._file = _create(self._partial)
-            for name in sorted(attributes):
-                self._file.attrs[name] = attributes[name]
+            _annotate(self._file, attributes)
             # Held until the end: h5py swallows what goes wrong when a channel is closed.
-            self._channels["time"] = time = self._file.create_dataset("time", (size,), dtype="f8")
-            time.attrs.update(units="s", long_name=f"time since {attributes['t0']}")
-            time.make_scale("time")
-            for name, (unit, long_name) in channels.items():
+            described = {"time": ("s", f"time since {attributes['t0']}"), **channels}
+            for name, (unit, long_name) in described.items():
                 self._channels[name] = channel = self._file.create_dataset(name, (size,), dtype="f8")
-                channel.attrs.update(units=unit, long_name=long_name)
-                channel.dims[0].attach_scale(time)
+                about = {"units": unit, "long_name": long_name}
+                channel.attrs.update(sorted(about.items()) if alphabetical else about)
+                if name == "time":
+                    channel.make_scale("time")
+                else:
+                    channel.dims[0].attach_scale(self._channels["time"])
+            if truth is not None:
+                _annotate(self._file.create_group("truth"), truth)
             undo.pop_all()
 
     def append(self, time: Array, channels: Mapping[str, Array]) -> None:
         """Write the next samples."""
+        for name, values in channels.items():
+            if values.shape != time.shape:
+                raise FitError(f"channel {name} has shape {values.shape}, expected {time.shape}")
+            if self._finite and not (finite := np.isfinite(values)).all():
+                i = int(finite.argmin())
+                raise FitError(f"{name} is {values[i]} at t = {time[i]:g} s, nothing is recorded")
         part = slice(self._done, self._done + time.size)
         with self._told():
-            self._channels["time"][part] = time
-            for name, values in channels.items():
-                self._channels[name][part] = values
+            for name, dataset in self._channels.items():  # room in the file is given in this order
+                dataset[part] = time if name == "time" else channels[name]
         self._done = part.stop
+
+    def annotate(self, name: str, value: object) -> None:
+        """Add an attribute of the root."""
+        with self._told():
+            self._file.attrs[name] = value
 
     def __enter__(self) -> "Writer":
         return self
@@ -81,6 +107,8 @@ class Writer:
                     self._file.flush()
                 self._file.close()
                 if kind is None:
+                    if self._done != self._size:
+                        raise FitError(f"{self._done} samples came, expected {self._size}")
                     atomic.settle(self._partial, self._path)
         finally:
             self._discard()
@@ -107,6 +135,11 @@ def _create(path: Path) -> h5py.File:
         access = file.id.get_access_plist()
     access.set_sieve_buf_size(0)
     return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, fapl=access))
+
+
+def _annotate(place: h5py.HLObject, attributes: Mapping[str, object]) -> None:
+    for name in sorted(attributes):  # the order is part of the bytes
+        place.attrs[name] = attributes[name]
 
 
 def _reason(error: OSError | RuntimeError) -> str:

@@ -3,46 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from fit.files import atomic
+from lpfcosim.errors import ours
+
 _SCRATCH = ".lpfcosim-"
 
 
-def temporary(path: Path) -> Path:
-    """Return the name under which this process writes ``path``."""
-    return path.with_name(f".{path.name}{_suffix(os.getpid())}")
-
-
-def settle(partial: Path, path: Path) -> None:
-    """Give a file that is complete its name, so that a power cut leaves it or what was there before."""
-    with partial.open("rb+") as file:
-        os.fsync(file.fileno())
-    partial.replace(path)
-    if os.name == "posix":  # elsewhere folders cannot be opened
-        handle = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file at once, text as UTF-8 with the line ends it has."""
-    partial = temporary(path)
-    try:
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
-        settle(partial, path)
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
+    """Write a file at once; RunError if it cannot be, and what was there before is still there."""
+    with ours():
+        atomic.write(path, content)
 
 
 def discard(folder: Path, process: int) -> None:
@@ -58,7 +34,7 @@ def discard_all(folder: Path) -> None:
 
 
 def _discard(folder: Path, process: int | str) -> None:
-    for partial in folder.glob(f".*{_suffix(process)}"):
+    for partial in folder.glob(f".*{atomic.suffix(process)}"):
         if partial.name.split(".")[-2].isdecimal():
             with suppress(OSError):
                 partial.unlink()
@@ -69,10 +45,6 @@ def scratch(folder: Path) -> Iterator[Path]:
     """Make a place for temporary files where `discard_all` finds it if this process is killed."""
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True) as place:
         yield Path(place).resolve()
-
-
-def _suffix(process: int | str) -> str:
-    return f".{process}.part"
 
 
 def digest(path: Path) -> str:

@@ -83,8 +83,8 @@ def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Pa
             return RunError(f"run '{name}': what the cluster sent is not what its worker wrote")
         try:
             files.write(path, delivery.file)
-        except OSError as error:
-            return RunError(f"{name}: {path} cannot be written ({error.strerror or error})")
+        except RunError as error:
+            return RunError(f"{name}: {error}")
     return delivery.result
 
 

@@ -276,7 +276,7 @@ def record(
     """
     saturated = 0
     untold = network.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
-    with telemetry.Writer(path, run, network.record(run), origin, untold) as writer:
+    with telemetry.writer(path, run, network.record(run), origin, untold) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:
             nonlocal saturated

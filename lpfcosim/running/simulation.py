@@ -128,7 +128,7 @@ def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:
 def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> None:
     found = whole.simulate(run) if run.spacecraft else reference.simulate(run)
     channels = {name: found[name] for name in network.record(run)}
-    with telemetry.Writer(path, run, channels, origin) as writer:
+    with telemetry.writer(path, run, channels, origin) as writer:
         for block in decimation.decimate(run, [channels]):
             writer.append(block)
         if saturated := saturation.count(run, channels):

@@ -1,44 +1,49 @@
-"""Writer of the telemetry contract, schema ``lpf-telemetry/1``: one HDF5 file per run, netCDF-readable.
-
-Same content, same bytes: nothing in the file depends on when or where it was written.
-"""
+"""A run as telemetry: what the contract has its file say of it, and what is true of it."""
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Container, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Collection, Container, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.errors import RunError
+from fit.telemetry import CHANNELS, SCHEMA, Writer
+from lpfcosim.errors import RunError, ours
 from lpfcosim.plant import decimation
-from lpfcosim.running import ledger as files
-from lpfcosim.spacecraft import CHANNELS, Run, Spacecraft
-
-SCHEMA = "lpf-telemetry/1"
+from lpfcosim.spacecraft import Run, Spacecraft
 
 Array = NDArray[np.float64]
 
 
-def write(
-    path: Path, run: Run, channels: Mapping[str, Array], provenance: Mapping[str, str | int | float]
-) -> None:
-    """Write a run's telemetry at once; see `Writer`."""
-    with Writer(path, run, channels, provenance) as writer:
-        writer.append(channels)
+class Recording:
+    """The file of a run as it is written, block by block."""
+
+    def __init__(self, file: Writer, grid: decimation.Grid) -> None:
+        self._file, self._grid, self._done = file, grid, 0
+        self.annotate = file.annotate
+
+    def append(self, block: Mapping[str, Array]) -> None:
+        """Write the next samples, one array of the same length per channel."""
+        longest = max((values.size for values in block.values()), default=0)
+        last = min(self._done + longest, self._grid.n)
+        self._file.append(self._grid.time(self._done, last), block)
+        self._done = last
 
 
-class Writer:
-    """Write a run's telemetry block by block, in memory that does not grow with the run.
+@contextmanager
+def writer(
+    path: Path,
+    run: Run,
+    names: Collection[str],
+    provenance: Mapping[str, str | int | float],
+    untold: Container[str] = (),
+) -> Iterator[Recording]:
+    """Write a run's telemetry, in memory that does not grow with the run.
 
-    To be used in a ``with`` statement: at its end ``path`` holds the whole file; after an exception it is
-    as it was before.
+    At the end ``path`` holds the whole file; after an exception it is as it was before.
 
     Parameters
     ----------
@@ -46,7 +51,7 @@ class Writer:
         The file; its folder must exist.
     run : Run
         What is simulated: gives the root attributes and the group /truth.
-    names : iterable of str
+    names : collection of str
         The channels that will come.
     provenance : mapping
         Further root attributes: version, digests, seed.
@@ -58,124 +63,23 @@ class Writer:
     RunError
         If a channel is unknown, has another length than the run or is not finite, or if writing fails.
     """
-
-    def __init__(
-        self,
-        path: Path,
-        run: Run,
-        names: Iterable[str],
-        provenance: Mapping[str, str | int | float],
-        untold: Container[str] = (),
-    ) -> None:
-        self._untold, self._grid = untold, decimation.grid(run)
-        self._path, self._run, self._names, self._done = path, run, sorted(names), 0
-        self._provenance = provenance
-        self._channels: dict[str, h5py.Dataset] = {}
-        self._partial = files.temporary(path)
-        for name in self._names:
-            if name not in CHANNELS:
-                raise RunError(f"{run.name}: no unit is known for channel {name}")
-
-    def __enter__(self) -> Writer:
-        with ExitStack() as undo:
-            undo.callback(self._discard)
-            with self._told():
-                self._partial.open("wb").close()  # the operating system's words for a path that cannot be
-                self._file = _create(self._partial)
-                self._lay_out()
-            undo.pop_all()
-        return self
-
-    def _lay_out(self) -> None:
-        run, file = self._run, self._file
-        _annotate(file, {**self._provenance, **attributes(run)})
-        # Held until the end: h5py swallows what goes wrong when a channel is closed.
-        self._channels["time"] = time = file.create_dataset("time", (self._grid.n,), dtype="f8")
-        _annotate(time, {"units": "s", "long_name": f"time since {run.t0}"})
-        time.make_scale("time")
-        for name in self._names:
-            unit, long_name = CHANNELS[name]
-            self._channels[name] = channel = file.create_dataset(name, (self._grid.n,), dtype="f8")
-            _annotate(channel, {"units": unit, "long_name": long_name})
-            channel.dims[0].attach_scale(time)
-        told = {name: value for name, value in truth(run).items() if name not in self._untold}
-        _annotate(file.create_group("truth"), told)
-
-    def append(self, block: Mapping[str, Array]) -> None:
-        """Write the next samples, one array of the same length per channel."""
-        run = self._run
-        sizes = {name: values.size for name, values in block.items()}
-        first = self._done
-        last = first + max(sizes.values(), default=0)
-        for name, values in block.items():
-            whole = (last - first,) if last < self._grid.n else (self._grid.n - first,)
-            if values.shape != whole:
-                raise RunError(f"{run.name}: channel {name} has shape {values.shape}, expected {whole}")
-            finite = np.isfinite(values)
-            if not finite.all():
-                i = int(finite.argmin())
-                time = self._grid.time(first + i, first + i + 1)[0]
-                raise RunError(f"{run.name}: {name} is {values[i]} at t = {time:g} s, nothing is recorded")
-        with self._told():
-            self._channels["time"][first:last] = self._grid.time(first, last)
-            for name in self._names:
-                self._channels[name][first:last] = block[name]
-        self._done = last
-
-    def annotate(self, name: str, value: str | int | float) -> None:
-        """Add a root attribute."""
-        with self._told():
-            _annotate(self._file, {name: value})
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            with self._told():
-                if kind is None:
-                    self._file.flush()
-                self._file.close()
-                if kind is None:
-                    self._finish()
-        finally:
-            self._discard()
-
-    def _discard(self) -> None:
-        self._channels.clear()
-        with suppress(Exception):  # after a failure it may still be open
-            self._file.close()
-        with suppress(OSError):
-            self._partial.unlink(missing_ok=True)
-
-    def _finish(self) -> None:
-        if self._done != self._grid.n:
-            raise RunError(f"{self._run.name}: {self._done} samples came, expected {self._grid.n}")
-        files.settle(self._partial, self._path)
-
-    @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Turn what the file system or HDF5 raises into one sentence."""
-        try:
-            yield
-        except (OSError, RuntimeError) as error:
-            raise RunError(f"{self._run.name}: {self._path} cannot be written ({reason(error)})") from error
-
-
-def _create(path: Path) -> h5py.File:
-    """Create a file as h5py does, but let HDF5 write samples at once, not when a channel is closed."""
-    with h5py.File(path, "w") as file:
-        access = file.id.get_access_plist()
-    access.set_sieve_buf_size(0)
-    return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDWR, fapl=access))
-
-
-def reason(error: OSError | RuntimeError) -> str:
-    """Return what the operating system says, which HDF5 hides in a sentence of its own."""
-    said = re.search("error message = '([^']*)'", str(error))
-    return said[1] if said else getattr(error, "strerror", None) or " ".join(str(error).split())
-
-
-def _annotate(place: h5py.HLObject, attributes: Mapping[str, str | int | float]) -> None:
-    for name in sorted(attributes):  # the order is part of the bytes
-        place.attrs[name] = attributes[name]
+    for name in names:
+        if name not in CHANNELS:
+            raise RunError(f"{run.name}: no unit is known for channel {name}")
+    grid = decimation.grid(run)
+    with (
+        ours(f"{run.name}: "),
+        Writer(
+            path,
+            grid.n,
+            {name: CHANNELS[name] for name in sorted(names)},
+            {**provenance, **attributes(run)},
+            truth={name: value for name, value in truth(run).items() if name not in untold},
+            finite=True,
+            alphabetical=True,
+        ) as file,
+    ):
+        yield Recording(file, grid)
 
 
 def attributes(run: Run) -> dict[str, str | int | float]:

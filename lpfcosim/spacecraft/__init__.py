@@ -1,7 +1,7 @@
 """The spacecraft: one run of it with all that a simulation needs, as frozen records in SI units."""
 
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller, Lead
-from lpfcosim.spacecraft.parameters import CHANNELS, FS, M_TM, READ_OUT_RANGE, H
+from lpfcosim.spacecraft.parameters import FS, M_TM, READ_OUT_RANGE, H
 from lpfcosim.spacecraft.run import (
     Authority,
     Disturbed,
@@ -21,7 +21,6 @@ from lpfcosim.spacecraft.run import (
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 __all__ = [
-    "CHANNELS",
     "DRAG_FREE",
     "FS",
     "M_TM",

@@ -46,37 +46,3 @@ PARAMETERS: dict[str, Parameter] = {
     "delta_ifo_3": Parameter(-2.09e-5, "1", "deltagjointfit", "leak of x_1 into o_12, alignment epoch 3"),
     "delta_ifo_4": Parameter(1.91e-5, "1", "deltagjointfit", "leak of x_1 into o_12, alignment epoch 4"),
 }
-
-CHANNELS: dict[str, tuple[str, str]] = {  # telemetry channel: (unit, long name)
-    "o_1": ("m", "interferometer read-out of x_1, test mass 1 relative to the spacecraft"),
-    "o_12": ("m", "interferometer read-out of x_2 - x_1"),
-    "f_x_1": ("m s-2", "commanded force on test mass 1 along x per unit mass"),
-    "f_x_2": ("m s-2", "commanded force on test mass 2 along x per unit mass"),
-    "guidance_o_1": ("m", "guidance injected into the drag-free loop"),
-    "guidance_o_12": ("m", "guidance injected into the suspension loop"),
-    "F_x_sc": ("N", "commanded thrust on the spacecraft along x"),
-    "F_y_sc": ("N", "commanded thrust on the spacecraft along y"),
-    "F_z_sc": ("N", "commanded thrust on the spacecraft along z"),
-    **{f"N_{k}_sc": ("N m", f"commanded torque on the spacecraft about {k}") for k in "xyz"},
-    **{
-        f"o_{k}_{j}": ("rad", f"wavefront-sensing read-out of {k}, test mass {of}")
-        for k in ("phi", "eta")
-        for j, of in ((1, "1"), (12, "2 less test mass 1"))
-    },
-    **{f"grs_{k}_{j}": ("m", f"capacitive read-out of {k}, test mass {j}") for j in (1, 2) for k in "xyz"},
-    **{
-        f"grs_{k}_{j}": ("rad", f"capacitive read-out of {k}, test mass {j}")
-        for j in (1, 2)
-        for k in ("theta", "eta", "phi")
-    },
-    **{f"F_{k}_{j}": ("N", f"commanded force on test mass {j} along {k}") for j in (1, 2) for k in "yz"},
-    **{
-        f"N_{k}_{j}": ("N m", f"commanded torque on test mass {j}, angle {k}")
-        for j in (1, 2)
-        for k in ("theta", "eta", "phi")
-    },
-    **{
-        f"ast_{k}": ("rad", f"star-tracker attitude against J2000, angle {k}")
-        for k in ("theta", "eta", "phi")
-    },
-}

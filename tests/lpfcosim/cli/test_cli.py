@@ -68,7 +68,8 @@ def recorded(short, tmp_path):
     folder.mkdir()
     for run in campaign.load(short).runs:
         channels = {k: v for k, v in reference.simulate(run).items() if k in telemetry.CHANNELS}
-        telemetry.write(folder / f"{run.name}.h5", run, channels, {})
+        with telemetry.writer(folder / f"{run.name}.h5", run, channels, {}) as file:
+            file.append(channels)
     return folder
 
 

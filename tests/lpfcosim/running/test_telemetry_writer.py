@@ -6,15 +6,20 @@ import h5py
 import numpy as np
 import pytest
 
+from fit.files import atomic
 from lpfcosim.errors import RunError
 from lpfcosim.plant import reference
-from lpfcosim.running import ledger as files
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft.parameters import PARAMETERS
 from lpfcosim.spacecraft.run import Sine
 
 PROVENANCE = {"version": "1.2.3", "campaign_digest": "ab" * 32, "seed": 7}
 CHANNELS = {"o_1", "o_12", "f_x_1", "f_x_2", "guidance_o_1", "guidance_o_12", "F_x_sc"}
+
+
+def write(path, run, channels, provenance):
+    with telemetry.writer(path, run, channels, provenance) as file:
+        file.append(channels)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +42,7 @@ def channels(run):
 
 @pytest.fixture
 def path(tmp_path, run, channels):
-    telemetry.write(tmp_path / "D.h5", run, channels, PROVENANCE)
+    write(tmp_path / "D.h5", run, channels, PROVENANCE)
     return tmp_path / "D.h5"
 
 
@@ -104,7 +109,7 @@ def test_xarray_opens_it(path, channels):
 
 def test_same_content_same_bytes(path, tmp_path, run, channels):
     again = tmp_path / "again.h5"
-    telemetry.write(again, run, channels, dict(reversed(PROVENANCE.items())))
+    write(again, run, channels, dict(reversed(PROVENANCE.items())))
     assert again.read_bytes() == path.read_bytes()
 
 
@@ -117,15 +122,15 @@ def test_a_channel_that_is_not_finite_is_not_recorded(tmp_path, run, channels, v
     bad = {**channels, "o_12": channels["o_12"].copy()}
     bad["o_12"][17] = value
     with pytest.raises(RunError, match=r"D: o_12 is -?(nan|inf) at t = 1.7 s"):
-        telemetry.write(tmp_path / "D.h5", run, bad, PROVENANCE)
+        write(tmp_path / "D.h5", run, bad, PROVENANCE)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_channel_of_another_length_or_name_is_not_recorded(tmp_path, run, channels):
     with pytest.raises(RunError, match=r"D: channel o_1 has shape \(599,\), expected \(600,\)"):
-        telemetry.write(tmp_path / "D.h5", run, {**channels, "o_1": channels["o_1"][:-1]}, PROVENANCE)
+        write(tmp_path / "D.h5", run, {**channels, "o_1": channels["o_1"][:-1]}, PROVENANCE)
     with pytest.raises(RunError, match="no unit is known for channel o_3"):
-        telemetry.write(tmp_path / "D.h5", run, {**channels, "o_3": channels["o_1"]}, PROVENANCE)
+        write(tmp_path / "D.h5", run, {**channels, "o_3": channels["o_1"]}, PROVENANCE)
     assert not list(tmp_path.iterdir())
 
 
@@ -135,9 +140,9 @@ def test_a_failed_write_leaves_the_old_file(path, run, channels, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files.os, "fsync", full)
-    with pytest.raises(RunError, match=r"D: .*D\.h5 cannot be written \(No space left on device\)"):
-        telemetry.write(path, run, channels, PROVENANCE)
+    monkeypatch.setattr(atomic.os, "fsync", full)
+    with pytest.raises(RunError, match=r"D: .*D\.h5: cannot be written \(No space left on device\)"):
+        write(path, run, channels, PROVENANCE)
     assert path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == ["D.h5"]
 
@@ -150,9 +155,9 @@ def test_a_disk_that_is_full_at_any_byte_is_told_and_leaves_nothing(tmp_path, ma
     channels = {name: generator.standard_normal(run.n_samples) for name in ("o_1", "o_12", "f_x_1", "f_x_2")}
 
     def write(path):
-        with telemetry.Writer(path, run, channels, PROVENANCE) as writer:
+        with telemetry.writer(path, run, channels, PROVENANCE) as file:
             for first in range(0, run.n_samples, 700):
-                writer.append({name: values[first : first + 700] for name, values in channels.items()})
+                file.append({name: values[first : first + 700] for name, values in channels.items()})
 
     write(tmp_path / "whole.h5")
     size = (tmp_path / "whole.h5").stat().st_size
@@ -162,7 +167,7 @@ def test_a_disk_that_is_full_at_any_byte_is_told_and_leaves_nothing(tmp_path, ma
         try:
             write(tmp_path / "D.h5")
         except RunError as error:
-            assert re.fullmatch(r"D: .*D\.h5 cannot be written \([Ff]ile too large\)", str(error))
+            assert re.fullmatch(r"D: .*D\.h5: cannot be written \([Ff]ile too large\)", str(error))
             assert [p.name for p in tmp_path.iterdir()] == ["whole.h5"]
         else:
             assert limit > size
@@ -173,5 +178,5 @@ def test_a_disk_that_is_full_at_any_byte_is_told_and_leaves_nothing(tmp_path, ma
 
 
 def test_a_missing_folder_is_one_sentence(tmp_path, run, channels):
-    with pytest.raises(RunError, match=r"D\.h5 cannot be written \(No such file or directory\)"):
-        telemetry.write(tmp_path / "nowhere" / "D.h5", run, channels, PROVENANCE)
+    with pytest.raises(RunError, match=r"D\.h5: cannot be written \(No such file or directory\)"):
+        write(tmp_path / "nowhere" / "D.h5", run, channels, PROVENANCE)

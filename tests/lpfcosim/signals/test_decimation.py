@@ -54,7 +54,8 @@ def test_file_carries_rate_and_times(make_run, tmp_path):
 
     run = make_run(n_samples=3000, sample_rate=1.0)
     grid = decimation.grid(run)
-    telemetry.write(tmp_path / "run.h5", run, {"o_1": np.zeros(grid.n)}, {})
+    with telemetry.writer(tmp_path / "run.h5", run, ["o_1"], {}) as recording:
+        recording.append({"o_1": np.zeros(grid.n)})
     with h5py.File(tmp_path / "run.h5") as file:
         assert file.attrs["fs"] == 1.0
         assert file["time"][0] == pytest.approx(decimation.taps(10).size // 2 / 10)
