@@ -1,4 +1,4 @@
-"""Calibration of drag-free spacecraft from telemetry: the estimators, usable on any contract file.
+"""Calibrate a drag-free spacecraft from telemetry, wherever the telemetry comes from.
 
 ::
 
@@ -9,7 +9,7 @@
     fit.plot.spectra(results, runs, "D")
     fit.save_report(results, runs, "folder")
 
-These and the other names below are read in when first used, so that ``import fit`` costs nothing.
+``import fit`` takes no time: a name is read in when it is first used.
 """
 
 from importlib import import_module

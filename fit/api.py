@@ -1,6 +1,6 @@
-"""What a scientist types in a notebook: load telemetry, calibrate, look at it, keep it.
+"""What one calls from a notebook: load telemetry, calibrate, save.
 
-The command line does the same through the same functions; `fit` itself has these names.
+`fit` hands on these functions. The command line calls the same ones.
 """
 
 import os
@@ -24,19 +24,20 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
     Parameters
     ----------
     paths : path or paths
-        Telemetry files, folders of them, folders of an earlier run, maps of archives (``.toml``).
+        Telemetry files, folders of them, folders of an earlier run, or maps of archives (``.toml``).
     folder : path, optional
-        Where maps have their archives converted to; ``NAME/telemetry`` for a map ``NAME.toml`` by default.
+        Where converted archives go. By default ``NAME/telemetry`` for a map ``NAME.toml``.
 
     Returns
     -------
     list of Telemetry
-        Their channels are read from the files whenever one is asked for.
+        A channel is read from its file when it is used.
 
     Raises
     ------
     InputError
-        If a file, map or archive is missing or at fault; the message names file, place and what was expected.
+        If a file, map or archive is missing or wrong. The message names the file, the place in it and what
+        was expected.
     """
     given = [Path(p) for p in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
     maps = [path for path in given if is_map(path)]
@@ -47,47 +48,59 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
 
 
 def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:
-    """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
+    """Calibrate the dynamics, and the inertial forces if there are long noise runs with torques.
 
     Parameters
     ----------
     runs : sequence of Telemetry
-        Each sysid run is paired with the noise run of the same experiment.
+        Each run with injections (kind ``sysid``) is paired with the noise run of the same experiment.
     **chosen
-        Settings as in table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
-        ``shared={"C_1": "experiment"}``; ``fit/default.toml`` explains them.
+        Settings, named as in table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
+        ``shared={"C_1": "experiment"}``. ``fit/default.toml`` explains them.
 
     Returns
     -------
     Results
-        With truth and pull wherever the telemetry tells the truth.
+        With truth and pull if the telemetry is simulated.
 
     Raises
     ------
     InputError
-        If a setting is not known, there is nothing to fit, or a run does not fit its noise run.
+        If a setting is not known, if there is nothing to fit, or if a noise run does not belong to its run.
     FitError
-        If no trustworthy estimate comes out.
+        If no estimate comes out that can be trusted.
     """
     return _told(pipeline.calibrate(runs, settings(chosen, "calibrate")), runs)
 
 
 def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
-    """Calibrate the inertial forces of noise runs, with the dynamics of an earlier calibration.
+    """Calibrate the inertial forces, with the dynamics of an earlier calibration.
+
+    Parameters
+    ----------
+    runs : sequence of Telemetry
+        Noise runs only. Those of 12 h or more with torques take part.
+    results : Results
+        The earlier calibration, with a joint fit.
+
+    Returns
+    -------
+    Results
+        `results` and the inertial forces of each period, with truth and pull if the telemetry is simulated.
 
     Raises
     ------
     InputError
-        If `results` have no joint fit, there is a sysid run, or none lets the inertial forces be fitted.
+        If `results` have no joint fit, if a run has injections, or if no run can tell the inertial forces.
     FitError
-        If no trustworthy estimate comes out.
+        If no estimate comes out that can be trusted.
     """
     fit_results.joint_of(results)
     return _told(pipeline.calibrate_inertial(runs, results), runs)
 
 
 def _told(results: Results, runs: Sequence[Telemetry]) -> Results:
-    """Add truth and pull; only now, the fit never sees them."""
+    """Add truth and pull, now that the fit is done: it must not see them."""
     truths: Mapping[str, Mapping[str, float]] = {
         run.run: read_truth(run.path) if run.path.is_file() else {} for run in runs
     }
@@ -95,23 +108,23 @@ def _told(results: Results, runs: Sequence[Telemetry]) -> Results:
 
 
 def load_results(path: PathLike) -> Results:
-    """Read results.
+    """Read a ``results.json``.
 
     Raises
     ------
     InputError
-        If the file is missing or is no ``results.json``.
+        If the file is missing or is not a ``results.json``.
     """
     return fit_results.load(Path(path))
 
 
 def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -> Path:
-    """Write ``results.json``, ``report.html`` and ``figures/`` to a folder, which is made if need be.
+    """Write ``results.json``, ``report.html`` and ``figures/`` to a folder, and make the folder if need be.
 
     Returns
     -------
     Path
-        Of the page; ``lpfcosim report FOLDER`` builds it again.
+        Of ``report.html``. ``lpfcosim report FOLDER`` builds it again.
 
     Raises
     ------

@@ -1,18 +1,20 @@
-"""The calibrated differential acceleration Delta g(t) of a run, every term of it a channel.
+"""The calibrated differential acceleration Delta g(t) of a run. Each of its terms is a channel.
 
     Delta g   = Delta g_x + delta_g_SC + g_Omega + g_dOmega                               (eq. deltagfull2)
     Delta g_x = o_12'' - g_c + omega2_2 o_12 + domega2_12 o_1 - delta_ifo o_1''        (eq. deltagjointfit)
 
-Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi, and the Euler term is
-d delta_phi phi'' and -d delta_eta eta'', the shape of b_1 and b_2. Where the calibration has told the two
-apart (`separation`), both terms count at all frequencies. Where it has not, b_1 and b_2 hold the Euler
-term; lest it be counted twice, g_dOmega is then taken below `SPLIT`, where delta_phi and delta_eta were
-fitted, and delta_g_SC above, where b_1 to b_6 were; the two filters add up to one. What that leaves out
-below, true b_1 and b_2 times phi'' and eta'', is some 3 % of the Euler term.
+Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi. The Euler term is then
+d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 
-The run goes through twice, piece by piece: once for the slow part of Omega, which needs all of the star
-tracker, once for the terms. Memory does not grow with the run, and the numbers do not depend on the pieces.
-However much of a run is missing, what can be had of it is had: missing samples become NaN.
+* If the calibration has told the two apart (`separation`), both terms count at all frequencies.
+* If not, b_1 and b_2 contain the Euler term. So that it does not count twice, g_dOmega is then taken below
+  `SPLIT`, where delta_phi and delta_eta were fitted, and delta_g_SC above, where b_1 to b_6 were fitted. The
+  two filters add up to one. This leaves out the true b_1 and b_2 times phi'' and eta'' below `SPLIT`, some
+  3 % of the Euler term.
+
+The run is read twice, piece by piece: once for the slow part of Omega, which needs all of the star tracker,
+and once for the terms. Memory does not grow with the run, and the numbers do not depend on the pieces.
+Missing samples become NaN, however many there are.
 """
 
 from collections.abc import Iterator, Mapping
@@ -65,7 +67,7 @@ SUMS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class _Turning:
-    """What tells the rotation of a run: channels, first quaternion if there is one, slow part of Omega."""
+    """What the rotation of a run follows from: channels, first quaternion (or None), slow part of Omega."""
 
     sources: rotation.Sources
     reference: Array | None
@@ -74,7 +76,7 @@ class _Turning:
 
 @dataclass(frozen=True)
 class _Recipe:
-    """What turns the channels of a run into Delta g; None where a term cannot be had."""
+    """What turns the channels of a run into Delta g. A term that cannot be computed is None."""
 
     known: Dynamics
     cross_talk: Mapping[str, float] | None
@@ -94,7 +96,7 @@ def write_delta_g(
     path, out : Path
         Telemetry file, and the file to write, at 1 to 2 Hz.
     results : Results
-        The calibration: `cross_talk` of the run's epoch and `inertial` of its period are used if there.
+        The calibration. `cross_talk` of the run's epoch and `inertial` of its period are used if it has them.
     joint : Fit
         The joint fit of `results`.
     provenance : mapping
@@ -103,7 +105,7 @@ def write_delta_g(
     Returns
     -------
     tuple of str
-        What was left out or is doubtful; the attribute ``notes`` of the file says it too.
+        What was left out or is doubtful. The attribute ``notes`` of the file has it too.
 
     Raises
     ------
@@ -131,19 +133,22 @@ def write_delta_g(
 
 
 def delta_g(run: Telemetry, results: Results) -> Telemetry:
-    """Return Delta g of a run, every term of it a channel [m s^-2], all of it in memory at 1 to 2 Hz.
+    """Return the calibrated Delta g of a run.
 
     Parameters
     ----------
     run : Telemetry
         As read from a file.
     results : Results
-        A calibration with a joint fit; the rest as in `write_delta_g`.
+        A calibration with a joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the run's
+        period are used if it has them.
 
     Returns
     -------
     Telemetry
-        What `write_delta_g` writes; its attribute ``notes`` tells what was left out or is doubtful.
+        At 1 to 2 Hz, in memory. Every term is a channel [m s^-2]: those of eq. deltagjointfit, their sum
+        ``delta_g_x``, the corrections ``delta_g_SC``, ``g_Omega``, ``g_dOmega`` (eq. deltagfull2), and the
+        total ``delta_g``. The attribute ``notes`` tells what was left out or is doubtful.
 
     Raises
     ------
@@ -165,7 +170,7 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
 
 
 def series(path: Path, results: Results, joint: Fit) -> tuple[Array, dict[str, Array]]:
-    """Return time [s] and every channel of the product [m s^-2] of a file, all of it in memory.
+    """Return time [s] and every channel of Delta g [m s^-2] of a telemetry file, in memory.
 
     Raises
     ------
@@ -182,7 +187,7 @@ def series(path: Path, results: Results, joint: Fit) -> tuple[Array, dict[str, A
 
 
 def _begun(path: Path, results: Results, joint: Fit) -> tuple[Telemetry, Grid, _Recipe]:
-    """Return the first samples of a file, the grid of its Delta g and what turns it into that."""
+    """Return the first samples of a file, the grid of its Delta g, and the recipe for it."""
     head = read_stretch(path, 0, 2)
     size = grid(samples(path), head.fs)
     if not size.outputs:
@@ -191,7 +196,7 @@ def _begun(path: Path, results: Results, joint: Fit) -> tuple[Telemetry, Grid, _
 
 
 def _described(recipe: _Recipe) -> dict[str, str]:
-    """Return the channels of the product and what they are."""
+    """Return the channels of Delta g and what they are."""
     left_out = _missing(recipe)
     of_terms = {name: what for name, (_, _, what) in TERMS.items()}
     return of_terms | {name: what for name, what in SUMS.items() if name not in left_out}
@@ -238,7 +243,7 @@ def _read_outs(cross_talk: Mapping[str, float]) -> set[str]:
 
 
 def _turning(head: Telemetry) -> _Turning | None:
-    """Go through the run for the slow part of Omega."""
+    """Read the whole run for the slow part of Omega."""
     path, fs, sources = head.path, head.fs, rotation.sources(head)
     if sources is None:
         return None
@@ -292,7 +297,7 @@ def _delta_g_x(stretch: Stretch, known: Dynamics) -> tuple[Array, dict[str, Arra
 
 
 def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float], *, fast_only: bool) -> Array:
-    """Return eq. bump, or its fast part, NaN where one of its read-outs is missing."""
+    """Return eq. bump, or its fast part; NaN if one of its read-outs is missing."""
     telemetry = stretch.telemetry
     fs = telemetry.fs / grid(telemetry.time.size, telemetry.fs).factor
     total, lost = np.zeros(1), np.zeros(1, dtype=bool)
@@ -311,7 +316,7 @@ def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float], *, fast_only:
 
 
 def slow_part(x: Array, fs: float) -> Array:
-    """Return what is slower than `SPLIT`, shape of `x`; its ends continue as their mirror image would."""
+    """Return the part of `x` that is slower than `SPLIT`; at its ends `x` goes on as its mirror image."""
     half = round((RIPPLE - 7.95) / (2.285 * 2 * np.pi * (SPLIT[1] - SPLIT[0]) / fs) / 2)
     half = min(half, x.size - 1)
     window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))

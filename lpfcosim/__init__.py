@@ -1,4 +1,4 @@
-"""Co-simulation of LISA Pathfinder through FMUs compiled from Modelica.
+"""Simulate LISA Pathfinder through FMUs compiled from Modelica.
 
 ::
 
@@ -6,7 +6,7 @@
     lpfcosim.simulate(campaign, "quickstart")               # fmus=False: through the plant without FMUs
     runs = fit.load("quickstart")
 
-The names below are read in when first used, so that ``import lpfcosim`` costs nothing.
+``import lpfcosim`` takes no time: a name is read in when it is first used.
 """
 
 from importlib import import_module
