@@ -1,5 +1,5 @@
 """``python -m lpfcosim``."""
 
-from lpfcosim.cli.start import main
+from lpfcosim.cli import main
 
 main()

@@ -1,107 +1,243 @@
-"""The rules of the house: one-way imports, two packages that meet in the command line only, small files."""
+"""The rules of the house: layers, doors, small files, and one user of every tool; read from the sources.
+
+A room is a folder of `fit` or `lpfcosim`, or a file directly in it. It imports from the rooms before it in
+`LAYERS`, and nothing else; of a folder it takes what its door hands on.
+"""
 
 import ast
+import subprocess
 import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-SOURCES = sorted(p for package in ("lpfcosim", "fit") for p in (ROOT / package).rglob("*.py"))
-COMMAND_LINE = {
-    f"lpfcosim.{name}"
-    for name in (
-        "cli",
-        "cli_mcmc",
-        "cli_montecarlo",
-        "cli_plan",
-        "cli_run",
-        "cli_shortfall",
-        "cli_study",
-        "console",
-        "trials",
-        "__main__",
-    )
+from tests import ROOT
+
+#: The rooms of both packages from the ground to the roof.
+LAYERS = {
+    "fit": (
+        *("errors", "display", "warnings", "paper", "files", "telemetry", "signal", "settings", "results"),
+        *("model", "estimate", "deltag", "pipeline", "tables", "figures", "report", "api"),
+    ),
+    "lpfcosim": (
+        *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
+        *("modelica", "cosim", "export", "running", "api", "cli", "__main__"),
+    ),
 }
+#: What the simulator takes of the estimators outside its command line: how a telemetry file is written.
+LETTERBOX = {"fit.errors", "fit.files", "fit.telemetry"}
+#: The only users of a tool; whoever else needs it asks them.
+USERS = {
+    "corner": {"fit.figures"},
+    "emcee": {"fit.estimate"},
+    "filelock": {"lpfcosim.running"},
+    "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
+    "fontTools": {"fit.figures"},
+    "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
+    "jinja2": {"fit.report"},
+    "lmfit": {"fit.estimate"},
+    "matplotlib": {"fit.figures"},
+    "pint": {"fit.telemetry"},
+    "rich": {"lpfcosim.cli"},
+    "rumoca": {"lpfcosim.modelica"},
+    "sympy": {"lpfcosim.modelica"},
+    "tomllib": {"fit.files"},
+    "typer": {"lpfcosim.cli"},
+}
+#: What must not be read in by ``import fit`` and ``import lpfcosim``, nor, but for h5py and NumPy, by a run.
+HEAVY = ("emcee", "fmpy", "h5py", "jinja2", "lmfit", "matplotlib", "numpy", "pint", "pydantic", "rumoca")
+HEAVY += ("scipy", "sympy", "typer")
+#: Names that doors hand to users, or to other processes, beside those that the packages use.
+PUBLIC: dict[str, set[str]] = {}
+MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 12, 400, 60
+
+#: What the sources have not reached yet, by the beginning of what a rule says; it ends empty.
+WAITING = (
+    *(
+        "fit/telemetry/look.py:",
+        "fit/settings.py:",
+        "lpfcosim/campaign/file.py:",
+        "lpfcosim/campaign/units.py:",
+    ),
+    *(
+        "lpfcosim/cli/reproduce.py:",
+        "lpfcosim/modelica/description.py:",
+        "lpfcosim/running/",
+        "fit/results.py: ",
+    ),
+    *(
+        "lpfcosim/modelica/evaluate.py: ",
+        "fit/estimate/irls.py: _iterate",
+        "fit/figures/mcmc.py: corner_plot",
+    ),
+    *("fit/pipeline.py: _dynamics", "fit/report/drawings.py: drawings", "lpfcosim/cli/run.py: run"),
+    *("lpfcosim/modelica/codegen.py: source", "lpfcosim.api", "lpfcosim.signals", "lpfcosim.worlds"),
+)
+
+SOURCES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))
 
 
-def name(path: Path) -> str:
+@dataclass(frozen=True)
+class Import:
+    """An import: where, by which module of which room, of what; `name` is None after a plain ``import``."""
+
+    path: Path
+    line: int
+    module: str
+    target: str
+    name: str | None
+
+    def __str__(self) -> str:
+        what = f"from {self.target} import {self.name}" if self.name else f"import {self.target}"
+        return f"{self.path.relative_to(ROOT)}:{self.line}: {what}"
+
+    @property
+    def whole(self) -> str:
+        """The module that is read in."""
+        inner = f"{self.target}.{self.name}"
+        return inner if inner in MODULES else self.target
+
+
+def dotted(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-def imports(path: Path) -> set[str]:
-    """Modules of the project that a file imports, at any depth of its code."""
-    known = {name(p) for p in SOURCES}
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def room(module: str) -> str:
+    return ".".join(module.split(".")[:2])
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(path: Path) -> Iterator[Import]:
+    """Imports of a file, at any depth of its code."""
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
-            found |= {a.name for a in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                yield Import(path, node.lineno, dotted(path), alias.name, None)
+        elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            found.add(node.module)
-            found |= {f"{node.module}.{a.name}" for a in node.names}
-    return found & known - {"fit", "lpfcosim", "lpfcosim.modelica"}
+            for alias in node.names:
+                yield Import(path, node.lineno, dotted(path), node.module or "", alias.name)
 
 
-GRAPH = {name(p): imports(p) for p in SOURCES}
+MODULES = {dotted(path) for path in SOURCES}
+IMPORTS = [each for path in SOURCES for each in imports(path)]
+OURS = [each for each in IMPORTS if each.target.split(".")[0] in LAYERS]
+ROOMS = {room(module) for module in MODULES} - LAYERS.keys()
+DOORS = {room: ROOT.joinpath(*room.split("."), "__init__.py") for room in sorted(ROOMS)}
+DOORS = {room: path for room, path in DOORS.items() if path.exists()}
 
 
-@pytest.mark.parametrize("module", sorted(GRAPH))
-def test_packages_meet_in_the_command_line_only(module):
-    if module.startswith("fit"):
-        assert not {m for m in GRAPH[module] if m.startswith("lpfcosim")}
-    elif module not in COMMAND_LINE:
-        assert not {m for m in GRAPH[module] if m.startswith("fit")}
+def told(door: Path) -> set[str]:
+    """Names that a door lists."""
+    for node in tree(door).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return set(ast.literal_eval(node.value))
+    return set()
+
+
+def fails(wrong: Iterable[object]) -> None:
+    """Fail with one line for each that breaks a rule."""
+    said = [str(each) for each in wrong if not str(each).startswith(WAITING)]
+    assert not said, "\n" + "\n".join(said)
+
+
+def test_every_room_has_its_layer():
+    fails({f"{package}.{each}" for package, rooms in LAYERS.items() for each in rooms} ^ ROOMS)
+
+
+def test_rooms_import_only_from_rooms_above():
+    def height(module: str) -> int:
+        package, name = room(module).split(".")
+        return LAYERS[package].index(name)
+
+    inside = [i for i in OURS if i.module.split(".")[0] == i.target.split(".")[0] and "." in i.module]
+    fails([i for i in inside if i.whole in LAYERS])  # through the package itself
+    fails([i for i in inside if i.whole not in LAYERS and height(i.whole) > height(i.module)])
 
 
 def test_no_circles():
+    reads: dict[str, set[str]] = {module: set() for module in MODULES}
+    for each in OURS:
+        if each.whole in MODULES - DOORS.keys() and each.module not in {*DOORS, *LAYERS}:
+            reads[each.module].add(each.whole)
     done: set[str] = set()
 
     def visit(module: str, path: tuple[str, ...]) -> None:
         assert module not in path, " -> ".join((*path, module))
         if module not in done:
-            for other in sorted(GRAPH[module]):
+            for other in sorted(reads[module]):
                 visit(other, (*path, module))
             done.add(module)
 
-    for module in sorted(GRAPH):
+    for module in sorted(reads):
         visit(module, ())
 
 
-def test_reference_plants_are_free_of_fmus():
-    reached = {"lpfcosim.reference", "lpfcosim.whole", "lpfcosim.margins"}
-    while True:
-        more = {m for r in reached for m in GRAPH[r]} - reached
-        if not more:
-            break
-        reached |= more
-    assert not {
-        m for m in reached if m.startswith("lpfcosim.modelica") or m.endswith((".master", ".network"))
-    }
-    for module in reached:
-        path = ROOT / (module.replace(".", "/") + ".py")
-        assert "fmpy" not in path.read_text(encoding="utf-8")
+def test_packages_meet_in_the_command_line_and_the_letterbox():
+    across = [i for i in OURS if i.module.split(".")[0] != i.target.split(".")[0]]
+    fails([i for i in across if i.module.startswith("fit")])
+    others = [i for i in across if room(i.module) != "lpfcosim.cli"]
+    fails([i for i in others if room(i.whole) not in LETTERBOX])
 
 
-def test_only_the_report_uses_matplotlib():
-    users = {name(p) for p in SOURCES if "matplotlib" in p.read_text(encoding="utf-8")}
-    assert all(user.startswith(("fit.figure", "fit.report")) for user in users)
+def test_nobody_reaches_past_a_door():
+    outside = [i for i in OURS if room(i.target) in DOORS and room(i.module) != room(i.target)]
+    fails([i for i in outside if i.target not in DOORS or i.name not in told(DOORS[i.target])])
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_door_says_what_it_is_for_and_hands_on_what_is_used(door):
+    assert ast.get_docstring(tree(DOORS[door]))
+    used = {i.name for i in OURS if i.target == door and room(i.module) != door}
+    assert told(DOORS[door]) == used | PUBLIC.get(door, set())
+
+
+def test_every_tool_has_one_user():
+    fails([i for i in IMPORTS if room(i.module) not in USERS.get(i.target.split(".")[0], {room(i.module)})])
+
+
+@pytest.mark.parametrize("package", LAYERS)
+def test_few_files_lie_directly_in_a_package(package):
+    found = [path.name for path in (ROOT / package).iterdir() if path.is_file()]
+    assert len(found) <= MOST_FILES, sorted(found)
+
+
+def test_files_are_small():
+    files = (path for folder in (*LAYERS, "fmus") for path in (ROOT / folder).rglob("*"))
+    written = [path for path in files if path.suffix in (".py", ".mo", ".c", ".h", ".js")]
+    sizes = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in written}
+    fails([f"{path.relative_to(ROOT)}: {size} lines" for path, size in sizes.items() if size > MOST_LINES])
+
+
+def test_functions_are_small():
+    functions = ((p, n) for p in SOURCES for n in ast.walk(tree(p)) if isinstance(n, ast.FunctionDef))
+    sizes = [(path, node, node.end_lineno - node.lineno + 1) for path, node in functions]
+    fails([f"{p.relative_to(ROOT)}: {n.name}: {s} lines" for p, n, s in sizes if s > LONGEST_FUNCTION])
+
+
+def loaded(code: str) -> set[str]:
+    """Return which of the heavy packages a fresh process has read in after ``code``."""
+    code += f"; import sys; print(*[m for m in {HEAVY} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
 
 
 @pytest.mark.parametrize(
-    "path", [*SOURCES, *(ROOT / "fmus").rglob("*.mo")], ids=lambda p: str(p.relative_to(ROOT))
+    ("code", "needed"),
+    [
+        ("import fit, lpfcosim; dir(fit), dir(lpfcosim)", set()),
+        ("import fit.telemetry, fit.files, fit.errors", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
+        ("import fit.pipeline", {"h5py", "lmfit", "numpy", "pint", "pydantic", "scipy"}),
+        ("import lpfcosim.campaign", {"numpy", "pint", "pydantic", "scipy", "h5py"}),
+        ("import lpfcosim.plant", {"numpy", "scipy", "pint", "pydantic"}),
+    ],
 )
-def test_files_are_small(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 450
-
-
-def test_fitting_needs_neither_fmpy_nor_the_build_tools():
-    # The heavy tools may be imported only where they are used.
-    import subprocess
-
-    code = (
-        "import sys, fit.pipeline, fit.report, lpfcosim.reference, lpfcosim.campaign;"
-        "print([m for m in ('rumoca', 'sympy', 'fmpy', 'fmu_manipulation_toolbox') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+def test_nothing_heavy_is_read_in_before_it_is_used(code, needed):
+    assert loaded(code) <= needed

@@ -10,12 +10,11 @@ from fit.estimate.preparation import prepare
 from fit.estimate.pulls import Pulls
 from fit.estimate.refit import SAME
 from fit.estimate.runs import Experiment, Run
-from fit.estimate.separation import JOINED, is_separated
+from fit.estimate.separation import is_separated
 from fit.estimate.stationarity import Stationarity, about_mean, independent
 from fit.estimate.verdict import as_fit
 
 __all__ = [
-    "JOINED",
     "SAME",
     "SCORES",
     "Experiment",
