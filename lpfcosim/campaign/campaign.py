@@ -15,11 +15,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from lpfcosim import worlds
 from lpfcosim.campaign import file as merged
 from lpfcosim.campaign.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable, SpacecraftTable
 from lpfcosim.errors import InputError
 from lpfcosim.messages import closest, describe, quote
-from lpfcosim.network import Component, network
+from lpfcosim.network import Component
 from lpfcosim.spacecraft import (
     DRAG_FREE,
     FS,
@@ -200,12 +201,14 @@ def _build(table: CampaignTable) -> Campaign:
         fit=table.fit,
     )
     _check_order(campaign)
-    places = {c.model: c for c in network.every(campaign.runs[0])}
+    run = campaign.runs[0]
+    world = worlds.of(run)
+    places = {c.model: c for c in world.components}
     for model in table.fmus:
         if model not in places:
             have = ", ".join(places)
             raise _ConflictError(f"fmus.{model}: the loop of this campaign has no such place (it has {have})")
-    parameters = network.parameters(campaign.runs[0])
+    parameters = world.parameters(run)
     return replace(
         campaign,
         replacements=tuple(

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import fit.errors
 from fit import settings as fit_settings
 from fit.estimate import forecast, selection
 from fit.results import Fit
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import study as cli_study
 from lpfcosim.cli.common import about
@@ -21,16 +22,14 @@ from lpfcosim.errors import InputError
 from lpfcosim.plant import margins as stability_margins
 from lpfcosim.plant import stability
 from lpfcosim.running import runner
-from lpfcosim.spacecraft import Run, Spacecraft
+from lpfcosim.spacecraft import Run
 
 SCHEMA = "lpf-check/1"
 
-# What `run` takes on a processor of 2024 [s]: the command and its workers start, a run is set up, a sample of
-# 10 Hz costs its simulation with noise and file, an experiment its fit and its figures.
+# What `run` takes on a processor of 2024 [s], beside what depends on the world: the command and its workers
+# start, a run is set up.
 STARTING = 5.0
 RUN = 0.2
-SAMPLE = {"along x": 0.35e-6, "whole spacecraft": 3.5e-6}
-EXPERIMENT = {"along x": 1.0, "whole spacecraft": 1.8}
 
 
 def check(campaign: Path, console: Console) -> None:
@@ -46,7 +45,7 @@ def check(campaign: Path, console: Console) -> None:
         else:
             for run in plan.runs:
                 stability.check(run)
-            loops = loop_margins(plan.runs[0])
+            loops = stability_margins.margins(plan.runs[0])
             with console.stage("forecast"):
                 expected = _forecast(plan, chosen)
             if expected is None:
@@ -69,7 +68,7 @@ def check(campaign: Path, console: Console) -> None:
     }
     console.document(json.dumps(told, indent=1, allow_nan=False))
     runs = f"{len(plan.runs)} run{'s' * (len(plan.runs) > 1)}"
-    console.say(f"{campaign}: in order; {_world(plan)}, {runs}, {_hours(*plan.runs):g} h\n")
+    console.say(f"{campaign}: in order; {worlds.of(plan.runs[0]).name}, {runs}, {_hours(*plan.runs):g} h\n")
     console.show(_runs_table(plan))
     console.say("")
     if loops:
@@ -93,7 +92,7 @@ def margins(campaign: Path, console: Console) -> None:
     plan = campaigns.load(campaign)
     with about(campaign):
         stability.check(plan.runs[0])
-    loops = loop_margins(plan.runs[0])
+    loops = stability_margins.margins(plan.runs[0])
     told = {"schema": "lpf-margins/1", "campaign": plan.name, "loops": _loop_documents(loops)}
     console.document(json.dumps(told, indent=1, allow_nan=False))
     console.say("\n".join(margin_lines(loops)))
@@ -119,13 +118,6 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 
 
-def loop_margins(run: Run) -> list[stability_margins.Margin]:
-    """Return the margins of the loops that a run has."""
-    whole = replace(run, spacecraft=run.spacecraft or Spacecraft())
-    found = stability_margins.margins(whole)
-    return [m for m in found if run.spacecraft or m.loop in ("drag_free_x", "suspension_x")]
-
-
 def margin_lines(loops: list[stability_margins.Margin]) -> Iterator[str]:
     """Yield the lines of a table of margins."""
     yield f"{'loop':18s} {'unity gain':>12s} {'phase margin':>13s} {'gain margin':>12s}"
@@ -135,10 +127,10 @@ def margin_lines(loops: list[stability_margins.Margin]) -> Iterator[str]:
 
 def wall_time(plan: campaigns.Campaign, jobs: int) -> float:
     """Return about how long `run` takes on idle processors, the FMUs being built [s]."""
-    world = _world(plan)
-    each = [RUN + run.n_samples * SAMPLE[world] for run in plan.runs]
+    world = worlds.of(plan.runs[0])
+    each = [RUN + run.n_samples * world.sample_cost for run in plan.runs]
     simulating = max(max(each), sum(each) / jobs)  # the longest run is not divided
-    return STARTING + simulating + EXPERIMENT[world] * len(plan.experiments)
+    return STARTING + simulating + world.experiment_cost * len(plan.experiments)
 
 
 def _forecast(plan: campaigns.Campaign, chosen: fit_settings.Settings) -> Fit | None:
@@ -174,10 +166,6 @@ def _duration(run: Run) -> float:
 
 def _hours(*runs: Run) -> float:
     return round(sum(map(_duration, runs)) / 3600, 2)
-
-
-def _world(plan: campaigns.Campaign) -> str:
-    return "whole spacecraft" if plan.runs[0].spacecraft else "along x"
 
 
 def _about(seconds: float) -> str:

@@ -19,6 +19,7 @@ from fit.report import page as fit_report
 from fit.telemetry import convert, is_map
 from fit.telemetry import guard as probe
 from fit.telemetry import reader as fit_telemetry
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli import shortfall as cli_shortfall
@@ -26,7 +27,6 @@ from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Engine, placement
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.network import network
 from lpfcosim.plant import stability
 from lpfcosim.running import dossier, lock, runner, simulation, trust
 from lpfcosim.running import ledger as files
@@ -160,7 +160,7 @@ def report(directory: Path, console: Console) -> None:
 def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[str]:
     run = plan.runs[0]
     ignored = placement.ignored(run, placement.interfaces(run, fmus))
-    parameters = network.parameters(run)
+    parameters = worlds.of(run).parameters(run)
     for replacement in plan.replacements:
         names = ignored[replacement.model]
         taken = [name for name in parameters[replacement.model] if name not in names]
@@ -168,7 +168,7 @@ def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) ->
         yield f"{replacement.model}: {replacement.archive}, code of its own; {told}"
     if plan.replacements:
         yield "stability is not checked beforehand: the poles are those of our FMUs"
-    if untold := sorted(network.untold(run, ignored)):
+    if untold := sorted(worlds.of(run).untold(run, ignored)):
         yield f"true values not known, left out of /truth: {', '.join(untold)}"
 
 

@@ -15,6 +15,7 @@ from fit.pipeline import calibrate
 from fit.results import Results, with_truth
 from fit.settings import Settings
 from fit.telemetry import Telemetry, read_all
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.campaign import montecarlo
 from lpfcosim.cli.study import in_memory
@@ -95,6 +96,6 @@ def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
 
 
 def _channels(run: Run) -> list[str]:
-    """Return what the joint fit reads."""
-    of_means = (name for parts in dynamics.MEANS.values() for name in parts) if run.spacecraft else ()
-    return [*dynamics.CHANNELS, *of_means]
+    """Return what the joint fit reads of what is recorded."""
+    of_means = (name for parts in dynamics.MEANS.values() for name in parts)
+    return [*dynamics.CHANNELS, *(name for name in of_means if name in worlds.of(run).record)]

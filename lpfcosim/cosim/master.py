@@ -18,14 +18,15 @@ import numpy as np
 import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
+from lpfcosim import worlds
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.placement import interfaces
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.errors import RunError
 from lpfcosim.modelica import engine_library
-from lpfcosim.network import Component, network
-from lpfcosim.plant import signals
+from lpfcosim.network import Component
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
+from lpfcosim.worlds import drive
 
 Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
@@ -51,7 +52,7 @@ class Where(ctypes.Structure):
     sample : int
         Number of the sample; `LOADING` before the first.
     slave : int
-        Place, in `network.components`, of the FMU whose code runs; -1: none.
+        Place, in `World.steps`, of the FMU whose code runs; -1: none.
     status : int
         How it refused a call.
     """
@@ -74,7 +75,7 @@ def simulate(
     Returns
     -------
     dict of str to array, shape (n_samples,)
-        The channels of `network.record`, SI.
+        The channels of `World.record`, SI.
 
     Raises
     ------
@@ -85,7 +86,7 @@ def simulate(
     for part in blocks(run, fmus, engine):
         parts.append(part)
         progress(sum(len(p["o_1"]) for p in parts))
-    return {name: np.concatenate([p[name] for p in parts]) for name in network.record(run)}
+    return {name: np.concatenate([p[name] for p in parts]) for name in worlds.of(run).record}
 
 
 def blocks(
@@ -107,7 +108,7 @@ def blocks(
     Yields
     ------
     dict of str to array
-        The channels of `network.record`, SI.
+        The channels of `World.record`, SI.
 
     Raises
     ------
@@ -133,7 +134,7 @@ def start(
 ) -> list[Slave]:
     """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
     where = where or Where()
-    values = network.parameters(run)
+    values = worlds.of(run).parameters(run)
     slaves = []
     for where.slave, i in enumerate(found):
         slave = Slave(
@@ -180,9 +181,9 @@ class Loop:
         where: Where | None = None,
     ) -> None:
         self._run, self._slaves, self._where = run, slaves, where or Where()
-        self._noise = signals.Noise(run)
-        self._feeds = signals.names(run)
-        self._channels = network.record(run)
+        self._noise = drive.stream(run)
+        self._feeds = drive.names(run)
+        self._channels = worlds.of(run).record
         self._n_feeds = len(self._feeds)
         place = {name: i for i, name in enumerate(self._feeds)}
         bus = [0.0] * self._n_feeds
@@ -208,7 +209,7 @@ class Loop:
         """Simulate the whole run."""
         for start in range(0, self._run.n_samples, BLOCK):
             stop = min(start + BLOCK, self._run.n_samples)
-            drawn = {**signals.injections(self._run, start, stop), **self._noise.take(stop - start)}
+            drawn = {**drive.injections(self._run, start, stop), **self._noise.take(stop - start)}
             feeds = np.column_stack([drawn[name] for name in self._feeds])
             if start == 0:
                 self.initialize(feeds[0])
@@ -235,9 +236,9 @@ class Loop:
         Parameters
         ----------
         feeds : array, shape (n, …)
-            `signals.names`, sample by sample.
+            `drive.names`, sample by sample.
         recorded : array, shape (n, …)
-            Filled with the channels of `network.record`.
+            Filled with the channels of `World.record`.
         start : int
             Number of the first sample.
         """

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import fmpy
 
+from lpfcosim import worlds
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, read
 from lpfcosim.errors import InputError
-from lpfcosim.network import check_feedthrough, network
+from lpfcosim.network import check_feedthrough
 from lpfcosim.spacecraft import Run
 
 _SYMBOLS: dict[str, dict[str, int]] = {
@@ -41,11 +42,13 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     """
     replaced = {r.model: r for r in run.replacements}
     found = []
-    for component in network.components(run):
+    world = worlds.of(run)
+    values = world.parameters(run)
+    for component in world.steps(run):
         replacement = replaced.get(component.model)
         try:
             interface = read(component, fmus[component.model], replacement)
-            _check(interface, network.parameters(run)[component.model], run.h)
+            _check(interface, values[component.model], world.units, run.h)
         except InputError as error:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
@@ -56,7 +59,7 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
 
 def ignored(run: Run, found: Iterable[Interface]) -> dict[str, list[str]]:
     """Of every replaced component, inputs and parameters of ours that the FMU in its place does not take."""
-    values = network.parameters(run)
+    values = worlds.of(run).parameters(run)
     return {
         i.model: list(dict.fromkeys([*i.replacement.unused, *(n for n in values[i.model] if not i.takes(n))]))
         for i in found
@@ -64,7 +67,7 @@ def ignored(run: Run, found: Iterable[Interface]) -> dict[str, list[str]]:
     }
 
 
-def _check(interface: Interface, parameters: Iterable[str], h: float) -> None:
+def _check(interface: Interface, parameters: Iterable[str], units: Mapping[str, str], h: float) -> None:
     for names, causality in (
         (interface.component.inputs, "input"),
         (interface.component.outputs, "output"),
@@ -72,7 +75,7 @@ def _check(interface: Interface, parameters: Iterable[str], h: float) -> None:
     ):
         for name in names:
             _check_variable(interface, interface.name(name), causality, f" for {name}")
-            _check_unit(interface, name)
+            _check_unit(interface, name, units[name])
     for name in interface.replacement.values if interface.replacement else ():
         _check_variable(interface, name, "parameter", "")
     _check_once(interface, [interface.name(n) for n in parameters if interface.takes(n)])
@@ -107,11 +110,10 @@ def _check_variable(interface: Interface, name: str, causality: str, purpose: st
         raise InputError(f"{place} is of type {variable.type}; expected {kind}{purpose}")
 
 
-def _check_unit(interface: Interface, ours: str) -> None:
+def _check_unit(interface: Interface, ours: str, wanted: str) -> None:
     """Refuse a variable in another unit than ours; one that tells none is taken to be in ours."""
     name = interface.name(ours)
     unit = interface.stated_unit(name)
-    wanted = network.UNITS[ours]
     if unit is None:
         return
     base = interface.units.get(unit)

@@ -1,13 +1,6 @@
-"""The reference plant: the closed loop without FMUs, in time and in frequency, and what drives it."""
+"""The plant as a whole, whatever its world: is it stable, with what margins, what does it do.
 
-__all__ = [
-    "decimation",
-    "margins",
-    "planning",
-    "reference",
-    "saturation",
-    "signals",
-    "spectral",
-    "stability",
-    "whole",
-]
+Nothing here steps an FMU; the reference plants themselves belong to `lpfcosim.worlds`.
+"""
+
+__all__ = ["margins", "planning", "saturation", "spectral", "stability"]

@@ -5,13 +5,14 @@ the whole spacecraft there is what is linear about its steady turn: a rate that 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.plant import loops, reference, rigid, signals
+from lpfcosim import worlds
+from lpfcosim.signals import Noise
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import System, drive, on_circle
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -21,93 +22,14 @@ _INJECTED = ("guidance_o_1", "guidance_o_12", "f_x_1", "F_x_2")
 BLOCK = 3600  # s, stretch of injections held in memory
 
 
-@dataclass(frozen=True)
-class System:
-    """The closed loop, ``state+ = A state + B w`` and ``C state + D w``, about its equilibrium.
-
-    Attributes
-    ----------
-    A, B, C, D : ndarray
-        Of one sample.
-    inputs : tuple of str
-        The names of w: those of the loop, then ``F_x_2``, a force commanded on top of it [N].
-    channels : tuple of str
-        Telemetry that can be had.
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    inputs: tuple[str, ...]
-    channels: tuple[str, ...]
-
-
-def system(run: Run) -> System:
-    """Close the loop of a run, along x or of the whole spacecraft."""
-    return _whole(run) if run.spacecraft else _along_x(run)
-
-
-def _along_x(run: Run) -> System:
-    step, inputs = reference.loop(run), (*reference.LOOP_INPUTS, "F_x_2")
-    f_x_1 = np.array([float(name == "f_x_1") for name in inputs])
-    D_u = np.append(step.d_2, 1 / run.m_tm)
-    return System(
-        A=step.closed,
-        B=_with_none(step.B) + np.outer(step.b_2, D_u),
-        C=np.vstack([step.C[:2], step.c_2, np.zeros_like(step.c_2)]),
-        D=np.vstack([_with_none(step.D[:2]), D_u, f_x_1]),
-        inputs=inputs,
-        channels=("o_1", "o_12", "f_x_2", "f_x_1"),
-    )
-
-
-def _whole(run: Run) -> System:
-    step, sc, inputs = loops.loop(run), rigid.equipment(run), (*loops.INPUTS, "F_x_2")
-    f_x_1 = np.array([float(name == "f_x_1") for name in inputs])
-    leak = np.array([sc.leak_phi_1 / run.m_tm * (name == "N_phi_1") for name in loops.COMMANDS])
-    D_u = _with_none(step.D_u)
-    D_u[loops.COMMANDS.index("f_x_2"), -1] = 1 / run.m_tm
-    by_motion, by_rates = turning(run)
-    q = by_rates @ (step.C_r + step.E_r @ step.C_u)
-    q[:, : by_motion.shape[1]] += by_motion
-    D_q = by_rates @ (_with_none(step.D_r) + step.E_r @ D_u)
-    return System(
-        A=step.closed + step.B_q @ q,
-        B=_with_none(step.B) + step.B_u @ D_u + step.B_q @ D_q,
-        C=np.vstack([step.C_o, step.C_u, leak @ step.C_u]),
-        D=np.vstack([np.eye(len(loops.READ_OUTS), len(inputs)), D_u, f_x_1 + leak @ D_u]),
-        inputs=inputs,
-        channels=(*loops.READ_OUTS, *loops.COMMANDS, "f_x_1"),
-    )
-
-
-def _with_none(matrix: Array) -> Array:
-    """Add a column for the last input, which does nothing here."""
-    return np.pad(matrix, ((0, 0), (0, 1)))
-
-
-def turning(run: Run) -> tuple[Array, Array]:
-    """Give the derivatives of `rigid.Apparent` in the steady turn by motion (15, 30) and rates (15, 9)."""
-    apparent, steady = rigid.Apparent(run), np.zeros(39)
-    steady[rigid.OMEGA] = rigid.equipment(run).Omega_DC
-    step = 1e-6  # the differences of a quadratic are exact, whatever it is
-    rows = []
-    for change in step * np.eye(steady.size):
-        above, below = (apparent(x[:30], x[30:]) for x in (steady + change, steady - change))
-        rows.append(np.subtract(above, below) / (2 * step))
-    J = np.array(rows).T
-    return J[:, :30], J[:, 30:]
-
-
-def response(run: Run, noise: signals.Noise | None = None) -> dict[str, Array]:
+def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
     """Give what the injections make of the channels, every second.
 
     Parameters
     ----------
     run : Run
         What is injected, and into what.
-    noise : signals.Noise, optional
+    noise : Noise, optional
         To be there too; none otherwise.
 
     Returns
@@ -115,7 +37,7 @@ def response(run: Run, noise: signals.Noise | None = None) -> dict[str, Array]:
     dict of str to ndarray, shape (n_samples / 10,)
         Departures from the equilibrium of `System.channels`, SI.
     """
-    s = system(run)
+    s = worlds.of(run).system(run)
     stride = round(run.fs / RATE)
     n = run.n_samples // stride
     if not run.injections and noise is None:
@@ -132,7 +54,7 @@ def response(run: Run, noise: signals.Noise | None = None) -> dict[str, Array]:
     state = np.zeros(len(A))
     for begin in range(0, n, BLOCK):
         end = min(begin + BLOCK, n)
-        injected = signals.injections(run, begin * stride, end * stride)
+        injected = drive.injections(run, begin * stride, end * stride)
         injected["f_x_1"] = injected["F_x_1"] / run.m_tm
         if noise:
             drawn = noise.take((end - begin) * stride)
@@ -170,7 +92,7 @@ def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Comple
     ndarray, shape (n, C, C)
         Products of the units per Hz.
     """
-    s = system(run)
+    s = worlds.of(run).system(run)
     rows = [s.channels.index(name) for name in channels]
     H = transfer(s, run.h, frequency)[:, rows]
     psd = drive_psd(run, frequency)
@@ -190,19 +112,14 @@ def transfer(s: System, h: float, frequency: Array) -> Complex:
     frequency : ndarray, shape (n,)
         Hz.
     """
-    z = np.exp(2j * np.pi * h * frequency)[:, np.newaxis, np.newaxis]
+    z = on_circle(frequency, h)
     return np.asarray(s.C @ np.linalg.solve(z * np.eye(len(s.A)) - s.A, s.B.astype(complex)) + s.D)
 
 
 def drive_psd(run: Run, frequency: Array) -> dict[str, Array]:
-    """Give the one-sided PSD of the noise that `signals` draws at inputs of the loop, each of shape (n,)."""
+    """Give the one-sided PSD of the noise that is drawn at inputs of the loop, each of shape (n,)."""
     found: dict[str, Array] = {}
-    z = np.exp(2j * np.pi * run.h * frequency)
-    for source in signals.sources(run):
-        S = np.full(frequency.size, source.level**2)
-        if source.corner:
-            rho = np.exp(-2 * np.pi * source.corner * run.h)
-            S *= np.abs(2 * np.pi * run.h / (1 - rho / z)) ** 2
-        into = source.into.removesuffix("_jitter")
-        found[into] = found.get(into, 0.0) + S
+    for source in worlds.of(run).sources(run):
+        into = "f_x_1" if source.into == "f_x_1_jitter" else source.into
+        found[into] = found.get(into, 0.0) + source.psd(frequency, run.h)
     return found

@@ -9,12 +9,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len
-from scipy.interpolate import CubicSpline
 
-from lpfcosim.plant import decimation, planning, signals
+from lpfcosim import worlds
+from lpfcosim.plant import planning
+from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Noise, Pulse, Run
+from lpfcosim.worlds import drive
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -32,17 +34,17 @@ class Simulation:
     run : Run
         Its own seed does not count.
     channels : sequence of str
-        C of `planning.System.channels`.
+        C of `System.channels`.
     """
 
     def __init__(self, run: Run, channels: Sequence[str]) -> None:
         pulsed = any(isinstance(injection, Pulse) for injection in run.injections)
-        glitches = signals.Noise(replace(run, noise=Noise())) if pulsed else None  # the same in every draw
+        glitches = drive.stream(replace(run, noise=Noise())) if pulsed else None  # the same in every draw
         responses = planning.response(run, glitches)
         self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
         self._n = self._mean["f_x_2"].size
-        self._period = next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
+        self._period = scipy.fft.next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
         self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
         self._factor = _factor(run, channels, self._log_f[0], self._log_f[-1])
@@ -62,15 +64,17 @@ class Simulation:
             L = self._factor(self._log_f[block])
             drawn = generator.standard_normal((len(L), C, 2)).view(np.complex128)
             spectrum[1:][: self._log_f.size][block] = (L @ drawn)[:, :, 0]
-        noise = irfft(spectrum * np.sqrt(self._period * planning.RATE) / 2, self._period, axis=0)[: self._n]
+        noise = scipy.fft.irfft(spectrum * np.sqrt(self._period * planning.RATE) / 2, self._period, axis=0)[
+            : self._n
+        ]
         return {name: x + noise[:, i] for i, (name, x) in enumerate(self._mean.items())}
 
 
-def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> CubicSpline:
+def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> scipy.interpolate.CubicSpline:
     """Return L(log f), shape (C, C), with the one-sided cross-spectra L L^*, low-pass included."""
     n = int(GRID * (high - low) / np.log(10)) + 2
     f = np.exp(np.linspace(low, high, n))
-    s = planning.system(run)
+    s = worlds.of(run).system(run)
     psd = planning.drive_psd(run, f)
     drives = np.sqrt(np.stack([psd.get(name, np.zeros(n)) for name in s.inputs], axis=1))
     rows = [s.channels.index(name) for name in channels]
@@ -84,4 +88,4 @@ def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> Cubic
     taps = decimation.taps(round(run.fs / planning.RATE))
     lags = (np.arange(taps.size) - taps.size // 2) / run.fs
     low_pass = np.cos(2 * np.pi * f[:, None] * lags) @ taps
-    return CubicSpline(np.log(f), L * phase[:, None, :] * low_pass[:, None, None])
+    return scipy.interpolate.CubicSpline(np.log(f), L * phase[:, None, :] * low_pass[:, None, None])

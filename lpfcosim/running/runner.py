@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 
+from lpfcosim import worlds
 from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
-from lpfcosim.network import network
-from lpfcosim.plant import decimation, saturation
+from lpfcosim.plant import saturation
 from lpfcosim.running import ledger as files
 from lpfcosim.running import remote, telemetry, workers
+from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
 if TYPE_CHECKING:  # its tools would cost every worker a fifth of its start
@@ -200,7 +201,7 @@ def _settled(
 
 
 def _lost(run: Run, lost: workers.Lost) -> RunError:
-    who = f"the {network.components(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
+    who = f"the {worlds.of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
     when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
     return RunError(f"run '{run.name}': {who} {lost.how} {when}")
 
@@ -275,8 +276,9 @@ def record(
     The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
     saturated = 0
-    untold = network.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
-    with telemetry.writer(path, run, network.record(run), origin, untold) as writer:
+    world = worlds.of(run)
+    untold = world.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
+    with telemetry.writer(path, run, world.record, origin, untold) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:
             nonlocal saturated

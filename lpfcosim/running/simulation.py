@@ -10,14 +10,15 @@ from pathlib import Path
 
 import h5py
 
+from lpfcosim import worlds
 from lpfcosim.campaign import Campaign, load
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.network import network
-from lpfcosim.plant import decimation, reference, saturation, stability, whole
+from lpfcosim.plant import saturation, stability
 from lpfcosim.running import ledger as files
 from lpfcosim.running import lock, runner, telemetry, trust
+from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
 PathLike = str | os.PathLike[str]
@@ -95,7 +96,7 @@ def archives_of(
 ) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
     theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [c.model for c in network.every(plan.runs[0]) if c.model not in theirs]
+    ours = [c.model for c in worlds.of(plan.runs[0]).components if c.model not in theirs]
     return {**built(ours), **theirs}
 
 
@@ -126,8 +127,9 @@ def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:
 
 
 def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> None:
-    found = whole.simulate(run) if run.spacecraft else reference.simulate(run)
-    channels = {name: found[name] for name in network.record(run)}
+    world = worlds.of(run)
+    found = world.simulate(run)
+    channels = {name: found[name] for name in world.record}
     with telemetry.writer(path, run, channels, origin) as writer:
         for block in decimation.decimate(run, [channels]):
             writer.append(block)

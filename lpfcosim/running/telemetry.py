@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.telemetry import CHANNELS, SCHEMA, Writer
+from lpfcosim import worlds
 from lpfcosim.errors import RunError, ours
-from lpfcosim.plant import decimation
-from lpfcosim.spacecraft import Run, Spacecraft
+from lpfcosim.signals import decimation
+from lpfcosim.spacecraft import Run
 
 Array = NDArray[np.float64]
 
@@ -98,23 +99,17 @@ def attributes(run: Run) -> dict[str, str | int | float]:
         "N_max_2": authority.N_max_2,
         "alignment_epoch": run.alignment_epoch,
         "m_tm": run.m_tm,
-        **(_whole(run.spacecraft) if run.spacecraft else {}),
+        **worlds.of(run).attributes(run),
         **({"inertial_period": run.inertial_period} if run.inertial_period else {}),
     }
-
-
-def _whole(sc: Spacecraft) -> dict[str, str | int | float]:
-    return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": sc.omega2_phi, "omega2_eta": sc.omega2_eta}
 
 
 def truth(run: Run) -> dict[str, float]:
     """Return the true parameters of a run, as the group /truth has them."""
     truth = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
     truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
-    if run.spacecraft:
-        truth |= {f"b_{i}": value for i, value in enumerate(run.spacecraft.b, 1)}
-        truth |= {"delta_phi": run.spacecraft.delta_phi, "delta_eta": run.spacecraft.delta_eta}
     return truth | {
+        **worlds.of(run).truth(run),
         "delta_ifo": run.delta_ifo,
         "omega2_1": run.omega2_1,
         "omega2_2": run.omega2_2,

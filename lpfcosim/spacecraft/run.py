@@ -182,7 +182,8 @@ class Replacement:
 class Run:
     """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
 
-    ``dc`` [m s^-2] is the constant part of g_2; without ``spacecraft`` there is only the x axis.
+    ``dc`` [m s^-2] is the constant part of g_2. What a run has beside the x axis, ``spacecraft``, chooses its
+    world (`lpfcosim.worlds`): with nothing there is the x axis only.
     """
 
     name: str
@@ -222,15 +223,15 @@ class Run:
 
     @property
     def omega2_1(self) -> float:
-        """Stiffness of test mass 1 under this authority [s^-2], eq. stiff_model."""
+        """Stiffness of test mass 1 under this authority [s^-2]."""
         t, a = self.truth, self.authority
-        return t.omega2_1_0 + t.alpha_x_1 * a.F_max_1 + t.alpha_phi_1 * a.N_max_1
+        return stiffness(t.omega2_1_0, t.alpha_x_1, a.F_max_1, t.alpha_phi_1, a.N_max_1)
 
     @property
     def omega2_2(self) -> float:
-        """Stiffness of test mass 2 under this authority [s^-2], eq. stiff_model."""
+        """Stiffness of test mass 2 under this authority [s^-2]."""
         t, a = self.truth, self.authority
-        return t.omega2_2_0 + t.alpha_x_2 * a.F_max_2 + t.alpha_phi_2 * a.N_max_2
+        return stiffness(t.omega2_2_0, t.alpha_x_2, a.F_max_2, t.alpha_phi_2, a.N_max_2)
 
     @property
     def tau_1(self) -> float:
@@ -251,3 +252,8 @@ class Run:
     def F_x_sc_start(self) -> float:
         """Thrust at the equilibrium [N]: dc and the force that holds it cancel, nothing is left to push."""
         return 0.0
+
+
+def stiffness(background: float, alpha_x: float, F_max: float, alpha_phi: float, N_max: float) -> float:
+    """Give the stiffness of a test mass under its authority [s^-2], eq. stiff_model."""
+    return background + alpha_x * F_max + alpha_phi * N_max

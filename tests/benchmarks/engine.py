@@ -28,15 +28,15 @@ from pathlib import Path
 
 import numpy as np
 
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cosim import master
 from lpfcosim.cosim.placement import interfaces
 from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
-from lpfcosim.network import network
-from lpfcosim.plant import signals
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Run
+from lpfcosim.worlds import drive
 
 HERE = Path(__file__).parent
 MONOLITHIC = HERE.parent / "oracles" / "monolithic.c"
@@ -115,21 +115,23 @@ def timed_loop(
 def draw(run: Run) -> float:
     """Seconds that the injections and the noise of a run take, block by block."""
     started = time.perf_counter()
-    noise = signals.Noise(run)
+    noise = drive.stream(run)
     for start in range(0, run.n_samples, master.BLOCK):
         stop = min(start + master.BLOCK, run.n_samples)
-        drawn = {**signals.injections(run, start, stop), **noise.take(stop - start)}
-        np.column_stack([drawn[name] for name in signals.names(run)])
+        drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
+        np.column_stack([drawn[name] for name in drive.names(run)])
     return time.perf_counter() - started
 
 
 def loops(hours: float, repeat: int) -> dict[str, float]:
     """Microseconds per step of the three loops and of drawing noise; sees that the loops compute the same."""
     run, fmus = first_experiment(hours), build.build()
-    drawn = {**signals.injections(run), **signals.noise(run)}
-    feeds = np.column_stack([drawn[name] for name in signals.names(run)])
+    drawn = {**drive.injections(run), **drive.noise(run)}
+    feeds = np.column_stack([drawn[name] for name in drive.names(run)])
     plain = feeds[: min(len(feeds), 20_000)]  # as slow as it is, a part suffices
-    out = {name: np.zeros((len(feeds), len(network.record(run)))) for name in ("ours", "fmpy", "monolithic")}
+    out = {
+        name: np.zeros((len(feeds), len(worlds.of(run).record))) for name in ("ours", "fmpy", "monolithic")
+    }
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "monolithic.so"
         flags = [flag.replace("-O3", "-O2") for flag in FLAGS]

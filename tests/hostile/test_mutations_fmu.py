@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.network import network
 from lpfcosim.running import ledger as files
 from lpfcosim.running import trust
 from lpfcosim.spacecraft.run import Replacement
@@ -55,7 +55,7 @@ def use(path, run, fmus):
     replaced = replace(run, replacements=(Replacement(MODEL, path),))
     for found in placement.interfaces(replaced, {**fmus, MODEL: path}):
         if found.archive == path:
-            parameters = found.parameters(network.parameters(replaced)[MODEL])
+            parameters = found.parameters(worlds.of(replaced).parameters(replaced)[MODEL])
             with contextlib.ExitStack() as stack:
                 slave.Slave(stack, path, MODEL, parameters, found.inputs, found.outputs)
 

@@ -13,13 +13,16 @@ from fit.estimate.runs import Experiment, Run
 from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cli.study import planned
-from lpfcosim.plant import loops, margins, planning, reference, whole
+from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant
 from tests import ROOT
 from tests.fit.estimate.test_joint import recorded
+from tests.oracles import whole_spectra
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 CAMPAIGNS = ROOT / "campaigns"
@@ -152,7 +155,7 @@ def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
 
 def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     plan = campaign.load(quickstart)
-    runs = [recorded(run, reference.simulate(run)) for run in plan.runs]
+    runs = [recorded(run, along_x_plant.simulate(run)) for run in plan.runs]
     found, told = calibrate(runs).joint, forecast(planned(plan))
     assert sigmas(told) == pytest.approx(sigmas(found), rel=0.1)
     assert [w.parameters for w in told.warnings] == [w.parameters for w in found.warnings]
@@ -161,7 +164,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
 @pytest.mark.slow
 def test_agrees_with_a_fit_of_the_whole_spacecraft():
     plan = campaign.load(CAMPAIGNS / "spacecraft.toml")
-    found = calibrate([recorded(run, whole.simulate(run)) for run in plan.runs]).joint
+    found = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
     told = sigmas(forecast(planned(plan)))
     for name, sigma in sigmas(found).items():
         # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
@@ -189,7 +192,7 @@ def still(run):
 @pytest.mark.parametrize("spacecraft", [None, CRAFT])
 def test_response_is_what_a_simulation_without_noise_gives(make_run, spacecraft):
     run = make_run(**DRIVEN, spacecraft=spacecraft)
-    simulate = whole.simulate if spacecraft else reference.simulate
+    simulate = whole_plant.simulate if spacecraft else along_x_plant.simulate
     driven, rest = simulate(run), simulate(still(run))
     found = planning.response(run)
     for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
@@ -202,7 +205,7 @@ F = np.geomspace(1e-4, 0.2, 9)
 
 def test_noise_along_x_against_the_loop_gain(make_run):
     run = make_run(noise=Noise(oms=35e-15))
-    closed = np.linalg.inv(np.eye(2) + reference.open_loop(run, F))
+    closed = np.linalg.inv(np.eye(2) + along_x_plant.open_loop(run, F))
     assert planning.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
         35e-15**2 * closed.conj() @ closed.transpose(0, 2, 1), rel=1e-9
     )
@@ -211,7 +214,7 @@ def test_noise_along_x_against_the_loop_gain(make_run):
 def test_noise_of_the_whole_spacecraft_against_its_transfer(make_run):
     run = make_run(noise=Noise(oms=35e-15, grs=1.8e-9, thruster=0.15e-6, torque=1e-12), spacecraft=CRAFT)
     psd = planning.drive_psd(run, F)
-    told = margins.spectra(run, F, {name: psd[name] for name in psd if name in loops.INPUTS})
+    told = whole_spectra.spectra(run, F, {name: psd[name] for name in psd if name in whole_loops.INPUTS})
     names = ("o_1", "o_12", "f_x_2", "grs_y_1", "N_phi_1")
     found = planning.cross_spectra(run, names, F)
     for i, name in enumerate(names):
@@ -236,8 +239,8 @@ def test_turning_against_the_simulation(make_run):
         for k, rate in zip(("theta", "eta", "phi"), turn.Omega_DC, strict=True)
     }
     pulse = np.where(n == 100, 1e-7, 0.0)
-    driven, rest = (whole.simulate(run, {**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
-    s = planning.system(run)
+    driven, rest = (whole_plant.simulate(run, {**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
+    s = worlds.of(run).system(run)
     state, found = s.B[:, s.inputs.index("N_noise_z_sc")] * 1e-7, []
     for _ in range(2000):
         found.append((s.C @ state)[s.channels.index("o_12")])

@@ -12,8 +12,8 @@ from fit.estimate.runs import Experiment, Run
 from fit.pipeline import calibrate
 from fit.settings import settings
 from lpfcosim.campaign import campaign
-from lpfcosim.plant import reference
 from lpfcosim.spacecraft.run import Noise, Pulse
+from lpfcosim.worlds import along_x_plant
 from tests.fit.estimate.test_joint import OFF, recorded
 from tests.oracles.synthetic import World, pair, without
 
@@ -105,7 +105,7 @@ def simulated(quickstart):
     def simulate(name, *pulses, noise=None):
         run = replace(runs[name], injections=(*runs[name].injections, *pulses))
         run = replace(run, noise=noise or run.noise)
-        return recorded(run, reference.simulate(run))
+        return recorded(run, along_x_plant.simulate(run))
 
     return simulate
 

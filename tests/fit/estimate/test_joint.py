@@ -14,8 +14,8 @@ from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from lpfcosim.campaign import campaign
-from lpfcosim.plant import reference
 from lpfcosim.spacecraft.run import Noise, Truth
+from lpfcosim.worlds import along_x_plant
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
@@ -236,9 +236,9 @@ TRUTH = Truth(
 def simulated(quickstart):
     """Quick-start telemetry with the truth moved: sysid runs without noise, sysid and noise runs with it."""
     runs = replace(campaign.load(quickstart), truth=TRUTH).runs
-    noisy = {run.name: recorded(run, reference.simulate(run)) for run in runs}
+    noisy = {run.name: recorded(run, along_x_plant.simulate(run)) for run in runs}
     clean = {
-        run.name: recorded(run, reference.simulate(replace(run, noise=Noise())))
+        run.name: recorded(run, along_x_plant.simulate(replace(run, noise=Noise())))
         for run in runs
         if run.kind == "sysid"
     }
@@ -290,7 +290,7 @@ def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
     loaded = replace(campaign.load(quickstart), truth=TRUTH)
     found = []
     for seed in range(20):
-        runs = [recorded(run, reference.simulate(run)) for run in replace(loaded, seed=seed).runs]
+        runs = [recorded(run, along_x_plant.simulate(run)) for run in replace(loaded, seed=seed).runs]
         found.append(list(pulls(calibrate(runs).joint, truth_of_joint()).values()))
     found = np.array(found)
     assert np.all(np.abs(found.mean(axis=0)) < 4.5 / np.sqrt(20))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from fit.model import dynamics
 from fit.signal import derivatives, spectra
 from fit.telemetry.reader import Telemetry
-from lpfcosim.plant import reference
 from lpfcosim.spacecraft.run import Noise, Run, Sine
+from lpfcosim.worlds import along_x_plant
 from tests.oracles.synthetic import World, of_run, telemetry, without
 
 EPOCH_1 = {"lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo"}
@@ -127,7 +127,7 @@ def from_reference(run: Run) -> Telemetry:
         alignment_epoch=run.alignment_epoch,
         m_tm=run.m_tm,
         time=run.time,
-        channels=reference.simulate(run),
+        channels=along_x_plant.simulate(run),
         units={},
         attributes={},
     )

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
-from lpfcosim.plant import signals
 from lpfcosim.spacecraft.control import DRAG_FREE
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
+from lpfcosim.worlds import drive
 from tests import ROOT
 
 TEXT = (ROOT / "tests" / "two_experiments.toml").read_text(encoding="utf-8")
@@ -75,7 +75,7 @@ def test_quick_start_is_the_campaign_it_should_be(quickstart):
     assert [r.name for r in c.runs] == [n for x in "ABCD" for n in (f"{x}-noise", x)]
     assert {r.n_samples for r in c.runs} == {216_000}
     for run in c.runs:
-        injected = signals.injections(run)
+        injected = drive.injections(run)
         assert abs(run.dc) * run.m_tm < 0.5 * run.authority.F_max_2
         assert not injected["F_x_1"].any()
         if run.kind == "sysid":

@@ -16,8 +16,8 @@ from lpfcosim.campaign import campaign
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build as fmu_build
-from lpfcosim.plant import reference
 from lpfcosim.running import runner, telemetry
+from lpfcosim.worlds import along_x_plant
 from tests.campaign_text import ONE_EXPERIMENT
 
 SHORT = f"""
@@ -67,7 +67,7 @@ def recorded(short, tmp_path):
     folder = tmp_path / "recorded"
     folder.mkdir()
     for run in campaign.load(short).runs:
-        channels = {k: v for k, v in reference.simulate(run).items() if k in telemetry.CHANNELS}
+        channels = {k: v for k, v in along_x_plant.simulate(run).items() if k in telemetry.CHANNELS}
         with telemetry.writer(folder / f"{run.name}.h5", run, channels, {}) as file:
             file.append(channels)
     return folder

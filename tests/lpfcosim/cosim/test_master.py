@@ -10,9 +10,8 @@ from lpfcosim.campaign import campaign
 from lpfcosim.cosim import master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
-from lpfcosim.network import along_x, network
-from lpfcosim.plant import reference
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
+from lpfcosim.worlds import along_x, along_x_plant, world
 
 pytestmark = pytest.mark.fmu
 
@@ -36,7 +35,7 @@ def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):
     assert run.n_samples == 216_000
     got = master.simulate(run, fmus)
     assert set(got) == set(along_x.RECORD)
-    assert_agree(got, reference.simulate(run))
+    assert_agree(got, along_x_plant.simulate(run))
     assert np.all(got["f_x_1"] == 0)
     assert got["guidance_o_12"].any()
 
@@ -58,7 +57,7 @@ def test_driven_test_mass_1_agrees_with_the_reference_plant(fmus, make_run):
         ),
     )
     got = master.simulate(run, fmus)
-    assert_agree(got, reference.simulate(run))
+    assert_agree(got, along_x_plant.simulate(run))
     assert got["f_x_1"].any()
 
 
@@ -69,7 +68,7 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
     )
     got = master.simulate(run, fmus)
     assert np.abs(got["f_x_2"]).max() == pytest.approx(2e-12 / run.m_tm, rel=1e-12)
-    assert_agree(got, reference.simulate(run))
+    assert_agree(got, along_x_plant.simulate(run))
 
 
 @pytest.mark.parametrize("older", [(), build.MODELS, build.MODELS[::2]], ids=["3.0", "2.0", "mixed"])
@@ -89,9 +88,9 @@ def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, 
 def test_step_order_decides(fmus, make_run, monkeypatch):
     # Against the flow of signals every FMU boundary costs a sample of delay.
     run = make_run(injections=(Sine("guidance_o_1", amplitude=5e-9, frequency=0.05, cycles=20, start=1),))
-    wanted = reference.simulate(run)
+    wanted = along_x_plant.simulate(run)
     assert_agree(master.simulate(run, fmus), wanted)
-    monkeypatch.setattr(network, "in_order", lambda components: tuple(components)[::-1])
+    monkeypatch.setattr(world, "in_order", lambda components: tuple(components)[::-1])
     late = master.simulate(run, fmus)
     assert np.abs(late["o_1"] - wanted["o_1"]).max() > 0.01 * np.abs(wanted["o_1"]).max()
 

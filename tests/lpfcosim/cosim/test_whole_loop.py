@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpfcosim import worlds
 from lpfcosim.cosim import master
 from lpfcosim.modelica import build
-from lpfcosim.network import network
-from lpfcosim.plant import whole
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.worlds import whole_plant
 
 pytestmark = pytest.mark.fmu
 
@@ -42,13 +42,13 @@ def run(make_run):
 
 
 def built(run, fmi):
-    return build.build([c.model for c in network.every(run)], fmi=fmi)
+    return build.build([c.model for c in worlds.of(run).components], fmi=fmi)
 
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_agrees_with_the_reference_plant(run, fmi):
-    got, wanted = master.simulate(run, built(run, fmi)), whole.simulate(run)
-    assert set(got) == set(network.record(run))
+    got, wanted = master.simulate(run, built(run, fmi)), whole_plant.simulate(run)
+    assert set(got) == set(worlds.of(run).record)
     for channel, values in got.items():
         expected = wanted[channel]
         assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel
@@ -58,7 +58,7 @@ def test_agrees_with_the_reference_plant(run, fmi):
 def test_authority_agrees_with_the_reference_plant(run):
     # Star tracker far off at first: the lateral forces and the torque about x stay at their limits.
     shaken = replace(run, noise=replace(NOISE, star_tracker_eta=0.2, star_tracker_theta=2.0), n_samples=6000)
-    got, wanted = master.simulate(shaken, built(run, "3.0")), whole.simulate(shaken)
+    got, wanted = master.simulate(shaken, built(run, "3.0")), whole_plant.simulate(shaken)
     assert np.abs(got["F_z_1"]).max() == pytest.approx(EVERYTHING.F_max_yz, rel=1e-12)
     for channel, values in got.items():
         expected = wanted[channel]

@@ -12,9 +12,8 @@ from lpfcosim.cosim import checks, master, placement
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
 from lpfcosim.modelica import build
-from lpfcosim.network import along_x
-from lpfcosim.plant import signals
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
+from lpfcosim.worlds import along_x, drive, world
 
 pytestmark = pytest.mark.fmu
 
@@ -46,9 +45,9 @@ def archive(run, tmp_path_factory):
     return path
 
 
-def drive(archive, run, folder):
+def driven(archive, run, folder):
     """Step a container through a run, each sample with its signals."""
-    feeds = {**signals.injections(run), **signals.noise(run)}
+    feeds = {**drive.injections(run), **drive.noise(run)}
     values = np.column_stack(list(feeds.values())).tolist()
     description = fmpy.read_model_description(str(archive))
     references = {v.name: v.valueReference for v in description.modelVariables}
@@ -81,20 +80,20 @@ def assert_same_bits(got, wanted):
 
 
 def test_container_gives_the_same_bits(archive, run, tmp_path):
-    assert_same_bits(drive(archive, run, tmp_path), master.simulate(run, build.build(fmi="2.0")))
+    assert_same_bits(driven(archive, run, tmp_path), master.simulate(run, build.build(fmi="2.0")))
 
 
 def test_fmi_3_inside_gives_the_same_bits(run, tmp_path):
     fmus = build.build(fmi="3.0")
     path = container(run, {**fmus, **build.build(["Plant"], fmi="2.0")}, tmp_path / "loop.fmu")
-    assert_same_bits(drive(path, run, tmp_path / "unpacked"), master.simulate(run, fmus))
+    assert_same_bits(driven(path, run, tmp_path / "unpacked"), master.simulate(run, fmus))
 
 
 def test_delays_start_at_the_equilibrium(make_run, tmp_path):
     # Without signals nothing may move: the dc is held from before the first sample.
     run = make_run(n_samples=50, dc=8e-12)
     path = container(run, build.build(fmi="2.0"), tmp_path / "loop.fmu")
-    got = drive(path, run, tmp_path / "unpacked")
+    got = driven(path, run, tmp_path / "unpacked")
     assert np.abs(got["o_12"]).max() < 1e-18
     assert got["f_x_2"] == pytest.approx(np.full(50, run.f_x_2_start), rel=1e-9)
 
@@ -108,7 +107,7 @@ def test_interface_is_signals_and_channels_with_their_units(archive, run):
     variables = {v.name: v for v in description.modelVariables}
     inputs = {n for n, v in variables.items() if v.causality == "input"}
     outputs = {n for n, v in variables.items() if v.causality == "output"}
-    assert inputs == {*signals.names(run)}
+    assert inputs == {*drive.names(run)}
     assert outputs == set(CHANNELS)
     assert {n: variables[n].unit for n in ("o_1", "f_x_2", "F_x_sc", "g_2", "F_x_1", "plant.x_1")} == {
         "o_1": "m",
@@ -144,7 +143,8 @@ def test_what_the_toolbox_refuses_is_told(run, tmp_path, monkeypatch):
     monkeypatch.setattr(placement, "_check", lambda *_: None)
     sensors = along_x.COMPONENTS[0]
     wrong = replace(sensors, inputs={**sensors.inputs, "o_1": "n_1"})
-    monkeypatch.setattr(along_x, "COMPONENTS", (wrong, *along_x.COMPONENTS[1:]))
+    rewired = replace(along_x.WORLD, components=(wrong, *along_x.COMPONENTS[1:]))
+    monkeypatch.setitem(world.WORLDS, type(None), rewired)
     with pytest.raises(InputError, match=r"^the FMUs do not fit into a container: .*o_1.*output"):
         container(run, build.build(fmi="2.0"), tmp_path / "loop.fmu")
 

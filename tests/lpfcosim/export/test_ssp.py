@@ -13,12 +13,12 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import get_connections, read_ssd, read_ssv
 from lxml import etree
 
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
-from lpfcosim.network import along_x, network
-from lpfcosim.plant import signals
+from lpfcosim.worlds import along_x, drive, world
 from tests import ROOT
 
 pytestmark = pytest.mark.fmu
@@ -86,8 +86,8 @@ def test_the_outside_is_signals_and_channels(plan, archive):
     system = read_ssd(str(archive)).system
     inputs = [c.name for c in system.connectors if c.kind == "input"]
     outputs = [c.name for c in system.connectors if c.kind == "output"]
-    assert sorted(inputs) == sorted(signals.names(plan.runs[0]))
-    assert set(inputs) | set(outputs) == {*signals.names(plan.runs[0]), *along_x.RECORD}
+    assert sorted(inputs) == sorted(drive.names(plan.runs[0]))
+    assert set(inputs) | set(outputs) == {*drive.names(plan.runs[0]), *along_x.RECORD}
     assert not set(inputs) & set(outputs)
 
 
@@ -141,7 +141,7 @@ def test_every_authority_set_has_its_values(archive, members, plan, fmus):
     for name in ("A", "B", "C", "D"):
         run = next(r for r in plan.runs if r.authority.name == name)
         values = read_ssv(str(archive), f"resources/authority_{name}.ssv")
-        wanted = {f"{m}.{n}": v for m, vs in network.parameters(run).items() for n, v in vs.items()}
+        wanted = {f"{m}.{n}": v for m, vs in worlds.of(run).parameters(run).items() for n, v in vs.items()}
         assert {p.name: float(p.value) for p in values.parameters} == wanted
         assert len(values.parameters) == len(wanted)
         for parameter in values.parameters:
@@ -183,7 +183,7 @@ def test_experiments_that_share_a_set_share_a_file(fmus, tmp_path):
 def test_signal_that_feeds_two_components_is_one_connector(fmus, plan, tmp_path, monkeypatch):
     *others, plant = along_x.COMPONENTS
     plant = replace(plant, inputs={**plant.inputs, "g_2": "g_1"})
-    monkeypatch.setattr(along_x, "COMPONENTS", (*others, plant))
+    monkeypatch.setitem(world.WORLDS, type(None), replace(along_x.WORLD, components=(*others, plant)))
     system = read_ssd(str(ssp.export(plan, fmus, tmp_path / "loop.ssp"))).system
     assert [c.name for c in system.connectors].count("g_1") == 1
     assert sum(c.startConnector == "g_1" for c in system.connections) == 2

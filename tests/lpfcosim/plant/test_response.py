@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign
-from lpfcosim.plant import planning, reference, signals
+from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Noise, Sine
+from lpfcosim.worlds import along_x_plant, drive
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 # m or m s^-2 or N: far from any limit, far above rounding
@@ -36,9 +38,9 @@ def test_steady_state_of_a_sine(still, monkeypatch, name):
     t = still.time
     driven = {other: np.zeros(t.size) for other in DRIVES}
     driven[name] = DRIVES[name] * np.sin(2 * np.pi * FREQUENCY * t)
-    monkeypatch.setattr(signals, "noise", lambda run: driven)
-    simulated = reference.simulate(still)
-    s = planning.system(still)
+    monkeypatch.setattr(drive, "noise", lambda run: driven)
+    simulated = along_x_plant.simulate(still)
+    s = worlds.of(still).system(still)
     H = planning.transfer(s, still.h, np.array([FREQUENCY]))[0]
 
     late = t > t[-1] - 400  # whole cycles; what is left of the start is slow: constant and ramp take it
@@ -56,7 +58,7 @@ def test_the_drives_have_the_spectra_they_are_drawn_with(still):
     segment = 16_384  # 1638 s
     power: dict[str, list] = {name: [] for name in DRIVES}
     for seed in range(10):
-        drawn = signals.noise(replace(still, noise=levels, seed=seed, n_samples=8 * segment))
+        drawn = drive.noise(replace(still, noise=levels, seed=seed, n_samples=8 * segment))
         for name in DRIVES:
             f, S = signal.welch(drawn[name], fs=still.fs, nperseg=segment, detrend="linear")
             power[name].append(S)

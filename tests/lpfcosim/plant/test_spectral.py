@@ -8,8 +8,10 @@ import pytest
 from scipy import signal
 
 from lpfcosim.campaign import campaign
-from lpfcosim.plant import decimation, planning, reference, signals, spectral, whole
+from lpfcosim.plant import planning, spectral
+from lpfcosim.signals import decimation
 from lpfcosim.spacecraft.run import Noise, Pulse
+from lpfcosim.worlds import along_x_plant, drive, whole_plant
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 
@@ -22,8 +24,8 @@ def sysid(quickstart):
 
 
 def test_same_noise_same_telemetry(sysid):
-    expected = reference.simulate(sysid)
-    found = planning.response(sysid, signals.Noise(sysid))
+    expected = along_x_plant.simulate(sysid)
+    found = planning.response(sysid, drive.stream(sysid))
     found["f_x_2"] = found["f_x_2"] + sysid.f_x_2_start
     for name in CHANNELS:
         x = expected[name][::10]
@@ -35,8 +37,8 @@ def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
     # not turning: a run starts without the steady turn's centrifugal force, the linear loop never has it
     still = replace(run.spacecraft, Omega_DC=(0.0, 0.0, 0.0))
     run = replace(run, n_samples=6000, injections=run.injections[:0], spacecraft=still)
-    expected = whole.simulate(run)
-    found = planning.response(run, signals.Noise(run))
+    expected = whole_plant.simulate(run)
+    found = planning.response(run, drive.stream(run))
     found["f_x_2"] = found["f_x_2"] + run.f_x_2_start
     for name in ("o_1", "o_12", "f_x_2", "o_phi_1", "o_eta_12", "grs_y_1", "grs_z_2"):
         x = expected[name][::10]
@@ -57,7 +59,7 @@ def test_glitches_are_there_too(sysid):
     glitches = (Pulse("g_2", 1e-11, 4000.0, 20.0), Pulse("g_1", -3e-12, 5000.5, 7.0))
     glitchy = replace(sysid, noise=Noise(), injections=(*sysid.injections, *glitches), dc=8e-12)
     drawn = spectral.Simulation(glitchy, CHANNELS).record(np.random.default_rng(1))
-    expected = reference.simulate(glitchy)
+    expected = along_x_plant.simulate(glitchy)
     for name in CHANNELS:
         x = expected[name][::10]
         assert np.abs(drawn[name] - x).max() <= 1e-6 * np.ptp(x), name
@@ -74,7 +76,7 @@ def test_spectra_are_those_of_the_simulation(sysid):
     made: dict[str, list] = {"drawn": [], "simulated": []}
     for seed in range(10):
         made["drawn"].append(simulation.record(np.random.default_rng(seed)))
-        channels = reference.simulate(replace(run, seed=seed, n_samples=216_000 + taps.size))
+        channels = along_x_plant.simulate(replace(run, seed=seed, n_samples=216_000 + taps.size))
         made["simulated"].append(
             {n: signal.oaconvolve(channels[n], taps, mode="valid")[::10] for n in CHANNELS}
         )

@@ -19,9 +19,9 @@ import pytest
 from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.plant import reference
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Authority, Sine
+from lpfcosim.worlds import along_x_plant
 from tests.campaign_text import ONE_EXPERIMENT
 
 pytestmark = pytest.mark.fmu
@@ -78,7 +78,7 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
     assert [f.name for f in files] == [f"{r.name}.h5" for r in plan.runs]
     assert seen == {r.name: r.n_samples for r in plan.runs}
     for run, file in zip(plan.runs, files, strict=True):
-        wanted = reference.simulate(run)
+        wanted = along_x_plant.simulate(run)
         with h5py.File(file) as telemetry:
             assert telemetry.attrs["campaign_digest"] == plan.digest
             for channel in ("o_1", "o_12", "f_x_2", "F_x_sc"):

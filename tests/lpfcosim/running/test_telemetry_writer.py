@@ -8,10 +8,10 @@ import pytest
 
 from fit.files import atomic
 from lpfcosim.errors import RunError
-from lpfcosim.plant import reference
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft.parameters import PARAMETERS
 from lpfcosim.spacecraft.run import Sine
+from lpfcosim.worlds import along_x_plant
 
 PROVENANCE = {"version": "1.2.3", "campaign_digest": "ab" * 32, "seed": 7}
 CHANNELS = {"o_1", "o_12", "f_x_1", "f_x_2", "guidance_o_1", "guidance_o_12", "F_x_sc"}
@@ -37,7 +37,7 @@ def run(make_run, flight_noise):
 
 @pytest.fixture(scope="module")
 def channels(run):
-    return reference.simulate(run)
+    return along_x_plant.simulate(run)
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lpfcosim.plant import decimation
 from lpfcosim.running import telemetry
+from lpfcosim.signals import decimation
 
 
 def thinned(run, values, sizes=(10_000,)):

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.plant import loops, margins
+from lpfcosim.plant import margins
 from lpfcosim.spacecraft.control import Lead
 from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.worlds import whole_loops
+from tests.oracles import whole_spectra
 
 H = 0.1
 M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376
@@ -111,10 +113,10 @@ CONTINUOUS = {
 
 @pytest.mark.parametrize("f", [0.01e-3, 0.07e-3, 0.3e-3, 2e-3, 30e-3, 0.3])
 def test_loop_gains_match_the_continuous_plant(run, f):
-    L = margins.open_loop(run, [f])[0]
+    L = whole_loops.open_loop(run)([f])[0]
     returned = 1 / np.diagonal(np.linalg.inv(np.eye(15) + L)) - 1
     for name, formula in CONTINUOUS.items():
-        i = loops.LOOPS.index(name)
+        i = whole_loops.LOOPS.index(name)
         # 1e-5: test masses free to turn answer with their own stiffness, I_tm/I_sc of it
         got, rel = (returned[i], 1e-6) if "attitude" in name else (L[i, i], 1e-5)
         if abs(got) > 1e-6:
@@ -123,7 +125,7 @@ def test_loop_gains_match_the_continuous_plant(run, f):
 
 def test_margins_match_the_continuous_plant(run):
     found = {m.loop: m for m in margins.margins(run)}
-    assert list(found) == list(loops.LOOPS)
+    assert list(found) == list(whole_loops.LOOPS)
     for name, L in CONTINUOUS.items():
         m = found[name]
         at_unity = L(m.unity_gain)
@@ -176,20 +178,20 @@ def test_gain_beyond_its_margin_is_unstable(make_run, run):
         louder = Louder(0.07e-3, 0.021e-3, 0.42e-3)
         object.__setattr__(louder, "factor", 10 ** (decibel / 20))
         changed = make_run(spacecraft=Spacecraft(attitude=louder))
-        assert (np.abs(np.linalg.eigvals(loops.loop(changed).closed)).max() < 1) == stable
+        assert (np.abs(np.linalg.eigvals(whole_loops.loop(changed).closed)).max() < 1) == stable
 
 
 @pytest.mark.parametrize(("truth", "slowest"), [(UNIT_GAIN, 4740), (Truth(), 5074)])
 def test_slowest_mode_is_the_known_one(make_run, truth, slowest):
     """4740 s from the independent design; the true gain of the forces makes it 5074 s."""
-    closed = loops.loop(make_run(spacecraft=Spacecraft(), truth=truth)).closed
+    closed = whole_loops.loop(make_run(spacecraft=Spacecraft(), truth=truth)).closed
     assert -H / np.log(np.abs(np.linalg.eigvals(closed)).max()) == pytest.approx(slowest, rel=2e-3)
 
 
 def test_thrusters_answer_x_1_as_in_flight(run):
     """|F/x| within 30 % of flight telemetry at 50, 100, 200 mHz; unity gain at 70 - 100 mHz."""
     f = np.array([50e-3, 100e-3, 200e-3])
-    A, B, C, D = loops.controllers(run)
+    A, B, C, D = whole_loops.controllers(run)
     z = np.exp(2j * np.pi * f * H)[:, np.newaxis, np.newaxis]
     K = C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D
     stiffness = np.abs(M_SC * K[:, 0, 0])
@@ -213,19 +215,19 @@ def test_rotation_emerges_with_its_known_spectrum(make_run):
     """From an independent design of the same loops, phi; the eta of its noisier axis is 4.4 times that."""
     f = np.array([0.03e-3, 0.1e-3, 0.3e-3, 1e-3])
     run = make_run(spacecraft=Spacecraft(), truth=UNIT_GAIN)
-    S = margins.spectra(run, f, levels(f))
+    S = whole_spectra.spectra(run, f, levels(f))
     Omega = np.sqrt(S["Omega_phi"])
     np.testing.assert_allclose(Omega, [3.1e-8, 8.4e-8, 3.6e-8, 3.4e-9], rtol=0.05)
     np.testing.assert_allclose(2 * np.pi * f * Omega, [5.9e-12, 5.3e-11, 6.7e-11, 2.1e-11], rtol=0.05)
     np.testing.assert_allclose(np.sqrt(S["Omega_eta"]) / Omega, 4.6, rtol=0.05)
     np.testing.assert_allclose(2 * np.pi * f * np.sqrt(S["Phi"]), Omega, rtol=1e-6)
-    with_flight_gain = margins.spectra(replace(run, truth=Truth()), f, levels(f))
+    with_flight_gain = whole_spectra.spectra(replace(run, truth=Truth()), f, levels(f))
     np.testing.assert_allclose(np.sqrt(with_flight_gain["Omega_phi"]), Omega, rtol=0.11)
 
 
 def test_jitter_is_the_known_one(run):
     f = np.array([20e-3, 30e-3, 50e-3, 70e-3, 100e-3])
-    S = margins.spectra(run, f, levels(f))
+    S = whole_spectra.spectra(run, f, levels(f))
     np.testing.assert_allclose(np.sqrt(S["y_1"]), np.array([19, 11, 5, 2.6, 1.3]) * 1e-9, rtol=0.06)
     np.testing.assert_allclose(np.sqrt(S["phi_1"]), np.array([24, 15, 7, 4.4, 2.6]) * 1e-9, rtol=0.06)
 
@@ -233,8 +235,10 @@ def test_jitter_is_the_known_one(run):
 def test_torques_show_the_rotation(run):
     """N/I - omega2 o - o'' is dOmega, N being what acts after delay and hold."""
     f = np.array([0.1e-3, 1e-3])
-    H_ = margins.transfer(run, f)
-    from_tracker = dict(zip(margins.CHANNELS, H_[:, :, loops.INPUTS.index("n_ast_phi")].T, strict=True))
+    H_ = whole_spectra.transfer(run, f)
+    from_tracker = dict(
+        zip(whole_spectra.CHANNELS, H_[:, :, whole_loops.INPUTS.index("n_ast_phi")].T, strict=True)
+    )
     delayed = np.exp(-2j * np.pi * f * (0.1 + H / 2)) * from_tracker["N_phi_1"] / I_TM
     s = 2j * np.pi * f
     applied = delayed - (W_ANGLE + s**2) * from_tracker["phi_1"]

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lpfcosim.plant import reference
 from lpfcosim.spacecraft.run import Truth
+from lpfcosim.worlds import along_x_plant
 
 H = 0.1
 RATIO = 1.928 / 422.7
@@ -21,10 +21,10 @@ def bare(make_run):
 
 def advance(run, n, **inputs):
     """Step the plant alone; positions of both test masses at n + 1 samples from equilibrium."""
-    plant = reference.plant(run)
-    u = np.zeros((n, len(reference.PLANT_INPUTS)))
+    plant = along_x_plant.plant(run)
+    u = np.zeros((n, len(along_x_plant.PLANT_INPUTS)))
     for name, values in inputs.items():
-        u[:, reference.PLANT_INPUTS.index(name)] = values
+        u[:, along_x_plant.PLANT_INPUTS.index(name)] = values
     states = np.zeros((n + 1, len(plant.A)))
     for i in range(n):
         states[i + 1] = plant.A @ states[i] + plant.B @ u[i]

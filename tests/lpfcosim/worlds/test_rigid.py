@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lpfcosim.plant import loops, rigid
 from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.worlds import whole_loops, whole_rigid
 from tests.oracles.whole_equations import FREE, I_SC, I_TM, M_SC, M_TM, NO_STIFFNESS, SKEW, D, H, equations
 
 
@@ -20,10 +20,10 @@ def craft(make_run):
 
 def advance(run, n, start=(), **inputs):
     """Step the plant alone, no command given; the 30 of motion and rates at n + 1 samples."""
-    plant, apparent = rigid.plant(run), rigid.Apparent(run)
-    u = np.zeros((n, rigid.N_INPUTS))
+    plant, apparent = whole_rigid.plant(run), whole_rigid.Apparent(run)
+    u = np.zeros((n, whole_rigid.N_INPUTS))
     for name, values in inputs.items():
-        u[:, 18 + loops.DISTURBANCES.index(name)] = values
+        u[:, 18 + whole_loops.DISTURBANCES.index(name)] = values
     states = np.zeros((n + 1, len(plant.A)))
     states[0] = plant.start
     for i, value in start:
@@ -31,7 +31,7 @@ def advance(run, n, start=(), **inputs):
     before = None
     for i in range(n):
         now = np.array(apparent(states[i], plant.C @ states[i] + plant.D @ u[i]))
-        u[i, rigid.QUADRATIC] = now if before is None else 1.5 * now - 0.5 * before
+        u[i, whole_rigid.QUADRATIC] = now if before is None else 1.5 * now - 0.5 * before
         before = now
         states[i + 1] = plant.A @ states[i] + plant.B @ u[i]
     return states[:, :30]
@@ -73,7 +73,7 @@ def angular_momentum(run, motion):
 def test_internal_forces_leave_the_angular_momentum_alone(craft):
     """Spacecraft at rest, then tumbling, when the length of the vector is what stays."""
     rng, n = np.random.default_rng(5), 1000
-    names = [name for name in loops.DISTURBANCES if name[0] == "g"]
+    names = [name for name in whole_loops.DISTURBANCES if name[0] == "g"]
     stray = {name: 1e-14 * rng.standard_normal(n).cumsum() for name in names}
     skew = replace(SKEW, b=(0,) * 6)
     run = craft(skew)
@@ -95,7 +95,7 @@ def test_each_degree_of_freedom_is_an_oscillator(craft, k, stiffness):
     names = [f"g_{j}" if k == "x" else f"g_{k}_{j}" if k in "yz" else f"gamma_{k}_{j}" for j in (1, 2)]
     run = craft(sc, truth=replace(NO_STIFFNESS, **x))
     motion = advance(run, n, **dict(zip(names, push, strict=True)))
-    i = [rigid.MOTION.index(f"{k}_{j}") for j in (1, 2)]
+    i = [whole_rigid.MOTION.index(f"{k}_{j}") for j in (1, 2)]
     recoil = {"theta": 2 * I_TM / I_SC[0], "eta": 2 * I_TM / I_SC[1], "phi": 2 * I_TM / I_SC[2]}
     with_sum = 1 + recoil.get(k, 2 * M_TM / M_SC)
     lever = {"y": M_TM * D**2 / (2 * I_SC[2]), "z": M_TM * D**2 / (2 * I_SC[1])}
@@ -113,10 +113,10 @@ def test_each_degree_of_freedom_is_an_oscillator(craft, k, stiffness):
 @pytest.mark.parametrize("tau_es", [0.1, 0.04, 0.27])
 def test_force_at_a_sample_is_the_one_acting_from_then_on(craft, tau_es):
     run = craft(replace(FREE, tau_es=tau_es), truth=NO_STIFFNESS)
-    plant = rigid.plant(run)
+    plant = whole_rigid.plant(run)
     state, pushed = plant.start, []
     for n in range(8):
-        u = np.eye(rigid.N_INPUTS)[1] * (n == 2)  # along y, for one sample
+        u = np.eye(whole_rigid.N_INPUTS)[1] * (n == 2)  # along y, for one sample
         pushed.append((plant.C @ state + plant.D @ u)[1])
         state = plant.A @ state + plant.B @ u
     t = H * np.arange(8) + 1e-9

@@ -1,12 +1,15 @@
-"""The loop of the whole spacecraft, six degrees of freedom each for it and two test masses: eight FMUs."""
+"""The whole spacecraft, six degrees of freedom each for it and two test masses: eight FMUs."""
 
 from __future__ import annotations
 
-from lpfcosim.network import along_x
-from lpfcosim.network.along_x import controller
-from lpfcosim.network.wiring import Component
-from lpfcosim.spacecraft import Run
+from lpfcosim.network import Component
+from lpfcosim.signals import Source, tail
+from lpfcosim.spacecraft import Run, Spacecraft
+from lpfcosim.worlds import along_x, whole_loops, whole_plant
+from lpfcosim.worlds.whole_rigid import equipment
+from lpfcosim.worlds.world import World
 
+_GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
 _POSITIONS, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
 _THRUST = ("F_x_sc", "F_y_sc", "F_z_sc", "N_x_sc", "N_y_sc", "N_z_sc")
 _MOTION = tuple(f"{k}_{j}" for j in (1, 2) for k in (*_POSITIONS, *_ANGLES))
@@ -37,6 +40,7 @@ COMPONENTS = (
         _from("WholePlant", *(f"{k}_{j}" for k in (*_POSITIONS, "eta", "phi") for j in (1, 2)))
         | _signals(*(f"n_{k}" for k in ("1", "12", "phi_1", "phi_12", "eta_1", "eta_12"))),
         ("o_1", "o_12", "o_phi_1", "o_phi_12", "o_eta_1", "o_eta_12"),
+        truths={**along_x.METROLOGY_TRUTHS, **{f"b_{i}": (f"b_{i}",) for i in (1, 2, 3, 4)}},
     ),
     Component(
         "InertialSensor",
@@ -80,6 +84,7 @@ COMPONENTS = (
             *(f"{kind}_{k}" for kind in ("F", "F_applied") for k in _LATERAL),
             *(f"{kind}_{k}" for kind in ("N", "N_applied") for k in _TORQUES),
         ),
+        truths=along_x.ACTUATION_TRUTHS,
     ),
     Component(
         "WholePlant",
@@ -94,6 +99,11 @@ COMPONENTS = (
         ),
         (*_MOTION, "Theta", "Eta", "Phi"),
         moves=True,
+        truths={
+            **along_x.PLANT_TRUTHS,
+            "delta_y": ("delta_phi",), "delta_z": ("delta_eta",), "d": ("delta_phi", "delta_eta"),
+            "b_5": ("b_5",), "b_6": ("b_6",),
+        },
     ),
 )  # fmt: skip
 
@@ -108,13 +118,48 @@ RECORD = {
 }
 
 
+_NAMES = {
+    "m": (
+        "d",
+        "delta_y",
+        "delta_z",
+        *(f"{a}{k}_{j}" for a in ("", "n_grs_", "grs_") for k in "xyz" for j in (1, 2)),
+    ),
+    "rad": (
+        *("Theta", "Eta", "Phi"),
+        *(f"{a}_{k}" for a in ("ast", "n_ast", "attitude") for k in _ANGLES),
+        *(f"{a}{k}_{j}" for a in ("", "n_grs_", "grs_") for k in _ANGLES for j in (1, 2)),
+        *(f"{a}_{k}_{j}" for a in ("o", "n") for k in ("eta", "phi") for j in (1, 12)),
+    ),
+    "rad/s": tuple(f"Omega_{k}_start" for k in _ANGLES),
+    "rad/s2": tuple(f"gamma_{k}_{j}" for k in _ANGLES for j in (1, 2)),
+    "m/s2": tuple(f"g_{k}_{j}" for k in "yz" for j in (1, 2)),
+    "N": (
+        *("F_y_sc", "F_z_sc", "F_noise_y_sc", "F_noise_z_sc", "F_max_yz"),
+        *(f"{a}_{k}_{j}" for a in ("F", "F_control", "F_applied") for k in "yz" for j in (1, 2)),
+    ),
+    "N.m": (
+        *("N_max_theta", "N_max_eta"),
+        *(f"N_{a}{k}_sc" for a in ("", "noise_") for k in "xyz"),
+        *(f"{a}_{k}_{j}" for a in ("N", "N_control", "N_applied") for k in _ANGLES for j in (1, 2)),
+    ),
+    "s": ("tau_es",),
+    "Hz": tuple(f"f_{k}_rot" for k in "uzipr"),
+    "kg.m2": ("I_tm", "I_xx_sc", "I_yy_sc", "I_zz_sc"),
+    "s-2": (*(f"omega2_{k}" for k in ("y", "z", *_ANGLES)), "b_5", "b_6"),
+    "m/rad": ("b_1", "b_2"),
+    "1": ("b_3", "b_4", "lambda_N"),
+    "m-1": ("leak_phi_1", "kappa_phi", "kappa_eta"),
+}
+UNITS = {**along_x.UNITS, **{name: unit for unit, names in _NAMES.items() for name in names}}
+
+
 def parameters(run: Run) -> dict[str, dict[str, float]]:
     """Parameter values of every component for one run of the whole spacecraft, SI."""
-    sc = run.spacecraft
-    assert sc is not None
+    sc = equipment(run)
     x = along_x.parameters(run)
-    rotation = {f"{name}_rot": value for name, value in controller(sc.rotation).items()}
-    angles = {f"{name}_rot": value for name, value in controller(sc.angles).items()}
+    rotation = {f"{name}_rot": value for name, value in along_x.controller(sc.rotation).items()}
+    angles = {f"{name}_rot": value for name, value in along_x.controller(sc.angles).items()}
     inertia = {"I_xx_sc": sc.I_xx_sc, "I_yy_sc": sc.I_yy_sc, "I_zz_sc": sc.I_zz_sc}
     b = {f"b_{i}": value for i, value in enumerate(sc.b, 1)}
     cross_coupling = {name: b[name] for name in ("b_1", "b_2", "b_3", "b_4")}
@@ -143,3 +188,64 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
             )},
         },
     }  # fmt: skip
+
+
+def sources(run: Run) -> tuple[Source, ...]:
+    """Streams of noise along x and beyond; a level with a knee rises as 1/f below it."""
+    noise = run.noise
+    levels = [(f"n_{k}_{j}", noise.dws, 0.0) for k in ("phi", "eta") for j in (1, 12)]
+    levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in _POSITIONS]
+    levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in _ANGLES]
+    levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in _ANGLES]
+    knee = along_x.THRUSTER_KNEE[noise.thrusters]
+    levels += [(f"F_noise_{k}_sc", noise.thruster, knee) for k in ("y", "z")]
+    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, knee) for k in _POSITIONS]
+    levels += [(f"g_{k}", noise.lateral, 0.0) for k in _LATERAL]
+    levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in _TORQUES]
+    beside = [
+        s for name, level, knee in levels for s in (Source(name, name, level), *tail(name, level, knee))
+    ]
+    return (*along_x.sources(run), *beside)
+
+
+def turns(run: Run) -> dict[str, float]:
+    """Attitude set points, with the rates that they follow."""
+    return {f"attitude_{k}": rate for k, rate in zip(_ANGLES, equipment(run).Omega_DC, strict=True)}
+
+
+def attributes(run: Run) -> dict[str, float]:
+    """Constants of the test masses' rotation, as a telemetry file has them."""
+    sc = equipment(run)
+    return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": sc.omega2_phi, "omega2_eta": sc.omega2_eta}
+
+
+def truth(run: Run) -> dict[str, float]:
+    """Cross-talk of eq. bump and the misalignment of the test masses."""
+    sc = equipment(run)
+    return {
+        **{f"b_{i}": value for i, value in enumerate(sc.b, 1)},
+        "delta_phi": sc.delta_phi,
+        "delta_eta": sc.delta_eta,
+    }
+
+
+WORLD = World(
+    name="whole spacecraft",
+    equipment=Spacecraft,
+    components=COMPONENTS,
+    record=RECORD,
+    units=UNITS,
+    parameters=parameters,
+    sources=sources,
+    turns=turns,
+    limits=whole_loops.limits,
+    simulate=whole_plant.simulate,
+    loop=whole_loops.loop,
+    system=whole_loops.system,
+    loops=whole_loops.LOOPS,
+    open_loop=whole_loops.open_loop,
+    attributes=attributes,
+    truth=truth,
+    sample_cost=3.5e-6,
+    experiment_cost=1.8,
+)

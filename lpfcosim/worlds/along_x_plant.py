@@ -1,4 +1,4 @@
-"""The closed loop without FMUs, exactly discretised: what the co-simulation has to reproduce.
+"""The loop along x without FMUs, exactly discretised: what the co-simulation has to reproduce.
 
 Continuous plant, seen from the spacecraft (signs in `lpfcosim.spacecraft.parameters`)::
 
@@ -14,13 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from lpfcosim.errors import RunError
-from lpfcosim.plant import signals
-from lpfcosim.spacecraft import READ_OUT_RANGE, Controller, Run
-
-BLOCK = 6000  # samples between two looks at the read-out range
+from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import drive
+from lpfcosim.worlds.loop import BLOCK, Loop, System, check_inside, linear, on_circle, sampled
+from lpfcosim.worlds.world import Gain
 
 PLANT_INPUTS = ("F_x_sc", "f_x_1", "f_x_2", "g_1", "g_2", "F_noise_x_sc")
 LOOP_INPUTS = ("n_1", "n_12", "guidance_o_1", "guidance_o_12", "f_x_1", "g_1", "g_2", "F_noise_x_sc")
@@ -40,29 +39,6 @@ class Plant:
     B: Array
     C: Array
     start: Array
-
-
-@dataclass(frozen=True)
-class Loop:
-    """One step of plant and controllers around f_x_2, which authority may clip.
-
-    ``state+ = A state + B w + b_2 f_x_2`` with w = `LOOP_INPUTS`; the suspension asks for
-    ``c_2 state + d_2 w``; the rows of ``C state + D w`` are o_1, o_12, F_x_sc.
-    """
-
-    A: Array
-    B: Array
-    b_2: Array
-    c_2: Array
-    d_2: Array
-    C: Array
-    D: Array
-    start: Array
-
-    @property
-    def closed(self) -> Array:
-        """State matrix of the linear closed loop, no command at its limit."""
-        return self.A + np.outer(self.b_2, self.c_2)
 
 
 def plant(run: Run) -> Plant:
@@ -108,28 +84,12 @@ def plant(run: Run) -> Plant:
     return Plant(A, B, C, start)
 
 
-def controller(settings: Controller, h: float) -> tuple[Array, Array, float]:
-    """Discretise K(s) = sum r_i / (s + p_i) with the bilinear rule.
-
-    Returns
-    -------
-    decay, entry : ndarray, shape (3,)
-        ``state+ = decay * state + entry * e``, one state per pole.
-    direct : float
-        ``K e = sum(state) + direct * e``.
-    """
-    p, r = np.array(settings.rates), np.array(settings.residues)
-    decay = (2 - p * h) / (2 + p * h)
-    direct = r * h / (2 + p * h)
-    return decay, direct * (1 + decay), float(direct.sum())
-
-
 def loop(run: Run) -> Loop:
     """Close the drag-free loop exactly and the suspension loop up to the authority of f_x_2."""
     body = plant(run)
     n = len(body.A)
-    decay_1, entry_1, direct_1 = controller(run.drag_free, run.h)
-    decay_2, entry_2, direct_2 = controller(run.suspension, run.h)
+    decay_1, entry_1, direct_1 = sampled(run.drag_free, run.h)
+    decay_2, entry_2, direct_2 = sampled(run.suspension, run.h)
 
     # read-outs o = C state + D_o w and errors e = C state + D_e w of both loops; commands F_x_sc and f_x_2
     C = np.hstack([body.C, np.zeros((2, 6))])
@@ -153,40 +113,54 @@ def loop(run: Run) -> Loop:
     A += np.outer(thrust, F_c)
     B += np.outer(thrust, F_d)
     return Loop(
+        inputs=LOOP_INPUTS,
+        commands=("f_x_2",),
+        read_outs=("o_1", "o_12", "F_x_sc"),
         A=A,
         B=B,
-        b_2=np.concatenate([body.B[:, 2], np.zeros(6)]),
-        c_2=c_2,
-        d_2=-direct_2 * D_e[1],
+        B_u=np.concatenate([body.B[:, 2], np.zeros(6)])[:, np.newaxis],
+        C_u=c_2[np.newaxis],
+        D_u=(-direct_2 * D_e[1])[np.newaxis],
+        u_start=np.array([run.f_x_2_start]),
         C=np.vstack([C, F_c]),
         D=np.vstack([D_o, F_d]),
         start=np.concatenate([body.start, np.zeros(6)]),
     )
 
 
-def open_loop(run: Run, frequency: Array) -> NDArray[np.complex128]:
-    """Loop gain of the sampled system, both loops cut at their errors.
+def system(run: Run) -> System:
+    """Close both loops."""
+    return linear(loop(run), run, leak=np.zeros(1))
 
-    Parameters
-    ----------
-    run : Run
-        Where the loop comes from; no command is at its limit.
-    frequency : ndarray, shape (n,)
-        Hz.
+
+def open_loop(run: Run) -> Gain:
+    """Give the loop gain of the sampled system, both loops cut at their errors.
 
     Returns
     -------
-    ndarray, shape (n, 2, 2)
-        L in (o_1, o_12) = -L (o_1 - guidance_o_1, o_12 - guidance_o_12), with noise left out; exact.
+    callable
+        From frequency [Hz], shape (n,), to L, shape (n, 2, 2), in (o_1, o_12) = -L (o_1 - guidance_o_1,
+        o_12 - guidance_o_12), with noise left out and no command at its limit; exact.
     """
     body = plant(run)
-    z = np.exp(2j * np.pi * run.h * np.asarray(frequency))[:, np.newaxis, np.newaxis]
-    from_commands = body.C @ np.linalg.solve(z * np.eye(len(body.A)) - body.A, body.B[:, [0, 2]])
-    gains = []
-    for settings, scale in ((run.drag_free, run.m_sc), (run.suspension, -1.0)):
-        decay, entry, direct = controller(settings, run.h)
-        gains.append(scale * ((entry / (z[:, 0] - decay)).sum(axis=1) + direct))
-    return np.asarray(-from_commands * np.stack(gains, axis=1)[:, np.newaxis, :])
+
+    def gain(frequency: ArrayLike) -> NDArray[np.complex128]:
+        z = on_circle(frequency, run.h)
+        from_commands = body.C @ np.linalg.solve(z * np.eye(len(body.A)) - body.A, body.B[:, [0, 2]])
+        gains = []
+        for law, scale in ((run.drag_free, run.m_sc), (run.suspension, -1.0)):
+            decay, entry, direct = sampled(law, run.h)
+            gains.append(scale * ((entry / (z[:, 0] - decay)).sum(axis=1) + direct))
+        return np.asarray(-from_commands * np.stack(gains, axis=1)[:, np.newaxis, :])
+
+    return gain
+
+
+def limits(run: Run) -> dict[str, float]:
+    """Largest command that authority allows, by telemetry channel, in the units of the channels."""
+    # On test mass 1 a leak adds to what is clipped; without authority there is no command to be clipped.
+    F_max = {"f_x_2": run.authority.F_max_2, "f_x_1": run.authority.F_max_1}
+    return {name: force / run.m_tm for name, force in F_max.items() if force > 0 or name == "f_x_2"}
 
 
 def simulate(run: Run) -> dict[str, Array]:
@@ -204,26 +178,28 @@ def simulate(run: Run) -> dict[str, Array]:
         If o_1 or o_12 leaves +-1e-4 m.
     """
     step = loop(run)
-    injected, drawn = signals.injections(run), signals.noise(run)
-    limit_1, limit_2 = run.authority.F_max_1 / run.m_tm, run.authority.F_max_2 / run.m_tm
+    (b_2,), (c_2,), (d_2,), (start_2,) = step.B_u.T, step.C_u, step.D_u, step.u_start
+    injected, drawn = drive.injections(run), drive.noise(run)
+    limit = limits(run)
+    limit_1, limit_2 = limit.get("f_x_1", 0.0), limit["f_x_2"]
     f_x_1 = np.clip(injected["F_x_1"] / run.m_tm, -limit_1, limit_1) + drawn["f_x_1_jitter"]
     w = np.stack([{**injected, **drawn, "f_x_1": f_x_1}[name] for name in LOOP_INPUTS], axis=1)
-    asked = run.f_x_2_start + injected["F_x_2"] / run.m_tm + w @ step.d_2
+    asked = start_2 + injected["F_x_2"] / run.m_tm + w @ d_2
 
     # The rows of `track` are (state, f_x_2): each follows from the one before, then authority clips f_x_2.
-    advance = np.column_stack([step.A, step.b_2])
-    advance = np.vstack([advance, step.c_2 @ advance])
-    latest = np.append(step.start, np.clip(step.c_2 @ step.start + asked[0], -limit_2, limit_2))
+    advance = np.column_stack([step.A, b_2])
+    advance = np.vstack([advance, c_2 @ advance])
+    latest = np.append(step.start, np.clip(c_2 @ step.start + asked[0], -limit_2, limit_2))
     readout, f_x_2 = np.empty((run.n_samples, 3)), np.empty(run.n_samples)
     for begin in range(0, run.n_samples, BLOCK):
         block = slice(begin, min(begin + BLOCK, run.n_samples))
         push = w[block] @ step.B.T
-        ask = push @ step.c_2
+        ask = push @ c_2
         ask[: len(asked) - begin - 1] += asked[begin + 1 : block.stop + 1]
         push = np.column_stack([push, ask])
         track = np.empty((len(push) + 1, len(latest)))
         track[0] = latest
-        with np.errstate(over="ignore", invalid="ignore"):  # _check_inside tells, with the time
+        with np.errstate(over="ignore", invalid="ignore"):  # check_inside tells, with the time
             for now, following, pushed in zip(track[:-1], track[1:], push, strict=True):
                 np.dot(advance, now, out=following)
                 following += pushed
@@ -232,7 +208,7 @@ def simulate(run: Run) -> dict[str, Array]:
             readout[block] = track[:-1, :-1] @ step.C.T + w[block] @ step.D.T
         latest = track[-1]
         f_x_2[block] = track[:-1, -1]
-        _check_inside(run, readout[block], begin)
+        check_inside(run, readout[block, 0], readout[block, 1], begin)
     return {
         "o_1": readout[:, 0].copy(),
         "o_12": readout[:, 1].copy(),
@@ -242,14 +218,3 @@ def simulate(run: Run) -> dict[str, Array]:
         "guidance_o_12": injected["guidance_o_12"],
         "F_x_sc": readout[:, 2].copy(),
     }
-
-
-def _check_inside(run: Run, readout: Array, begin: int) -> None:
-    lost = ~(np.abs(readout[:, :2]) <= READ_OUT_RANGE)  # true for NaN too
-    if lost.any():
-        i = int(lost.any(axis=1).argmax())
-        channel = "o_1" if lost[i, 0] else "o_12"
-        time = (begin + i) / run.fs
-        raise RunError(
-            f"{run.name}: the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
-        )

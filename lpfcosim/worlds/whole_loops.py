@@ -5,15 +5,30 @@ electrostatic forces and torques hold x_2 and the angles, and the star tracker t
 differential forces on the test masses, which the thrusters then follow.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from lpfcosim.plant import reference
-from lpfcosim.plant.rigid import ANGLES, DELAYED, MOTION, NOISE, QUADRATIC, TILT, S, equipment, plant
-from lpfcosim.spacecraft import Lead, Run
+from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import along_x_plant
+from lpfcosim.worlds import loop as loops
+from lpfcosim.worlds.loop import System, linear, on_circle, sampled, sampled_lead, with_none
+from lpfcosim.worlds.whole_rigid import (
+    ANGLES,
+    DELAYED,
+    MOTION,
+    NOISE,
+    OMEGA,
+    QUADRATIC,
+    TILT,
+    Apparent,
+    S,
+    equipment,
+    plant,
+)
+from lpfcosim.worlds.world import Gain
 
 Array = NDArray[np.float64]
 
@@ -41,31 +56,16 @@ INPUTS = (*NOISES, *SET_POINTS, "f_x_1", *DISTURBANCES)
 
 
 @dataclass(frozen=True)
-class Loop:
-    """One step of plant and controllers around the commands, which authority may clip.
+class Loop(loops.Loop):
+    """One step of plant and controllers, with what is quadratic in the motion.
 
-    ``state+ = A state + B w + B_u u + B_q q`` with w = `INPUTS`, u = `COMMANDS` and the quadratic terms q of
-    `rigid.Plant`; the controllers ask for ``u = C_u state + D_u w + u_start``. The read-outs are
-    ``C_o state`` plus their noise; F_j/m_tm and dOmega are ``C_r state + D_r w + E_r u``.
+    B_q q adds to the state, q of `whole_rigid.Plant`; F_j/m_tm and dOmega are ``C_r state + D_r w + E_r u``.
     """
 
-    A: Array
-    B: Array
-    B_u: Array
     B_q: Array
-    C_u: Array
-    D_u: Array
-    u_start: Array
-    C_o: Array
     C_r: Array
     D_r: Array
     E_r: Array
-    start: Array
-
-    @property
-    def closed(self) -> Array:
-        """State matrix of the linear closed loop, no command at its limit."""
-        return self.A + self.B_u @ self.C_u
 
 
 def read_outs(run: Run) -> Array:
@@ -124,12 +124,14 @@ def actuation(run: Run) -> Array:
     return np.array([[effort[loop].get(command, 0.0) for loop in LOOPS] for command in COMMANDS])
 
 
-def limits(run: Run) -> Array:
-    """Give the authority of each of `COMMANDS`, shape (17,); thrusters have no limit."""
-    sc, a = equipment(run), run.authority
-    angles = (sc.N_max_theta, sc.N_max_eta)
-    forces = (a.F_max_2 / run.m_tm, *[sc.F_max_yz] * 4)
-    return np.array([*forces, *angles, a.N_max_1, *angles, a.N_max_2, *[np.inf] * 6])
+def limits(run: Run) -> dict[str, float]:
+    """Largest command that authority allows, by telemetry channel; thrusters have no limit."""
+    sc, authority = equipment(run), run.authority
+    found = along_x_plant.limits(run)
+    for j, N_max in ((1, authority.N_max_1), (2, authority.N_max_2)):
+        found |= {f"F_y_{j}": sc.F_max_yz, f"F_z_{j}": sc.F_max_yz}
+        found |= {f"N_theta_{j}": sc.N_max_theta, f"N_eta_{j}": sc.N_max_eta, f"N_phi_{j}": N_max}
+    return found
 
 
 def applied(run: Run) -> tuple[Array, Array]:
@@ -163,29 +165,15 @@ def controllers(run: Run) -> tuple[Array, Array, Array, Array]:
     parts = []
     for name in LOOPS:
         if name.startswith("attitude"):
-            parts.append(_lead(sc.attitude, run.h))
+            parts.append(sampled_lead(sc.attitude, run.h))
             continue
-        settings = x.get(name) or others[name.split("_")[0]]
-        decay, entry, direct = reference.controller(settings, run.h)
+        law = x.get(name) or others[name.split("_")[0]]
+        decay, entry, direct = sampled(law, run.h)
         parts.append((np.diag(decay), entry, np.ones(3), direct))
     A, B, C, D = zip(*parts, strict=True)
     columns, rows = ([b[:, np.newaxis] for b in B], [c[np.newaxis] for c in C])
     A_c, B_c, C_c = (scipy.linalg.block_diag(*blocks) for blocks in (A, columns, rows))
     return A_c, B_c, C_c, np.diag(D)
-
-
-def _lead(settings: Lead, h: float) -> tuple[Array, Array, Array, float]:
-    """Three lags in a row, k (p u_2 + (z - p) u_3)."""
-    p, z = 2 * np.pi * settings.pole, 2 * np.pi * settings.zero
-    decay, entry = (1 - h * p / 2) / (1 + h * p / 2), h * p / 2 / (1 + h * p / 2)
-    # u_i = state_i + entry u_(i-1), u_0 = e: rows of u_1, u_2, u_3 over (states, e)
-    u = np.array(
-        [[entry ** (i - j) if j <= i else 0.0 for j in range(3)] + [entry ** (i + 1)] for i in range(3)]
-    )
-    into = np.vstack([[0, 0, 0, 1], u[:2]])
-    following = decay * np.eye(3, 4) + (1 + decay) * entry * into
-    out = settings.gain * (p * u[1] + (z - p) * u[2])
-    return following[:, :3], following[:, 3], out[:3], float(out[3])
 
 
 def loop(run: Run) -> Loop:
@@ -214,16 +202,75 @@ def loop(run: Run) -> Loop:
     u_start[COMMANDS.index("f_x_2")] = run.f_x_2_start
     u_start[COMMANDS.index("F_x_sc")] = run.F_x_sc_start
     return Loop(
+        inputs=INPUTS,
+        commands=COMMANDS,
+        read_outs=READ_OUTS,
         A=A,
         B=B,
         B_u=np.vstack([body.B[:, DELAYED] @ over_commands, still * np.ones(len(COMMANDS))]),
-        B_q=np.vstack([body.B[:, QUADRATIC], still * np.ones(15)]),
         C_u=C_u,
         D_u=M @ D_c @ D_e,
         u_start=u_start,
-        C_o=C_o,
+        C=C_o,
+        D=np.eye(len(READ_OUTS), n_w),
+        start=np.concatenate([body.start, np.zeros(len(A_c))]),
+        B_q=np.vstack([body.B[:, QUADRATIC], still * np.ones(15)]),
         C_r=np.hstack([body.C, np.zeros((9, len(A_c)))]),
         D_r=D_r,
         E_r=body.D[:, DELAYED] @ over_commands,
-        start=np.concatenate([body.start, np.zeros(len(A_c))]),
     )
+
+
+def system(run: Run) -> System:
+    """Close every loop about the steady turn, where what is quadratic has a linear part too."""
+    step = loop(run)
+    leak = np.array([leak_of_f_x_1(run) * (name == "N_phi_1") for name in COMMANDS])
+    closed = linear(step, run, leak)
+    D_u = closed.D[len(READ_OUTS) : -1]
+    by_motion, by_rates = turning(run)
+    q = by_rates @ (step.C_r + step.E_r @ step.C_u)
+    q[:, : by_motion.shape[1]] += by_motion
+    D_q = by_rates @ (with_none(step.D_r) + step.E_r @ D_u)
+    return replace(closed, A=closed.A + step.B_q @ q, B=closed.B + step.B_q @ D_q)
+
+
+def leak_of_f_x_1(run: Run) -> float:
+    """Give what the channel f_x_1 shows of the torque N_phi_1 [kg^-1 m^-1]."""
+    return equipment(run).leak_phi_1 / run.m_tm
+
+
+def turning(run: Run) -> tuple[Array, Array]:
+    """Give the derivatives of `Apparent` in the steady turn by motion (15, 30) and rates (15, 9)."""
+    apparent, steady = Apparent(run), np.zeros(39)
+    steady[OMEGA] = equipment(run).Omega_DC
+    step = 1e-6  # the differences of a quadratic are exact, whatever it is
+    rows = []
+    for change in step * np.eye(steady.size):
+        above, below = (apparent(x[:30], x[30:]) for x in (steady + change, steady - change))
+        rows.append(np.subtract(above, below) / (2 * step))
+    J = np.array(rows).T
+    return J[:, :30], J[:, 30:]
+
+
+def open_loop(run: Run) -> Gain:
+    """Give the loop gain of the sampled system, all loops cut at their errors.
+
+    Returns
+    -------
+    callable
+        From frequency [Hz], shape (n,), to L, shape (n, 15, 15), in error = -L error over `LOOPS`; one loop
+        with the others open is on the diagonal.
+    """
+    body = plant(run)
+    into = body.B[:, DELAYED] @ applied(run)[0] @ actuation(run)
+    out = np.zeros((len(LOOPS), len(body.A)))
+    out[:, :15] = errors(run)[0] @ read_outs(run)
+    A, B, C, D = controllers(run)
+
+    def gain(frequency: ArrayLike) -> NDArray[np.complex128]:
+        z = on_circle(frequency, run.h)
+        response = out @ np.linalg.solve(z * np.eye(len(body.A)) - body.A, into)
+        control = C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D
+        return np.asarray(-response @ control)
+
+    return gain

@@ -5,13 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.errors import RunError
-from lpfcosim.plant import signals
-from lpfcosim.plant.loops import COMMANDS, INPUTS, READ_OUTS, limits, loop
-from lpfcosim.plant.rigid import ANGLES, MOTION, OMEGA, Apparent, equipment
-from lpfcosim.spacecraft import READ_OUT_RANGE, Run
-
-BLOCK = 6000  # samples between two looks at the read-out range
+from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import drive
+from lpfcosim.worlds.loop import BLOCK, check_inside
+from lpfcosim.worlds.whole_loops import COMMANDS, INPUTS, READ_OUTS, leak_of_f_x_1, limits, loop
+from lpfcosim.worlds.whole_rigid import ANGLES, MOTION, OMEGA, Apparent
 
 Array = NDArray[np.float64]
 
@@ -33,7 +31,8 @@ def simulate(run: Run, driven: Mapping[str, Array] | None = None) -> dict[str, A
     -------
     dict
         By name, each of shape (n_samples,), SI: `READ_OUTS`, `COMMANDS`, ``f_x_1``, ``guidance_o_1``,
-        ``guidance_o_12``; and the truth, `rigid.MOTION` and ``Omega_theta``, ``Omega_eta``, ``Omega_phi``.
+        ``guidance_o_12``; and the truth, `whole_rigid.MOTION` and ``Omega_theta``, ``Omega_eta``,
+        ``Omega_phi``.
 
     Raises
     ------
@@ -41,9 +40,9 @@ def simulate(run: Run, driven: Mapping[str, Array] | None = None) -> dict[str, A
         If o_1 or o_12 leaves +-1e-4 m.
     """
     if driven is None:
-        driven = signals.injections(run) | signals.noise(run)
+        driven = drive.injections(run) | drive.noise(run)
     still = np.zeros(run.n_samples)
-    limit = run.authority.F_max_1 / run.m_tm
+    limit = limits(run).get("f_x_1", 0.0)
     f_x_1 = np.clip(driven.get("F_x_1", still) / run.m_tm, -limit, limit) + driven.get("f_x_1_jitter", still)
     inputs = [{**driven, "f_x_1": f_x_1}.get(name, still) for name in INPUTS]
     f_x_2 = driven.get("F_x_2", still) / run.m_tm
@@ -55,8 +54,8 @@ def simulate(run: Run, driven: Mapping[str, Array] | None = None) -> dict[str, A
         w = np.stack([values[block] for values in inputs], axis=1)
         for name, values in track.advance(w, f_x_2[block]).items():
             channels[name][block] = values
-        _check_inside(run, channels, block)
-    channels["f_x_1"] = f_x_1 + equipment(run).leak_phi_1 / run.m_tm * channels["N_phi_1"]
+        check_inside(run, channels["o_1"][block], channels["o_12"][block], begin)
+    channels["f_x_1"] = f_x_1 + leak_of_f_x_1(run) * channels["N_phi_1"]
     return channels | {name: driven.get(name, still) for name in ("guidance_o_1", "guidance_o_12")}
 
 
@@ -72,7 +71,8 @@ class _Track:
         advance = np.hstack([step.A, step.B_u, 1.5 * step.B_q, -0.5 * step.B_q])
         self._matrix = np.vstack([advance, step.C_u @ advance])
         self._rates = np.hstack([step.C_r, step.E_r])
-        self._top = limits(run)
+        limit = limits(run)
+        self._top = np.array([limit.get(command, np.inf) for command in COMMANDS])
         self._bottom = -self._top
         self._apparent = Apparent(run)
         self._state = step.start
@@ -92,7 +92,7 @@ class _Track:
         rows[0, :n] = self._state
         rows[0, _u] = step.C_u @ self._state + external[0]
         before = self._before
-        with np.errstate(over="ignore", invalid="ignore"):  # _check_inside tells, with the time
+        with np.errstate(over="ignore", invalid="ignore"):  # check_inside tells, with the time
             for now, following, pushed, rate in zip(rows[:-1], rows[1:], push, rates, strict=True):
                 u = now[_u]
                 np.minimum(u, self._top, out=u)
@@ -105,16 +105,6 @@ class _Track:
                 ahead += pushed
         self._state, self._before = rows[-1, :n].copy(), rows[-2, _q].copy()
         rows = rows[:-1]
-        read_outs = rows[:, :n] @ step.C_o.T + w[:, : len(READ_OUTS)]
+        read_outs = rows[:, :n] @ step.C.T + w[:, : len(READ_OUTS)]
         columns = np.hstack([read_outs, rows[:, _u], rows[:, :15], rows[:, OMEGA]])
         return dict(zip((*READ_OUTS, *COMMANDS, *_TRUE), columns.T, strict=True))
-
-
-def _check_inside(run: Run, channels: Mapping[str, Array], block: slice) -> None:
-    for name in ("o_1", "o_12"):
-        inside = np.abs(channels[name][block]) <= READ_OUT_RANGE  # false for NaN too
-        if not inside.all():
-            time = (block.start + int(inside.argmin())) / run.fs
-            raise RunError(
-                f"{run.name}: the loop diverged, {name} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
-            )

@@ -1,0 +1,9 @@
+"""Signals: what is injected into a run, streams of noise, and the low-pass below 10 Hz.
+
+Which noise there is depends on the world of the run; `lpfcosim.worlds` knows it and starts the streams.
+"""
+
+from lpfcosim.signals.injections import TARGETS, injections
+from lpfcosim.signals.noise import Noise, Source, tail
+
+__all__ = ["TARGETS", "Noise", "Source", "decimation", "injections", "tail"]

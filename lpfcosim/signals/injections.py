@@ -1,0 +1,73 @@
+"""What is injected into a run on purpose: commands, and pulses that no controller knows of."""
+
+from collections.abc import Mapping
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpfcosim.spacecraft import Pulse, Run, Sine, Target
+
+Array = NDArray[np.float64]
+
+TARGETS: tuple[str, ...] = get_args(Target)
+
+
+def injections(
+    run: Run, start: int = 0, stop: int | None = None, turns: Mapping[str, float] | None = None
+) -> dict[str, Array]:
+    """Injected signals of a run.
+
+    Parameters
+    ----------
+    run : Run
+        What is injected.
+    start, stop : int
+        The samples wanted, all by default; any division of a run into blocks gives the same values.
+    turns : mapping of str to float, optional
+        Set points that grow steadily, and their rates [rad/s].
+
+    Returns
+    -------
+    dict
+        ``guidance_o_1``, ``guidance_o_12`` [m], ``F_x_1``, ``F_x_2`` [N] and the set points [rad], each of
+        shape (stop - start,); overlapping injections add, a channel without any is exactly zero.
+    """
+    stop = run.n_samples if stop is None else stop
+    signals = {name: np.zeros(stop - start) for name in TARGETS}
+    for injection in run.injections:
+        if isinstance(injection, Pulse):
+            continue  # no command, see `add_pulses`
+        first = _clip(_sample(run, injection.start), start, stop)
+        last = _clip(_sample(run, injection.end), start, stop)
+        since = np.arange(first, last) / run.fs - injection.start
+        signal = signals[injection.into]
+        if isinstance(injection, Sine):
+            argument = 2 * np.pi * injection.frequency * since + injection.phase
+            signal[first - start : last - start] += injection.amplitude * np.sin(argument)
+        else:
+            ramp = 0.5 - 0.5 * np.cos(np.pi * since / (injection.end - injection.start))
+            signal[first - start : last - start] += injection.amplitude * ramp
+            signal[last - start :] += injection.amplitude
+    if turns:
+        time = np.arange(start, stop) / run.fs
+        signals |= {name: rate * time for name, rate in turns.items()}
+    return signals
+
+
+def add_pulses(run: Run, signals: Mapping[str, Array], start: int, stop: int) -> None:
+    """Add the pulses of a run to the accelerations they act with, samples ``start`` … ``stop - 1``."""
+    for pulse in run.injections:
+        if isinstance(pulse, Pulse):
+            begin = _clip(_sample(run, pulse.start), start, stop)
+            end = _clip(_sample(run, pulse.end), start, stop)
+            phase = (np.arange(begin, end) / run.fs - pulse.start) / pulse.duration
+            signals[pulse.into][begin - start : end - start] += pulse.amplitude * np.sin(np.pi * phase) ** 2
+
+
+def _sample(run: Run, time: float) -> int:
+    return int(np.ceil(time * run.fs - 1e-6))  # rounding must not cost or add a sample
+
+
+def _clip(sample: int, start: int, stop: int) -> int:
+    return min(max(sample, start), stop)

@@ -1,0 +1,116 @@
+"""Noise in streams, each seeded by its name so that the order of drawing never matters."""
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from lpfcosim.signals.injections import add_pulses
+from lpfcosim.spacecraft import Run
+
+CORNER = 2e-6  # Hz, below which noise of 1/f is flat (choice)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A stream of noise: white of ASD ``level``, or with a ``corner`` [Hz] of ASD ``level``/f above it."""
+
+    name: str
+    into: str
+    level: float
+    corner: float = 0.0
+
+    def start(self, run: Run) -> "_White | _Red":
+        """Return the stream at its beginning."""
+        if self.corner:
+            return _Red(run, self.name, self.level, self.corner)
+        return _White(run, self.name, self.level)
+
+    def psd(self, frequency: Array, h: float) -> Array:
+        """Return the one-sided PSD of the stream, sampled every ``h`` seconds, at ``frequency`` [Hz]."""
+        S = np.full(frequency.size, self.level**2)
+        if self.corner:
+            rho = np.exp(-2 * np.pi * self.corner * h)
+            S *= np.abs(2 * np.pi * h / (1 - rho / np.exp(2j * np.pi * h * frequency))) ** 2
+        return S
+
+
+def tail(name: str, level: float, knee: float) -> tuple[Source, ...]:
+    """1/f noise that meets a white level at the knee [Hz]; none without one."""
+    return (Source(f"{name}_tail", name, level * knee, CORNER),) if knee else ()
+
+
+class Noise:
+    """Noise of a run, drawn in blocks of any size to the same bits; a level of zero gives exact zeros.
+
+    The signal g_2 also carries the constant ``run.dc``, and g_1 and g_2 the injected pulses.
+
+    Parameters
+    ----------
+    run : Run
+        Its name and seed.
+    sources : sequence of Source
+        What drives it.
+    """
+
+    def __init__(self, run: Run, sources: Sequence[Source]) -> None:
+        self._run = run
+        self._drawn = 0
+        self._sources = [(source.into, source.start(run)) for source in sources]
+
+    def take(self, n: int) -> dict[str, Array]:
+        """Draw the next ``n`` samples.
+
+        Returns
+        -------
+        dict
+            Every signal that a source goes into, SI, each of shape (n,).
+        """
+        drawn = {into: np.zeros(n) for into, _ in self._sources}
+        for into, source in self._sources:
+            drawn[into] += source.take(n)
+        drawn["g_2"] += self._run.dc
+        first, self._drawn = self._drawn, self._drawn + n
+        add_pulses(self._run, drawn, first, first + n)
+        return drawn
+
+
+class _White:
+    """White noise of one-sided ASD ``asd``."""
+
+    def __init__(self, run: Run, name: str, asd: float) -> None:
+        digest = hashlib.sha256(f"{run.name}/{name}".encode()).digest()
+        seed = np.random.SeedSequence([run.seed, *np.frombuffer(digest, dtype="<u4").tolist()])
+        self._generator = np.random.default_rng(seed)
+        self._size = asd * math.sqrt(run.fs / 2)
+
+    def take(self, n: int) -> Array:
+        if self._size == 0:
+            return np.zeros(n)
+        drawn: Array = self._size * self._generator.standard_normal(n)
+        return drawn
+
+
+class _Red:
+    """Stationary first-order autoregression of ASD ``slope``/f between ``corner`` [Hz] and Nyquist."""
+
+    def __init__(self, run: Run, name: str, slope: float, corner: float) -> None:
+        # PSD 2 h step^2 / |1 - rho z^-1|^2 -> (slope / f)^2, with step = pi slope sqrt(2 h)
+        self._source = _White(run, name, 2 * math.pi * slope * run.h)
+        self._rho = math.exp(-2 * math.pi * corner * run.h)
+        self._state: Array | None = None
+
+    def take(self, n: int) -> Array:
+        drawn = self._source.take(n)
+        if self._state is None:
+            if n:
+                drawn[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
+            self._state = np.zeros(1)
+        red, self._state = scipy.signal.lfilter([1.0], [1.0, -self._rho], drawn, zi=self._state)
+        return np.asarray(red)

@@ -1,0 +1,33 @@
+"""What drives a run in its world: injections, set points and noise."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpfcosim import signals
+from lpfcosim.signals import Noise
+from lpfcosim.spacecraft import Run
+from lpfcosim.worlds.world import of
+
+Array = NDArray[np.float64]
+
+
+def names(run: Run) -> tuple[str, ...]:
+    """Every signal that drives a run, injections first."""
+    world = of(run)
+    noises = (source.into for source in world.sources(run))
+    return tuple(dict.fromkeys((*signals.TARGETS, *world.turns(run), *noises)))
+
+
+def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, Array]:
+    """Injected signals and set points of a run, as `signals.injections`."""
+    return signals.injections(run, start, stop, of(run).turns(run))
+
+
+def stream(run: Run) -> Noise:
+    """Return the noise of a run at its beginning."""
+    return Noise(run, of(run).sources(run))
+
+
+def noise(run: Run) -> dict[str, Array]:
+    """Draw the noise of a whole run, each signal of shape (n_samples,)."""
+    return stream(run).take(run.n_samples)
