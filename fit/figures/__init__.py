@@ -1,18 +1,22 @@
-"""Figures: what is drawn, each with the numbers it draws, and its files. The only user of matplotlib."""
+"""Figures: what is drawn, each with the numbers it draws, what its axes measure, and its files.
 
-from fit.figures.drawings import Drawing, drawing
-from fit.figures.files import drawn, svg
+The only user of matplotlib.
+"""
+
+from fit.figures.files import COLOURS, Drawing, Plot, drawing, drawn, save, svg, write
 
 __all__ = [
+    "COLOURS",
     "Drawing",
+    "Plot",
     "delta_g",
     "drawing",
     "drawn",
-    "files",
-    "mcmc",
     "mission",
-    "montecarlo",
     "motion",
     "runs",
+    "save",
+    "studies",
     "svg",
+    "write",
 ]

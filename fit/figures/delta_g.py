@@ -5,11 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.figures.files import COLOURS, MOVES, VANISHES, Curve, Plot, column, legend_above, loglog, table
+from fit.figures.files import (
+    ASD,
+    COLOURS,
+    FREQUENCY,
+    TIME,
+    Axis,
+    Curve,
+    Panel,
+    Plot,
+    column,
+    legend_above,
+    plot,
+)
 from fit.figures.runs import envelope
 from fit.model import dynamics
 from fit.signal import Estimator, derivatives
@@ -19,7 +30,7 @@ Array = NDArray[np.float64]
 
 LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
-_ASD = "asd [m s-2 Hz-1/2]"
+_RESIDUAL = Axis("residual Δg", "fm s⁻²", "residual Delta g - mean [fm s-2]")
 #: Names of the terms of eq. deltagjointfit, their columns (`dynamics.COLUMNS`), and how they are drawn.
 _TERMS: Mapping[str, tuple[tuple[str, ...], str, str, str]] = {
     "ddo_12": (("ddo_12",), "ö₁₂", "grey", "-"),
@@ -101,42 +112,38 @@ def acceleration(run: Terms, noise: Terms | None) -> Plot:
     run, noise : Terms
         Of the experiment and of its noise run, if there is one.
     """
-    figure, (ax,) = column(2.2)
+    figure, (panel,) = column(2.2, FREQUENCY, ASD)
     told = [("signal ddo_12", "signal ö₁₂", "blue", run, run.signal, 0.9)]
     if noise is not None:
         told.append(("noise run Delta g", "Δg of the noise run", "grey", noise, noise.delta_g, 1.4))
     told.append(("residual Delta g", "residual Δg", "orange", run, run.delta_g, 0.8))
-    drawn = []
     for name, label, role, of, series, width in told:
-        if not np.any(series):  # a simulation without noise
-            continue
-        drawn.append(_spectrum(name, series, of))
-        drawn[-1].draw(ax, role, label=label, linewidth=width)
-    _band(ax, run.fs)
-    legend_above(ax, columns=3)
-    return Plot(figure, table("f [Hz]", _ASD, drawn))
+        if np.any(series):  # not of a simulation without noise
+            panel.draw(_spectrum(name, series, of), role, label=label, linewidth=width)
+    _band(panel, run.fs)
+    legend_above(panel.ax, columns=3)
+    return plot(figure, [panel])
 
 
 def breakdown(run: Terms) -> Plot:
     """Draw the ASD of every term of eqs deltagjointfit and bump, and of the residual they add up to."""
-    figure, (ax,) = column(2.35, legend=2)
+    figure, (panel,) = column(2.35, FREQUENCY, ASD, legend=2)
     styles = {name: style for name, (_, *style) in _TERMS.items()} | {
         name: style for name, *style in _CROSS_TALK.values()
     }
-    drawn = []
     for name, term in run.terms.items():
         label, role, line = styles[name]
         found = _spectrum(name, term, run)
-        drawn.append(Curve(name, found.x, found.y))  # a band for each would hide the others
-        drawn[-1].draw(ax, role, label=label, linestyle=line, linewidth=0.8)
-    drawn.append(_spectrum("residual Delta g", run.delta_g, run))
-    drawn[-1].draw(ax, "ink", label="residual Δg", linewidth=1.2)
-    _band(ax, run.fs)
-    level = drawn[-1].y[(drawn[-1].x > LOWEST) & (drawn[-1].y > 0)]
+        curve = Curve(name, found.x, found.y)  # a band for each would hide the others
+        panel.draw(curve, role, label=label, linestyle=line, linewidth=0.8)
+    whole = _spectrum("residual Delta g", run.delta_g, run)
+    panel.draw(whole, "ink", label="residual Δg", linewidth=1.2)
+    _band(panel, run.fs)
+    level = whole.y[(whole.x > LOWEST) & (whole.y > 0)]
     if level.size:  # what is far below the residual does not matter
-        ax.set_ylim(bottom=10 ** np.floor(np.log10(0.03 * level.min())))
-    legend_above(ax, columns=4)
-    return Plot(figure, table("f [Hz]", _ASD, drawn))
+        panel.ax.set_ylim(bottom=10 ** np.floor(np.log10(0.03 * level.min())))
+    legend_above(panel.ax, columns=4)
+    return plot(figure, [panel])
 
 
 def _spectrum(name: str, series: Array, of: Terms) -> Curve:
@@ -144,19 +151,15 @@ def _spectrum(name: str, series: Array, of: Terms) -> Curve:
     return Curve(name, found.f, found.asd, found.low, found.high)
 
 
-def _band(ax: Axes, fs: float) -> None:
+def _band(panel: Panel, fs: float) -> None:
     """Frame the spectra and mark what is not fitted."""
-    loglog(ax, (LOWEST, min(HIGHEST, fs / 2)))
-    ax.axvspan(derivatives.F_MAX, HIGHEST, color=COLOURS["grid"], alpha=0.6, linewidth=0, zorder=0, gid=MOVES)
-    ax.text(
-        derivatives.F_MAX,
-        0.02,
-        " not fitted",
-        transform=ax.get_xaxis_transform(),
-        color=COLOURS["muted"],
-        fontsize=6,
-        gid=VANISHES,
-    )
+    ax = panel.ax
+    ax.set_xlim(LOWEST, min(HIGHEST, fs / 2))
+    beyond = ax.axvspan(derivatives.F_MAX, HIGHEST, color=COLOURS["grid"], alpha=0.6, linewidth=0, zorder=0)
+    text = ax.text(derivatives.F_MAX, 0.02, " not fitted", transform=ax.get_xaxis_transform())
+    text.set(color=COLOURS["muted"], fontsize=6)
+    panel.moving.append(beyond)
+    panel.vanishing.append(text)
 
 
 def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]]) -> Plot:
@@ -183,13 +186,13 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     fs = (time.size - 1) / (time[-1] - time[0])
     start = float(run.time[0])
     hours = (time - start) / 3600
-    figure, (ax,) = column(1.4)
+    figure, (panel,) = column(1.4, TIME, _RESIDUAL)
     fine, slow = (1e15 * _averaged(delta_g, length * fs) for length in (FAST, SLOW))
     fast = Curve(f"averaged over {FAST:g} s, extremes", *envelope(hours, fine))
     every = slice(None, None, max(1, round(SLOW / 4 * fs)))
     mean = Curve(f"averaged over {SLOW:g} s", *envelope(hours[every], slow[every]))
-    fast.draw(ax, "grey", label=f"{FAST:g} s", linewidth=0.4, alpha=0.7)
-    mean.draw(ax, "orange", label=f"{SLOW:g} s", linewidth=0.8)
+    panel.draw(fast, "grey", label=f"{FAST:g} s", linewidth=0.4, alpha=0.7)
+    panel.draw(mean, "orange", label=f"{SLOW:g} s", linewidth=0.8)
     spans = {
         "missing samples": derivatives.stretches(np.isnan(delta_g)) / fs + time[0],
         "masked": masked,
@@ -197,13 +200,12 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     for (label, places), role in zip(spans.items(), ("blue", "violet"), strict=True):
         for begin, end in places:
             at = [(t - start) / 3600 for t in (begin, end)]
-            ax.axvspan(*at, color=COLOURS[role], alpha=0.35, linewidth=0.6, label=label, gid=MOVES)
+            span = panel.ax.axvspan(*at, color=COLOURS[role], alpha=0.35, linewidth=0.6, label=label)
+            panel.moving.append(span)
             label = "_"  # one line of the legend for all
-    ax.set_xlim(0, run.duration / 3600)
-    ax.set_xlabel("time since start of run  [h]")
-    ax.set_ylabel("residual Δg  [fm s⁻²]")
-    legend_above(ax, columns=4)
-    return Plot(figure, table("t [h]", "residual Delta g - mean [fm s-2]", [fast, mean]))
+    panel.ax.set_xlim(0, run.duration / 3600)
+    legend_above(panel.ax, columns=4)
+    return plot(figure, [panel])
 
 
 def _averaged(x: Array, length: float) -> Array:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.figures.files import Curve, Plot, column, legend_above, loglog, table
+from fit.figures.files import ASD, FREQUENCY, Curve, Plot, column, legend_above, plot
 from fit.signal import LogSpectrum, log_psd
 
 Array = NDArray[np.float64]
@@ -67,14 +67,13 @@ def rotation(found: Mapping[str, LogSpectrum]) -> Plot:
 def _drawn(
     found: Mapping[str, LogSpectrum], curves: Mapping[str, tuple[str, str, float]], band: tuple[float, float]
 ) -> Plot:
-    figure, (ax,) = column(2.2)
-    drawn = []
+    figure, (panel,) = column(2.2, FREQUENCY, ASD)
     for name, (role, label, width) in curves.items():
         if name in found:
             s = found[name]
             inside = (s.f >= band[0]) & (s.f <= band[1] * 1.01)
-            drawn.append(Curve(name, *(x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))))
-            drawn[-1].draw(ax, role, label=label, linewidth=width)
-    loglog(ax, band)
-    legend_above(ax, columns=6)
-    return Plot(figure, table("f [Hz]", "asd [m s-2 Hz-1/2]", drawn))
+            curve = Curve(name, *(x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5)))
+            panel.draw(curve, role, label=label, linewidth=width)
+    panel.ax.set_xlim(*band)
+    legend_above(panel.ax, columns=6)
+    return plot(figure, [panel])

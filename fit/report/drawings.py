@@ -46,7 +46,7 @@ def drawings(
     return (
         drawing(
             folder,
-            f"{stem}r-{slug}-responses",
+            (f"{stem}r", f"{slug}-responses"),
             "Guidance injections and read-outs of both loops against time",
             "Injections and responses. A loop makes its read-out follow the guidance while it has gain; the "
             "scatter of o₁ is the jitter of the spacecraft. Every stroke spans the extremes of its samples.",
@@ -55,7 +55,7 @@ def drawings(
         ),
         drawing(
             folder,
-            f"{stem}s-{slug}-spectra",
+            (f"{stem}s", f"{slug}-spectra"),
             "Amplitude spectral densities of signal, residual and noise run",
             f"Signal, residual and noise; the fit ends at 0.1 Hz. {level} Bands: ±1 σ of noise, from the "
             "number of ordinates averaged.",
@@ -65,7 +65,7 @@ def drawings(
         ),
         drawing(
             folder,
-            f"{stem}b-{slug}-breakdown",
+            (f"{stem}b", f"{slug}-breakdown"),
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg: the terms of eq. deltagjointfit as fitted, and their sum, the residual. Where "
             "two of them lie far above it, they cancel.",
@@ -74,7 +74,7 @@ def drawings(
         ),
         drawing(
             folder,
-            f"{stem}t-{slug}-residual",
+            (f"{stem}t", f"{slug}-residual"),
             "Residual differential acceleration against time",
             f"Residual Δg less its mean, averaged with Hann windows of {figures_delta_g.SLOW:g} s; grey, the "
             f"extremes of it averaged over {figures_delta_g.FAST:g} s. What is missing or masked is marked.",

@@ -112,7 +112,7 @@ def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: 
     return (
         drawing(
             folder,
-            f"p{period}i-inertial",
+            (f"p{period}i", "inertial"),
             "Amplitude spectral densities before and after the correction for rotation",
             f"Correction for rotation, {days:.3g} days in {len(runs)} runs. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
@@ -122,7 +122,7 @@ def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: 
         ),
         drawing(
             folder,
-            f"p{period}b-breakdown",
+            (f"p{period}b", "breakdown"),
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "
             "stiffness terms and the cross-talk of the spacecraft's motion, and what remains.",

@@ -9,7 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from fit.figures import files as figure_files
+from fit.figures import COLOURS
 from fit.files import atomic
 from fit.paper import joint_names, joint_parameter
 from fit.report import experiments as report_experiments
@@ -75,7 +75,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
             ],
             runs=telemetries,
             provenance=report_run.provenance(results, telemetries),
-            colours=figure_files.COLOURS,
+            colours=COLOURS,
             limit=tables.LIMIT,
             signed=tables.signed,
             **_scripts(),

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.errors import InputError
-from fit.figures import delta_g as figures_delta_g
-from fit.figures import drawn, svg
-from fit.figures import files as figure_files
-from fit.figures import runs as figures
+from fit.figures import Plot as Drawn
+from fit.figures import delta_g, drawn, mission, save, svg
+from fit.figures import runs as figures_runs
 from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
@@ -24,12 +23,12 @@ SCALE = 2.2  # a figure of one column of a journal's page, on a screen
 
 
 @dataclass(frozen=True)
-class Plot(figure_files.Plot):
+class Plot(Drawn):
     """A figure of the report."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the figure as it is drawn in the report; the suffix tells the format (pdf, svg, png)."""
-        figure_files.save(self, Path(path))
+        save(self, Path(path))
 
     def _repr_html_(self) -> str:
         """Return what Jupyter shows: a picture on white, whatever the colours of the notebook."""
@@ -40,7 +39,7 @@ class Plot(figure_files.Plot):
 
 def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
-    return _drawn(figures.responses, _sysid(runs, experiment))
+    return _drawn(figures_runs.responses, _sysid(runs, experiment))
 
 
 def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
@@ -48,21 +47,21 @@ def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plo
     run = _fitted(results, runs, experiment)
     noise = next((r for r in runs if r.experiment == experiment and r.kind == "noise"), None)
     values = parameters(results, run)
-    beside = figures_delta_g.split(noise, values) if noise else None
-    return _drawn(figures_delta_g.acceleration, figures_delta_g.split(run, values), beside)
+    beside = delta_g.split(noise, values) if noise else None
+    return _drawn(delta_g.acceleration, delta_g.split(run, values), beside)
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
     run = _fitted(results, runs, experiment)
-    return _drawn(figures_delta_g.breakdown, figures_delta_g.split(run, parameters(results, run)))
+    return _drawn(delta_g.breakdown, delta_g.split(run, parameters(results, run)))
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the residual Delta g of an experiment against time."""
     run = _fitted(results, runs, experiment)
     spans = masked(results.experiments[experiment].warnings, run.run)
-    return _drawn(figures_delta_g.residual, run, parameters(results, run), spans)
+    return _drawn(delta_g.residual, run, parameters(results, run), spans)
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:
@@ -70,10 +69,10 @@ def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:
     points = list(stiffness_points(results, runs).values())
     if not points:
         raise InputError("no experiment determines omega2_2 alone, expected at least one with its run")
-    return _drawn(figures.stiffness_against_authority, points, results.joint)
+    return _drawn(mission.stiffness_against_authority, points, results.joint)
 
 
-def _drawn(draw: Callable[..., figure_files.Plot], *arguments: object) -> Plot:
+def _drawn(draw: Callable[..., Drawn], *arguments: object) -> Plot:
     return Plot(**vars(drawn(draw, *arguments)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from fit.figures import drawing
-from fit.figures import runs as figures
+from fit.figures import mission as figures
 from fit.paper import joint_parameter
 from fit.report import capacitance
 from fit.report.grids import Grid, Line, Part, fitted_for, flagged, parameter_head
@@ -37,7 +37,7 @@ def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
     head = ("Experiment", Markup("F, N<sub>max,2</sub>"), "Alone", "Joint fit", "Δ / σ")
     picture = drawing(
         folder,
-        "stiffness",
+        ("stiffness",),
         "Stiffness of test mass 2 against its force authority, one point per experiment",
         "Stiffness of test mass 2, ±1 σ (the paper's figure stiffauth). Dots: each experiment on its own. "
         "Where the joint fit determines the stiffness model (eq. stiff_model), squares show it at the same "

@@ -115,7 +115,7 @@ def _correlation(joint: Fit | None, folder: Path) -> Part | None:
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
     picture = drawing(
         folder,
-        "correlation",
+        ("correlation",),
         "Correlation matrix of the joint estimates as a map of colours",
         "Correlation of the joint estimates, blue positive and orange negative; the value shows where the "
         "pointer rests. Strong colour marks two parameters whose errors go together.",
@@ -238,7 +238,7 @@ def _gain_figure(results: Results, telemetries: Sequence[Telemetry], folder: Pat
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     picture = drawing(
         folder,
-        "gain",
+        ("gain",),
         "Gain of test mass 2 against date, one point per experiment",
         "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
         "gainevolution). An open dot takes its stiffness from the joint fit.",
@@ -268,7 +268,7 @@ def _residuals(results: Results, folder: Path) -> Part | None:
     head = ("Experiment", "χ² / degrees of freedom", "(χ² − 1) / σ", "Whiteness", "Excess kurtosis", "ν")
     picture = drawing(
         folder,
-        "quantiles",
+        ("quantiles",),
         "Quantiles of the normalised residual of every experiment less those of a normal variable",
         "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
         "normal variable. The band holds 95 % of normal samples at each quantile. A slope means a wrong "

@@ -7,7 +7,6 @@ from pathlib import Path
 from fit.errors import InputError
 from fit.estimate import Posterior, refit
 from fit.estimate import mcmc as chains
-from fit.figures import files as figure_files
 from fit.report import page as fit_report
 from fit.results import Results
 from fit.telemetry import Telemetry
@@ -32,7 +31,7 @@ def _sample(
     steps: int,
     seed: int,
 ) -> None:
-    from fit.figures import mcmc as figures_mcmc
+    from fit.figures import studies, write
 
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
@@ -51,7 +50,7 @@ def _sample(
     with console.stage("figure"):
         (directory / "figures").mkdir(exist_ok=True)
         theta = chain.theta.reshape(-1, chain.theta.shape[2])
-        figure_files.write(directory / "figures", "corner", figures_mcmc.corner_plot, theta, outcome, truths)
+        write(directory / "figures", "corner", studies.corner_plot, theta, outcome, truths)
     console.say(
         f"{chain.steps} steps of {chain.z.shape[1]} walkers, autocorrelation time up to {max(chain.tau):.0f} "
         f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of least squares"

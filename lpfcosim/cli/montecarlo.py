@@ -16,7 +16,6 @@ from pydantic import BaseModel, Field
 from rich.table import Table
 
 from fit.estimate import pulls
-from fit.figures import files as figure_files
 from fit.files import documents
 from fit.settings import settings
 from lpfcosim.campaign import campaign as campaigns
@@ -101,7 +100,7 @@ def _tell(
     lines: Mapping[int, Line],
 ) -> None:
     """Write and print what the campaigns say together."""
-    from fit.figures import montecarlo as figures_montecarlo
+    from fit.figures import studies, write
 
     failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
     drawn = [line["estimates"] for line in lines.values() if "estimates" in line]
@@ -114,7 +113,7 @@ def _tell(
     more = {"campaign": plan.name, **header}
     pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
     (directory / "figures").mkdir(exist_ok=True)
-    figure_files.write(directory / "figures", "pulls", figures_montecarlo.histograms, found, drawn)
+    write(directory / "figures", "pulls", studies.histograms, found, drawn)
     console.document((directory / "montecarlo.json").read_text(encoding="utf-8"))
     console.show(_table(found))
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed: {directory / 'montecarlo.json'}")

@@ -1,5 +1,5 @@
 // Zoom and read-off for the figures of the report. A figure is the SVG that matplotlib drew; this script moves its
-// curves and redraws its ticks. Axes tell where they are and what they measure in `data-axes` (fit/figure_files.py).
+// curves and redraws its ticks. Axes tell where they are and what they measure in `data-axes` (fit/figures/files.py).
 "use strict";
 (() => {
 const STYLE = `
@@ -259,11 +259,11 @@ class Figure {
   read(panel, at, found) {
     this.clear();
     this.reading = { panel, at, ...found };
-    const { x, y, width, height } = panel.box, across = this.panels.at(-1).x;
+    const { x, y, width, height } = panel.box, across = panel.x;
     this.marks = element(this.svg, "g");
     element(this.marks, "line", { class: "cross", x1: at[0], x2: at[0], y1: y, y2: y + height });
     element(this.marks, "line", { class: "cross", x1: x, x2: x + width, y1: at[1], y2: at[1] });
-    const say = ([a, b]) => `${text(across.value(panel.x.share(a)))} ${across.unit}, ${text(panel.y.value(panel.y.share(b)))} ${panel.y.unit}`;
+    const say = ([a, b]) => `${text(across.value(across.share(a)))} ${across.unit}, ${text(panel.y.value(panel.y.share(b)))} ${panel.y.unit}`;
     this.output.textContent = `${across.label} and ${panel.y.label} at the cross: ${say(at)}`;
     if (!found) return;
     const point = found.curve.points[found.index];

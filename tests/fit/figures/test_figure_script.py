@@ -1,53 +1,50 @@
 """Zoom and read-off in a real browser: what is told is what was drawn, and nothing else happens."""
 
 import re
-from pathlib import Path
+from importlib import resources
 
 import numpy as np
 import pytest
 
-from fit.figures import files as figure_files
-from fit.figures.drawings import drawing
-from fit.figures.files import MOVES, Curve, Plot, column, legend_above, loglog, table
+from fit.figures import COLOURS
+from fit.figures.files import ASD, FREQUENCY, Axis, Curve, column, drawing, legend_above, plot
 from tests.browser import Page, needs_browser
 
 pytestmark = needs_browser
-SCRIPT = Path(figure_files.__file__).parent / "templates" / "figure.js"
+SCRIPT = resources.files("fit.report") / "templates" / "figure.js"
 F = np.geomspace(1e-4, 1, 81)
 
 
 def spectra():
-    figure, (ax,) = column(2.2)
+    figure, (panel,) = column(2.2, FREQUENCY, ASD)
     drawn = [Curve("falling", F, 1e-15 / F, 0.5e-15 / F, 2e-15 / F), Curve("flat", F, np.full(81, 1e-13))]
     for curve, role in zip(drawn, ("blue", "orange"), strict=True):
-        curve.draw(ax, role, label=curve.name)
-    loglog(ax, (1e-4, 1.0))
-    ax.set_ylim(1e-16, 1e-10)
-    ax.axvspan(0.1, 1.0, gid=MOVES)
-    legend_above(ax, columns=2)
-    return Plot(figure, table("f [Hz]", "asd [m s-2 Hz-1/2]", drawn))
+        panel.draw(curve, role, label=curve.name)
+    panel.ax.set_xlim(1e-4, 1.0)
+    panel.ax.set_ylim(1e-16, 1e-10)
+    panel.moving.append(panel.ax.axvspan(0.1, 1.0))
+    legend_above(panel.ax, columns=2)
+    return plot(figure, [panel])
 
 
 def series():
-    figure, axes = column(1.0, 2)
+    figure, panels = column(1.0, Axis("time", "h", "t [h]"), *2 * [Axis("o₁", "nm", "value [nm]")])
     t = np.linspace(0, 6, 61)
     drawn = [Curve("up", t, t - 3), Curve("down", t, 3 - t)]
-    for ax, curve in zip(axes, drawn, strict=True):
-        curve.draw(ax, "blue", label=curve.name)
-        ax.set_ylim(-4, 4)
-        ax.set_ylabel("o₁  [nm]")
-    axes[-1].set_xlim(0, 6)
-    axes[-1].set_xlabel("time  [h]")
-    return Plot(figure, table("t [h]", "value [nm]", drawn))
+    for panel, curve in zip(panels, drawn, strict=True):
+        panel.draw(curve, "blue", label=curve.name)
+        panel.ax.set_ylim(-4, 4)
+    panels[-1].ax.set_xlim(0, 6)
+    return plot(figure, panels)
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     found = [
-        drawing(folder, name, f"about {name}", "", draw) for name, draw in (("s", spectra), ("t", series))
+        drawing(folder, (name,), f"about {name}", "", draw) for name, draw in (("s", spectra), ("t", series))
     ]
-    colours = "".join(f"--{role}: {colour};" for role, colour in figure_files.COLOURS.items())
+    colours = "".join(f"--{role}: {colour};" for role, colour in COLOURS.items())
     page = folder / "page.html"
     page.write_text(
         f"<!DOCTYPE html><meta charset=utf-8><style>:root {{{colours}}} svg {{width: 600px}}</style>"

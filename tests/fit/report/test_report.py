@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.figures import files as figure_files
-from fit.figures import runs as figures
+from fit.figures import mission, runs
 from fit.paper import FLIGHT, joint_names
 from fit.report.page import write_report
 from fit.results import Estimate, Fit, FitWarning, Results
@@ -322,7 +322,7 @@ def test_combinations_in_print():
 def test_an_envelope_keeps_the_extremes(size, seed, spike):
     values = np.random.default_rng(seed).normal(size=size)
     values[int(spike * (size - 1))] = 100.0
-    time, drawn = figures.envelope(np.arange(values.size, dtype=float), values)
+    time, drawn = runs.envelope(np.arange(values.size, dtype=float), values)
     assert drawn.size == time.size <= 1000
     assert (drawn.min(), drawn.max()) == (values.min(), values.max())
     assert np.all(np.diff(time) >= 0)
@@ -331,25 +331,25 @@ def test_an_envelope_keeps_the_extremes(size, seed, spike):
 def test_an_envelope_leaves_a_gap_open():
     values = np.ones(5000)
     values[1000:1100] = np.nan
-    time, drawn = figures.envelope(np.arange(5000.0), values)
+    time, drawn = runs.envelope(np.arange(5000.0), values)
     assert np.array_equal(np.unique(time[np.isnan(drawn)]), np.arange(1000.0, 1100.0, 10.0))
 
 
 def test_the_reconstructed_stiffness_carries_the_covariance():
     joint = make_fit({"alpha_phi_2": -27.4e3, "C_2": 0.186, "omega2_2_0": -4.19e-7, "alpha_x_2": -317.0})
     joint.covariance[0, 2] = joint.covariance[2, 0] = -0.5 * 800 * 4e-9
-    value, sigma = figures.reconstruction(joint, 2200e-12, 10.4e-12)
+    value, sigma = mission.reconstruction(joint, 2200e-12, 10.4e-12)
     assert value == pytest.approx(-1.40136e-6, rel=1e-12)
     background, force, torque = 4e-9, 6 * 2200e-12, 800 * 10.4e-12
     assert sigma == pytest.approx(math.sqrt(background**2 + force**2 + torque**2 - background * torque))
-    assert figures.reconstruction(make_fit({"C_2": 0.186}), 0.0, 0.0) is None
-    assert figures.reconstruction(None, 0.0, 0.0) is None
+    assert mission.reconstruction(make_fit({"C_2": 0.186}), 0.0, 0.0) is None
+    assert mission.reconstruction(None, 0.0, 0.0) is None
 
 
 def test_drawing_leaves_no_trace_in_matplotlib():
     before = dict(mpl.rcParams)
-    points = [figures.StiffnessPoint(F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
-    plot = figure_files.drawn(figures.stiffness_against_authority, points, None)
+    points = [mission.StiffnessPoint(F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
+    plot = figure_files.drawn(mission.stiffness_against_authority, points, None)
     assert figure_files.svg(plot).startswith("<?xml")
     assert dict(mpl.rcParams) == before
     code = "import sys, fit.report; print('matplotlib.pyplot' in sys.modules)"

@@ -5,8 +5,7 @@ import json
 import pytest
 
 from fit.estimate import mcmc, pulls
-from fit.figures import files as figure_files
-from fit.figures import montecarlo as figures_montecarlo
+from fit.figures import studies, write
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report.page import write_report
 from fit.results import with_truth
@@ -134,7 +133,7 @@ def repeated(folder):
     drawn = [{"lambda_2": (0.3 * i - 1, 3e-5), "lambda_2_A": (1 - 0.2 * i, 1.0)} for i in range(8)]
     found = pulls.summary(drawn)
     pulls.write(found, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
-    figure_files.write(folder / "figures", "pulls", figures_montecarlo.histograms, found, drawn)
+    write(folder / "figures", "pulls", studies.histograms, found, drawn)
 
 
 def in_order(page, figures):

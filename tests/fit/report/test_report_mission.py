@@ -11,7 +11,7 @@ import pytest
 from fit.estimate.diagnostics import SCORES
 from fit.figures import files as figure_files
 from fit.figures import mission as figures_mission
-from fit.figures.runs import StiffnessPoint, stiffness_pull
+from fit.figures.mission import StiffnessPoint, stiffness_pull
 from fit.paper import FLIGHT, joint_names
 from fit.report import together as report_mission
 from fit.report.page import write_report

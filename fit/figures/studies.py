@@ -1,4 +1,4 @@
-"""The corner plot of a chain, with what least squares says of the same parameters."""
+"""Figures of studies: the corner plot of a chain beside least squares, the pulls of a Monte Carlo."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,17 +7,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
+from fit.estimate import Outcome, Pulls
 from fit.figures.files import COLOURS, WIDE, Plot
-from fit.paper import ALONG
+from fit.paper import ALONG, joint_parameter
 
 Array = NDArray[np.float64]
 
 _LEVELS = 1 - np.exp(-0.5 * np.array([1.0, 2.0]) ** 2)  # 1 and 2 sigma of a Gaussian in two dimensions
-_REACH = 4.0  # sigma
+_REACH = 4.0  # sigma, of a corner plot
 _BINS = 32
 _SMOOTH = 1.0  # bins
 _SIZE = (WIDE - 0.7) / 14  # inch per panel: 14 parameters fill both columns of a page
+_COLUMNS = 5  # histograms beside each other
+_FAR = 4.5  # sigma, of a histogram
 
 
 def shown(outcome: Outcome) -> list[int]:
@@ -113,3 +115,50 @@ def _least_squares(axes: NDArray[np.object_], correlation: Array) -> None:
             along, across = np.cos(angle), r * np.cos(angle) + np.sqrt(max(0.0, 1 - r**2)) * np.sin(angle)
             for k in (1, 2):
                 axes[i, j].plot(k * along, k * across, **style)
+
+
+def histograms(found: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Sequence[float]]]) -> Plot:
+    """Draw the pulls of every parameter beside the normal distribution they should have.
+
+    Parameters
+    ----------
+    found : mapping of str to Pulls
+        Their summary, by parameter.
+    drawn : sequence of mapping of str to (pull, sigma)
+        One for each calibration.
+    """
+    rows = -(-len(found) // _COLUMNS)
+    figure = Figure(figsize=(WIDE, 1.3 * rows + 0.25), layout="constrained")
+    axes = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True).ravel()
+    x = np.linspace(-_FAR, _FAR, 200)
+    for ax, (name, pulls) in zip(axes, found.items(), strict=False):
+        values = np.clip([one[name][0] for one in drawn if name in one], -_FAR, _FAR)
+        bins = np.linspace(-_FAR, _FAR, 19)
+        ax.hist(values, bins=list(bins), color=COLOURS["blue"], alpha=0.55, density=True)
+        ax.plot(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), color=COLOURS["ink"], lw=0.8)
+        ax.set_title(f"${_latex(name)}$", fontsize=7)
+        ax.text(
+            0.03,
+            0.96,
+            f"mean {pulls.pull_mean:+.2f}({100 * pulls.pull_mean_error:.0f})\n"
+            f"std {pulls.pull_std:.2f}({100 * pulls.pull_std_error:.0f})\n"
+            f"{100 * pulls.coverage_1sigma:.0f}({100 * pulls.coverage_1sigma_error:.0f}) %",
+            transform=ax.transAxes,
+            va="top",
+            fontsize=5,
+        )
+        ax.set_yticks([])
+        ax.set_ylim(0, 0.62)
+        ax.set_xlim(-_FAR, _FAR)
+    for ax in axes[len(found) :]:
+        ax.set_visible(False)
+    figure.supxlabel("pull: (estimate − truth) / σ", fontsize=7)
+    pulls_of = [(name, float(one[name][0])) for name in found for one in drawn if name in one]
+    return Plot(figure, {"parameter": [name for name, _ in pulls_of], "pull": [pull for _, pull in pulls_of]})
+
+
+def _latex(name: str) -> str:
+    try:
+        return joint_parameter(name).latex
+    except KeyError:
+        return rf"\mathtt{{{name.replace('_', chr(92) + '_')}}}"
