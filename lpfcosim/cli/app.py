@@ -1,4 +1,4 @@
-"""The commands as a user sees them: names, options, help. What they do is read in when one is called."""
+"""The commands as a user sees them: names, options, help. Calling a command reads in the code behind it."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -33,7 +33,7 @@ app = typer.Typer(
 Dynamics = typer.Option(
     "--calibration",
     metavar="RESULTS.json",
-    help="Take the dynamics from an earlier result; PATH holds noise runs only.",
+    help="Take the dynamics from an earlier result; PATH then holds noise runs only.",
 )
 
 
@@ -61,10 +61,10 @@ def new(
         Path, typer.Argument(metavar="NAME.toml", help="The file to write; the campaign has its name.")
     ] = Path("campaign.toml"),
 ) -> None:
-    """Write a commented starter campaign, to change at will.
+    """Write a commented campaign to start from.
 
-    Beside it comes lpf-campaign.json, the JSON Schema of campaigns, which the first line names: with it
-    editors complete keys and check values as one types. No file that is there is written over.
+    Beside it comes lpf-campaign.json, the JSON Schema of campaigns. The first line of the campaign names
+    it, so that editors complete keys and check values as you type. No existing file is overwritten.
     """
     from lpfcosim.cli import new as cli_new
 
@@ -79,8 +79,9 @@ def check(
 ) -> None:
     """Tell what to expect of a campaign before it is run.
 
-    That is: whether it is valid, its runs, the margins of its loops, the sigmas of the joint fit as forecast
-    tells them, and how long it will take. Nothing is simulated, no FMU is needed.
+    It tells whether the campaign is valid, its runs, the stability margins of its loops, the expected
+    sigmas of the joint fit (those of `lpfcosim forecast`), and how long it will take. Nothing is simulated,
+    and no FMU is needed.
     """
     from lpfcosim.cli import plan as cli_plan
     from lpfcosim.cli.console import Console
@@ -101,7 +102,7 @@ def run(
     jobs: Jobs = None,
     engine: Annotated[
         Literal["compiled", "fmpy"],
-        typer.Option("--engine", help="The loop over the FMUs; fmpy: the plain one, slow, same bits."),
+        typer.Option("--engine", help="Loop over the FMUs; fmpy is the plain one: slow, same bits."),
     ] = "compiled",
     scheduler: Scheduler = None,
     time_limit: Annotated[
@@ -110,12 +111,14 @@ def run(
             "--time-limit",
             metavar="DURATION",
             parser=duration,
-            help='Longest a run may take, as "2 h"; a minute without a step always ends it.',
+            help='Longest time a run may take, such as "2 h". A minute without a step always ends it.',
         ),
     ] = None,
     rerun: Annotated[
         bool,
-        typer.Option("--rerun", help="Simulate again what is of another campaign, seed, version or FMU."),
+        typer.Option(
+            "--rerun", help="Simulate anew what was made with another campaign, seed, version or FMU."
+        ),
     ] = False,
     trusted: Trust = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
@@ -123,9 +126,9 @@ def run(
 ) -> None:
     """Simulate a campaign with the FMUs, fit it, report.
 
-    The folder holds telemetry/*.h5, results.json, report.html and figures/ afterwards. The same command
-    continues what was interrupted. Runs that fail leave a log in logs/, experiments that are complete are
-    fitted all the same, and the exit status is 1.
+    Afterwards the folder holds telemetry/*.h5, results.json, report.html and figures/. If it is
+    interrupted, the same command continues. A run that fails leaves a log in logs/. Complete experiments
+    are fitted all the same, and the exit status is 1.
     """
     from lpfcosim.cli import run as cli_run
     from lpfcosim.cli.console import Console
@@ -155,7 +158,7 @@ def fit(
     out: Out = None,
     settings: Annotated[
         Path | None,
-        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit], such as a campaign."),
+        typer.Option("--settings", metavar="FIT.toml", help="File with a table [fit]; a campaign will do."),
     ] = None,
     include_short: Annotated[
         bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
@@ -166,7 +169,8 @@ def fit(
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU.
 
-    Sysid runs calibrate the dynamics, noise runs of 12 h or more with torques the inertial forces.
+    Runs with injections (kind sysid) calibrate the dynamics. Noise runs of 12 h or more with torques
+    calibrate the inertial forces.
     """
     from lpfcosim.cli import run as cli_run
     from lpfcosim.cli.console import Console
@@ -201,7 +205,7 @@ def deltag(
 ) -> None:
     """Write the calibrated Delta g of telemetry, term by term.
 
-    NAME.h5 becomes NAME-deltag.h5, telemetry at 1 to 2 Hz whose channels are the terms:
+    NAME.h5 becomes NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
     delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
     """
     from lpfcosim.cli import run as cli_run
@@ -221,12 +225,12 @@ def forecast(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Tell the sigmas of the joint fit to expect; needs no FMU.
+    """Tell the expected sigmas of the joint fit; needs no FMU.
 
-    They are those of the Fisher matrix at the true parameters of the campaign, with the closed-loop noise of
-    the channels, which carries information of its own. They hold for the default estimator and no scatter
-    between experiments, and are the mean over campaigns: those of one fit vary by up to 10 %, as the noise
-    PSDs do that it estimates. The angles of the inertial calibration are not forecast.
+    They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
+    noise of the channels, which carries information too. They hold for the default estimator without
+    scatter between experiments. They are means over many campaigns: those of one fit differ by up to 10 %,
+    because it estimates the noise PSDs. The angles of the inertial calibration are not forecast.
     """
     from lpfcosim.cli import study as cli_study
     from lpfcosim.cli.console import Console
@@ -246,10 +250,10 @@ def montecarlo(
     out: Out = None,
     redraw: Annotated[
         bool,
-        typer.Option("--redraw", help="New truths in each: gains within 5 %, stiffness and delays 30 %."),
+        typer.Option("--redraw", help="Draw new truths: gains within 5 %, stiffness and delays within 30 %."),
     ] = False,
     fmus: Annotated[
-        bool, typer.Option("--fmus", help="Simulate through the FMUs, which takes many times as long.")
+        bool, typer.Option("--fmus", help="Simulate through the FMUs; takes many times as long.")
     ] = False,
     trusted: Trust = False,
     jobs: Jobs = None,
@@ -261,10 +265,10 @@ def montecarlo(
 ) -> None:
     """Repeat a campaign with new noise; tell pulls and coverage.
 
-    Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU; the fit is that
-    of `lpfcosim fit`. Of the whole spacecraft only what the joint fit reads is drawn so; with --fmus the
-    inertial calibration takes part. The folder holds montecarlo.json, campaigns.jsonl and figures/pulls.*.
-    The same command continues what was interrupted, with a larger N too.
+    Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU. The fit is
+    that of `lpfcosim fit`. Of the whole spacecraft, only the channels of the joint fit are drawn; with
+    --fmus the inertial calibration takes part too. The folder holds montecarlo.json, campaigns.jsonl and
+    figures/pulls.*. If it is interrupted, the same command continues; N may be larger then.
     """
     from lpfcosim.cli import montecarlo as cli_montecarlo
     from lpfcosim.cli.console import Console
@@ -286,17 +290,17 @@ def montecarlo(
 def mcmc(
     directory: Directory,
     steps: Annotated[
-        int, typer.Option("--steps", min=1, metavar="N", help="Steps at most, by this call.")
+        int, typer.Option("--steps", min=1, metavar="N", help="Most steps that this call takes.")
     ] = 20000,
-    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Of a new chain.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of a new chain.")] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print mcmc.json instead of a summary.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Sample the posterior of the joint fit in DIR.
 
-    Once the chain has converged, 50 autocorrelation times of every parameter, it leaves mcmc.h5 (the chain),
-    mcmc.json and figures/corner.pdf in DIR, and a section on them in report.html. Until then the exit status
-    is 1, and the same command continues.
+    The chain has converged after 50 autocorrelation times of every parameter. Then mcmc.h5 (the chain),
+    mcmc.json and figures/corner.pdf are in DIR, and report.html has a section on them. Until then the exit
+    status is 1, and the same command continues.
     """
     from lpfcosim.cli import mcmc as cli_mcmc
     from lpfcosim.cli.console import Console
@@ -311,7 +315,7 @@ def margins(
 ) -> None:
     """Print the stability margins of every control loop.
 
-    That is unity gain, phase and gain margin of each, the others being closed.
+    These are unity gain, phase margin and gain margin of each loop, with the others closed.
     """
     from lpfcosim.cli import plan as cli_plan
     from lpfcosim.cli.console import Console
@@ -323,8 +327,9 @@ def margins(
 def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, quiet: Quiet = False) -> None:
     """Run the campaign in DIR again elsewhere, and compare.
 
-    Telemetry must have the same bytes; results must be the same but for their provenance; exit status 1 if
-    anything differs. DIR is not changed. Where it was made with another version or other FMUs, that is said.
+    Telemetry must have the same bytes. Results must be the same; only their provenance may differ. The exit
+    status is 1 if anything differs. DIR is not changed. If it was made with another version or other FMUs,
+    you are told.
     """
     from lpfcosim.cli import reproduce as cli_reproduce
     from lpfcosim.cli.console import Console
@@ -336,8 +341,8 @@ def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, q
 def schema() -> None:
     """Print the JSON Schema of a campaign file, for editors.
 
-    A campaign that begins with the line "#:schema ./lpf-campaign.json" is completed and checked with it as
-    one types, for instance by the extension Even Better TOML of Visual Studio Code.
+    Begin a campaign with the line "#:schema ./lpf-campaign.json". Editors then complete and check it as you
+    type, for instance Visual Studio Code with the extension Even Better TOML.
     """
     from lpfcosim.cli import plan as cli_plan
 

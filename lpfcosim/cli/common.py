@@ -1,4 +1,4 @@
-"""What the commands have in common; light, as every call of the command line reads it in."""
+"""What the commands have in common. Every call reads it in, so it imports little."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,11 +27,12 @@ Scheduler = Annotated[
     typer.Option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Work on the Dask cluster of this scheduler, as tcp://HOST:8786 (needs lpfcosim[dask]).",
+        help="Work on a Dask cluster: its scheduler, such as tcp://HOST:8786 (needs lpfcosim[dask]).",
     ),
 ]
 Trust = Annotated[
-    bool, typer.Option("--trust", help="Let FMUs of other origin run of which the campaign gives no digest.")
+    bool,
+    typer.Option("--trust", help="Let FMUs run that were not built here, without a digest in the campaign."),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if asked for.")]
 

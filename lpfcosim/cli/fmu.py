@@ -45,7 +45,7 @@ def build(
 ) -> None:
     """Build the FMUs from the Modelica sources.
 
-    What has not changed since it was built comes from the cache.
+    A model that has not changed since it was built comes from the cache.
     """
     from lpfcosim.cli.console import Console
     from lpfcosim.messages import closest, quote
@@ -92,7 +92,7 @@ def validate(
 ) -> None:
     """Check FMUs; exit status 1 if a fault is found.
 
-    It is FMPy and the FMU manipulation toolbox that check.
+    The checks are those of FMPy and of the FMU manipulation toolbox.
     """
     import json
 
