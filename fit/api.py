@@ -10,7 +10,8 @@ from pathlib import Path
 
 from fit import pipeline
 from fit import results as fit_results
-from fit.results import Results, with_truth
+from fit.estimate import pulls
+from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, convert, inside, is_map, read_all, read_truth
@@ -104,7 +105,7 @@ def _told(results: Results, runs: Sequence[Telemetry]) -> Results:
     truths: Mapping[str, Mapping[str, float]] = {
         run.run: read_truth(run.path) if run.path.is_file() else {} for run in runs
     }
-    return with_truth(results, runs, truths)
+    return pulls.with_truth(results, runs, truths)
 
 
 def load_results(path: PathLike) -> Results:

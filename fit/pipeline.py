@@ -11,14 +11,15 @@ from fit.estimate import (
     as_fit,
     bump,
     diagnose,
+    divide,
     fit_experiment,
     fit_joint,
     inertial,
+    is_separated,
     known_of,
+    pair,
     prepare,
-    selection,
-    separation,
-    soundness,
+    verdict,
 )
 from fit.model import Sharing, rotation
 from fit.results import Fit, FitWarning, Results
@@ -44,7 +45,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
-    experiments = selection.experiments(telemetries)
+    experiments = pair(telemetries)
     if not experiments:
         raise InputError(
             f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
@@ -119,8 +120,8 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     periods = results.provenance.get("cross_talk_periods")
     found = dict(results.cross_talk)
     for epoch, period in periods.items() if isinstance(periods, dict) else ():
-        if period in fits and epoch in found and not separation.is_separated(found[epoch]):
-            found[epoch] = separation.separate(found[epoch], fits[period], period)
+        if period in fits and epoch in found and not is_separated(found[epoch]):
+            found[epoch] = bump.separate(found[epoch], fits[period], period)
     return found
 
 
@@ -129,21 +130,21 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     sharing = Sharing(chosen.shared)
     prepared = {p.experiment.name: p for p in prepare(found, chosen)}
     experiments = [p.experiment for p in prepared.values()]
-    taking_part, short, excluded = selection.divide(experiments, chosen)
+    taking_part, short, excluded = divide(experiments, chosen)
     spoilt = [e for e in taking_part if prepared[e.name].spoilt]
     if len(spoilt) < len(taking_part):  # else chi2 will tell
         taking_part = [e for e in taking_part if e not in spoilt]
     alone = {e.name: _alone(e, None, chosen) for e in experiments}
     fitted = {name: own for name, own in alone.items() if isinstance(own, Outcome)}
     for e in taking_part:
-        soundness.check_guidance(e.sysid.telemetry)
-    soundness.check_gains(fitted, taking_part)
+        verdict.check_guidance(e.sysid.telemetry)
+    verdict.check_gains(fitted, taking_part)
     try:
         outcome = fit_joint(taking_part, chosen) if taking_part else None
     except FitError as error:
-        raise FitError(f"{error}{soundness.suspects(alone)}") from error
+        raise FitError(f"{error}{verdict.suspects(alone)}") from error
     if outcome:  # what determines a gain only together
-        soundness.check_gains({e.name: outcome for e in taking_part}, taking_part)
+        verdict.check_gains({e.name: outcome for e in taking_part}, taking_part)
     joint = as_fit(outcome, taking_part) if outcome else None
     fits, of_joint = {}, []
     for e in experiments:
@@ -158,7 +159,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
             of_joint.append(FitWarning("not_fitted_alone", (), str(own)))
             continue
         fit = as_fit(own, [e], from_joint=bool(known and own.tone))
-        more = (*prepared[e.name].warnings, *soundness.of_experiment(e, own, fit))
+        more = (*prepared[e.name].warnings, *verdict.of_experiment(e, own, fit))
         fits[e.name] = replace(fit, diagnostics=diagnose(e, own), warnings=(*fit.warnings, *more))
     for e in spoilt:
         if e not in taking_part:
@@ -177,7 +178,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
                 fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
     if joint:
         of_joint += [w for e in taking_part for w in prepared[e.name].warnings]
-        of_joint += soundness.of_joint(joint, fits, taking_part)
+        of_joint += verdict.of_joint(joint, fits, taking_part)
         joint = replace(joint, warnings=(*joint.warnings, *of_joint))
     cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
     periods: dict[str, set[str]] = {}
@@ -193,7 +194,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
         "scatter": {name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     }
     turning = any(rotation.sources(e.sysid.telemetry) for e in taking_part)
-    cross_talk = {k: separation.joined(f) if turning else f for k, f in cross_talk.items()}
+    cross_talk = {k: bump.joined(f) if turning else f for k, f in cross_talk.items()}
     cross_talk = {k: _doubted(f, joint) for k, f in cross_talk.items()}
     return Results(joint, fits, cross_talk, {}, provenance)
 

@@ -1,9 +1,8 @@
 """The result of a calibration and its JSON form, schema ``lpf-results/1``."""
 
 import json
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,12 +13,9 @@ from pydantic import BaseModel, Field, ValidationError
 from fit.display import Displayed
 from fit.errors import FitError, InputError, shown
 from fit.files import atomic, documents
-from fit.paper import stiffness
-from fit.telemetry import Telemetry, inertial_period, read_truth
 from fit.warnings import FitWarning as FitWarning
 
 SCHEMA = "lpf-results/1"
-_Truths = Sequence[tuple[Telemetry, dict[str, float]]]
 QUANTILES = 27  # of a residual
 _Score = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Count = Annotated[int, Field(ge=0, le=2**53)]
@@ -62,7 +58,7 @@ class Diagnostics:
     kurtosis, kurtosis_sigma : float
         Excess kurtosis of the normalised residual, 0 expected, and the scatter to expect.
     quantiles : list of float
-        Of the normalised residual at the normal scores `diagnostics.SCORES`, which they should equal.
+        Of the normalised residual at the normal scores `residuals.SCORES`, which they should equal.
     """
 
     chi2_red: float
@@ -187,75 +183,6 @@ def joint_of(results: Results) -> Fit:
     if results.joint is None:
         raise InputError("the results hold no joint fit, expected those of a calibration")
     return results.joint
-
-
-def with_truth(
-    results: Results,
-    telemetries: Sequence[Telemetry],
-    truths: Mapping[str, Mapping[str, float]] | None = None,
-) -> Results:
-    """Return `results` with truth and pull wherever the truth is known.
-
-    A value that differs between the runs of a fit (a jittered gain, say) is no truth of that fit. Only runs
-    that a section was fitted to count: what was carried over from an earlier calibration stays as it is.
-
-    Parameters
-    ----------
-    results : Results
-        As fitted.
-    telemetries : sequence of Telemetry
-        The runs that were fitted.
-    truths : mapping of str to mapping of str to float, optional
-        The true values by run; otherwise the ``/truth`` of each file is read.
-    """
-    known = {t.run: read_truth(t.path) for t in telemetries} if truths is None else truths
-    runs = [(t, _derived_truth(known[t.run], t)) for t in telemetries]
-    driven, noise = ([run for run in runs if run[0].kind == kind] for kind in ("sysid", "noise"))
-
-    def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
-        truths = {name: [truth for t, truth in among if key(t) == name] for name in fits}
-        return {name: _fit_with_truth(fit, truths[name]) for name, fit in fits.items()}
-
-    return replace(
-        results,
-        joint=results.joint and _fit_with_truth(results.joint, [truth for _, truth in driven]),
-        experiments=section(results.experiments, driven, lambda t: t.experiment),
-        cross_talk=section(results.cross_talk, driven, lambda t: str(t.alignment_epoch)),
-        inertial=section(results.inertial, noise, inertial_period),
-    )
-
-
-def _derived_truth(truth: Mapping[str, float], telemetry: Telemetry) -> dict[str, float]:
-    """Add what follows from a run's truth at its own authority and epoch: C_j, stiffnesses, delta_ifo."""
-    derived = dict(truth)
-    authority = ((telemetry.F_max_1, telemetry.N_max_1), (telemetry.F_max_2, telemetry.N_max_2))
-    for j, (F_max, N_max) in enumerate(authority, start=1):
-        if {f"lambda_{j}", f"tau_{j}"} <= truth.keys():
-            derived.setdefault(f"C_{j}", truth[f"lambda_{j}"] * truth[f"tau_{j}"])
-        if {f"omega2_{j}_0", f"alpha_x_{j}", f"alpha_phi_{j}"} <= truth.keys():
-            derived.setdefault(f"omega2_{j}", stiffness(j, truth, F_max, N_max))
-    if {"omega2_1", "omega2_2"} <= derived.keys():
-        derived.setdefault("domega2_12", derived["omega2_2"] - derived["omega2_1"])
-    epoch = f"delta_ifo_{telemetry.alignment_epoch}"
-    if "delta_ifo" in truth:
-        derived.setdefault(epoch, truth["delta_ifo"])
-    elif epoch in truth:
-        derived["delta_ifo"] = truth[epoch]
-    # what has a value for each experiment in a joint fit
-    derived |= {f"{name}_{telemetry.experiment}": value for name, value in derived.items()}
-    return derived
-
-
-def _fit_with_truth(fit: Fit, truths: list[dict[str, float]]) -> Fit:
-    parameters = {}
-    for name, estimate in fit.parameters.items():
-        known = [truth[name] for truth in truths if name in truth]
-        if known and math.isclose(min(known), max(known), rel_tol=1e-12):
-            tells = estimate.sigma > 0 and not fit.unsound
-            pull = (estimate.value - known[0]) / estimate.sigma if tells else None
-            estimate = replace(estimate, truth=known[0], pull=pull)
-        parameters[name] = estimate
-    return replace(fit, parameters=parameters)
 
 
 def write(results: Results, path: Path) -> None:

@@ -1,27 +1,28 @@
 """Estimation: from runs to estimates with true sigmas, verdicts, forecasts, samples of the posterior."""
 
-from fit.estimate.chains import head
-from fit.estimate.diagnostics import SCORES, diagnose
+from fit.estimate.bump import is_separated, sums
+from fit.estimate.earlier import SAME
 from fit.estimate.forecast import Planned, document, expected_fit
 from fit.estimate.irls import Known, Outcome
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.masks import Prepared, prepare
 from fit.estimate.posterior import Posterior
-from fit.estimate.preparation import prepare
 from fit.estimate.pulls import Pulls
-from fit.estimate.refit import SAME
-from fit.estimate.runs import Experiment, Run
-from fit.estimate.separation import is_separated
-from fit.estimate.stationarity import Stationarity, about_mean, independent
+from fit.estimate.residuals import SCORES, Stationarity, about_mean, diagnose, independent
+from fit.estimate.runs import SHORTEST, Experiment, Run, divide, pair
+from fit.estimate.sampling import head
 from fit.estimate.verdict import as_fit
 
 __all__ = [
     "SAME",
     "SCORES",
+    "SHORTEST",
     "Experiment",
     "Known",
     "Outcome",
     "Planned",
     "Posterior",
+    "Prepared",
     "Pulls",
     "Run",
     "Stationarity",
@@ -29,7 +30,9 @@ __all__ = [
     "as_fit",
     "bump",
     "diagnose",
+    "divide",
     "document",
+    "earlier",
     "expected_fit",
     "fit_experiment",
     "fit_joint",
@@ -39,11 +42,10 @@ __all__ = [
     "inertial",
     "is_separated",
     "known_of",
-    "mcmc",
+    "pair",
     "prepare",
     "pulls",
-    "refit",
-    "selection",
-    "separation",
-    "soundness",
+    "sampling",
+    "sums",
+    "verdict",
 ]

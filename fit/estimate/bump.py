@@ -4,22 +4,32 @@ The coefficients b_1 to b_6 are fitted along with the dynamics. Their regressors
 of their own, the capacitive y and z most of all. Least squares then finds what subtracts best: coefficients
 smaller than the couplings, the more so the higher the frequency. They are right for a correction and wrong as
 couplings, and that is said with them. Nor can any coefficients subtract more than the Wiener limit.
+
+Above some 10 mHz the test masses no longer follow the spacecraft, phi'' = -dOmega_phi, and the Euler force
+has the shape of b_1 and b_2. What the joint fit finds there, where the band is widest, is the sums
+
+    b_1 + d delta_phi,    b_2 - d delta_eta.
+
+Where the misalignment of the same period is known from low frequencies (`inertial`), it is taken off,
+with its sigma. Where it is not, the sums stay, and that is said.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate import linear
+from fit.estimate.inertial import BASELINE
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report
 from fit.model import Sharing, dynamics
-from fit.results import Fit, FitWarning
+from fit.results import Fit
 from fit.signal import derivatives, spectra
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
@@ -34,6 +44,8 @@ DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
     "y": ({"grs_y_2": 1.0, "grs_y_1": -1.0}, 0.25),
     "z": ({"grs_z_2": 1.0, "grs_z_1": -1.0}, 0.25),
 }
+SEPARATED, JOINED = "euler_separated", "euler_included"
+_PARTS = {"b_1": ("delta_phi", 1.0), "b_2": ("delta_eta", -1.0)}
 
 
 def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> dict[str, Fit]:
@@ -242,3 +254,65 @@ def subtraction(run: Run, parameters: Mapping[str, float], edges: Sequence[float
         power = [np.mean(np.abs(y[band]) ** 2) for y in (delta_g_x, delta_g)]
         found.append([*power, np.sum(np.abs(left) ** 2) / free])
     return Subtraction(*np.array(found, dtype=np.float64).T)
+
+
+def is_separated(cross_talk: Fit) -> bool:
+    """Tell whether the Euler force has been taken off."""
+    return any(warning.code == SEPARATED for warning in cross_talk.warnings)
+
+
+def sums(values: Mapping[str, float], inertial: Fit | None) -> dict[str, float]:
+    """Put back what `separate` took off: the coefficients that correct Delta g_x of runs of that period."""
+    if inertial is None:
+        return dict(values)
+    deltas = {name: e.value for name, e in inertial.parameters.items()}
+    return {
+        name: value + _PARTS[name][1] * BASELINE * deltas[_PARTS[name][0]] if name in _PARTS else value
+        for name, value in values.items()
+    }
+
+
+def joined(cross_talk: Fit) -> Fit:
+    """Say that b_1 and b_2 hold the Euler force of the runs they were fitted to."""
+    names = tuple(name for name in _PARTS if name in cross_talk.parameters)
+    message = (
+        "b_1 and b_2 include d delta_phi and -d delta_eta, the Euler force above 10 mHz: without an inertial "
+        "fit of the same period these cannot be told apart"
+    )
+    return replace(cross_talk, warnings=(*cross_talk.warnings, FitWarning(JOINED, names, message)))
+
+
+def separate(cross_talk: Fit, inertial: Fit, period: str) -> Fit:
+    """Take the Euler force off b_1 and b_2.
+
+    Parameters
+    ----------
+    cross_talk : Fit
+        Of one alignment epoch, Euler force included.
+    inertial : Fit
+        Of the period in which all its runs lie.
+    period : str
+        Its name.
+    """
+    order, deltas = list(cross_talk.parameters), list(inertial.parameters)
+    parts: Mapping[str, tuple[str, float]] = {
+        name: part for name, part in _PARTS.items() if name in order and part[0] in deltas
+    }
+    # b = (b as fitted) - J delta
+    J = np.zeros((len(order), len(deltas)))
+    for name, (delta, sign) in parts.items():
+        J[order.index(name), deltas.index(delta)] = sign * BASELINE
+    shift = J @ [inertial.parameters[name].value for name in deltas]
+    covariance = cross_talk.covariance + J @ inertial.covariance @ J.T
+    sigma = np.sqrt(np.diag(covariance))
+    parameters = {
+        name: replace(estimate, value=estimate.value - float(shift[i]), sigma=float(sigma[i]))
+        for i, (name, estimate) in enumerate(cross_talk.parameters.items())
+    }
+    message = (
+        f"the Euler force of period {period}, which above 10 mHz has the shape of b_1 and b_2, has been "
+        "taken off them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
+    )
+    kept = [warning for warning in cross_talk.warnings if warning.code != JOINED]
+    warnings = (*kept, FitWarning(SEPARATED, tuple(parts), message))
+    return replace(cross_talk, parameters=parameters, covariance=covariance, warnings=warnings)

@@ -15,10 +15,10 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import linear, selection
+from fit.estimate import linear
 from fit.estimate.irls import Outcome, beyond, common_tone
 from fit.estimate.likelihood import weights
-from fit.estimate.runs import Experiment, Run
+from fit.estimate.runs import Experiment, Run, divide
 from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
 from fit.results import Fit
@@ -101,7 +101,7 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
         If the fit would come to nothing.
     """
     chosen = chosen or settings()
-    chosen_ones = selection.divide([p.experiment for p in planned], chosen)[0]
+    chosen_ones = divide([p.experiment for p in planned], chosen)[0]
     taking_part = [p for p in planned if p.experiment in chosen_ones]
     if not taking_part:
         raise InputError("no sysid run takes part in the joint fit, expected at least one of 6 h or more")

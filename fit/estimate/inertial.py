@@ -30,9 +30,10 @@ from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, SETTLED, TOLERANCE
 from fit.estimate.runs import LEAST
 from fit.model import dynamics, dynamics_of, rate, rotation
 from fit.paper import cross_talk_parameter
-from fit.results import Estimate, Fit, FitWarning
+from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, fit_noise, spectra
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 The only room with signs.
 """
 
+from fit.model.calibrated import Dynamics, dynamics_of
 from fit.model.dynamics import Columns
-from fit.model.known import Dynamics, dynamics_of
 from fit.model.sharing import Sharing
 from fit.model.stretches import Grid, Stretch, cut, differentiated, grid, reduced
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from fit.estimate import separation
+from fit.estimate import is_separated, sums
 from fit.figures import Drawing
 from fit.paper import EXPERIMENT_NAMES, Parameter, experiment_parameter
 from fit.report import drawings as report_drawings
@@ -150,6 +150,4 @@ def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
     values = {key: e.value for key, e in fit.parameters.items()}
     periods = results.provenance.get("cross_talk_periods")
     period = periods.get(epoch) if isinstance(periods, dict) else None
-    return (
-        separation.sums(values, results.inertial.get(str(period))) if separation.is_separated(fit) else values
-    )
+    return sums(values, results.inertial.get(str(period))) if is_separated(fit) else values

@@ -19,7 +19,7 @@ from fit.report import sampling as report_sampling
 from fit.report import together as report_mission
 from fit.report import warnings as report_warnings
 from fit.report.verdict import verdict
-from fit.results import Results, with_truth
+from fit.results import Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
@@ -34,7 +34,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     directory : Path
         An existing folder.
     results : Results
-        Truth and pull are added from the telemetry where it has them.
+        With truth and pull where they are known.
     telemetries : sequence of Telemetry
         The runs that were fitted.
 
@@ -48,7 +48,6 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     InputError
         If a telemetry file can no longer be read, or ``mcmc.json`` or ``montecarlo.json`` is none.
     """
-    results = with_truth(results, telemetries)
     folder = directory / "figures"
     folder.mkdir(exist_ok=True)
     joint = results.joint

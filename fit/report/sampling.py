@@ -9,7 +9,7 @@ from markupsafe import Markup
 from pydantic import BaseModel, ValidationError
 
 from fit.errors import InputError, shown
-from fit.estimate import SAME, Pulls, mcmc, pulls
+from fit.estimate import SAME, Pulls, pulls, sampling
 from fit.figures import Drawing
 from fit.files import documents
 from fit.report.grids import Grid, Line, Part, flagged, name_head
@@ -58,7 +58,7 @@ def parts(results: Results, directory: Path) -> list[Part]:
     """
     found = []
     if (path := directory / "mcmc.json").exists():
-        found.append(_chain(_read(path, mcmc.SCHEMA, _Chain), results, directory / "figures"))
+        found.append(_chain(_read(path, sampling.SCHEMA, _Chain), results, directory / "figures"))
     if (path := directory / "montecarlo.json").exists():
         found.append(_study(_read(path, pulls.SCHEMA, _Study), directory / "figures"))
     return found

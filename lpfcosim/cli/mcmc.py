@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fit.errors import InputError
-from fit.estimate import Posterior, refit
-from fit.estimate import mcmc as chains
+from fit.estimate import Posterior, earlier
+from fit.estimate import sampling as chains
 from fit.report import page as fit_report
 from fit.results import Results
 from fit.telemetry import Telemetry
@@ -17,7 +17,7 @@ from lpfcosim.running import lock
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
     """Sample the posterior of the joint fit in a folder; continue what is there."""
     with console.stage("reading"):
-        results, telemetries = refit.load(directory)
+        results, telemetries = earlier.load(directory)
     with lock.held(directory):
         _sample(directory, results, telemetries, console, steps=steps, seed=seed)
 
@@ -36,7 +36,7 @@ def _sample(
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     with console.stage("fit"):
-        outcome = refit.refit(results, telemetries, directory / "results.json")
+        outcome = earlier.refit(results, telemetries, directory / "results.json")
     try:
         posterior = Posterior(outcome)
     except InputError as error:

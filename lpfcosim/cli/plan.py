@@ -11,7 +11,7 @@ from rich.table import Table
 
 import fit.errors
 from fit import settings as fit_settings
-from fit.estimate import forecast, selection
+from fit.estimate import SHORTEST, divide, forecast
 from fit.results import Fit
 from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
@@ -136,7 +136,7 @@ def wall_time(plan: campaigns.Campaign, jobs: int) -> float:
 def _forecast(plan: campaigns.Campaign, chosen: fit_settings.Settings) -> Fit | None:
     """Return the joint fit to expect, None if no experiment takes part in one."""
     planned = cli_study.planned(plan)
-    taking_part, _, _ = selection.divide([p.experiment for p in planned], chosen)
+    taking_part, _, _ = divide([p.experiment for p in planned], chosen)
     return forecast.expected_fit(planned, chosen) if taking_part else None
 
 
@@ -153,9 +153,9 @@ def _check_durations(plan: campaigns.Campaign) -> None:
     """Refuse runs that the fit would refuse, once they were simulated."""
     driven = {run.experiment for run in plan.runs if run.kind == "sysid"}
     for run in plan.runs:
-        if run.experiment in driven and _duration(run) < selection.SHORTEST:
+        if run.experiment in driven and _duration(run) < SHORTEST:
             raise InputError(
-                f"run {run.name}: lasts {_duration(run):g} s, expected {selection.SHORTEST:g} s or more, "
+                f"run {run.name}: lasts {_duration(run):g} s, expected {SHORTEST:g} s or more, "
                 "which the fit needs"
             )
 

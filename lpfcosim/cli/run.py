@@ -13,7 +13,7 @@ from fit import results as fit_results
 from fit import settings as fit_settings
 from fit.deltag import write_delta_g
 from fit.errors import FitError
-from fit.estimate import refit
+from fit.estimate import earlier, pulls
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report import page as fit_report
 from fit.telemetry import convert, is_map
@@ -151,7 +151,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
 
 def report(directory: Path, console: Console) -> None:
     """Rebuild the report from what a folder holds."""
-    results, telemetries = refit.load(directory)
+    results, telemetries = earlier.load(directory)
     with lock.held(directory), console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")
@@ -225,7 +225,7 @@ def _calibrate(
             "telemetry": [os.path.relpath(t.path, directory) for t in telemetries],
         },
     )
-    results = cli_shortfall.told(fit_results.with_truth(results, telemetries), missing or {})
+    results = cli_shortfall.told(pulls.with_truth(results, telemetries), missing or {})
     with lock.held(directory):
         fit_results.write(results, directory / "results.json")
         with console.stage("report"):

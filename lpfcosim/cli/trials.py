@@ -12,7 +12,7 @@ import fit.errors
 from fit.estimate import pulls
 from fit.model import dynamics
 from fit.pipeline import calibrate
-from fit.results import Results, with_truth
+from fit.results import Results
 from fit.settings import Settings
 from fit.telemetry import Telemetry, read_all
 from lpfcosim import worlds
@@ -67,7 +67,7 @@ def _through_fmus(plan: campaigns.Campaign, chosen: Settings, fmus: Mapping[str,
         for run in plan.runs:
             runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {})
         telemetries = read_all([Path(folder)], own=True)
-        return with_truth(calibrate(telemetries, chosen), telemetries)
+        return pulls.with_truth(calibrate(telemetries, chosen), telemetries)
 
 
 def _from_spectra(plan: campaigns.Campaign, number: int, work: Work) -> Results:
@@ -75,7 +75,7 @@ def _from_spectra(plan: campaigns.Campaign, number: int, work: Work) -> Results:
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
     results = calibrate(telemetries, work.chosen)
-    return with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
+    return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 
 #: What the last campaign left, by run: made anew only if more than the seed is another.

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import FitError, InputError
-from fit.results import Estimate, Fit, Results, load, with_truth, write
+from fit.estimate.pulls import with_truth
+from fit.results import Estimate, Fit, Results, load, write
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, Span
 from tests.oracles.contract_file import write_contract_file

@@ -10,7 +10,7 @@ import pytest
 
 from fit import results as fit_results
 from fit.errors import InputError
-from fit.estimate import mcmc, refit
+from fit.estimate import earlier, sampling
 from fit.estimate.posterior import Posterior
 from fit.pipeline import calibrate
 from fit.report import page as report
@@ -58,7 +58,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made") / "out"
     (folder / "telemetry").mkdir(parents=True)
     runs = [
-        refit.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
+        earlier.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
     ]
     results = calibrate(runs)
     results.provenance["telemetry"] = [f"telemetry/{r.run}.h5" for r in runs]
@@ -73,7 +73,7 @@ def copied(made, tmp_path):
 
 def rebuild(folder):
     """Do as ``lpfcosim report``; the drawings are those of other tests."""
-    results, runs = refit.load(folder)
+    results, runs = earlier.load(folder)
     report.write_report(folder, results, runs)
 
 
@@ -102,7 +102,7 @@ def test_names_of_experiments(tmp_path, name):
     ]
 
     def work():
-        runs = refit.read_all(paths, own=True)
+        runs = earlier.read_all(paths, own=True)
         report.write_report(folder, calibrate(runs), runs)
 
     said = survives(work, folder / "telemetry" / "x", name)
@@ -156,13 +156,13 @@ def test_logs_of_campaigns(tmp_path, cases):
 def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
     monkeypatch.setattr(probe, "PATIENCE", 20.0)
-    monkeypatch.setattr(mcmc, "CHECK", 10)
-    results, runs = refit.load(copied)
-    posterior = Posterior(refit.refit(results, runs, copied / "results.json"))
+    monkeypatch.setattr(sampling, "CHECK", 10)
+    results, runs = earlier.load(copied)
+    posterior = Posterior(earlier.refit(results, runs, copied / "results.json"))
     path = copied / "mcmc.h5"
 
     def sample():
-        mcmc.sample(posterior, path, steps=10, seed=1)
+        sampling.sample(posterior, path, steps=10, seed=1)
 
     assert "not converged" in survives(sample, path, "new")
     good = path.read_bytes()

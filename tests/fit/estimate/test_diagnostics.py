@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fit.estimate import linear
-from fit.estimate.diagnostics import SCORES, Residual, diagnose, judge, residual
 from fit.estimate.joint import fit_experiment
+from fit.estimate.residuals import SCORES, Residual, diagnose, judge, residual
 from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
 from fit.results import Results, load, write

@@ -10,7 +10,7 @@ import pytest
 
 from fit import results
 from fit.errors import FitError, InputError
-from fit.estimate import linear, mcmc
+from fit.estimate import linear, pulls, sampling
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.likelihood import weights
@@ -80,7 +80,7 @@ def fitted(experiments):
 def test_linear_gaussian_case(linear_case, tmp_path):
     # seeded; 4.5 standard errors in 6 numbers: false positives 4e-5
     outcome, mean, covariance = linear_case
-    chain = mcmc.sample(Posterior(outcome), tmp_path / "c.h5", steps=20000, seed=3)
+    chain = sampling.sample(Posterior(outcome), tmp_path / "c.h5", steps=20000, seed=3)
     assert chain.converged
     flat = chain.theta.reshape(-1, 3)
     sigma = np.sqrt(np.diag(covariance))
@@ -89,7 +89,7 @@ def test_linear_gaussian_case(linear_case, tmp_path):
     correlation = covariance / np.outer(sigma, sigma)
     assert abs(correlation[0, 1]) > 0.5
     assert np.corrcoef(flat.T) == pytest.approx(correlation, abs=4.5 / np.sqrt(chain.ess.min()))
-    summary = mcmc.summary(chain, outcome, {"C_2": 0.19})
+    summary = sampling.summary(chain, outcome, {"C_2": 0.19})
     assert list(summary["parameters"]) == list(NAMES)
     for i, entry in enumerate(summary["parameters"].values()):
         assert entry["shift_in_sigma"] == pytest.approx(-0.5 / 1.5**0.5, abs=4.5 * entry["shift_error"])
@@ -108,7 +108,7 @@ def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
     outcome, mean, covariance = linear_case
     pulls = []
     for seed in range(8):
-        chain = mcmc.sample(Posterior(outcome), tmp_path / f"{seed}.h5", steps=20000, seed=seed)
+        chain = sampling.sample(Posterior(outcome), tmp_path / f"{seed}.h5", steps=20000, seed=seed)
         error = np.sqrt(np.diag(covariance) / chain.ess)
         pulls.append((chain.theta.mean(axis=(0, 1)) - mean) / error)
     assert 0.3 < np.mean(np.square(pulls)) < 2.2
@@ -148,18 +148,20 @@ def test_curvature_is_that_of_the_true_sigmas(fitted):
 def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     with pytest.raises(FitError, match="not converged after 50 steps: too few to tell"):
-        mcmc.sample(posterior, tmp_path / "parts.h5", steps=50, seed=7)
+        sampling.sample(posterior, tmp_path / "parts.h5", steps=50, seed=7)
     needed = r"autocorrelation time of \w+ is some \d+ steps, at least \d+ steps are needed; the same command"
     with pytest.raises(FitError, match=rf"parts.h5: not converged after 350 steps: the {needed}"):
-        mcmc.sample(posterior, tmp_path / "parts.h5", steps=300, seed=8)
+        sampling.sample(posterior, tmp_path / "parts.h5", steps=300, seed=8)
     with pytest.raises(FitError, match="after 350 steps"):
-        mcmc.sample(posterior, tmp_path / "whole.h5", steps=350, seed=7)
+        sampling.sample(posterior, tmp_path / "whole.h5", steps=350, seed=7)
     parts, whole = (_stored(tmp_path / name) for name in ("parts.h5", "whole.h5"))
     assert parts.shape == (35, 12, 3)
     assert np.array_equal(parts, whole)
-    both = [mcmc.sample(posterior, tmp_path / name, steps=20000, seed=9) for name in ("parts.h5", "whole.h5")]
+    both = [
+        sampling.sample(posterior, tmp_path / name, steps=20000, seed=9) for name in ("parts.h5", "whole.h5")
+    ]
     assert np.array_equal(both[0].z, both[1].z)
-    again = mcmc.sample(posterior, tmp_path / "parts.h5", steps=20000, seed=9)
+    again = sampling.sample(posterior, tmp_path / "parts.h5", steps=20000, seed=9)
     assert again.steps == both[0].steps  # done is done
 
 
@@ -172,7 +174,7 @@ def test_seed_decides(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         with pytest.raises(FitError):
-            mcmc.sample(posterior, tmp_path / name, steps=20, seed=seed)
+            sampling.sample(posterior, tmp_path / name, steps=20, seed=seed)
     a, b, c = (_stored(tmp_path / name) for name in "abc")
     assert np.array_equal(a, b)
     assert not np.any(a == c)
@@ -180,35 +182,35 @@ def test_seed_decides(linear_case, tmp_path):
 
 def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
     posterior = Posterior(linear_case[0])
-    monkeypatch.setattr(mcmc, "APART", 1e-3)
+    monkeypatch.setattr(sampling, "APART", 1e-3)
     with pytest.raises(FitError, match=r"the means of \w+ in the halves of the chain differ by \d"):
-        mcmc.sample(posterior, tmp_path / "c.h5", steps=3000, seed=1)
+        sampling.sample(posterior, tmp_path / "c.h5", steps=3000, seed=1)
 
 
 def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name in "ab":
         with pytest.raises(FitError):
-            mcmc.sample(posterior, tmp_path / name, steps=20, seed=1)
+            sampling.sample(posterior, tmp_path / name, steps=20, seed=1)
     with h5py.File(tmp_path / "a", "a") as file:
         file["mcmc"].attrs["iteration"] = 0  # killed before the first was counted
     with pytest.raises(FitError):
-        mcmc.sample(posterior, tmp_path / "a", steps=20, seed=1)
+        sampling.sample(posterior, tmp_path / "a", steps=20, seed=1)
     assert np.array_equal(_stored(tmp_path / "a"), _stored(tmp_path / "b"))
 
 
 def test_chains_of_something_else_are_refused(linear_case, tmp_path):
     outcome, path = linear_case[0], tmp_path / "c.h5"
     with pytest.raises(FitError):
-        mcmc.sample(Posterior(outcome), path, steps=20, seed=1)
+        sampling.sample(Posterior(outcome), path, steps=20, seed=1)
     before = _stored(path)
     block = replace(outcome.blocks[0], columns=outcome.blocks[0].columns * (1 + 1e-6))
     with pytest.raises(InputError, match="the chain of another posterior"):
-        mcmc.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
+        sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
     assert np.array_equal(_stored(path), before)
     renamed = replace(outcome.parameters[0], name="lambda_1")
     with pytest.raises(InputError, match="the chain of another posterior"):
-        mcmc.sample(
+        sampling.sample(
             Posterior(replace(outcome, parameters=(renamed, *outcome.parameters[1:]))), path, steps=20, seed=1
         )
     nothing = write_contract_file(tmp_path / "telemetry.h5")
@@ -216,7 +218,7 @@ def test_chains_of_something_else_are_refused(linear_case, tmp_path):
     text.write_text("no HDF5")
     for wrong in (nothing, text):
         with pytest.raises(InputError, match="not a chain"):
-            mcmc.sample(Posterior(outcome), wrong, steps=20, seed=1)
+            sampling.sample(Posterior(outcome), wrong, steps=20, seed=1)
 
 
 def test_rounding_makes_no_other_posterior(linear_case, tmp_path):
@@ -226,7 +228,7 @@ def test_rounding_makes_no_other_posterior(linear_case, tmp_path):
     )  # other order, other last digits
     for block in (outcome.blocks[0], turned):
         with pytest.raises(FitError, match="not converged"):
-            mcmc.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
+            sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
     assert len(_stored(path)) == 4
 
 
@@ -258,7 +260,7 @@ def calibrated(tmp_path):
     directory.mkdir()
     names = [os.path.relpath(t.path, directory) for t in telemetries]
     found = replace(found, provenance={**found.provenance, "telemetry": names})
-    results.write(results.with_truth(found, telemetries), directory / "results.json")
+    results.write(pulls.with_truth(found, telemetries), directory / "results.json")
     return directory
 
 

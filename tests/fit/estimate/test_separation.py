@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fit.estimate import separation
+from fit.estimate import bump
 from fit.results import Estimate, Fit
 
 
@@ -21,23 +21,23 @@ MISALIGNED = fit({"delta_phi": -4e-4, "delta_eta": -1e-4}, [2e-5, 4e-6], 0.3)
 
 def test_by_hand():
     sums = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_2": -0.9e-5 + 0.376 * 1e-4, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9])
-    found = separation.separate(sums, MISALIGNED, "3")
+    found = bump.separate(sums, MISALIGNED, "3")
     assert found.parameters["b_1"].value == pytest.approx(1.2e-5)
     assert found.parameters["b_2"].value == pytest.approx(-0.9e-5)
     assert found.parameters["b_5"] == sums.parameters["b_5"]
     assert found.parameters["b_1"].sigma == pytest.approx(np.hypot(1e-7, 0.376 * 2e-5))
     assert found.covariance[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
-    assert separation.is_separated(found)
-    assert not separation.is_separated(sums)
+    assert bump.is_separated(found)
+    assert not bump.is_separated(sums)
 
 
 def test_what_was_not_determined_stays_away():
-    found = separation.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1")
+    found = bump.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1")
     assert set(found.parameters) == {"b_1", "b_3"}
 
 
 def test_the_sums_are_called_sums():
-    sums = separation.joined(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
-    assert [w.code for w in sums.warnings] == [separation.JOINED]
-    found = separation.separate(sums, MISALIGNED, "1")
-    assert [w.code for w in found.warnings] == [separation.SEPARATED]
+    sums = bump.joined(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
+    assert [w.code for w in sums.warnings] == [bump.JOINED]
+    found = bump.separate(sums, MISALIGNED, "1")
+    assert [w.code for w in found.warnings] == [bump.SEPARATED]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fit.estimate.stationarity import about_mean, independent
+from fit.estimate.residuals import about_mean, independent
 from fit.results import Estimate, Fit, FitWarning
 
 

@@ -11,7 +11,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from fit.estimate import glitches
+from fit.estimate import masks
 from fit.estimate.runs import Experiment, Run
 from fit.figures import delta_g as figures_delta_g
 from fit.figures import files as figure_files
@@ -173,7 +173,7 @@ def test_gaps_and_glitches_are_marked(runs, folder, tmp_path):
 def test_a_warning_holds_where_it_masked(runs):
     spoilt = pair(World(), "A", seed=1, drive_1=1e-12)[0]
     spoilt.channels["f_x_2"][8000:8010] += 1e-12  # a force that was commanded and did not act
-    _, warnings = glitches.clean(Experiment(Run(spoilt), Run(runs[1])))
+    _, warnings = masks.without_glitches(Experiment(Run(spoilt), Run(runs[1])))
     ((begin, end),) = masked(warnings, spoilt.run)
     assert 7980 < begin < end < 8050
 

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fit.estimate.pulls import with_truth
 from fit.figures import files as figure_files
 from fit.figures import mission, runs
 from fit.paper import FLIGHT, joint_names
@@ -142,7 +143,7 @@ class Page(HTMLParser):
 
 
 def written(folder, results, telemetries):
-    path = write_report(folder, results, telemetries)
+    path = write_report(folder, with_truth(results, telemetries), telemetries)
     assert path == folder / "report.html"
     return Page(path.read_text(encoding="utf-8"))
 

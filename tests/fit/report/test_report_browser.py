@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from fit.estimate import mcmc, pulls
+from fit.estimate import pulls, sampling
+from fit.estimate.pulls import with_truth
 from fit.figures import studies, write
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report.page import write_report
-from fit.results import with_truth
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from tests.browser import Page, needs_browser
@@ -123,7 +123,7 @@ def sampled(folder, results):
         }
         for name, e in results.joint.parameters.items()
     }  # fmt: skip
-    document = {"schema": mcmc.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
+    document = {"schema": sampling.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
     document |= {"acceptance": 0.3, "largest_tau": 60.0}
     (folder / "mcmc.json").write_text(json.dumps(document))
 

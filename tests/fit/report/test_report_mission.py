@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit.estimate.diagnostics import SCORES
+from fit.estimate.residuals import SCORES
 from fit.figures import files as figure_files
 from fit.figures import mission as figures_mission
 from fit.figures.mission import StiffnessPoint, stiffness_pull

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fit import results as fit_results
-from fit.estimate import separation
+from fit.estimate import bump
 from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
 from fit.report import page as report
@@ -74,6 +74,6 @@ def test_what_was_separated_is_put_back_for_the_correction(found):
         {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
         np.eye(2) * 1e-14, 1.0, 1, True, (),
     )  # fmt: skip
-    apart = separation.separate(sums, inertial, "3")
-    back = separation.sums({name: e.value for name, e in apart.parameters.items()}, inertial)
+    apart = bump.separate(sums, inertial, "3")
+    back = bump.sums({name: e.value for name, e in apart.parameters.items()}, inertial)
     assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from fit.errors import InputError
-from fit.estimate import mcmc, pulls
+from fit.estimate import pulls, sampling
 from fit.report.page import write_report
 from fit.report.sampling import parts
 from tests.fit.report.test_report import joint_fit, results
@@ -27,7 +27,7 @@ def chain(fit, **changes):
         }
         for name, e in fit.parameters.items()
     }
-    document = {"schema": mcmc.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
+    document = {"schema": sampling.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
     return document | {"acceptance": 0.314, "largest_tau": 61.4} | changes
 
 

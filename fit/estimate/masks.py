@@ -1,9 +1,13 @@
-"""Glitches: short forces on a test mass, found in the residual of each run and masked.
+"""What is masked before an experiment is fitted: saturation, and glitches.
 
-In closed loop a force of seconds moves the bodies for hours, but the calibrated Delta g shows the force
-itself and nothing else: only its own samples have to go. The search is that for known shapes in coloured
-noise. The residual of a run, windowed and whitened as the fit does it, is filtered with bell curves of some
-widths, which gives the signal-to-noise ratio of a glitch at every instant.
+Where a commanded force is at the limit of its authority, nobody knows which force acted. The equation holds
+sample by sample: what is masked takes nothing else with it but the reach of low-pass and stencils.
+
+Glitches are short forces on a test mass, found in the residual of each run. In closed loop a force of seconds
+moves the bodies for hours, but the calibrated Delta g shows the force itself and nothing else: only its own
+samples have to go. The search is that for known shapes in coloured noise. The residual of a run, windowed and
+whitened as the fit does it, is filtered with bell curves of some widths, which gives the signal-to-noise
+ratio of a glitch at every instant.
 
 What the search needs of the dynamics it takes from the run itself: the coefficients of the columns, free of
 any model of what experiments share, that leave the least residual. Injected sines are subtracted that way
@@ -11,8 +15,9 @@ however far the truth is from the flight's. What stands out most is masked first
 coefficients and PSD; then all begins again, until nothing new stands out.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -23,23 +28,79 @@ from fit.estimate import linear
 from fit.estimate.runs import Experiment, Run
 from fit.model import dynamics
 from fit.paper import FLIGHT
+from fit.settings import Settings
 from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
+from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, Span
 
 Array = NDArray[np.float64]
 
+AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
+MOST_SATURATED = (
+    0.3  # of a run; if saturation would take more, nothing is masked and the run cannot be trusted
+)
+SATURATED, TOO_LONG = "saturated", "saturated_too_long"  # codes of the warnings
 THRESHOLD = 6.0  # signal-to-noise ratio; noise alone exceeds 5.25 in 0.35 % of runs of 6 h, 6 in some 5e-5
 WIDTHS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)  # s, standard deviations of the bell curves
 REACH = 2.2  # widths on either side of a glitch that are masked along
 LEAST_REACH = 2.0  # s, the same; the stencils add some 10 s, as they do to missing samples
 HIGHEST = 0.3  # of the highest ratio: what is lower may be due to what is higher
 ROUNDS = 30  # to get from the highest ratio to the threshold
-MOST = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
+MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
+_SPOILT = (TOO_MANY, TOO_LONG)
 
 
-def clean(experiment: Experiment) -> tuple[Experiment, tuple[FitWarning, ...]]:
+def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
+    """Mask where a commanded force along x has reached its authority.
+
+    Returns
+    -------
+    run : Run
+        With those stretches masked; as it was if they would cost more than `MOST_SATURATED` of it.
+    warnings : tuple of FitWarning
+        Code `SATURATED` or `TOO_LONG` if there are any.
+    """
+    telemetry = run.telemetry
+    limits = {
+        f"f_x_{j}": F_max / telemetry.m_tm
+        for j, F_max in ((1, telemetry.F_max_1), (2, telemetry.F_max_2))
+        if F_max > 0  # without authority there is only what leaks
+    }
+    flags = {name: np.abs(telemetry.channels[name]) >= AT_LIMIT * limit for name, limit in limits.items()}
+    at_limit = np.any(list(flags.values()), axis=0) if flags else np.zeros(telemetry.time.size, bool)
+    if not at_limit.any():
+        return run, ()
+    stretches = _stretches(telemetry, at_limit)
+    masked = run.without(stretches)
+    told = " and ".join(
+        f"{name} in {int(of.sum())} samples (F_max_{name[-1]}/m_tm = {limits[name]:.3g} m s-2)"
+        for name, of in flags.items()
+        if of.any()
+    )
+    said = f"{telemetry.run}: a commanded force is at the limit of its authority: {told}"
+    left = masked.weight / run.weight
+    if left < 1 - MOST_SATURATED:
+        what = f"to mask that would cost {100 * (1 - left):.0f} % of the run"
+        return run, (FitWarning(TOO_LONG, (), f"{said}; {what}, so nothing is masked"),)
+    spans = tuple(Span(telemetry.run, *stretch) for stretch in stretches)
+    said = f"{said}; these are masked, {100 * left:.3g} % is left"
+    return masked, (FitWarning(SATURATED, (), said, spans=spans),)
+
+
+def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return begin and end [s] of every stretch, with the reach of the low-pass."""
+    taps, _ = derivatives.low_pass(telemetry.fs)
+    reach = taps.size / 2 / telemetry.fs
+    time = telemetry.time
+    return [
+        (float(time[begin] - reach), float(time[end - 1] + reach))
+        for begin, end in derivatives.stretches(flags)
+    ]
+
+
+def without_glitches(experiment: Experiment) -> tuple[Experiment, tuple[FitWarning, ...]]:
     """Find the glitches of an experiment and mask them.
 
     Parameters
@@ -50,7 +111,7 @@ def clean(experiment: Experiment) -> tuple[Experiment, tuple[FitWarning, ...]]:
     Returns
     -------
     experiment : Experiment
-        The runs, glitches masked; one that would lose more than `MOST` by it is left as it was.
+        The runs, glitches masked; one that would lose more than `MOST_GLITCHES` by it is left as it was.
     warnings : tuple of FitWarning
         ``glitches`` for every run that has some.
 
@@ -134,7 +195,7 @@ class _Search:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
         found = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.stretches(self._flags)]
         masked = self._original.without(found)
-        self.hopeless = masked.weight < (1 - MOST) * self._original.weight
+        self.hopeless = masked.weight < (1 - MOST_GLITCHES) * self._original.weight
         self.run = self._original if self.hopeless else masked
         return True
 
@@ -166,8 +227,8 @@ class _Search:
         places = ", ".join(f"{begin:.0f} s ({end - begin:.0f} s)" for begin, end in masks)
         if self.hopeless:
             message = (
-                f"{name}: masking all that stands out of the noise would cost more than {100 * MOST:g} % of "
-                "the run, which is no matter of glitches; nothing is masked"
+                f"{name}: masking all that stands out of the noise would cost more than "
+                f"{100 * MOST_GLITCHES:g} % of the run, which is no matter of glitches; nothing is masked"
             )
             return FitWarning(TOO_MANY, (), message)
         message = f"{name}: {n} glitch{'es' * (n > 1)} masked, at {places}"
@@ -181,3 +242,46 @@ def _least(U: Spectrum) -> Array:
     scale = np.where(norms > 0, norms, 1.0)
     c = np.linalg.lstsq(rows[:, 1:] / scale[1:], -rows[:, 0])[0] / scale[1:]
     return np.array([1.0, *c])
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """An experiment ready to be fitted.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        With what is masked.
+    warnings : tuple of FitWarning
+        What was masked, or could not be.
+    """
+
+    experiment: Experiment
+    warnings: tuple[FitWarning, ...]
+
+    @property
+    def spoilt(self) -> str:
+        """Why it is better left out of what others take part in, empty where there is no reason."""
+        return "; ".join(w.message for w in self.warnings if w.code in _SPOILT)
+
+
+def prepare(experiments: Sequence[Experiment], chosen: Settings) -> list[Prepared]:
+    """Mask what the equation does not hold for.
+
+    Raises
+    ------
+    InputError
+        If missing samples leave too little of a run.
+    """
+    return [_prepare(e, chosen) for e in experiments]
+
+
+def _prepare(experiment: Experiment, chosen: Settings) -> Prepared:
+    sysid, told = without_saturation(experiment.sysid)
+    noise, told_of_noise = without_saturation(experiment.noise) if experiment.noise else (None, ())
+    found = Prepared(Experiment(sysid, noise), (*told, *told_of_noise))
+    # flscov bridges what is masked, and what is saturated would pass for glitches
+    if not chosen.glitches or chosen.estimator == "flscov" or found.spoilt:
+        return found
+    cleaned, glitched = without_glitches(found.experiment)
+    return Prepared(cleaned, (*found.warnings, *glitched))

@@ -7,7 +7,7 @@ from fit import results as fit_results
 from fit.errors import InputError
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
-from fit.estimate.preparation import prepare
+from fit.estimate.masks import prepare
 from fit.estimate.runs import Experiment, Run
 from fit.results import Results
 from fit.settings import settings
