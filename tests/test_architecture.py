@@ -71,7 +71,6 @@ WAITING = (
     *(
         "lpfcosim/modelica/evaluate.py: ",
         "fit/estimate/irls.py: _iterate",
-        "fit/figures/mcmc.py: corner_plot",
     ),
     *("fit/pipeline.py: _dynamics", "fit/report/drawings.py: drawings", "lpfcosim/cli/run.py: run"),
     *("lpfcosim/modelica/codegen.py: source", "lpfcosim.api", "lpfcosim.signals", "lpfcosim.worlds"),

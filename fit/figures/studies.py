@@ -41,37 +41,12 @@ def corner_plot(theta: Array, outcome: Outcome, truths: Mapping[str, float]) -> 
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    import corner  # takes its time, and only this needs it
-
     own = shown(outcome)
     covariance = outcome.solution.covariance[np.ix_(own, own)]
     centre, sigma = outcome.solution.theta[own], np.sqrt(np.diag(covariance))
     names = [outcome.parameters[i].name for i in own]
-    K = len(own)
-    figure = Figure(figsize=(_SIZE * K + 0.7, _SIZE * K + 0.7))
     departures = (theta[:, own] - centre) / sigma
-    corner.corner(
-        departures,
-        fig=figure,
-        bins=_BINS,
-        range=K * [(-_REACH, _REACH)],
-        labels=[f"${outcome.parameters[i].latex}$" for i in own],
-        labelpad=0.25,
-        label_kwargs={"fontsize": 6.5},
-        smooth=_SMOOTH,
-        levels=_LEVELS,
-        color=COLOURS["blue"],
-        plot_datapoints=False,
-        plot_density=False,
-        max_n_ticks=3,
-        hist_kwargs={"density": True, "linewidth": 0.8},
-        contour_kwargs={"linewidths": 0.8},
-    )
-    edge = 0.6 / (_SIZE * K + 0.7)
-    figure.subplots_adjust(left=edge, bottom=edge, right=1 - edge / 4, top=1 - edge / 4)
-    axes = np.array(figure.axes).reshape(K, K)
-    for ax in axes.flat:
-        ax.tick_params(labelsize=5, pad=1)
+    figure, axes = _contours(departures, [f"${outcome.parameters[i].latex}$" for i in own])
     _least_squares(axes, covariance / np.outer(sigma, sigma))
     drawn = {"blue": "chain, 1 and 2 σ", "orange": "least squares"}
     known = [(i, (truths[n] - centre[i]) / sigma[i]) for i, n in enumerate(names) if n in truths]
@@ -88,6 +63,37 @@ def corner_plot(theta: Array, outcome: Outcome, truths: Mapping[str, float]) -> 
         title="departure from least squares in its σ",
     )
     return Plot(figure, _marginals(names, departures))
+
+
+def _contours(departures: Array, labels: Sequence[str]) -> tuple[Figure, NDArray[np.object_]]:
+    """Draw a chain, a row and a column for each parameter; return the figure and its panels, shape (K, K)."""
+    import corner  # takes its time, and only this needs it
+
+    K = len(labels)
+    figure = Figure(figsize=(_SIZE * K + 0.7, _SIZE * K + 0.7))
+    corner.corner(
+        departures,
+        fig=figure,
+        bins=_BINS,
+        range=K * [(-_REACH, _REACH)],
+        labels=list(labels),
+        labelpad=0.25,
+        label_kwargs={"fontsize": 6.5},
+        smooth=_SMOOTH,
+        levels=_LEVELS,
+        color=COLOURS["blue"],
+        plot_datapoints=False,
+        plot_density=False,
+        max_n_ticks=3,
+        hist_kwargs={"density": True, "linewidth": 0.8},
+        contour_kwargs={"linewidths": 0.8},
+    )
+    edge = 0.6 / (_SIZE * K + 0.7)
+    figure.subplots_adjust(left=edge, bottom=edge, right=1 - edge / 4, top=1 - edge / 4)
+    axes = np.array(figure.axes).reshape(K, K)
+    for ax in axes.flat:
+        ax.tick_params(labelsize=5, pad=1)
+    return figure, axes
 
 
 def _marginals(names: Sequence[str], departures: Array) -> dict[str, Array | list[str]]:

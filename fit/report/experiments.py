@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from markupsafe import Markup
@@ -14,7 +14,7 @@ from fit.report import drawings as report_drawings
 from fit.report import warnings as report_warnings
 from fit.report.grids import Grid, Line
 from fit.report.verdict import failing
-from fit.results import WITHHELD, Estimate, Fit, Results
+from fit.results import Fit, Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
@@ -42,26 +42,18 @@ def sections(results: Results, telemetries: Sequence[Telemetry], folder: Path) -
     ]
 
 
-def _number(fit: Fit, estimate: Estimate | None, exponent: int = 0) -> tables.Number | None:
-    if estimate is None:
-        return None
-    found = tables.number(estimate.value, estimate.sigma, exponent)
-    return replace(found, sigma=WITHHELD) if fit.unsound else found
-
-
 def overview(results: Results, telemetries: Sequence[Telemetry]) -> Grid:
     """Return a line for every experiment: when, how well fitted, its gain and stiffness, what to doubt."""
     runs = {t.experiment: t for t in telemetries if t.kind == "sysid"}
     lines = []
     for i, (name, fit) in enumerate(results.experiments.items(), start=1):
         run = runs.get(name)
-        gain, stiffness = fit.parameters.get("lambda_2"), fit.parameters.get("omega2_2")
         cells = (
             run.t0[:10] if run else "–",
             f"{run.duration / 3600:.3g}" if run else "–",
             _chi2(fit),
-            _number(fit, gain),
-            _number(fit, stiffness, -7),
+            tables.of_fit(fit, "lambda_2"),
+            tables.of_fit(fit, "omega2_2", -7),
             _warned(fit) or "–",
         )
         lines.append(Line(Markup('<a href="#e{}">{}</a>').format(i, name), cells))

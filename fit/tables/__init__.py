@@ -1,5 +1,6 @@
-"""Tables: numbers in print, and what telemetry and results look like in a notebook."""
+"""Tables: numbers in print, rows of estimates, and what telemetry and results look like in a notebook."""
 
+from fit.tables.lines import Lines, estimates
 from fit.tables.parameters import LIMIT, Number, Table, signed, symbol
 
-__all__ = ["LIMIT", "Number", "Table", "notebook", "parameters", "signed", "symbol"]
+__all__ = ["LIMIT", "Lines", "Number", "Table", "estimates", "notebook", "parameters", "signed", "symbol"]

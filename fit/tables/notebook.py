@@ -3,24 +3,24 @@
 Importing the module registers it. The HTML leaves colours to the notebook, be it light or dark.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 
 from markupsafe import Markup
 
 from fit.display import html, text
 from fit.paper import Parameter, cross_talk_parameter, joint_parameter
-from fit.results import WITHHELD, Estimate, Fit, Results
+from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
+from fit.tables.lines import Lines, digits, estimates
 from fit.telemetry import Telemetry
 
 
 @text.register
 def _(estimate: Estimate) -> str:
-    known = "" if estimate.truth is None else f", truth {_digits(estimate.truth, estimate.sigma)}"
+    known = "" if estimate.truth is None else f", truth {digits(estimate.truth, estimate.sigma)}"
     pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    return f"{_digits(estimate.value, estimate.sigma)} ± {estimate.sigma:#.2g}{unit}{known}{pull}"
+    return f"{digits(estimate.value, estimate.sigma)} ± {estimate.sigma:#.2g}{unit}{known}{pull}"
 
 
 @html.register
@@ -75,12 +75,12 @@ def _(run: Telemetry) -> str:
 @html.register
 def _(run: Telemetry) -> str:
     head = Markup("<p><strong>{}</strong>: {}</p>").format(run.run, _extent(run))
-    rows = [
+    rows = tuple(
         (Markup("<code>{}</code>").format(n), run.units.get(n, ""), run.long_names.get(n, ""))
         for n in run.channels
-    ]
+    )
     notes = str(run.attributes.get("notes", "")).splitlines()  # what a product like Delta g has to tell
-    channels = _grid(("channel", "unit", "description"), rows, "lll")
+    channels = Lines(("channel", "unit", "description"), rows).html("lll")
     return Markup("<div>{}{}{}</div>").format(head, channels, _list(notes))
 
 
@@ -110,26 +110,10 @@ def _summary(results: Results) -> dict[str, str]:
     return {name: line for name, line in sections.items() if line}
 
 
-def _digits(value: float, sigma: float) -> str:
-    """Return a number down to the second digit of its sigma."""
-    if not (value and sigma > 0):
-        return f"{value:.6g}"
-    places = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
-    return f"{value:.{min(max(places, 1), 15)}g}"
-
-
 def _columns(fit: Fit) -> list[str]:
     """Return the estimates as lines of aligned columns."""
-    rows: list[tuple[str, ...]] = [("parameter", "unit", "estimate", "sigma", "truth", "pull")]
-    for name, e in fit.parameters.items():
-        truth = "" if e.truth is None else _digits(e.truth, e.sigma)
-        pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
-        sigma = WITHHELD if fit.unsound else f"{e.sigma:#.2g}"
-        rows.append((name, e.unit, _digits(e.value, e.sigma), sigma, truth, pull))
-    if all(e.truth is None for e in fit.parameters.values()):
-        rows = [row[:4] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    found = estimates({"": fit}, fine=True)
+    return (found if any(e.truth is not None for e in fit.parameters.values()) else found.first(4)).aligned()
 
 
 def _told(fit: Fit) -> list[str]:
@@ -143,7 +127,7 @@ def _messages(fit: Fit) -> list[str]:
 def _table(fit: Fit) -> Markup:
     shown = tables.table(fit, list(_described([*fit.parameters, *fit.undetermined])))
     beside = ("truth", "pull") if shown.has_truth else ("flight", "difference / σ")
-    rows: list[Sequence[str]] = []
+    rows: list[tuple[str, ...]] = []
     for row in shown.rows:
         estimate = f"{row.estimate.value} ± {row.estimate.sigma}" if row.estimate else "not determined"
         other = (
@@ -152,7 +136,7 @@ def _table(fit: Fit) -> Markup:
         pull = "" if row.pull is None else tables.signed(row.pull, 2)
         name = Markup("<code>{}</code>").format(row.name)
         rows.append((tables.symbol(row.name), name, row.description, row.unit, estimate, other, pull))
-    return _grid(("", "parameter", "", "unit", "estimate ± σ", *beside), rows, "llllrrr")
+    return Lines(("", "parameter", "", "unit", "estimate ± σ", *beside), tuple(rows)).html("llllrrr")
 
 
 def _described(names: Iterable[str]) -> Iterable[Parameter]:
@@ -173,18 +157,3 @@ def _list(lines: Sequence[str]) -> Markup:
 
 def _paragraph(line: str) -> Markup:
     return Markup("<p>{}</p>").format(line)
-
-
-def _grid(head: Sequence[str], rows: Iterable[Sequence[str]], sides: str) -> Markup:
-    """Return a table; `sides` has an l or an r for each column."""
-    styles = ["text-align:left" if side == "l" else "text-align:right" for side in sides]
-
-    def line(tag: str, cells: Sequence[str]) -> Markup:
-        filled = (
-            Markup('<{} style="{}">{}</{}>').format(Markup(tag), style, cell, Markup(tag))
-            for style, cell in zip(styles, cells, strict=True)
-        )
-        return Markup("<tr>{}</tr>").format(Markup().join(filled))
-
-    body = Markup().join(line("td", row) for row in rows)
-    return Markup("<table><thead>{}</thead><tbody>{}</tbody></table>").format(line("th", head), body)

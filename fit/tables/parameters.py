@@ -106,13 +106,7 @@ def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
     listed = [p for p in parameters if p.name in fit.parameters or p.name in lost]
     names = {p.name for p in listed}
     listed += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
-    rows = [_row(p, fit.parameters.get(p.name), has_truth) for p in listed]
-    if fit.unsound:
-        rows = [
-            replace(row, estimate=row.estimate and Number(row.estimate.value, WITHHELD), pull=None)
-            for row in rows
-        ]
-    return Table(tuple(rows), has_truth)
+    return Table(tuple(_row(p, fit, has_truth) for p in listed), has_truth)
 
 
 def _unlisted(name: str, estimate: Estimate) -> Parameter:
@@ -127,11 +121,20 @@ def number(value: float, sigma: float, exponent: int = 0) -> Number:
     return Number(signed(value / scale, places), f"{sigma / scale:.{places}f}")
 
 
-def _row(parameter: Parameter, estimate: Estimate | None, has_truth: bool) -> Row:
+def of_fit(fit: Fit, name: str, exponent: int = 0) -> Number | None:
+    """Return an estimate in print, without its sigma where that does not hold; None where there is none."""
+    estimate = fit.parameters.get(name)
+    if estimate is None:
+        return None
+    found = number(estimate.value, estimate.sigma, exponent)
+    return replace(found, sigma=WITHHELD) if fit.unsound else found
+
+
+def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> Row:
     exponent = power_of_ten(parameter.value)
-    pull, truth, found = None, "", None
+    estimate = fit.parameters.get(parameter.name)
+    pull, truth = None, ""
     if estimate is not None:
-        found = number(estimate.value, estimate.sigma, exponent)
         pull = estimate.pull
         if not has_truth and parameter.flown:
             pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
@@ -143,8 +146,8 @@ def _row(parameter: Parameter, estimate: Estimate | None, has_truth: bool) -> Ro
         description=parameter.description,
         unit=unit_text(parameter.unit, exponent),
         truth=truth,
-        estimate=found,
-        pull=pull,
+        estimate=of_fit(fit, parameter.name, exponent),
+        pull=None if fit.unsound else pull,
         flight=number(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
     )
 

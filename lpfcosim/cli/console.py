@@ -23,6 +23,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from fit.results import Results
+    from fit.tables import Lines
 
 
 class Console:
@@ -46,9 +47,12 @@ class Console:
         if not self._quiet and not self._as_json:
             print(line)
 
-    def show(self, table: Table) -> None:
+    def show(self, lines: Lines) -> None:
         """Print a table of the result."""
         if not self._quiet and not self._as_json:
+            table = Table(*lines.head, box=None)
+            for row in lines.rows:
+                table.add_row(*row)
             rich.console.Console().print(table)
 
     def document(self, text: str) -> None:
@@ -128,31 +132,16 @@ class Console:
         self.note(f"simulation: {total} samples{kept}, {time.perf_counter() - started:.1f} s")
 
     def table(self, results: Results) -> None:
-        """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods.
-
-        Of a fit that is not sound there are no sigmas and pulls, which do not hold.
-        """
+        """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods."""
         if self._quiet:
             return
-        from fit.results import WITHHELD  # which other commands do without
+        from fit.tables import estimates  # which other commands do without
 
         (only,) = results.experiments.values() if len(results.experiments) == 1 else (None,)
-        table = Table("parameter", "unit", "estimate", "sigma", "truth", "pull", box=None)
         alone = {f" ({name})": fit for name, fit in results.experiments.items()}
         whole = only or results.joint
         first = {"": whole} if whole else alone
         fits = first | {f" ({period})": fit for period, fit in results.inertial.items()}
-        for period, fit in fits.items():
-            for name, estimate in fit.parameters.items():
-                known = estimate.truth is not None
-                table.add_row(
-                    name + period,
-                    estimate.unit,
-                    f"{estimate.value:.6g}",
-                    WITHHELD if fit.unsound else f"{estimate.sigma:.2g}",
-                    f"{estimate.truth:.6g}" if known else "",
-                    "" if fit.unsound or estimate.pull is None else f"{estimate.pull:+.2f}",
-                )
-        self.show(table)
+        self.show(estimates(fits))
         for message in dict.fromkeys(w.message for fit in fits.values() for w in fit.warnings):
             self.note(f"warning: {message}")

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, Field
-from rich.table import Table
 
 from fit.estimate import pulls
 from fit.files import documents
 from fit.settings import settings
+from fit.tables import Lines
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
@@ -184,10 +184,9 @@ def _on_processes(
         pool.shutdown(cancel_futures=True)
 
 
-def _table(found: Mapping[str, pulls.Pulls]) -> Table:
-    table = Table("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma", box=None)
-    for name, p in found.items():
-        table.add_row(
+def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
+    rows = [
+        (
             name,
             str(p.n),
             f"{p.pull_mean:+.2f} ± {p.pull_mean_error:.2f}",
@@ -195,7 +194,9 @@ def _table(found: Mapping[str, pulls.Pulls]) -> Table:
             f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} %",
             f"{p.sigma:.2g}",
         )
-    return table
+        for name, p in found.items()
+    ]
+    return Lines(("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma"), tuple(rows))
 
 
 # In a process of the pool ------------------------------------------------------------------------------

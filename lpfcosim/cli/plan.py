@@ -7,12 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 import fit.errors
 from fit import settings as fit_settings
 from fit.estimate import SHORTEST, divide, forecast
 from fit.results import Fit
+from fit.tables import Lines
 from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import study as cli_study
@@ -196,18 +195,17 @@ def _loop_documents(loops: list[stability_margins.Margin]) -> list[dict[str, Any
     ]
 
 
-def _runs_table(plan: campaigns.Campaign) -> Table:
-    table = Table("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections", box=None)
-    for run in plan.runs:
-        injections = str(len(run.injections) or "")
-        start = run.t0[:16].replace("T", " ")
-        table.add_row(
+def _runs_table(plan: campaigns.Campaign) -> Lines:
+    rows = [
+        (
             run.name,
             run.kind,
-            start,
+            run.t0[:16].replace("T", " "),
             f"{_hours(run):g}",
             run.authority.name,
             str(run.alignment_epoch),
-            injections,
+            str(len(run.injections) or ""),
         )
-    return table
+        for run in plan.runs
+    ]
+    return Lines(("run", "kind", "start (UTC)", "hours", "authority", "epoch", "injections"), tuple(rows))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 import fit.errors
 from fit.estimate import Experiment, Planned, document, expected_fit
@@ -16,6 +15,7 @@ from fit.estimate import Run as Flown
 from fit.paper import FLIGHT
 from fit.results import Fit
 from fit.settings import settings
+from fit.tables import Lines
 from fit.telemetry import Telemetry
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli.console import Console
@@ -84,11 +84,11 @@ def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[n
     return Telemetry(**more)
 
 
-def table(expected: Fit) -> Table:
-    """Show the sigmas of a forecast beside those of flight."""
-    shown = Table("parameter", "unit", "sigma", "flight sigma", "ratio", box=None)
+def table(expected: Fit) -> Lines:
+    """Return the sigmas of a forecast beside those of flight."""
+    rows = []
     for name, estimate in expected.parameters.items():
         flown = FLIGHT[name].sigma if name in FLIGHT else None
         beside = (f"{flown:.2g}", f"{estimate.sigma / flown:.2g}") if flown else ("", "")
-        shown.add_row(name, estimate.unit, f"{estimate.sigma:.2g}", *beside)
-    return shown
+        rows.append((name, estimate.unit, f"{estimate.sigma:.2g}", *beside))
+    return Lines(("parameter", "unit", "sigma", "flight sigma", "ratio"), tuple(rows))
