@@ -1,6 +1,8 @@
-"""The figures of the report on their own, for a notebook: each shows itself and holds its numbers.
+"""The figures of the report, one by one, for a notebook.
 
-``figure`` can be changed before ``save``; ``columns`` are the numbers that it draws, with units.
+Each shows itself. You can change its ``figure`` before you ``save`` it. Its ``columns`` are the numbers that
+it draws, with units. `runs` are those of `fit.load`, `results` those of `fit.calibrate`, `experiment` is a
+name such as ``"A"``. A name that is not there raises an `InputError`.
 """
 
 import base64
@@ -27,18 +29,18 @@ class Plot(Drawn):
     """A figure of the report."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the figure as it is drawn in the report; the suffix tells the format (pdf, svg, png)."""
+        """Write the figure as it is in the report. The suffix gives the format: pdf, svg or png."""
         save(self, Path(path))
 
     def _repr_html_(self) -> str:
-        """Return what Jupyter shows: a picture on white, whatever the colours of the notebook."""
+        """Return what Jupyter shows: a picture on white, in any colour scheme of the notebook."""
         data = base64.b64encode(svg(self).encode()).decode()
         width = round(96 * SCALE * self.figure.get_figwidth())
         return f'<img src="data:image/svg+xml;base64,{data}" style="width:{width}px;max-width:100%" alt="">'
 
 
 def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
-    """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
+    """Draw the injections, and the responses of o_1, o_12 and f_x_1 (if commanded), against time."""
     return _drawn(figures_runs.responses, _sysid(runs, experiment))
 
 
@@ -65,7 +67,7 @@ def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Pl
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:
-    """Draw omega2_2 against F_max_2: each experiment alone, and the model of the joint fit."""
+    """Draw omega2_2 against F_max_2: every experiment alone, and the model of the joint fit."""
     points = list(stiffness_points(results, runs).values())
     if not points:
         raise InputError("no experiment determines omega2_2 alone, expected at least one with its run")

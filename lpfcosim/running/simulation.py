@@ -30,7 +30,7 @@ def load_campaign(path: PathLike) -> Campaign:
     Raises
     ------
     InputError
-        If the file cannot be read or is no valid campaign; the message gives the place in it.
+        If the file cannot be read or is not a valid campaign. The message gives the place in the file.
     """
     return load(Path(path))
 
@@ -43,22 +43,22 @@ def simulate(
     jobs: int | None = None,
     trusted: bool = False,
 ) -> list[Path]:
-    """Simulate a campaign into ``folder/telemetry``, one file per run; what is there already is kept.
+    """Simulate a campaign into ``folder/telemetry``, one file per run. Files that exist are kept.
 
     Parameters
     ----------
     campaign : Campaign or path
         What to simulate.
     folder : path
-        Made if need be; ``fit.load(folder)`` reads what comes of it.
+        Made if need be. ``fit.load(folder)`` reads the telemetry.
     fmus : bool
-        Through the FMUs, as ``lpfcosim run``; else through the reference plant, one run after the other,
-        which needs neither FMU nor compiler and is the same to 1e-9 of each channel's rms.
+        True: through the FMUs, as ``lpfcosim run``. False: through the reference plant, one run after the
+        other. This needs neither FMU nor compiler, and gives the same to 1e-9 of each channel's rms.
     jobs : int, optional
-        Number of processes that step the FMUs; as many as there are processors by default. A script that
-        starts them needs ``if __name__ == "__main__":``, as `multiprocessing` does.
+        Number of processes that step the FMUs, by default one per processor. A script needs
+        ``if __name__ == "__main__":`` around the call, as with `multiprocessing`.
     trusted : bool
-        Let FMUs of other origin run of which the campaign gives no digest: they are native code.
+        Let FMUs run that were not built here, even if the campaign gives no digest. They are native code.
 
     Returns
     -------
@@ -68,9 +68,10 @@ def simulate(
     Raises
     ------
     InputError
-        If the campaign is wrong, a loop is unstable, FMUs do not fit, or other telemetry is in the way.
+        If the campaign is wrong, a loop is unstable, an FMU does not fit its place, or the folder holds
+        telemetry of another campaign.
     RunError
-        If a run failed; the others are finished first.
+        If a run failed. The others are finished first.
     """
     plan = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     for run in plan.runs if not plan.replacements else ():  # the poles are those of our loop

@@ -245,7 +245,7 @@ def test_schema_asks_for_a_base_or_all_the_rest(schema, quickstart):
 
 def test_schema_is_shipped(schema):
     shipped = (cli_new.ROOM / "lpf-campaign.json").read_text(encoding="utf-8")
-    told = "lpfcosim schema > lpfcosim/lpf-campaign.json makes it anew"
+    told = "lpfcosim schema > lpfcosim/campaign/lpf-campaign.json makes it anew"
     assert json.loads(shipped) == schema, told
 
 
