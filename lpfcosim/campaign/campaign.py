@@ -9,6 +9,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime, timedelta
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,7 @@ class Campaign:
     replacements: tuple[Replacement, ...] = ()
     fit: Mapping[str, object] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def runs(self) -> tuple[Run, ...]:
         """Every run in the order they take place."""
         runs: list[Run] = []
@@ -119,7 +120,7 @@ class Campaign:
             spacecraft=experiment.spacecraft,
         )
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of what the file says: comments, order of keys and choice of units do not count.
 

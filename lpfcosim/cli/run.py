@@ -25,7 +25,7 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli import shortfall as cli_shortfall
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cosim import Engine, placement
+from lpfcosim.cosim import Engine, Interface, placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.plant import stability
 from lpfcosim.running import dossier, lock, runner, simulation, trust
@@ -58,10 +58,9 @@ def run(
             stability.check(entry)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
-        for entry in plan.runs:
-            placement.interfaces(entry, fmus)
+        found = placement.interfaces(plan.runs[0], fmus)  # the other runs have the same
         trust.check(plan, fmus, trusted=trusted)
-    for line in _told_of_replacements(plan, fmus):
+    for line in _told_of_replacements(plan, found):
         console.note(line)
     with lock.held(directory), simulation.held(plan, fmus, directory) as held:
         with about(campaign):
@@ -157,18 +156,18 @@ def report(directory: Path, console: Console) -> None:
     console.say(f"report: {page}")
 
 
-def _told_of_replacements(plan: campaigns.Campaign, fmus: Mapping[str, Path]) -> Iterator[str]:
+def _told_of_replacements(plan: campaigns.Campaign, found: Sequence[Interface]) -> Iterator[str]:
     run = plan.runs[0]
-    ignored = placement.ignored(run, placement.interfaces(run, fmus))
-    parameters = worlds.of(run).parameters(run)
+    by_model = {interface.model: interface for interface in found}
     for replacement in plan.replacements:
-        names = ignored[replacement.model]
-        taken = [name for name in parameters[replacement.model] if name not in names]
+        interface = by_model[replacement.model]
+        names = interface.ignored
+        taken = [name for name in interface.settings if name not in names]
         told = f"takes {', '.join(taken) or 'no parameter'}{'; not ' if names else ''}{', '.join(names)}"
         yield f"{replacement.model}: {replacement.archive}, code of its own; {told}"
     if plan.replacements:
         yield "stability is not checked beforehand: the poles are those of our FMUs"
-    if untold := sorted(worlds.of(run).untold(run, ignored)):
+    if untold := sorted(worlds.of(run).untold(run, placement.ignored(found))):
         yield f"true values not known, left out of /truth: {', '.join(untold)}"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -39,6 +39,8 @@ class Interface:
         FMPy's records of the variables, by name.
     units : dict of str to dict
         Attributes of the ``BaseUnit`` element of every unit that has one, by name.
+    settings : tuple of str
+        Our names of the parameters that its place has.
     replacement : Replacement or None
         What the user says of an FMU that is not ours.
     """
@@ -49,6 +51,7 @@ class Interface:
     description: Any
     variables: Mapping[str, Any]
     units: Mapping[str, dict[str, str]]
+    settings: tuple[str, ...] = ()
     replacement: Replacement | None = None
 
     @property
@@ -78,6 +81,12 @@ class Interface:
             return False
         variable = self.variables.get(ours)
         return variable is not None and variable.causality == "parameter"
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Inputs and parameters of ours that the FMU in the place of ours does not take."""
+        unused = self.replacement.unused if self.replacement else ()
+        return tuple(dict.fromkeys([*unused, *(name for name in self.settings if not self.takes(name))]))
 
     def parameters(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return what is to be set, by the FMU's names: ours as far as it takes them, then its own."""
@@ -124,7 +133,9 @@ class Interface:
         return found
 
 
-def read(component: Component, archive: Path, replacement: Replacement | None) -> Interface:
+def read(
+    component: Component, archive: Path, settings: Iterable[str], replacement: Replacement | None
+) -> Interface:
     """Read the description of an FMU for its place; InputError if that cannot be done."""
     description = describe(archive)
     if description.fmiVersion[:2] not in ("2.", "3."):
@@ -138,6 +149,7 @@ def read(component: Component, archive: Path, replacement: Replacement | None) -
         description,
         {v.name: v for v in description.modelVariables},
         {u.name: _base(u.baseUnit) for u in description.unitDefinitions if u.baseUnit is not None},
+        tuple(settings),
         replacement,
     )
 

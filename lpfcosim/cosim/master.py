@@ -9,9 +9,8 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,7 +19,6 @@ from fmpy.fmi1 import FMICallException
 
 from lpfcosim import worlds
 from lpfcosim.cosim.interface import Interface
-from lpfcosim.cosim.placement import interfaces
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.errors import RunError
 from lpfcosim.modelica import engine_library
@@ -64,33 +62,8 @@ class Where(ctypes.Structure):
         self.sample, self.slave, self.status = LOADING, -1, 0
 
 
-def simulate(
-    run: Run,
-    fmus: Mapping[str, Path],
-    progress: Callable[[int], None] = lambda _: None,
-    engine: Engine = "compiled",
-) -> dict[str, Array]:
-    """Co-simulate one run and keep all of it in memory.
-
-    Returns
-    -------
-    dict of str to array, shape (n_samples,)
-        The channels of `World.record`, SI.
-
-    Raises
-    ------
-    InputError, RunError
-        As `blocks`.
-    """
-    parts = []
-    for part in blocks(run, fmus, engine):
-        parts.append(part)
-        progress(sum(len(p["o_1"]) for p in parts))
-    return {name: np.concatenate([p[name] for p in parts]) for name in worlds.of(run).record}
-
-
 def blocks(
-    run: Run, fmus: Mapping[str, Path], engine: Engine = "compiled", where: Where | None = None
+    run: Run, found: Sequence[Interface], engine: Engine = "compiled", where: Where | None = None
 ) -> Iterator[dict[str, Array]]:
     """Co-simulate one run, a block of at most `BLOCK` samples at a time.
 
@@ -98,8 +71,8 @@ def blocks(
     ----------
     run : Run
         What to simulate.
-    fmus : mapping of str to Path
-        The FMU of each component.
+    found : sequence of Interface
+        The FMU of each component, in the order of the steps; see `placement.interfaces`.
     engine : {"compiled", "fmpy"}
         Which loop steps the FMUs.
     where : Where, optional
@@ -113,14 +86,13 @@ def blocks(
     Raises
     ------
     InputError
-        If an FMU does not fit.
+        If an FMU cannot be loaded.
     RunError
         If an FMU reports an error or a read-out leaves its range.
     """
     where = where or Where()
     where.reset()
     with contextlib.ExitStack() as stack:
-        found = interfaces(run, fmus)
         slaves = start(stack, run, found, where)
         try:
             yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()

@@ -43,12 +43,12 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     replaced = {r.model: r for r in run.replacements}
     found = []
     world = worlds.of(run)
-    values = world.parameters(run)
+    settings = world.parameters(run)
     for component in world.steps(run):
         replacement = replaced.get(component.model)
         try:
-            interface = read(component, fmus[component.model], replacement)
-            _check(interface, values[component.model], world.units, run.h)
+            interface = read(component, fmus[component.model], settings[component.model], replacement)
+            _check(interface, world.units, run.h)
         except InputError as error:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
@@ -57,28 +57,24 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     return found
 
 
-def ignored(run: Run, found: Iterable[Interface]) -> dict[str, list[str]]:
+def ignored(found: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
     """Of every replaced component, inputs and parameters of ours that the FMU in its place does not take."""
-    values = worlds.of(run).parameters(run)
-    return {
-        i.model: list(dict.fromkeys([*i.replacement.unused, *(n for n in values[i.model] if not i.takes(n))]))
-        for i in found
-        if i.replacement
-    }
+    return {i.model: i.ignored for i in found if i.replacement}
 
 
-def _check(interface: Interface, parameters: Iterable[str], units: Mapping[str, str], h: float) -> None:
+def _check(interface: Interface, units: Mapping[str, str], h: float) -> None:
+    parameters = [name for name in interface.settings if interface.takes(name)]
     for names, causality in (
         (interface.component.inputs, "input"),
         (interface.component.outputs, "output"),
-        ([n for n in parameters if interface.takes(n)], "parameter"),
+        (parameters, "parameter"),
     ):
         for name in names:
             _check_variable(interface, interface.name(name), causality, f" for {name}")
             _check_unit(interface, name, units[name])
     for name in interface.replacement.values if interface.replacement else ():
         _check_variable(interface, name, "parameter", "")
-    _check_once(interface, [interface.name(n) for n in parameters if interface.takes(n)])
+    _check_once(interface, [interface.name(name) for name in parameters])
     _check_step(interface, h)
     _check_platform(interface)
 

@@ -277,12 +277,13 @@ def record(
     """
     saturated = 0
     world = worlds.of(run)
-    untold = world.untold(run, placement.ignored(run, placement.interfaces(run, fmus)))
+    found = placement.interfaces(run, fmus)
+    untold = world.untold(run, placement.ignored(found))
     with telemetry.writer(path, run, world.record, origin, untold) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:
             nonlocal saturated
-            for block in master.blocks(run, fmus, engine, where):
+            for block in master.blocks(run, found, engine, where):
                 saturated += saturation.count(run, block)
                 yield block
 

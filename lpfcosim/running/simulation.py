@@ -82,8 +82,7 @@ def simulate(
             directory.mkdir(exist_ok=True)
             return _without_fmus(plan, directory)
         archives = archives_of(plan)
-        for run in plan.runs:
-            placement.interfaces(run, archives)
+        placement.interfaces(plan.runs[0], archives)  # the others have the same
         with held(plan, archives, Path(folder)) as copies:
             trust.check(plan, copies, trusted=trusted)
             simulated = runner.simulate(plan, directory, copies, jobs=jobs)

@@ -20,11 +20,11 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from lpfcosim.cosim import master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Truth
 from tests.lpfcosim.cosim.test_slave import repack
+from tests.oracles import in_memory
 
 PROCESS = Path("/proc/self")
 ALLOWANCE = 2048  # kB
@@ -120,10 +120,10 @@ def test_nothing_piles_up(kinds, tmp_path, monkeypatch, request):
     started = time.perf_counter()
     for done, (fmus, engine, run, failure) in enumerate(islice(cycle(kinds), runs), start=1):
         if failure is None:
-            master.simulate(run, fmus, engine=engine)
+            in_memory.simulate(run, fmus, engine=engine)
         else:
             with pytest.raises(failure[0], match=failure[1]):
-                master.simulate(run, fmus, engine=engine)
+                in_memory.simulate(run, fmus, engine=engine)
         if done in (settled, runs):
             tidy()
         now = in_use(temporary)

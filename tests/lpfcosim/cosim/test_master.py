@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from lpfcosim.campaign import campaign
-from lpfcosim.cosim import master
+from lpfcosim.cosim import interfaces, master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from lpfcosim.worlds import along_x, along_x_plant, world
+from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
 
@@ -33,7 +34,7 @@ def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):
     # Injections and noise on; channels that are zero must be zero exactly.
     run = next(r for r in campaign.load(quickstart).runs if r.kind == "sysid")
     assert run.n_samples == 216_000
-    got = master.simulate(run, fmus)
+    got = in_memory.simulate(run, fmus)
     assert set(got) == set(along_x.RECORD)
     assert_agree(got, along_x_plant.simulate(run))
     assert np.all(got["f_x_1"] == 0)
@@ -56,7 +57,7 @@ def test_driven_test_mass_1_agrees_with_the_reference_plant(fmus, make_run):
             make_run().noise, oms=35e-15, f_x_1_jitter=1e-14, thruster=1.5e-7, plateau=5e-15, tail=1.0
         ),
     )
-    got = master.simulate(run, fmus)
+    got = in_memory.simulate(run, fmus)
     assert_agree(got, along_x_plant.simulate(run))
     assert got["f_x_1"].any()
 
@@ -66,7 +67,7 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
         authority=Authority("tight", F_max_1=0, F_max_2=2e-12, N_max_1=0, N_max_2=0),
         injections=(Sine("guidance_o_12", amplitude=20e-9, frequency=0.01, cycles=5, start=10),),
     )
-    got = master.simulate(run, fmus)
+    got = in_memory.simulate(run, fmus)
     assert np.abs(got["f_x_2"]).max() == pytest.approx(2e-12 / run.m_tm, rel=1e-12)
     assert_agree(got, along_x_plant.simulate(run))
 
@@ -76,12 +77,12 @@ def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, 
     run = next(r for r in campaign.load(quickstart).runs if r.kind == "sysid")
     run = replace(run, n_samples=12_000)
     fmus = {**build.build(fmi="3.0"), **build.build(older, fmi="2.0")} if older else build.build(fmi="3.0")
-    wanted = master.simulate(run, build.build(fmi="3.0"), engine="fmpy")
+    wanted = in_memory.simulate(run, build.build(fmi="3.0"), engine="fmpy")
     for block in (master.BLOCK, 777):
         monkeypatch.setattr(master, "BLOCK", block)
-        got = master.simulate(run, fmus)
+        got = in_memory.simulate(run, fmus)
         assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
-    plain = master.simulate(replace(run, n_samples=2000), fmus, engine="fmpy")
+    plain = in_memory.simulate(replace(run, n_samples=2000), fmus, engine="fmpy")
     assert all(np.array_equal(plain[channel], values[:2000]) for channel, values in wanted.items())
 
 
@@ -89,9 +90,9 @@ def test_step_order_decides(fmus, make_run, monkeypatch):
     # Against the flow of signals every FMU boundary costs a sample of delay.
     run = make_run(injections=(Sine("guidance_o_1", amplitude=5e-9, frequency=0.05, cycles=20, start=1),))
     wanted = along_x_plant.simulate(run)
-    assert_agree(master.simulate(run, fmus), wanted)
+    assert_agree(in_memory.simulate(run, fmus), wanted)
     monkeypatch.setattr(world, "in_order", lambda components: tuple(components)[::-1])
-    late = master.simulate(run, fmus)
+    late = in_memory.simulate(run, fmus)
     assert np.abs(late["o_1"] - wanted["o_1"]).max() > 0.01 * np.abs(wanted["o_1"]).max()
 
 
@@ -99,28 +100,28 @@ def test_divergence_is_stopped(fmus, make_run):
     # dc beyond what the authority can hold: test mass 2 falls away.
     run = make_run(dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))
     with pytest.raises(RunError, match=r"run 'run' diverges: o_12 .* at \d+\.\d s"):
-        master.simulate(run, fmus)
+        in_memory.simulate(run, fmus)
 
 
 def test_missing_variable_is_told(fmus, make_run):
     with pytest.raises(
         InputError, match=r"Control\.fmu: variable 'x_1' is missing; expected of the OpticalMetrology"
     ):
-        master.simulate(make_run(), {**fmus, "OpticalMetrology": fmus["SuspensionControl"]})
+        in_memory.simulate(make_run(), {**fmus, "OpticalMetrology": fmus["SuspensionControl"]})
 
 
 def test_unreadable_fmu_is_told(fmus, make_run, tmp_path):
     broken = tmp_path / "broken.fmu"
     broken.write_bytes(b"not a zip archive")
     with pytest.raises(InputError, match=r"broken\.fmu: not a readable FMU"):
-        master.simulate(make_run(), {**fmus, "Plant": broken})
+        in_memory.simulate(make_run(), {**fmus, "Plant": broken})
 
 
-def test_progress_is_told_to_the_end(fmus, make_run, monkeypatch):
+def test_blocks_make_up_the_run(fmus, make_run, monkeypatch):
     monkeypatch.setattr(master, "BLOCK", 1000)
-    seen = []
-    master.simulate(make_run(n_samples=2500), fmus, seen.append)
-    assert seen == [1000, 2000, 2500]
+    run = make_run(n_samples=2500)
+    blocks = master.blocks(run, interfaces(run, fmus))
+    assert [len(block["o_1"]) for block in blocks] == [1000, 1000, 500]
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="counts open files through /proc")  # noqa: PTH112
@@ -129,11 +130,11 @@ def test_nothing_is_left_behind(fmus, make_run, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", None)
     run = make_run(n_samples=10)
     failing = make_run(n_samples=6000, dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))
-    master.simulate(run, fmus)
+    in_memory.simulate(run, fmus)
     before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
     for _ in range(5):
-        master.simulate(run, fmus)
+        in_memory.simulate(run, fmus)
         with pytest.raises(RunError):
-            master.simulate(failing, fmus)
+            in_memory.simulate(failing, fmus)
     assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
     assert list(tmp_path.iterdir()) == []

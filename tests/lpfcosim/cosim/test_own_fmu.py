@@ -13,7 +13,7 @@ import pytest
 
 from lpfcosim import worlds
 from lpfcosim.campaign import campaign
-from lpfcosim.cosim import master, placement
+from lpfcosim.cosim import placement
 from lpfcosim.cosim.interface import resolve
 from lpfcosim.cosim.placement import _exponents
 from lpfcosim.errors import InputError, RunError
@@ -24,6 +24,7 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.cosim.foreign import edited, renamed
+from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
@@ -49,7 +50,7 @@ def run(make_run):
 
 def simulate(run, fmus, replacement, **options):
     run = replace(run, replacements=(replacement,))
-    return master.simulate(run, {**fmus, replacement.model: replacement.archive}, **options)
+    return in_memory.simulate(run, {**fmus, replacement.model: replacement.archive}, **options)
 
 
 def refusal(run, fmus, replacement):
@@ -67,7 +68,7 @@ def test_map_of_names_gives_the_same_bits(run, fmus, tmp_path, fmi, engine):
     # Also: FMI 2.0 and 3.0 mixed in one network.
     ours = build.build(["SuspensionControl"], fmi=fmi)["SuspensionControl"]
     archive = renamed(ours, tmp_path / "mine.fmu", NAMES)
-    wanted = master.simulate(run, fmus)
+    wanted = in_memory.simulate(run, fmus)
     got = simulate(run, fmus, Replacement("SuspensionControl", archive, NAMES), engine=engine)
     for channel, values in wanted.items():
         assert np.array_equal(got[channel], values), channel
@@ -80,21 +81,21 @@ def test_every_place_can_be_taken(run, fmus, tmp_path, model):
     component = next(c for c in worlds.of(run).components if c.model == model)
     names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
     archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
-    wanted = master.simulate(run, fmus)
+    wanted = in_memory.simulate(run, fmus)
     got = simulate(run, fmus, Replacement(model, archive, names))
     assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
 
 
 def test_own_parameters_are_set(run, fmus, tmp_path):
     archive = renamed(fmus["SuspensionControl"], tmp_path / "mine.fmu", {"f_u": "bandwidth"})
-    wanted = master.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
+    wanted = in_memory.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
     got = simulate(run, fmus, Replacement("SuspensionControl", archive, values={"bandwidth": 2e-3}))
     assert np.array_equal(got["o_12"], wanted["o_12"])
 
 
 def test_unused_inputs_keep_their_start_values(run, fmus):
     quiet = replace(run, noise=replace(run.noise, oms=0.0))
-    wanted = master.simulate(quiet, fmus)
+    wanted = in_memory.simulate(quiet, fmus)
     mine = Replacement("OpticalMetrology", fmus["OpticalMetrology"], unused=("n_1", "n_12"))
     got = simulate(run, fmus, mine)
     assert np.array_equal(got["o_12"], wanted["o_12"])
@@ -174,12 +175,12 @@ def test_variable_that_is_set_from_two_sides_is_told(run, fmus, tmp_path):
     assert "'o_12' and 'twin' are one variable; expected two" in told
     # The name of another parameter of ours: that one is then not set.
     mine = replace(run, replacements=(Replacement(SUSPENSION, ours, {"f_u": "f_z"}),))
-    assert "f_z" in placement.ignored(mine, placement.interfaces(mine, fmus))[SUSPENSION]
+    assert "f_z" in placement.ignored(placement.interfaces(mine, fmus))[SUSPENSION]
 
 
 def test_our_parameter_can_be_declined(run, fmus):
     mine = Replacement(SUSPENSION, fmus[SUSPENSION], unused=("f_u",), values={"f_u": 2e-3})
-    wanted = master.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
+    wanted = in_memory.simulate(replace(run, suspension=replace(run.suspension, unity_gain=2e-3)), fmus)
     assert np.array_equal(simulate(run, fmus, mine)["o_12"], wanted["o_12"])
 
 
@@ -207,7 +208,7 @@ def test_plant_whose_motion_follows_at_once_from_a_force_is_a_loop(run, fmus, tm
 def test_variables_without_a_unit_are_taken_as_ours(run, fmus, tmp_path):
     archive = edited(fmus[SUSPENSION], tmp_path / "mine.fmu", (r'(name="o_12" [^>]*) unit="m"', r"\1"))
     assert np.array_equal(
-        simulate(run, fmus, Replacement(SUSPENSION, archive))["o_12"], master.simulate(run, fmus)["o_12"]
+        simulate(run, fmus, Replacement(SUSPENSION, archive))["o_12"], in_memory.simulate(run, fmus)["o_12"]
     )
 
 
@@ -318,7 +319,7 @@ def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
         assert (
             written.attrs["fmu_SuspensionControl"] == runner.provenance(plan, mine)["fmu_SuspensionControl"]
         )
-        assert np.array_equal(written["o_12"], master.simulate(plan.runs[0], mine)["o_12"])
+        assert np.array_equal(written["o_12"], in_memory.simulate(plan.runs[0], mine)["o_12"])
         assert written["truth"].attrs["omega2_2_0"] == plan.truth.omega2_2_0
     # The folder that the FMU lies in does not count.
     other = tmp_path / "elsewhere"
@@ -410,7 +411,7 @@ def test_controller_of_another_exporter(run, fmus, tmp_path, engine):
         "o_12": "y[1]", "guidance_o_12": "y[2]", "f_control_2": "u",
         "f_u": "unity_gain", "f_x_2_start": "bias",
     }  # fmt: skip
-    wanted = master.simulate(run, fmus)
+    wanted = in_memory.simulate(run, fmus)
     got = simulate(run, fmus, Replacement(SUSPENSION, Path(archive), names), engine=engine)
     assert np.abs(wanted["f_x_2"]).max() > 0
     for channel, values in wanted.items():

@@ -8,10 +8,11 @@ import zipfile
 import fmpy
 import pytest
 
-from lpfcosim.cosim import master, slave
+from lpfcosim.cosim import slave
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Truth
+from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
 
@@ -66,7 +67,7 @@ def test_an_fmu_that_refuses_to_be_instantiated_says_why(tmp_path, capfd, fmi):
 def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd, fmi, engine):
     run = make_run(truth=Truth(C_2=20.0))  # more than the FMU keeps
     with pytest.raises(RunError, match=r"^run 'run': .*a delay spans too many communication steps"):
-        master.simulate(run, build.build(fmi=fmi), engine=engine)
+        in_memory.simulate(run, build.build(fmi=fmi), engine=engine)
     assert capfd.readouterr().out == ""
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from lpfcosim import worlds
-from lpfcosim.cosim import master
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import whole_plant
+from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
 
@@ -47,7 +47,7 @@ def built(run, fmi):
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_agrees_with_the_reference_plant(run, fmi):
-    got, wanted = master.simulate(run, built(run, fmi)), whole_plant.simulate(run)
+    got, wanted = in_memory.simulate(run, built(run, fmi)), whole_plant.simulate(run)
     assert set(got) == set(worlds.of(run).record)
     for channel, values in got.items():
         expected = wanted[channel]
@@ -58,7 +58,7 @@ def test_agrees_with_the_reference_plant(run, fmi):
 def test_authority_agrees_with_the_reference_plant(run):
     # Star tracker far off at first: the lateral forces and the torque about x stay at their limits.
     shaken = replace(run, noise=replace(NOISE, star_tracker_eta=0.2, star_tracker_theta=2.0), n_samples=6000)
-    got, wanted = master.simulate(shaken, built(run, "3.0")), whole_plant.simulate(shaken)
+    got, wanted = in_memory.simulate(shaken, built(run, "3.0")), whole_plant.simulate(shaken)
     assert np.abs(got["F_z_1"]).max() == pytest.approx(EVERYTHING.F_max_yz, rel=1e-12)
     for channel, values in got.items():
         expected = wanted[channel]
@@ -67,11 +67,11 @@ def test_authority_agrees_with_the_reference_plant(run):
 
 def test_engines_and_versions_give_the_same_bits(run):
     run = replace(run, n_samples=1500)
-    wanted = master.simulate(run, built(run, "3.0"))
+    wanted = in_memory.simulate(run, built(run, "3.0"))
     others = [
-        master.simulate(run, built(run, "2.0")),
-        master.simulate(run, built(run, "3.0"), engine="fmpy"),
-        master.simulate(run, {**built(run, "3.0"), **build.build(["WholePlant"], fmi="2.0")}),
+        in_memory.simulate(run, built(run, "2.0")),
+        in_memory.simulate(run, built(run, "3.0"), engine="fmpy"),
+        in_memory.simulate(run, {**built(run, "3.0"), **build.build(["WholePlant"], fmi="2.0")}),
     ]
     for other in others:
         assert all(np.array_equal(other[channel], values) for channel, values in wanted.items())

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 
-from lpfcosim.cosim import checks, master, placement
+from lpfcosim.cosim import checks, placement
 from lpfcosim.errors import InputError
 from lpfcosim.export.container import container
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from lpfcosim.worlds import along_x, drive, world
+from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
 
@@ -80,13 +81,13 @@ def assert_same_bits(got, wanted):
 
 
 def test_container_gives_the_same_bits(archive, run, tmp_path):
-    assert_same_bits(driven(archive, run, tmp_path), master.simulate(run, build.build(fmi="2.0")))
+    assert_same_bits(driven(archive, run, tmp_path), in_memory.simulate(run, build.build(fmi="2.0")))
 
 
 def test_fmi_3_inside_gives_the_same_bits(run, tmp_path):
     fmus = build.build(fmi="3.0")
     path = container(run, {**fmus, **build.build(["Plant"], fmi="2.0")}, tmp_path / "loop.fmu")
-    assert_same_bits(driven(path, run, tmp_path / "unpacked"), master.simulate(run, fmus))
+    assert_same_bits(driven(path, run, tmp_path / "unpacked"), in_memory.simulate(run, fmus))
 
 
 def test_delays_start_at_the_equilibrium(make_run, tmp_path):

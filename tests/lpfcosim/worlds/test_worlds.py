@@ -60,13 +60,14 @@ def test_third_world_is_simulated_without_fmus(run):
 @pytest.mark.fmu
 def test_third_world_is_wired_and_recorded(run):
     fmus = build.build([c.model for c in WATCHED.components])
-    (got,) = master.blocks(run, fmus)
+    found = placement.interfaces(run, fmus)
+    assert [i.model for i in found] == [c.model for c in WATCHED.steps(run)]
+    (got,) = master.blocks(run, found)
     assert got.keys() == WATCHED.record.keys()
     expected = WATCHED.simulate(run)["x_1"]
     # the plant steps last: what it puts out is where its step has led
     np.testing.assert_allclose(got["x_1"][:-1], expected[1:], rtol=0, atol=1e-9 * expected.std())
     assert np.array_equal(got["shown"], 1e-9 * run.time)
-    assert [i.model for i in placement.interfaces(run, fmus)] == [c.model for c in WATCHED.steps(run)]
 
 
 def test_third_world_has_loops_limits_attributes_and_truth(run):
