@@ -296,7 +296,8 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
 ORPHANS = """
 import sys
 from pathlib import Path
-from lpfcosim import campaign, runner
+from lpfcosim.campaign import campaign
+from lpfcosim.running import runner
 from lpfcosim.modelica import build
 
 if __name__ == "__main__":
