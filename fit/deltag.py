@@ -27,20 +27,9 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.estimate import inertial, is_separated
-from fit.model import (
-    Dynamics,
-    Grid,
-    Stretch,
-    cut,
-    differentiated,
-    dynamics,
-    dynamics_of,
-    grid,
-    rate,
-    reduced,
-    rotation,
-)
+from fit.model import Dynamics, dynamics, dynamics_of, rate, rotation
 from fit.results import Fit, Results, joint_of
+from fit.signal import derivatives
 from fit.telemetry import SCHEMA, Telemetry, Writer, inertial_period, read_stretch, samples
 
 Array = NDArray[np.float64]
@@ -48,14 +37,10 @@ Array = NDArray[np.float64]
 UNIT = "m s-2"
 SPLIT = (3e-3, 12e-3)  # Hz, where the low-pass of g_dOmega begins to fall and where it has fallen
 RIPPLE = 60.0  # dB, what it leaves
-#: The terms of eq. deltagjointfit: which of `dynamics.COLUMNS` add up to each, and its sign in Delta g_x.
-TERMS: Mapping[str, tuple[tuple[str, ...], int, str]] = {
-    "ddo_12": (("ddo_12",), 1, "second derivative of o_12"),
-    "g_c": (("f_2", "df_2", "f_1", "df_1"), -1, "commanded forces, calibrated and delayed"),
-    "omega2_2_o_12": (("o_12",), 1, "stiffness of test mass 2 times o_12"),
-    "domega2_12_o_1": (("o_1",), 1, "differential stiffness times o_1"),
-    "delta_ifo_ddo_1": (("ddo_1",), -1, "leakage of o_1 into o_12, second derivative"),
-}
+OUTPUTS = 14_400  # per stretch: 4 h at 1 Hz
+MARGIN = 400.0  # s, kept on either side for `derivatives.bridge` to see gaps whole and for filters to run in
+#: The terms of Delta g_x, by channel of the product.
+TERMS: Mapping[str, dynamics.Term] = {term.channel: term for term in dynamics.DELTA_G_X}
 SUMS: Mapping[str, str] = {
     "delta_g_x": "differential acceleration, dynamics calibrated",
     "delta_g_SC": "minus the cross-talk of spacecraft motion",
@@ -63,6 +48,55 @@ SUMS: Mapping[str, str] = {
     "g_dOmega": "minus the Euler acceleration",
     "delta_g": "differential acceleration, all corrections made",
 }
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the low-passed, differentiated samples of a run lie.
+
+    Attributes
+    ----------
+    samples : int
+        Of the file.
+    reach : int
+        Samples of the file that the first output needs beyond its own, on both sides together.
+    factor : int
+        Samples of the file per output.
+    """
+
+    samples: int
+    reach: int
+    factor: int
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs, zero for a run shorter than the filters."""
+        return max(0, (self.samples - 1 - self.reach) // self.factor + 1)
+
+
+def grid(samples: int, fs: float) -> Grid:
+    """Return the grid of a run of that many samples at `fs` [Hz]."""
+    taps, factor = derivatives.low_pass(fs)
+    return Grid(samples, taps.size - 1 + 2 * derivatives.HALF * factor, factor)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A piece of a run and which of its outputs to keep."""
+
+    telemetry: Telemetry
+    keep: slice
+
+
+def cut(path: Path, fs: float) -> Iterator[Stretch]:
+    """Read a file in pieces of `OUTPUTS` outputs each, with all around that they depend on."""
+    whole = grid(samples(path), fs)
+    margin = int(np.ceil(MARGIN * fs / whole.factor))
+    for first in range(0, whole.outputs, OUTPUTS):
+        last = min(first + OUTPUTS, whole.outputs)
+        begin, end = max(0, first - margin), min(whole.outputs, last + margin)
+        stop = whole.factor * (end - 1) + whole.reach + 1 if end < whole.outputs else None
+        yield Stretch(read_stretch(path, whole.factor * begin, stop), slice(first - begin, last - begin))
 
 
 @dataclass(frozen=True)
@@ -198,7 +232,7 @@ def _begun(path: Path, results: Results, joint: Fit) -> tuple[Telemetry, Grid, _
 def _described(recipe: _Recipe) -> dict[str, str]:
     """Return the channels of Delta g and what they are."""
     left_out = _missing(recipe)
-    of_terms = {name: what for name, (_, _, what) in TERMS.items()}
+    of_terms = {name: term.description for name, term in TERMS.items()}
     return of_terms | {name: what for name, what in SUMS.items() if name not in left_out}
 
 
@@ -264,7 +298,10 @@ def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dic
     for stretch in cut(path, fs):
         time, channels = _delta_g_x(stretch, recipe.known)
         if recipe.cross_talk is not None:
-            channels["delta_g_SC"] = _delta_g_SC(stretch, recipe.cross_talk, fast_only=recipe.split)
+            delta_g_SC, valid = dynamics.delta_g_SC(stretch.telemetry, recipe.cross_talk)
+            if recipe.split:
+                delta_g_SC = delta_g_SC - slow_part(delta_g_SC, fs / derivatives.low_pass(fs)[1])
+            channels["delta_g_SC"] = np.where(valid, delta_g_SC, np.nan)[stretch.keep]
         if turning is not None:
             motion = rotation.motion(stretch.telemetry, turning.sources, turning.reference)
             kept = motion.part(stretch.keep)
@@ -281,38 +318,15 @@ def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dic
 
 
 def _delta_g_x(stretch: Stretch, known: Dynamics) -> tuple[Array, dict[str, Array]]:
-    """Return time and the terms of eq. deltagjointfit with their sum."""
-    telemetry = stretch.telemetry
-    read = {name: telemetry.channels[name] for name in dynamics.CHANNELS}
-    terms = dynamics.columns(
-        dynamics.channels(replace(telemetry, channels=read)), dynamics.delays(known.theta)
-    )
-    weighted = terms.values[stretch.keep] * dynamics.coefficients(known.theta, terms.tau)
-    weighted[~terms.valid[stretch.keep]] = np.nan
-    channels = {
-        name: sign * weighted[:, [dynamics.COLUMNS.index(column) for column in columns]].sum(axis=1)
-        for name, (columns, sign, _) in TERMS.items()
-    }
-    return terms.time[stretch.keep], {**channels, "delta_g_x": weighted.sum(axis=1)}
-
-
-def _delta_g_SC(stretch: Stretch, cross_talk: Mapping[str, float], *, fast_only: bool) -> Array:
-    """Return eq. bump, or its fast part; NaN if one of its read-outs is missing."""
-    telemetry = stretch.telemetry
-    fs = telemetry.fs / grid(telemetry.time.size, telemetry.fs).factor
-    total, lost = np.zeros(1), np.zeros(1, dtype=bool)
-    for mean, parts in dynamics.MEANS.items():
-        b = {
-            order: cross_talk.get(name, 0.0) for name, (m, order) in dynamics.CROSS_TALK.items() if m == mean
-        }
-        if any(b.values()):
-            x = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
-            value, second, masked = differentiated(*reduced(x, telemetry.fs), fs)
-            total = total + b.get(0, 0.0) * value + b.get(2, 0.0) * second
-            lost = lost | masked
-    if fast_only:
-        total = total - slow_part(total, fs)
-    return np.where(lost, np.nan, total)[stretch.keep]
+    """Return time and the terms of Delta g_x with their sum, NaN where samples are missing."""
+    run = dynamics.channels(stretch.telemetry, motion=False)
+    found = dynamics.columns(run, dynamics.delays(known.theta))
+    terms = dynamics.terms(found, known.theta, dynamics.DELTA_G_X)
+    channels = {name: term.sign * terms[term.name] for name, term in TERMS.items()}
+    channels["delta_g_x"] = dynamics.total(found, known.theta)
+    lost = ~found.valid[stretch.keep]
+    kept = {name: x[stretch.keep] for name, x in channels.items()}
+    return found.time[stretch.keep], {name: np.where(lost, np.nan, x) for name, x in kept.items()}
 
 
 def slow_part(x: Array, fs: float) -> Array:

@@ -128,8 +128,7 @@ def _stretch(run: Telemetry, joint: Fit) -> tuple[_Stretch, list[FitWarning]]:
     found = rotation.sources(run)
     assert found is not None
     of_run = dynamics_of(run, joint)
-    read = {name: run.channels[name] for name in dynamics.CHANNELS}  # without those of eq. bump
-    channels = dynamics.channels(replace(run, channels=read))
+    channels = dynamics.channels(run, motion=False)
     terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
     motion = rotation.motion(run, found)
     slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])

@@ -65,9 +65,7 @@ class Run:
     @property
     def weight(self) -> float:
         """What missing samples, masks and the stencils beside them leave of the window, in samples."""
-        reached = (
-            derivatives.apply(np.ones(2 * derivatives.HALF + 1), (~self.channels.valid).astype(float)) > 0.5
-        )
+        reached = derivatives.reached(~self.channels.valid)
         return float(np.sum(spectra.window(~reached, self.channels.fs) ** 2))
 
     def columns(self, tau: tuple[float, float]) -> dynamics.Columns:

@@ -31,18 +31,16 @@ Array = NDArray[np.float64]
 LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "residual Delta g - mean [fm s-2]")
-#: Names of the terms of eq. deltagjointfit, their columns (`dynamics.COLUMNS`), and how they are drawn.
-_TERMS: Mapping[str, tuple[tuple[str, ...], str, str, str]] = {
-    "ddo_12": (("ddo_12",), "ö₁₂", "grey", "-"),
-    "lambda_2 f_x_2": (("f_2", "df_2"), "λ₂ f₂", "violet", "-"),
-    "lambda_1 f_x_1": (("f_1", "df_1"), "λ₁ f₁", "violet", "--"),
-    "omega2_2 o_12": (("o_12",), "ω²₂ o₁₂", "green", "-"),
-    "domega2_12 o_1": (("o_1",), "Δω²₁₂ o₁", "blue", "-"),
-    "delta_ifo ddo_1": (("ddo_1",), "δ ö₁", "blue", "--"),
-}
-_CROSS_TALK: Mapping[str, tuple[str, str, str, str]] = {  # by the first letter of `dynamics.CROSS_TALK`
-    "b": ("delta_g_SC", "δg (motion)", "orange", "--"),
-    "e": ("torques", "torques", "grey", ":"),
+#: How the terms of Delta g (`dynamics.TERMS`) are drawn.
+_DRAWN: Mapping[str, tuple[str, str]] = {
+    "ddo_12": ("grey", "-"),
+    "lambda_2 f_x_2": ("violet", "-"),
+    "lambda_1 f_x_1": ("violet", "--"),
+    "omega2_2 o_12": ("green", "-"),
+    "domega2_12 o_1": ("blue", "-"),
+    "delta_ifo ddo_1": ("blue", "--"),
+    "delta_g_SC": ("orange", "--"),
+    "torques": ("grey", ":"),
 }
 
 
@@ -70,7 +68,7 @@ class Terms:
 
 
 def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
-    """Return the terms of eqs deltagjointfit and bump.
+    """Return the terms of Delta g.
 
     Parameters
     ----------
@@ -82,25 +80,13 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     run = dynamics.archived(telemetry)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
     columns = dynamics.columns(run, dynamics.delays(theta))
-    coefficients = dynamics.coefficients(theta, columns.tau)
-    names = (*dynamics.COLUMNS, *run.parameters[len(dynamics.PARAMETERS) :])
-    groups = {name: of for name, (of, *_) in _TERMS.items()}
-    groups |= {
-        name: tuple(n for n in names[len(dynamics.COLUMNS) :] if n[0] == letter)
-        for letter, (name, *_) in _CROSS_TALK.items()
-    }
-    at = {name: [names.index(n) for n in of] for name, of in groups.items()}
+    terms = dynamics.terms(columns, theta)
     return Terms(
         columns.fs,
         Estimator(columns.valid, columns.fs, HIGHEST),
         columns.values[:, 0].copy(),
-        dynamics.combined(columns.values, coefficients),
-        {
-            name: term
-            for name, i in at.items()
-            # not where nothing is commanded
-            if np.any(term := dynamics.combined(columns.values[:, i], coefficients[i]))
-        },
+        dynamics.total(columns, theta),
+        {name: term for name, term in terms.items() if np.any(term)},  # not where nothing is commanded
     )
 
 
@@ -126,11 +112,9 @@ def acceleration(run: Terms, noise: Terms | None) -> Plot:
 
 
 def breakdown(run: Terms) -> Plot:
-    """Draw the ASD of every term of eqs deltagjointfit and bump, and of the residual they add up to."""
+    """Draw the ASD of every term of Delta g, and of the residual they add up to."""
     figure, (panel,) = column(2.35, FREQUENCY, ASD, legend=2)
-    styles = {name: style for name, (_, *style) in _TERMS.items()} | {
-        name: style for name, *style in _CROSS_TALK.values()
-    }
+    styles = {term.name: (term.symbol, *_DRAWN[term.name]) for term in dynamics.TERMS}
     for name, term in run.terms.items():
         label, role, line = styles[name]
         found = _spectrum(name, term, run)

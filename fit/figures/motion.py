@@ -6,19 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.figures.files import ASD, FREQUENCY, Curve, Plot, column, legend_above, plot
+from fit.model import dynamics
 from fit.signal import LogSpectrum, log_psd
 
 Array = NDArray[np.float64]
 Series = Sequence[Mapping[str, Array]]
 
+_ROLES = {"ddo_12": "grey", "g_c": "violet", "omega2_2_o_12": "green", "domega2_12_o_1": "blue"}
 _TERMS = {
-    "ddo_12": ("grey", "ö₁₂", 0.8),
-    "g_c": ("violet", "g$_c$", 0.8),
-    "omega2_2_o_12": ("green", "ω²₂ o₁₂", 0.7),
-    "domega2_12_o_1": ("blue", "Δω²₁₂ o₁", 0.7),
-    "delta_g_SC": ("orange", r"$\delta g_{SC}$", 0.8),
-    "delta_g": ("ink", r"$\Delta g$", 1.3),
-}
+    term.channel: (_ROLES[term.channel], term.symbol, 0.8)
+    for term in dynamics.DELTA_G_X
+    if term.channel in _ROLES
+} | {"delta_g_SC": ("orange", r"$\delta g_{SC}$", 0.8), "delta_g": ("ink", r"$\Delta g$", 1.3)}
 _ROTATION = {
     "delta_g_x": ("blue", r"$\Delta g_x$", 0.9),
     "g_Omega": ("orange", r"$g_\Omega$", 0.7),
@@ -55,7 +54,7 @@ def gain(found: Mapping[str, LogSpectrum]) -> tuple[float, float]:
 
 
 def breakdown(found: Mapping[str, LogSpectrum]) -> Plot:
-    """Draw the terms of eqs deltagjointfit and bump, and the Delta g they leave."""
+    """Draw the terms of Delta g, and what they leave."""
     return _drawn(found, _TERMS, (1e-4, 1e-1))
 
 

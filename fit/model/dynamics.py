@@ -24,7 +24,7 @@ with the spacecraft, so that this is the Euler force, ``e_phi = -d delta_phi / I
 leak along x. It is fitted along, lest it count as noise, and not reported: see the Euler fit for the angles.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +62,67 @@ CROSS_TALK: Mapping[str, tuple[str, int]] = {
 }
 
 
+@dataclass(frozen=True)
+class Term:
+    """One term of Delta g.
+
+    Attributes
+    ----------
+    name : str
+        Parameter and what it multiplies.
+    columns : tuple of str
+        Those of `Columns` that it is made of.
+    sign : int
+        With which it enters Delta g.
+    symbol, description : str
+        For figures, and in words.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    sign: int
+    symbol: str
+    description: str
+
+    @property
+    def channel(self) -> str:
+        """Its name in files."""
+        return self.name.replace(" ", "_")
+
+
+_READ_OUT = Term("ddo_12", ("ddo_12",), 1, "ö₁₂", "second derivative of o_12")
+_FORCES = (
+    Term("lambda_2 f_x_2", ("f_2", "df_2"), -1, "λ₂ f₂", "force on test mass 2, calibrated and delayed"),
+    Term("lambda_1 f_x_1", ("f_1", "df_1"), 1, "λ₁ f₁", "force on test mass 1, calibrated and delayed"),
+)
+_STIFFNESS = (
+    Term("omega2_2 o_12", ("o_12",), 1, "ω²₂ o₁₂", "stiffness of test mass 2 times o_12"),
+    Term("domega2_12 o_1", ("o_1",), 1, "Δω²₁₂ o₁", "differential stiffness times o_1"),
+)
+_LEAKAGE = Term("delta_ifo ddo_1", ("ddo_1",), -1, "δ ö₁", "leakage of o_1 into o_12, second derivative")
+_MOTION, _TORQUES = (tuple(name for name in CROSS_TALK if name[0] == letter) for letter in "be")
+
+#: Commanded forces (eq. fx2).
+G_C = Term("g_c", ("f_2", "df_2", "f_1", "df_1"), -1, "g$_c$", "commanded forces, calibrated and delayed")
+#: The terms of Delta g_x, the commanded forces as one.
+DELTA_G_X = (_READ_OUT, G_C, *_STIFFNESS, _LEAKAGE)
+#: All terms of Delta g.
+TERMS = (
+    _READ_OUT,
+    *_FORCES,
+    *_STIFFNESS,
+    _LEAKAGE,
+    Term("delta_g_SC", _MOTION, 1, "δg (motion)", "minus the cross-talk of spacecraft motion"),
+    Term("torques", _TORQUES, 1, "torques", "minus what torques leak along x"),
+)
+
+
+def mean_of(telemetry: Telemetry, name: str) -> Array:
+    """Return one of the `MEANS`, whose channels the run must have, shape (N,)."""
+    parts = (weight * telemetry.channels[key] for key, weight in MEANS[name].items())
+    return np.asarray(np.sum(list(parts), axis=0), dtype=np.float64)
+
+
 def means(telemetry: Telemetry) -> dict[str, Array]:
     """Return those of the `MEANS` whose channels the run has, each of shape (N,).
 
@@ -72,9 +133,9 @@ def means(telemetry: Telemetry) -> dict[str, Array]:
     for name, parts in MEANS.items():
         turned = name.removeprefix("N_")
         if parts.keys() <= telemetry.channels.keys() and (turned == name or turned in found):
-            mean = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
+            mean = mean_of(telemetry, name)
             if np.mean(np.isnan(mean)) <= MAX_MISSING and np.nanmin(mean) < np.nanmax(mean):
-                found[name] = np.asarray(mean, dtype=np.float64)
+                found[name] = mean
     return found
 
 
@@ -122,27 +183,27 @@ class Channels:
         return run_parameters(self.means)
 
 
-def channels(telemetry: Telemetry) -> Channels:
-    """Low-pass and decimate what the equation needs."""
-    return _channels(telemetry, *derivatives.low_pass(telemetry.fs))
+def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
+    """Low-pass and decimate what the equation needs; without `motion` nothing but what Delta g_x does."""
+    return _channels(telemetry, means(telemetry) if motion else {}, *derivatives.low_pass(telemetry.fs))
 
 
 def archived(telemetry: Telemetry) -> Channels:
     """Return what the equation needs as it was archived, to look beyond the fitted band."""
-    return _channels(telemetry, np.ones(1), 1)
+    return _channels(telemetry, means(telemetry), np.ones(1), 1)
 
 
-def _channels(telemetry: Telemetry, taps: Array, factor: int) -> Channels:
-    raw = {name: telemetry.channels[name] for name in CHANNELS} | means(telemetry)
-    filled, masked = zip(*(derivatives.bridge(x, telemetry.fs) for x in raw.values()), strict=True)
-    touched = derivatives.decimate(np.any(masked, axis=0).astype(float), np.ones_like(taps), factor)
-    kept = {name: derivatives.decimate(x, taps, factor) for name, x in zip(raw, filled, strict=True)}
+def _channels(telemetry: Telemetry, of_motion: dict[str, Array], taps: Array, factor: int) -> Channels:
+    raw = {name: telemetry.channels[name] for name in CHANNELS} | of_motion
+    found = {name: derivatives.reduced(x, telemetry.fs, taps, factor) for name, x in raw.items()}
+    kept = {name: x for name, (x, _) in found.items()}
+    touched = np.any([masked for _, masked in found.values()], axis=0)
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.time[taps.size // 2 :: factor][: touched.size],
         **{name: kept.pop(name) for name in CHANNELS},
         means=kept,
-        valid=touched < 0.5,
+        valid=~touched,
         missing=int(np.any(np.isnan(list(raw.values())), axis=0).sum()),
     )
 
@@ -155,17 +216,20 @@ class Columns:
     ----------
     tau : tuple of float
         The delays tau_0 [s] of test masses 1 and 2 about which the columns are expanded.
+    names : tuple of str
+        The P + 1 of `COLUMNS`, then those of `CROSS_TALK` that the run has.
     fs : float
         Sample rate [Hz].
     time : ndarray, shape (N,)
         Seconds since the start of the run.
     values : ndarray, shape (N, P + 1)
-        In the order of `COLUMNS`, then the terms of eq. bump that the run has; SI.
+        In the order of `names`, SI.
     valid : ndarray of bool, shape (N,)
         False where missing samples reach.
     """
 
     tau: tuple[float, float]
+    names: tuple[str, ...]
     fs: float
     time: Array
     values: Array
@@ -176,28 +240,33 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
     fs, inner = run.fs, slice(derivatives.HALF, -derivatives.HALF)
 
-    def derivative(x: Array, order: int, delay: float = 0.0) -> Array:
-        return derivatives.apply(derivatives.stencil(delay * fs, order) * fs**order, x)
+    derivative = derivatives.derivative
 
     def force(x: Array, delay: float) -> Array:
         # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-        return derivative(x, 0, delay) + LOOP_PERIOD**2 / 24 * derivative(x, 2, delay)
+        return derivative(x, fs, 0, delay) + LOOP_PERIOD**2 / 24 * derivative(x, fs, 2, delay)
 
-    cross_talk = (CROSS_TALK[name] for name in run.parameters[len(PARAMETERS) :])
+    cross_talk = run.parameters[len(PARAMETERS) :]
     values = (
-        derivative(run.o_12, 2),
+        derivative(run.o_12, fs, 2),
         force(run.f_x_2, tau[1]),
-        derivative(run.f_x_2, 1, tau[1]),
+        derivative(run.f_x_2, fs, 1, tau[1]),
         force(run.f_x_1, tau[0]),
-        derivative(run.f_x_1, 1, tau[0]),
+        derivative(run.f_x_1, fs, 1, tau[0]),
         run.o_12[inner],
         run.o_1[inner],
-        derivative(run.o_1, 2),
-        *(derivative(run.means[mean], 2) if order else run.means[mean][inner] for mean, order in cross_talk),
+        derivative(run.o_1, fs, 2),
+        *(_moved(run.means, name, fs) for name in cross_talk),
     )
-    reach = np.ones(2 * derivatives.HALF + 1)
-    valid = derivatives.apply(reach, (~run.valid).astype(float)) < 0.5
-    return Columns(tau, fs, run.time[inner], np.stack(values, axis=1), valid)
+    valid = ~derivatives.reached(~run.valid)
+    return Columns(tau, (*COLUMNS, *cross_talk), fs, run.time[inner], np.stack(values, axis=1), valid)
+
+
+def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:
+    """Return the column of one of the `CROSS_TALK` from decimated means."""
+    mean, order = CROSS_TALK[name]
+    x = series[mean]
+    return derivatives.derivative(x, fs, order) if order else x[derivatives.HALF : -derivatives.HALF]
 
 
 def delays(theta: Array) -> tuple[float, float]:
@@ -239,8 +308,30 @@ def gradient(theta: Array, tau: tuple[float, float]) -> Array:
     return d
 
 
+def terms(found: Columns, theta: Array, of: Sequence[Term] = TERMS) -> dict[str, Array]:
+    """Return terms of Delta g as they add up, signs included, each of shape (N,) [m s^-2], by name.
+
+    Parameters
+    ----------
+    found : Columns
+        Of a run.
+    theta : ndarray, shape (P,)
+        Its parameters.
+    of : sequence of Term
+        Which; those of whose columns the run has none are zero.
+    """
+    weights = coefficients(theta, found.tau)
+    at = {term.name: [i for i, name in enumerate(found.names) if name in term.columns] for term in of}
+    return {name: _combined(found.values[:, i], weights[i]) for name, i in at.items()}
+
+
+def total(found: Columns, theta: Array) -> Array:
+    """Return the sum of all terms of Delta g (eqs deltagjointfit and bump), shape (N,) [m s^-2]."""
+    return _combined(found.values, coefficients(theta, found.tau))
+
+
 def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return the calibrated differential acceleration of a run (eqs deltagjointfit and bump).
+    """Return the calibrated differential acceleration of a run.
 
     Parameters
     ----------
@@ -259,37 +350,44 @@ def residual(telemetry: Telemetry, parameters: Mapping[str, float]) -> tuple[Arr
     """
     run = channels(telemetry)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
-    terms = columns(run, delays(theta))
-    return terms.time, _known(terms, coefficients(theta, terms.tau))
+    found = columns(run, delays(theta))
+    return found.time, np.where(found.valid, total(found, theta), np.nan)
 
 
-def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return the cross-talk of spacecraft motion (eq. bump) that makes Delta g of Delta g_x.
+def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the cross-talk of spacecraft motion that makes Delta g of Delta g_x (eq. bump).
 
     Parameters
     ----------
     telemetry : Telemetry
-        The run.
+        The run, with every channel that a coefficient other than zero multiplies.
     cross_talk : mapping
-        Values of `CROSS_TALK`, SI; what is not in it, or lacks its channels, counts as zero.
+        Values of `CROSS_TALK`, SI; what is not in it counts as zero.
 
     Returns
     -------
-    time, values : ndarray, shape (N,)
-        As `residual` returns them.
+    values : ndarray, shape (N,)
+        At the times of `residual` [m s^-2]; interpolated where a sample of these channels is missing.
+    valid : ndarray of bool, shape (N,)
+        False there.
     """
-    run = channels(telemetry)
-    terms = columns(run, (0.0, 0.0))
-    b = [cross_talk.get(name, 0.0) for name in run.parameters[len(PARAMETERS) :]]
-    return terms.time, _known(terms, np.array([*np.zeros(len(COLUMNS)), *b]))
+    taps, factor = derivatives.low_pass(telemetry.fs)
+    names = [name for name in CROSS_TALK if cross_talk.get(name)]
+    wanted = dict.fromkeys(CROSS_TALK[name][0] for name in names)
+    found = {
+        mean: derivatives.reduced(mean_of(telemetry, mean), telemetry.fs, taps, factor) for mean in wanted
+    }
+    series = {mean: x for mean, (x, _) in found.items()}
+    size = (telemetry.time.size - taps.size) // factor + 1 - 2 * derivatives.HALF
+    values, valid = np.zeros(size), np.ones(size, dtype=bool)
+    for name in names:
+        values += cross_talk[name] * _moved(series, name, telemetry.fs / factor)
+    for _, masked in found.values():
+        valid &= ~derivatives.reached(masked)
+    return values, valid
 
 
-def _known(terms: Columns, weights: Array) -> Array:
-    """Return the sum of the columns times `weights`, NaN where samples are missing."""
-    return np.where(terms.valid, combined(terms.values, weights), np.nan)
-
-
-def combined(values: Array, weights: Array) -> Array:
+def _combined(values: Array, weights: Array) -> Array:
     """Return the sum of the columns of `values`, shape (N, K), times `weights`, the same bits everywhere.
 
     The last bits of a product of matrices depend on how many threads share it, and these terms cancel.

@@ -21,7 +21,6 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.model.stretches import differentiated, reduced
 from fit.results import FitWarning
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
@@ -166,7 +165,9 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
     fs = telemetry.fs / factor
 
     def terms(x: Array) -> tuple[Array, Array, Flags]:
-        return differentiated(*reduced(x, telemetry.fs), fs)
+        x, masked = derivatives.reduced(x, telemetry.fs, taps, factor)
+        inner = x[derivatives.HALF : -derivatives.HALF]
+        return inner, derivatives.derivative(x, fs, 2), derivatives.reached(masked)
 
     dOmega, swing, lost = [], [], []
     for axis in AXES:

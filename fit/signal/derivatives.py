@@ -48,6 +48,16 @@ def apply(weights: Array, x: Array) -> Array:
     return np.correlate(x, weights, mode="valid")
 
 
+def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:
+    """Return a derivative of a channel [per s^order], delayed [s]; 2 HALF samples shorter than `x`."""
+    return apply(stencil(delay * fs, order) * fs**order, x)
+
+
+def reached(masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell which outputs of a stencil masked samples reach; 2 HALF samples shorter."""
+    return apply(np.ones(2 * HALF + 1), masked.astype(float)) > 0.5
+
+
 def bridge(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
     """Interpolate missing samples (NaN) and tell which stretches are too long to believe it.
 
@@ -101,3 +111,12 @@ def decimate(x: Array, taps: Array, factor: int) -> Array:
     lost = taps.size - 1  # a multiple of factor
     kept = scipy.signal.upfirdn(taps, x, down=factor)[lost // factor : (x.size - 1) // factor + 1]
     return np.asarray(kept, dtype=np.float64)
+
+
+def reduced(x: Array, fs: float, taps: Array, factor: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Bridge, filter and decimate a channel; tell which samples the longer gaps reach."""
+    filled, masked = bridge(x, fs)
+    kept = decimate(filled, taps, factor)
+    if not masked.any():
+        return kept, np.zeros(kept.size, dtype=bool)
+    return kept, decimate(masked.astype(float), np.ones_like(taps), factor) > 0.5

@@ -11,10 +11,10 @@ import xarray
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 
+from fit import deltag
 from fit import results as fit_results
 from fit.deltag import write_delta_g
 from fit.errors import FitError, InputError
-from fit.model import stretches
 from fit.results import Estimate, Fit
 from lpfcosim.cli import start as cli
 from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write
@@ -111,7 +111,7 @@ def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
             file[name][start:stop] = np.nan
     whole, _ = product(path, tmp_path / "whole.h5", calibrated(LATE))
     for outputs in (4_990, 7_001):
-        monkeypatch.setattr(stretches, "OUTPUTS", outputs)
+        monkeypatch.setattr(deltag, "OUTPUTS", outputs)
         pieces, _ = product(path, tmp_path / "pieces.h5", calibrated(LATE))
         for name, channel in whole.data_vars.items():
             scale = float(np.nanmax(np.abs(channel)))
@@ -135,7 +135,7 @@ def test_ten_hertz_gives_the_same_at_one(tmp_path):
 
 
 def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(stretches, "OUTPUTS", 3_600)
+    monkeypatch.setattr(deltag, "OUTPUTS", 3_600)
     peaks = []
     for days in (0.4, 1.6):
         path = write(tmp_path, run(LATE, duration=days * DAY, name="long")[0], LATE)
