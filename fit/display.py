@@ -1,7 +1,7 @@
-"""How results and telemetry show themselves, as text in a terminal and as HTML in a notebook.
+"""How results and telemetry show themselves: as text in a terminal, as HTML in a notebook.
 
-What a type looks like is registered by the report (`notebook`), which knows its tables; these know the types,
-so that the types cannot know them.
+`fit.tables.notebook` registers what each type looks like. It imports the types, so they cannot import it:
+they import this file.
 """
 
 from functools import singledispatch

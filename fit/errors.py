@@ -1,4 +1,4 @@
-"""What can go wrong, told apart by what the user can do about it."""
+"""The errors of a calibration, sorted by what the user can do about them."""
 
 from reprlib import Repr
 

@@ -1,6 +1,6 @@
 """The warnings of a calibration: what each code means for a fit, and what to do about it.
 
-Whoever raises a warning, or judges a fit by one, looks it up here; no one reads the message but the user.
+Code that raises a warning, or judges a fit by one, looks it up here. Only the user reads the message.
 """
 
 from collections.abc import Iterable, Mapping

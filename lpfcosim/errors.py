@@ -1,4 +1,4 @@
-"""What can go wrong, told apart by what the user can do about it."""
+"""The errors of a simulation, sorted by what the user can do about them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What is wrong with a campaign file, in one sentence with its place in the file."""
+"""Tell what is wrong with a campaign file, in one sentence with the place in the file."""
 
 import difflib
 import json

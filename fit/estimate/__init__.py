@@ -1,4 +1,9 @@
-"""Estimation: from runs to estimates with true sigmas, verdicts, forecasts, samples of the posterior."""
+"""Estimation: from runs to estimates, their sigmas, and a verdict on both.
+
+Runs become spectra of the model's columns, least squares with the weights of the noise runs is repeated
+until nothing moves, and a verdict tells whether the sigmas hold. Forecasts, samples of the posterior and
+the pulls of many campaigns rest on the same fit.
+"""
 
 from fit.estimate.bump import is_separated, sums
 from fit.estimate.earlier import SAME

@@ -1,7 +1,7 @@
-"""Files: written whole or not at all, and read if they are text of a size that makes sense.
+"""Files: written whole or not at all, and read if they are text of a reasonable size.
 
-Whoever reads TOML or JSON, or writes a result, comes through here; what is wrong with a file is said in one
-sentence that names it.
+All reading of TOML and JSON, and all writing of results, goes through here. If something is wrong with a
+file, the error is one sentence that names it.
 """
 
 from fit.files.documents import is_file, key

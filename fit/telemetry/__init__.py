@@ -1,7 +1,7 @@
 """Telemetry: the contract of its files, their reader and writer, and archives that a map turns into them.
 
-A run is a `Telemetry`; its channels are read when they are asked for. Files from elsewhere are tried by
-another process first (`guard`).
+A run is a `Telemetry`. A channel is read from the file when it is used. Another process tries files from
+elsewhere first, since they may crash a library (`guard`).
 """
 
 from fit.telemetry.contract import CHANNELS, SCHEMA

@@ -1,4 +1,7 @@
-"""Campaigns: the TOML file, checked, as the runs that are to be simulated."""
+"""Campaigns: from a TOML file to the runs that are to be simulated.
+
+Everything in the file is checked here, so that a mistake is told before anything runs.
+"""
 
 from lpfcosim.campaign.campaign import Campaign, load
 from lpfcosim.campaign.schema import Name

@@ -1,4 +1,8 @@
-"""Co-simulation: FMU archives, their place in the loop, and the master that steps them."""
+"""Co-simulation: FMU archives, their place in the loop, and the master that steps them.
+
+It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`); a plain one in FMPy gives
+the same bits.
+"""
 
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.master import Engine, Where

@@ -1,7 +1,7 @@
 """Modelica to FMU: flatten, evaluate, sort, print C, describe, build.
 
-Every model of the package ``fmus/LISAPathfinder`` takes the same path; nothing here knows any of them.
-A construct that this path does not carry over faithfully is refused with file, line and name.
+All models of the package ``fmus/LISAPathfinder`` take the same path; nothing here depends on one of them.
+A construct that cannot be translated faithfully is refused with file, line and name.
 """
 
 from lpfcosim.modelica.build import engine_library

@@ -1,6 +1,6 @@
-"""The plant as a whole, whatever its world: is it stable, with what margins, what does it do.
+"""The closed loop in the frequency domain, the same for every world: stability, margins, response, spectra.
 
-Nothing here steps an FMU; the reference plants themselves belong to `lpfcosim.worlds`.
+Nothing here steps an FMU. The reference plants themselves are in `lpfcosim.worlds`.
 """
 
 __all__ = ["margins", "planning", "saturation", "spectral", "stability"]

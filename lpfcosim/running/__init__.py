@@ -1,4 +1,7 @@
-"""Running: campaigns on processes or a cluster, into telemetry files that survive."""
+"""Running: a campaign on several processes or a cluster, into telemetry files.
+
+What is finished is kept and checked by its digest, so that a campaign that was killed continues.
+"""
 
 from lpfcosim.running.runner import Simulated
 from lpfcosim.running.simulation import load_campaign, simulate

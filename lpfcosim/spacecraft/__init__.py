@@ -1,4 +1,4 @@
-"""The spacecraft: one run of it with all that a simulation needs, as frozen records in SI units."""
+"""The spacecraft: one run of it, with all that a simulation needs, as frozen records in SI units."""
 
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller, Lead
 from lpfcosim.spacecraft.parameters import FS, M_TM, READ_OUT_RANGE, H

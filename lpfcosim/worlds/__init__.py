@@ -1,9 +1,9 @@
-"""Worlds: "along x or the whole spacecraft?", answered once.
+"""Worlds: the one place that tells a simulation along x from one of the whole spacecraft.
 
-A `World` holds all that depends on which degrees of freedom a run has: its components and what is recorded,
-their parameters, units and truths, its noise, limits, reference plant and loops. What a run has beside the x
-axis, `Run.spacecraft`, chooses its world. Another world is a module here that makes one, its name below, and
-the class of what such a run has.
+A `World` holds all that depends on the degrees of freedom of a run: its components and what is recorded,
+their parameters, units and truths, its noise, limits, reference plant and loops. `Run.spacecraft`, what a
+run has beside the x axis, chooses the world by its type. To add a world, write a module here that makes it,
+and register it below.
 """
 
 from lpfcosim.worlds import along_x, drive, whole
