@@ -1,35 +1,69 @@
 """The command ``montecarlo``: many campaigns, each simulated and fitted anew."""
 
+from __future__ import annotations
+
 import json
-import multiprocessing as mp
 import os
-import signal
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+import tempfile
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, Field
 
+import fit.errors
 from fit.estimate import pulls
 from fit.files import documents
-from fit.settings import settings
+from fit.model import dynamics
+from fit.pipeline import calibrate
+from fit.results import Results
+from fit.settings import Settings, settings
 from fit.tables import Lines
+from fit.telemetry import Telemetry, read_all
+from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
-from lpfcosim.cli.console import Console
-from lpfcosim.cli.trials import Line, Work, trial
+from lpfcosim.cli.study import in_memory
+from lpfcosim.cosim import Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.plant import stability
-from lpfcosim.running import cluster, lock, runner, simulation, trust
+from lpfcosim.plant import spectral, stability
+from lpfcosim.running import cluster, lock, runner, simulation, telemetry, trust, workers
 from lpfcosim.running import ledger as files
+from lpfcosim.spacecraft import Run
+
+if TYPE_CHECKING:  # which the processes do without
+    from lpfcosim.cli.console import Console
+
+Line = dict[str, Any]  # what is kept of one campaign
 
 _LARGEST = 2**28  # bytes of a log
 _Number = Annotated[float, Field(ge=-1e60, le=1e60)]
+
+
+@dataclass(frozen=True)
+class Work:
+    """What all campaigns have in common.
+
+    Attributes
+    ----------
+    plan : Campaign
+        Of number and seed, and of truths if `redraw`, it gets others.
+    chosen : Settings
+        Of the fit.
+    redraw : bool
+        Whether every campaign has truths of its own.
+    """
+
+    plan: campaigns.Campaign
+    chosen: Settings
+    redraw: bool
 
 
 def montecarlo(
@@ -76,9 +110,9 @@ def montecarlo(
         with (
             console.counted("campaigns", n, n - len(missing)) as progress,
             log.open("a", encoding="utf-8") as file,
+            closing(_done(directory, work, held, missing, jobs, scheduler)) as done,
         ):
-            # in which order they are done does not matter, each has its own seed
-            for line in _done(work, held, missing, jobs, scheduler):
+            for line in done:  # in which order does not matter, each has its own seed
                 lines[line["number"]] = line
                 file.write(json.dumps(line) + "\n")
                 file.flush()
@@ -146,42 +180,53 @@ def _kept(log: Path, header: Mapping[str, object]) -> dict[int, Line]:
 
 
 def _done(
-    work: Work, fmus: Mapping[str, Path], numbers: Sequence[int], jobs: int | None, scheduler: str | None
-) -> Iterator[Line]:
-    """Yield the campaigns as they are done."""
-    if not numbers:
-        return iter(())
+    directory: Path,
+    work: Work,
+    fmus: Mapping[str, Path],
+    numbers: Sequence[int],
+    jobs: int | None,
+    scheduler: str | None,
+) -> Generator[Line]:
+    """Yield the campaigns as they are done.
+
+    Raises
+    ------
+    RunError
+        At the end, if some were lost with their processes: nothing is known of them.
+    """
+    items = {f"campaign {number}": number for number in numbers}
+    lost = {}
+    setting = workers.Setting(partial(_in_process, work, fmus), directory, directory / "logs", "{}")
+    for name, outcome in _outcomes(setting, work, fmus, items, jobs, scheduler) if items else ():
+        if isinstance(outcome, workers.Lost):
+            lost[name] = f"{name}: {runner.culprit(work.plan.runs[0], outcome)} {outcome.how}"
+        elif isinstance(outcome, LpfcosimError):
+            lost[name] = str(outcome)
+        else:
+            yield outcome
+            continue
+        setting.note(name, lost[name])
+    if lost:
+        first, *others = lost.values()
+        more = f" and {len(others)} more" if others else ""
+        raise RunError(f"{first}{more}; what is finished is kept, the same command continues")
+
+
+def _outcomes(
+    setting: workers.Setting,
+    work: Work,
+    fmus: Mapping[str, Path],
+    items: Mapping[str, int],
+    jobs: int | None,
+    scheduler: str | None,
+) -> Iterator[tuple[str, Any]]:
     if scheduler:
-        return _on_cluster(scheduler, work, fmus, numbers)
-    return _on_processes(jobs, work, fmus, numbers)
-
-
-def _on_cluster(address: str, work: Work, fmus: Mapping[str, Path], numbers: Sequence[int]) -> Iterator[Line]:
-    with cluster.connected(address) as connection:
-        items = {f"campaign {number}": number for number in numbers}
-        for name, line in connection.results(trial, work, items, fmus):
-            yield {"number": items[name], "failed": str(line)} if isinstance(line, LpfcosimError) else line
-
-
-def _on_processes(
-    jobs: int | None, work: Work, fmus: Mapping[str, Path], numbers: Sequence[int]
-) -> Iterator[Line]:
+        with cluster.connected(scheduler) as connection:
+            yield from connection.results(trial, work, items, fmus)
+        return
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each processor does better
-    workers = min(jobs or runner.processors(), len(numbers))
-    others = mp.active_children()
-    pool = ProcessPoolExecutor(workers, mp.get_context("spawn"), _prepare, (work, fmus))
-    try:
-        for future in as_completed([pool.submit(_trial, number) for number in numbers]):
-            yield future.result()
-    except BrokenProcessPool:
-        raise RunError("a worker process was killed (out of memory?); the same command continues") from None
-    except BaseException:
-        for worker in mp.active_children():
-            if worker not in others:
-                worker.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    tasks = {name: (number,) for name, number in items.items()}
+    yield from workers.results(setting, tasks, jobs or runner.processors())
 
 
 def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
@@ -199,26 +244,69 @@ def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
     return Lines(("parameter", "n", "mean pull", "std", "within 1 sigma", "mean sigma"), tuple(rows))
 
 
-# In a process of the pool ------------------------------------------------------------------------------
-
-_given: tuple[Work, Mapping[str, Path]] | None = None
+# In a process of its own, or of a cluster --------------------------------------------------------------
 
 
-def _prepare(work: Work, fmus: Mapping[str, Path]) -> None:
-    global _given
-    _given = work, fmus
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # to end the workers is up to the parent
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+def _in_process(work: Work, fmus: Mapping[str, Path], number: int, where: Where) -> Line:
+    return trial(work, number, fmus, where)
 
 
-def _end_with_parent() -> None:
-    parent = mp.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None = None) -> Line:
+    """Simulate campaign `number`, through FMUs if there are any, and fit it.
+
+    The same comes out in whatever process, and whatever came before in it. `where` tells when FMUs are at
+    work, which alone can hang.
+    """
+    where = where or Where()
+    where.rest()
+    plan = campaign_montecarlo.numbered(work.plan, number, redraw=work.redraw)
+    try:
+        results = _through_fmus(plan, work.chosen, fmus, where) if fmus else _from_spectra(plan, number, work)
+    except (fit.errors.CalibrationError, LpfcosimError) as error:
+        return {"number": number, "failed": str(error)}
+    if results.joint and results.joint.unsound:
+        return {"number": number, "failed": results.joint.unsound[0].message}
+    drawn = {"truth": telemetry.truth(plan.runs[0])} if work.redraw else {}
+    return {"number": number, "estimates": pulls.estimates(results), **drawn}
 
 
-def _trial(number: int) -> Line:
-    assert _given is not None
-    work, fmus = _given
-    return trial(work, number, fmus)
+def _through_fmus(
+    plan: campaigns.Campaign, chosen: Settings, fmus: Mapping[str, Path], where: Where
+) -> Results:
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
+        for run in plan.runs:
+            runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where)
+            where.rest()
+        telemetries = read_all([Path(folder)], own=True)
+        return pulls.with_truth(calibrate(telemetries, chosen), telemetries)
+
+
+def _from_spectra(plan: campaigns.Campaign, number: int, work: Work) -> Results:
+    telemetries = [
+        _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
+    ]
+    results = calibrate(telemetries, work.chosen)
+    return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
+
+
+#: What the last campaign left, by run: made anew only if more than the seed is another.
+_simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
+
+
+def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
+    of_run, simulation = _simulations.get(run.name, (None, None))
+    if of_run is None or simulation is None or of_run != replace(run, seed=of_run.seed):
+        stability.check(run)  # other truths may not be stable where the campaign's are
+        simulation = spectral.Simulation(run, _channels(run))
+        _simulations[run.name] = (run, simulation)
+    channels = simulation.record(generator)
+    limit = run.authority.F_max_2 / run.m_tm
+    if np.abs(channels["f_x_2"]).max() >= limit:
+        raise RunError(f"{run.name}: f_x_2 reaches its limit, which only the FMUs know: add --fmus")
+    return in_memory(run, channels)
+
+
+def _channels(run: Run) -> list[str]:
+    """Return what the joint fit reads of what is recorded."""
+    of_means = (name for parts in dynamics.MEANS.values() for name in parts)
+    return [*dynamics.CHANNELS, *(name for name in of_means if name in worlds.of(run).record)]

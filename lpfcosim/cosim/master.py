@@ -30,7 +30,7 @@ Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
 
 BLOCK = 10_000  # samples that are in memory at a time
-LOADING = -1
+LOADING, _RESTING = -1, -2
 _SAID = {
     2: "reports 'discard'",
     3: "reports 'error'",
@@ -60,6 +60,15 @@ class Where(ctypes.Structure):
     def reset(self) -> None:
         """Nothing has been done yet."""
         self.sample, self.slave, self.status = LOADING, -1, 0
+
+    def rest(self) -> None:
+        """No FMU is at work from now on."""
+        self.sample, self.slave = _RESTING, -1
+
+    @property
+    def rests(self) -> bool:
+        """Whether no FMU is at work, and nobody need expect a step."""
+        return self.sample == _RESTING
 
 
 def blocks(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -18,8 +17,8 @@ from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
 from lpfcosim.plant import saturation
+from lpfcosim.running import cluster, telemetry, workers
 from lpfcosim.running import ledger as files
-from lpfcosim.running import remote, telemetry, workers
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 
@@ -156,7 +155,7 @@ def simulate(
                 progress(name, done)
 
         outcomes = (
-            remote.results(scheduler, setting, items, time_limit=time_limit, silence=silence)
+            cluster.record(scheduler, setting, items, time_limit=time_limit, silence=silence)
             if scheduler
             else workers.results(
                 setting,
@@ -171,8 +170,6 @@ def simulate(
         for run in missing:  # whoever was to do it said nothing
             if run.name not in failures and not paths[run.name].is_file():
                 failures[run.name] = RunError(f"run '{run.name}': was not simulated")
-    with suppress(OSError):  # unless something stands in it
-        logs.rmdir()
     return Simulated({n: p for n, p in paths.items() if n not in failures}, failures)
 
 
@@ -200,10 +197,14 @@ def _settled(
     return {run.name: RunError(str(failures[run.name])) for run in campaign.runs if run.name in failures}
 
 
+def culprit(run: Run, lost: workers.Lost) -> str:
+    """Return who is to blame for the end of a process that simulated a run."""
+    return f"the {worlds.of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
+
+
 def _lost(run: Run, lost: workers.Lost) -> RunError:
-    who = f"the {worlds.of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
     when = f"at {lost.sample * run.h:.1f} s" if lost.sample >= 0 else "while the FMUs were loaded"
-    return RunError(f"run '{run.name}': {who} {lost.how} {when}")
+    return RunError(f"run '{run.name}': {culprit(run, lost)} {lost.how} {when}")
 
 
 def _whole(

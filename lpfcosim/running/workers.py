@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -62,11 +62,14 @@ class Setting:
     logs : Path
         Folder of what tasks say: ``NAME.log`` has what FMUs report, what is written to standard output and
         error, and where a process crashed. Those that say nothing leave none.
+    called : str
+        What a task is called in a sentence about it.
     """
 
     function: Callable[..., Any]
     folder: Path
     logs: Path
+    called: str = "run '{}'"
 
     def log(self, name: str) -> Path:
         """Path of the log of a task."""
@@ -86,7 +89,7 @@ def results(
     time_limit: float | None = None,
     silence: float = SILENCE,
     progress: Callable[[str, int], None] = lambda _name, _done: None,
-) -> Iterator[tuple[str, Any]]:
+) -> Generator[tuple[str, Any]]:
     """Yield name and result of every task as they come; whoever stops listening ends them all.
 
     Parameters
@@ -100,7 +103,7 @@ def results(
     time_limit : float, optional
         Longest that a task may take [s].
     silence : float
-        Longest that `master.Where` may stay as it is [s].
+        Longest that `master.Where` may stay as it is [s], unless it rests.
     progress : callable
         Told the name of a task and how many samples are done.
 
@@ -109,38 +112,47 @@ def results(
     (str, object)
         The object is what the function returned, the `LpfcosimError` it raised, or `Lost`.
     """
+    waiting = deque(items.items())
+    with _team(setting, min(jobs, len(items))) as (team, hire):
+        for worker in team:
+            worker.begin(*waiting.popleft())
+        looked = time.monotonic()
+        while busy := [w for w in team if w.task]:
+            wait([h for w in busy for h in w.handles], _POLL)
+            # A machine or process group that was stopped meanwhile did not keep anybody waiting.
+            passed = min(time.monotonic() - looked, 5 * _POLL)
+            looked = time.monotonic()
+            for place, worker in enumerate(team):
+                if not worker.task:
+                    continue
+                task, done = worker.task, worker.look(passed, time_limit, silence)
+                if done is None:
+                    progress(task, max(worker.where.sample, 0))
+                    continue
+                (result,) = done
+                if isinstance(result, Lost | LpfcosimError):
+                    worker.end()  # who knows in what state
+                    if waiting:
+                        team[place] = hire()
+                if waiting:
+                    team[place].begin(*waiting.popleft())
+                yield task, result
+
+
+@contextmanager
+def _team(setting: Setting, n: int) -> Iterator[tuple[list[_Worker], Callable[[], _Worker]]]:
+    """Hire `n` workers; those in the list at the end are ended. Yields it, and how to hire another."""
     with files.scratch(setting.folder) as scratch:
         with suppress(OSError):  # a worker without a log says less
             setting.logs.mkdir(parents=True, exist_ok=True)
-        waiting = deque(items.items())
-        team = [_Worker(setting, scratch) for _ in range(min(jobs, len(items)))]
+        team = [_Worker(setting, scratch) for _ in range(n)]
         try:
-            for worker in team:
-                worker.begin(*waiting.popleft())
-            looked = time.monotonic()
-            while busy := [w for w in team if w.task]:
-                wait([h for w in busy for h in w.handles], _POLL)
-                # A machine or process group that was stopped meanwhile did not keep anybody waiting.
-                passed = min(time.monotonic() - looked, 5 * _POLL)
-                looked = time.monotonic()
-                for place, worker in enumerate(team):
-                    if not worker.task:
-                        continue
-                    task, done = worker.task, worker.look(passed, time_limit, silence)
-                    if done is None:
-                        progress(task, max(worker.where.sample, 0))
-                        continue
-                    (result,) = done
-                    if isinstance(result, Lost | LpfcosimError):
-                        worker.end()  # who knows in what state
-                        if waiting:
-                            team[place] = _Worker(setting, scratch)
-                    if waiting:
-                        team[place].begin(*waiting.popleft())
-                    yield task, result
+            yield team, lambda: _Worker(setting, scratch)
         finally:
             for worker in team:
                 worker.end()
+            with suppress(OSError):  # unless something stands in it
+                setting.logs.rmdir()
 
 
 class _Worker:
@@ -185,7 +197,7 @@ class _Worker:
         if died:
             return (self._lost(*_told(self._process.exitcode)),)
         seen = (self.where.sample, self.where.slave)
-        self._silent = self._silent + passed if seen == self._seen else 0.0
+        self._silent = self._silent + passed if seen == self._seen and not self.where.rests else 0.0
         self._taken += passed
         self._seen = seen
         if self._silent > silence:
@@ -245,20 +257,20 @@ def _serve(setting: Setting, pipe: Connection, where: Where, scratch: Path) -> N
         while True:
             name, item = pipe.recv()
             with _logged(setting.log(name)):
-                result = _done(setting.function, name, item, where)
+                result = _done(setting, name, item, where)
             pipe.send(result)
 
 
-def _done(function: Callable[..., Any], name: str, item: tuple[Any, ...], where: Where) -> Any:
+def _done(setting: Setting, name: str, item: tuple[Any, ...], where: Where) -> Any:
     try:
-        return function(*item, where)
+        return setting.function(*item, where)
     except LpfcosimError as error:
         return error
     except MemoryError:
-        return RunError(f"run '{name}' failed: out of memory")
+        return RunError(f"{setting.called.format(name)} failed: out of memory")
     except Exception as error:
         logging.getLogger(__name__).exception("in a worker")
-        return RunError(f"run '{name}' failed: {type(error).__name__}: {error}")
+        return RunError(f"{setting.called.format(name)} failed: {type(error).__name__}: {error}")
 
 
 @contextmanager

@@ -297,8 +297,8 @@ ORPHANS = """
 import sys
 from pathlib import Path
 from lpfcosim.campaign import campaign
-from lpfcosim.running import runner
 from lpfcosim.modelica import build
+from lpfcosim.running import runner
 
 if __name__ == "__main__":
     plan = campaign.load(Path(sys.argv[1]))
