@@ -6,7 +6,7 @@
 Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi. The Euler term is then
 d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 
-* If the calibration has told the two apart (`separation`), both terms count at all frequencies.
+* If the calibration has told the two apart (`is_separated`), both terms count at all frequencies.
 * If not, b_1 and b_2 contain the Euler term. So that it does not count twice, g_dOmega is then taken below
   `SPLIT`, where delta_phi and delta_eta were fitted, and delta_g_SC above, where b_1 to b_6 were fitted. The
   two filters add up to one. This leaves out the true b_1 and b_2 times phi'' and eta'' below `SPLIT`, some
