@@ -232,3 +232,41 @@ def experiment_parameter(
     description = "stiffness of test mass 2 minus that of test mass 1"
     labels = ("deltagfull", "Δω<sup>2</sup><sub>12</sub>", r"\Delta\omega^2_{12}", description)
     return Parameter(name, omega2_2 - omega2_1, math.hypot(sigma_1, sigma_2), "s-2", abs(omega2_2), *labels)
+
+
+# What the geometry says beforehand of the stiffness. The paper gives what eqs alphax and alphaphi come to,
+# but not the capacitances in them. Those here are a choice: parallel plates 4 mm apart, electrodes 11 mm off
+# the axis, consistent with the two numbers it gives.
+
+LAMBDA_V = (1.066, 0.002)  # gain of the applied voltages, and sigma (at eq. alphax)
+M_TM = 1.928  # kg
+DC_DX = 2.9e-10  # F m-1, of an X electrode to test mass and guard ring: choice
+D2C_DX2 = 1.58e-7  # F m-2: choice
+DC_DPHI = 3.3e-12  # F rad-1: choice
+C_TOT = 34.2e-12  # F, test mass to all that surrounds it: choice
+
+#: What the paper predicts from its own capacitances, the same for both test masses [kg-1 m-1, kg-1 m-2].
+PREDICTED = {"alpha_x": -320.0, "alpha_phi": -26.5e3}
+
+#: Background stiffness of test masses 1 and 2 [s-2] by its causes (section Results).
+BUDGET = {
+    "gravity gradient": (-3.5e-7, -3.6e-7),
+    "100 kHz sensing bias": (-6.4e-8, -6.4e-8),
+    "largest test-mass charge": (-3e-9, -3e-9),
+}
+
+
+def background() -> tuple[float, float]:
+    """Return the sum of the budget for test masses 1 and 2 [s-2]."""
+    first, second = (math.fsum(values) for values in zip(*BUDGET.values(), strict=True))
+    return first, second
+
+
+def alpha_x(lambda_V: float) -> float:
+    """Return the stiffness per force authority [kg-1 m-1] at a gain of the voltage (eq. alphax)."""
+    return -(lambda_V**2) / M_TM * D2C_DX2 / DC_DX
+
+
+def alpha_phi(lambda_V: float) -> float:
+    """Return the stiffness per torque authority [kg-1 m-2] at a gain of the voltage (eq. alphaphi)."""
+    return -(lambda_V**2) / M_TM * (D2C_DX2 - 4 * DC_DX**2 / C_TOT) / DC_DPHI

@@ -72,7 +72,7 @@ WAITING = (
         "lpfcosim/modelica/evaluate.py: ",
         "fit/estimate/irls.py: _iterate",
     ),
-    *("fit/pipeline.py: _dynamics", "fit/report/drawings.py: drawings", "lpfcosim/cli/run.py: run"),
+    *("fit/pipeline.py: _dynamics", "lpfcosim/cli/run.py: run"),
     *("lpfcosim/modelica/codegen.py: source", "lpfcosim.api", "lpfcosim.signals", "lpfcosim.worlds"),
 )
 

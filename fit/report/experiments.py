@@ -1,26 +1,56 @@
-"""The parts of the report on single experiments: a table of all of them, and a section for each."""
+"""The parts of the report on single experiments: a table of all of them, a section and figures for each."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from markupsafe import Markup
 
 from fit.estimate import is_separated, sums
-from fit.figures import Drawing
+from fit.figures import Drawing, Plot, delta_g, drawing
+from fit.figures import runs as figures
 from fit.paper import EXPERIMENT_NAMES, Parameter, experiment_parameter
-from fit.report import drawings as report_drawings
-from fit.report import warnings as report_warnings
-from fit.report.grids import Grid, Line
-from fit.report.verdict import failing
+from fit.report.verdict import failing, raised
 from fit.results import Fit, Results
+from fit.tables import Grid, Line
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning, masked
 
 OPEN = 4  # experiments at most, whose sections stand open
 _WORDS = {"indeterminable": "not determined"}  # for the codes of warnings, where there are better ones
 _BOTH = Markup("{}<sub>max,1</sub> and {}<sub>max,2</sub>")
+
+# Of the figures: what they show in plain words, and what to see in them.
+_RESPONSES = (
+    "Guidance injections and read-outs of both loops against time",
+    "Injections and responses. A loop makes its read-out follow the guidance while it has gain; the scatter "
+    "of o₁ is the jitter of the spacecraft. Every stroke spans the extremes of its samples.",
+)
+_SPECTRA = tuple(
+    (
+        "Amplitude spectral densities of signal, residual and noise run",
+        f"Signal, residual and noise; the fit ends at 0.1 Hz. {level} Bands: ±1 σ of noise, from the number "
+        "of ordinates averaged.",
+    )
+    for level in (
+        "There is no noise run to compare with; a peak left at an injected frequency is something the model "
+        "lacks.",
+        "The residual should lie on the noise at every frequency; a peak left at an injected one is "
+        "something the model lacks.",
+    )
+)
+_BREAKDOWN = (
+    "Amplitude spectral densities of the terms that add up to the differential acceleration",
+    "Breakdown of Δg: the terms of eq. deltagjointfit as fitted, and their sum, the residual. Where two of "
+    "them lie far above it, they cancel.",
+)
+_RESIDUAL = (
+    "Residual differential acceleration against time",
+    f"Residual Δg less its mean, averaged with Hann windows of {delta_g.SLOW:g} s; grey, the extremes of it "
+    f"averaged over {delta_g.FAST:g} s. What is missing or masked is marked.",
+)
 
 
 @dataclass(frozen=True)
@@ -78,7 +108,7 @@ def _chi2(fit: Fit) -> str:
 def _warned(fit: Fit) -> Markup:
     """Return the codes of the warnings with the parameters they name."""
     told: dict[str, dict[str, None]] = {}
-    for w in report_warnings.raised(fit):
+    for w in raised(fit):
         told.setdefault(w.code, {}).update(dict.fromkeys(w.parameters if w.code == "indeterminable" else ()))
     return Markup(", ").join(
         Markup("{} {}").format(_WORDS.get(code, code.replace("_", " ")), _symbols(names)).rstrip()
@@ -110,7 +140,7 @@ def _section(folder: Path, i: int, name: str, results: Results, runs: Mapping[st
     } | facts
     values = parameters(results, run)
     slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-    shown = report_drawings.drawings(folder, f"e{i}", slug, (run, noise), values, fit.warnings)
+    shown = drawings(folder, f"e{i}", slug, (run, noise), values, fit.warnings)
     return Section(name, facts, tables.table(fit, list(known.values())), shown, troubled)
 
 
@@ -143,3 +173,41 @@ def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
     periods = results.provenance.get("cross_talk_periods")
     period = periods.get(epoch) if isinstance(periods, dict) else None
     return sums(values, results.inertial.get(str(period))) if is_separated(fit) else values
+
+
+def drawings(
+    folder: Path,
+    stem: str,
+    slug: str,
+    runs: tuple[Telemetry, Telemetry | None],
+    parameters: Mapping[str, float],
+    warnings: Iterable[FitWarning],
+) -> tuple[Drawing, ...]:
+    """Return responses, spectra, breakdown and residual, their files written to ``folder``.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing one.
+    stem, slug : str
+        What makes names of files and ids unique (letters and digits), and what makes them readable.
+    runs : tuple of Telemetry
+        The run of the experiment, and its noise run or None.
+    parameters : mapping
+        Those of `fit.model.dynamics.residual`.
+    warnings : iterable of FitWarning
+        Of the fit; they tell what was taken for glitches.
+    """
+    run, noise = runs
+    terms = delta_g.split(run, parameters)
+    beside = delta_g.split(noise, parameters) if noise else None
+    told: dict[str, tuple[tuple[str, str], Callable[..., Plot], tuple[object, ...]]] = {
+        "responses": (_RESPONSES, figures.responses, (run,)),
+        "spectra": (_SPECTRA[noise is not None], delta_g.acceleration, (terms, beside)),
+        "breakdown": (_BREAKDOWN, delta_g.breakdown, (terms,)),
+        "residual": (_RESIDUAL, delta_g.residual, (run, parameters, masked(warnings, run.run))),
+    }
+    return tuple(
+        drawing(folder, (f"{stem}{letter}", f"{slug}-{name}"), *words, draw, *arguments)
+        for letter, (name, (words, draw, arguments)) in zip("rsbt", told.items(), strict=True)
+    )

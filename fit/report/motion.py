@@ -8,7 +8,7 @@ from fit import deltag
 from fit.figures import Drawing, drawing
 from fit.figures import motion as figures_motion
 from fit.paper import Parameter, cross_talk_parameter
-from fit.report import warnings as report_warnings
+from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry, inertial_period
@@ -29,7 +29,6 @@ class Part:
     anchor: str
     title: str
     about: str
-    fit: Fit
     table: tables.Table
     drawings: tuple[Drawing, ...] = ()
 
@@ -60,12 +59,12 @@ def _cross_talk(epoch: str, fit: Fit) -> Part:
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
     table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
-    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, fit, table)
+    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, table)
 
 
 def _without_pull(fit: Fit) -> dict[str, Estimate]:
     """Return what is known not to be the truth, so that it is not judged by it."""
-    names = report_warnings.biased(fit) & fit.parameters.keys()
+    names = biased(fit) & fit.parameters.keys()
     return {name: replace(fit.parameters[name], pull=None) for name in names}
 
 
@@ -81,7 +80,7 @@ def _inertial(period: str, fit: Fit) -> Part:
         "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
     )
     table = tables.table(fit, parameters(period, fit))
-    return Part(f"p{period}", f"Rotation, inertial period {period}", about, fit, table)
+    return Part(f"p{period}", f"Rotation, inertial period {period}", about, table)
 
 
 def parameters(period: str, fit: Fit) -> list[Parameter]:

@@ -12,9 +12,9 @@ from fit.errors import InputError, shown
 from fit.estimate import SAME, Pulls, pulls, sampling
 from fit.figures import Drawing
 from fit.files import documents
-from fit.report.grids import Grid, Line, Part, flagged, name_head
+from fit.report.parts import Part
 from fit.results import Results
-from fit.tables import LIMIT
+from fit.tables import LIMIT, Grid, Line, flagged, name_head
 from fit.tables import parameters as tables
 
 _COVERAGE = 0.6827  # of a normal variable, within 1 sigma

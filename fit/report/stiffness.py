@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup, escape
 
+from fit import paper
 from fit.figures import drawing
 from fit.figures import mission as figures
 from fit.paper import joint_parameter
-from fit.report import capacitance
-from fit.report.grids import Grid, Line, Part, fitted_for, flagged, parameter_head
-from fit.results import Fit, Results
-from fit.tables import LIMIT, signed
+from fit.report.parts import Part, fitted_for
+from fit.results import Estimate, Fit, Results
+from fit.tables import LIMIT, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
@@ -81,9 +82,70 @@ def prediction(joint: Fit | None) -> Part | None:
     return Part("prediction", "Predicted stiffness", grids=found) if found else None
 
 
+@dataclass(frozen=True)
+class Prediction:
+    """One stiffness coefficient as predicted and as fitted.
+
+    Attributes
+    ----------
+    name : str
+        ``alpha_x_j`` or ``alpha_phi_j``.
+    value, sigma : float
+        Predicted from the capacitances; sigma is that of lambda_V alone.
+    paper : float
+        What the paper predicts.
+    fitted : Estimate
+        Of the joint fit.
+    lambda_V : Estimate or None
+        The gain of the voltages at which the prediction is the fitted value; None if its sign is wrong.
+    """
+
+    name: str
+    value: float
+    sigma: float
+    paper: float
+    fitted: Estimate
+    lambda_V: Estimate | None
+
+    @property
+    def excess(self) -> float:
+        """Fitted over predicted, less 1."""
+        return self.fitted.value / self.value - 1
+
+
+def predictions(joint: Fit) -> list[Prediction]:
+    """Compare with the prediction each stiffness coefficient that the joint fit determines."""
+    gain, gain_sigma = paper.LAMBDA_V
+    found = []
+    for kind, model in (("alpha_x", paper.alpha_x), ("alpha_phi", paper.alpha_phi)):
+        for name in (f"{kind}_1", f"{kind}_2"):
+            estimate = joint.parameters.get(name)
+            if estimate is None:
+                continue
+            found.append(
+                Prediction(
+                    name=name,
+                    value=model(gain),
+                    sigma=2 * gain_sigma / gain * abs(model(gain)),
+                    paper=paper.PREDICTED[kind],
+                    fitted=estimate,
+                    lambda_V=_gain_that_gives(estimate, model(1.0)),
+                )
+            )
+    return found
+
+
+def _gain_that_gives(estimate: Estimate, at_one: float) -> Estimate | None:
+    ratio = estimate.value / at_one
+    if ratio <= 0:
+        return None
+    gain = math.sqrt(ratio)
+    return Estimate(gain, gain * estimate.sigma / (2 * abs(estimate.value)), "1")
+
+
 def _alphas(joint: Fit) -> Grid | None:
     lines = []
-    for p in capacitance.predictions(joint):
+    for p in predictions(joint):
         head, exponent = parameter_head(joint_parameter(p.name))
         lines.append(
             Line(
@@ -97,12 +159,12 @@ def _alphas(joint: Fit) -> Grid | None:
                 ),
             )
         )
-    gain, sigma = capacitance.LAMBDA_V
+    gain, sigma = paper.LAMBDA_V
     about = (
         "Stiffness per unit of authority, from eqs alphax and alphaphi, with λ_V = "
         f"{gain} ± {sigma} (paper). The derivatives of the capacitance are a choice: "
-        f"∂C/∂x {1e12 * capacitance.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * capacitance.D2C_DX2:.0f} nF/m², "
-        f"∂C/∂φ {1e12 * capacitance.DC_DPHI:.1f} pF/rad, C_tot {1e12 * capacitance.C_TOT:.1f} pF; "
+        f"∂C/∂x {1e12 * paper.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * paper.D2C_DX2:.0f} nF/m², "
+        f"∂C/∂φ {1e12 * paper.DC_DPHI:.1f} pF/rad, C_tot {1e12 * paper.C_TOT:.1f} pF; "
         "the σ of the prediction is that of λ_V alone. Excess: fitted over predicted, less 1. Last column: "
         "the λ_V that makes the prediction the fitted value."
     )
@@ -125,8 +187,8 @@ def _budget(joint: Fit) -> Grid | None:
     def text(value: float) -> str:
         return signed(1e7 * value, 2)
 
-    lines = [Line(escape(cause), tuple(map(text, values))) for cause, values in capacitance.BUDGET.items()]
-    totals = capacitance.background()
+    lines = [Line(escape(cause), tuple(map(text, values))) for cause, values in paper.BUDGET.items()]
+    totals = paper.background()
     lines += [
         Line(Markup("<b>total</b>"), tuple(map(text, totals))),
         Line(Markup("fitted"), tuple(tables.number(e.value, e.sigma, -7) if e else None for e in fitted)),

@@ -15,9 +15,9 @@ from fit.figures import mission as figures_mission
 from fit.paper import FLIGHT, Parameter, joint_names, joint_parameter
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
-from fit.report.grids import Cell, Grid, Line, Part, fitted_for, flagged, parameter_head
+from fit.report.parts import Part, fitted_for
 from fit.results import Diagnostics, Fit, Results
-from fit.tables import LIMIT, signed
+from fit.tables import LIMIT, Cell, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 

@@ -1,14 +1,92 @@
-"""The line above all others: whether the calibration can be trusted, as far as it can be told."""
+"""What to think of a calibration: its warnings, each once, and one line on whether it can be trusted."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
-from fit.report import warnings as report_warnings
 from fit.results import Fit, Results
-from fit.tables import LIMIT, Table, symbol
-from fit.warnings import KINDS, Severity
+from fit.tables import LIMIT, Table, combination_text, symbol
+from fit.warnings import KINDS, FitWarning, Severity
+
+NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A warning, once, with every fit it was raised in."""
+
+    message: str
+    combination: Markup | None
+    scopes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Matter:
+    """All warnings of one code, and what to do about them; empty where nobody knows."""
+
+    code: str
+    notices: tuple[Notice, ...]
+    advice: Markup
+
+
+def fits(results: Results) -> Iterator[tuple[str, Fit]]:
+    """Yield every fit of a calibration with its name in words."""
+    if results.joint is not None:
+        yield "joint fit", results.joint
+    for kind, found in (
+        ("experiment", results.experiments),
+        ("cross-talk of epoch", results.cross_talk),
+        ("inertial period", results.inertial),
+    ):
+        for name, fit in found.items():
+            yield f"{kind} {name}", fit
+
+
+def raised(fit: Fit) -> list[FitWarning]:
+    """Return the warnings of a fit; that it did not converge is one, whether it says so or not."""
+    told = any(w.code == NOT_CONVERGED.code for w in fit.warnings)
+    return [*fit.warnings, *([] if fit.converged or told else [NOT_CONVERGED])]
+
+
+def biased(fit: Fit) -> set[str]:
+    """Return the parameters that a fit says differ from the truth by more than their sigma tells."""
+    return {name for w in fit.warnings if w.kind.biased for name in w.parameters}
+
+
+def matters(results: Results) -> list[Matter]:
+    """Return what there is to warn of, by code, in the order in which the fits raise it."""
+    scopes: dict[str, dict[tuple[str, Markup | None], list[str]]] = {}
+    advice: dict[str, str] = {}
+    for scope, fit in fits(results):
+        for w in raised(fit):
+            advice[w.code] = w.kind.advice
+            several = w.combination is not None and len(w.combination) > 1
+            combination = combination_text(w.combination) if w.combination and several else None
+            scopes.setdefault(w.code, {}).setdefault((w.message, combination), []).append(scope)
+    return [
+        Matter(
+            code,
+            tuple(
+                Notice(_sentence(message), combination, tuple(where))
+                for (message, combination), where in of.items()
+            ),
+            _with_code(advice[code]),
+        )
+        for code, of in scopes.items()
+    ]
+
+
+def _sentence(message: str) -> str:
+    """Return a message with a capital, unless a symbol stands there, and a full stop."""
+    first = message.partition(" ")[0]
+    return f"{message if '_' in first else message[:1].upper() + message[1:]}".removesuffix(".") + "."
+
+
+def _with_code(text: str) -> Markup:
+    """Return a text whose words between backquotes are code."""
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(text))))
 
 
 @dataclass(frozen=True)
@@ -42,7 +120,7 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     agreement, beyond = _agreement(shown, has_truth, of="joint" if joint else "single-experiment")
     alone = {f"experiment {name}": fit for name, fit in results.experiments.items()}
     judged = {"": joint} if joint else alone
-    everything = dict(report_warnings.fits(results))
+    everything = dict(fits(results))
     others = {name: fit for name, fit in everything.items() if all(fit is not one for one in judged.values())}
     failed = _named(judged, Severity.FAILURE)
     doubts = [*_named(judged, Severity.DOUBT), *_named(others, Severity.FAILURE), *_outliers(others)]
@@ -84,7 +162,7 @@ def _agreement(shown: Sequence[Table], has_truth: bool, of: str) -> tuple[Markup
 
 def _told(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
     """Return by code which of some fits raise warnings of a severity, in the order of `KINDS`."""
-    codes = {name: {w.code for w in report_warnings.raised(fit)} for name, fit in fits.items()}
+    codes = {name: {w.code for w in raised(fit)} for name, fit in fits.items()}
     found = {
         code: [name for name in fits if code in codes[name]]
         for code, kind in KINDS.items()
@@ -107,6 +185,6 @@ def _outliers(fits: Mapping[str, Fit]) -> list[Markup]:
         Markup("{} of {}").format(symbol(key), name)
         for name, fit in fits.items()
         for key, e in fit.parameters.items()
-        if e.pull is not None and abs(e.pull) > LIMIT and key not in report_warnings.biased(fit)
+        if e.pull is not None and abs(e.pull) > LIMIT and key not in biased(fit)
     ]
     return [Markup("Further than {:g} σ of truth: {}.").format(LIMIT, _listed(found))] if found else []

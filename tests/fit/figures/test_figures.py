@@ -16,7 +16,7 @@ from fit.estimate.runs import Experiment, Run
 from fit.figures import delta_g as figures_delta_g
 from fit.figures import files as figure_files
 from fit.figures import mission as figures_mission
-from fit.report import drawings as report_drawings
+from fit.report.experiments import drawings
 from fit.warnings import FitWarning, Span, masked
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
@@ -32,7 +32,7 @@ def runs():
 @pytest.fixture(scope="module")
 def folder(runs, tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
-    report_drawings.drawings(folder, "e1", "A", tuple(runs), TRUTH, [])
+    drawings(folder, "e1", "A", tuple(runs), TRUTH, [])
     return folder
 
 
@@ -102,7 +102,7 @@ def test_files_are_for_a_journal(folder):
 
 def test_bytes_are_the_same_in_another_process(folder, tmp_path):
     code = (
-        "import sys; from pathlib import Path; from fit.report import drawings as r;"
+        "import sys; from pathlib import Path; from fit.report import experiments as r;"
         "from tests.oracles.synthetic import World, of_run, pair;"
         "runs = tuple(pair(World(), 'A', seed=1, drive_1=1e-12));"
         "r.drawings(Path(sys.argv[1]), 'e1', 'A', runs, of_run(World(), 'A'), [])"
@@ -181,7 +181,7 @@ def test_a_warning_holds_where_it_masked(runs):
 def test_runs_without_noise_can_be_drawn(tmp_path):
     runs = tuple(pair(World(), "A", noisy=False))
     assert not np.any(runs[1].channels["o_12"])
-    assert len(report_drawings.drawings(tmp_path, "e1", "A", runs, TRUTH, [])) == 4
+    assert len(drawings(tmp_path, "e1", "A", runs, TRUTH, [])) == 4
 
 
 def test_long_names_do_not_break_a_figure(tmp_path):

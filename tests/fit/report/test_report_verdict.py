@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fit.paper import FLIGHT, joint_names, joint_parameter
-from fit.report import warnings as report_warnings
-from fit.report.verdict import verdict
+from fit.report.verdict import matters, verdict
 from fit.results import Estimate, FitWarning
 from fit.tables import parameters as tables
 from fit.warnings import KINDS, Severity
@@ -96,7 +95,7 @@ def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
 
 def test_warnings_are_told_once_with_all_fits_that_raise_them():
     fits = {name: replace(experiment_fit(), warnings=(LOST, warned("glitches"))) for name in "AB"}
-    found = report_warnings.matters(results(joint=joint_fit(), experiments=fits))
+    found = matters(results(joint=joint_fit(), experiments=fits))
     assert [matter.code for matter in found] == ["indeterminable", "glitches"]
     (notice,) = found[0].notices
     assert notice.message == "Nothing drives test mass 1."
@@ -106,7 +105,7 @@ def test_warnings_are_told_once_with_all_fits_that_raise_them():
 
 def test_a_symbol_at_the_start_keeps_its_case():
     fit = replace(experiment_fit(), warnings=(FitWarning("x", (), "b_1 and b_2 differ."),))
-    (matter,) = report_warnings.matters(results(experiments={"A": fit}))
+    (matter,) = matters(results(experiments={"A": fit}))
     assert (matter.notices[0].message, matter.advice) == ("b_1 and b_2 differ.", "")
 
 

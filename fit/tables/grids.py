@@ -1,16 +1,11 @@
-"""Sections of the report that hold other tables than those of parameters."""
+"""Tables of the page other than those of parameters: cells with numbers and their sigmas."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fit.figures import Drawing
 from fit.paper import Parameter
-from fit.results import Fit, Results
-from fit.tables import Number
-from fit.tables import parameters as tables
-from fit.telemetry import Telemetry
+from fit.tables.parameters import Number, power_of_ten, unit_text
 
 Cell = Number | str | None
 
@@ -49,23 +44,10 @@ class Grid:
         )
 
 
-@dataclass(frozen=True)
-class Part:
-    """A section of the page: words, tables, figures beside or `below` them, and a matrix to unfold."""
-
-    anchor: str
-    title: str
-    text: str = ""
-    grids: tuple[Grid, ...] = ()
-    drawings: tuple[Drawing, ...] = ()
-    below: bool = False
-    correlation: tables.Correlation | None = None
-
-
 def parameter_head(parameter: Parameter, of: str = "") -> tuple[Markup, int]:
     """Return the head of a line on a parameter, and the power of ten its numbers share."""
-    exponent = tables.power_of_ten(parameter.value)
-    unit = tables.unit_text(parameter.unit, exponent)
+    exponent = power_of_ten(parameter.value)
+    unit = unit_text(parameter.unit, exponent)
     return name_head(Markup("{}{}").format(Markup(parameter.html), of), parameter.name, unit), exponent
 
 
@@ -78,13 +60,3 @@ def name_head(symbol: Markup, name: str, unit: str = "") -> Markup:
 def flagged(text: str, bad: bool) -> str:
     """Return a text in the colour of what is wrong, where it is."""
     return Markup('<span class="off">{}</span>').format(text) if bad else text
-
-
-def fitted_for(
-    name: str, results: Results, telemetries: Sequence[Telemetry]
-) -> Iterator[tuple[Telemetry, Fit]]:
-    """Yield every sysid run whose experiment, fitted alone, determines a parameter, and that fit."""
-    for run in telemetries:
-        fit = results.experiments.get(run.experiment)
-        if run.kind == "sysid" and fit and name in fit.parameters:
-            yield run, fit
