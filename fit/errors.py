@@ -1,5 +1,6 @@
 """The errors of a calibration, sorted by what the user can do about them."""
 
+import json
 from reprlib import Repr
 
 
@@ -20,5 +21,13 @@ _short.maxstring = _short.maxother = 80
 
 
 def shown(value: object) -> str:
-    """Return a value of the input for a message: on one line, and not at length."""
+    """Return a value in memory for a message: on one line, and not at length."""
     return _short.repr(value)
+
+
+def quote(value: object) -> str:
+    """Return a value of a document as it is written there: on one line, and not at length."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    if not text.isprintable():  # what would move the cursor, or the letters after it
+        text = json.dumps(value, default=str)
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from fit.display import Displayed
-from fit.errors import FitError, InputError, shown
-from fit.files import atomic, documents
+from fit.errors import FitError, InputError
+from fit.files import atomic, documents, place
 from fit.warnings import FitWarning as FitWarning
 
 SCHEMA = "lpf-results/1"
@@ -265,21 +265,10 @@ def load(path: Path) -> Results:
     InputError
         If the file is missing, is no JSON, has another schema or breaks it.
     """
-    text = documents.text(path, "a file of results")
-    try:
-        schema = json.loads(text).get("schema")
-    except (ValueError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path}: expected a JSON object of schema {SCHEMA!r}") from error
-    if schema != SCHEMA:
-        raise InputError(f"{path}: schema is {shown(schema)}, expected {SCHEMA!r}")
-    try:
-        content = _ResultsJson.model_validate_json(text)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{path}: {documents.place(first['loc'])}: {first['msg']}") from error
+    content = documents.from_json(path, "a file of results", SCHEMA, _ResultsJson)
     sections = {
         section: {
-            name: _fit_from_json(fit, f"{path}: {documents.place((section, name))}")
+            name: _fit_from_json(fit, f"{path}: {place((section, name))}")
             for name, fit in getattr(content, section).items()
         }
         for section in _SECTIONS

@@ -1,9 +1,11 @@
 """Files: written whole or not at all, and read if they are text of a reasonable size.
 
 All reading of TOML and JSON, and all writing of results, goes through here. If something is wrong with a
-file, the error is one sentence that names it.
+file, the error is one sentence that names it and the place in it.
 """
 
-from fit.files.documents import is_file, key
+from fit.files.documents import is_file
+from fit.files.faults import closest, key, place, problem, told
+from fit.files.tables import Table
 
-__all__ = ["atomic", "documents", "is_file", "key"]
+__all__ = ["Table", "atomic", "closest", "documents", "is_file", "key", "place", "problem", "told"]

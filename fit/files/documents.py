@@ -1,18 +1,26 @@
 """Text files from anywhere, TOML and JSON: read if they are files of a size that makes sense."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from fit.errors import InputError, shown
+from fit.files.faults import told
 
 MAX_SIZE = 2**24  # bytes
 MAX_TOML = 2**20  # bytes; what is written by hand
 # tomllib takes minutes and gigabytes for a key of thousands of parts
 _DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){100}""")
-
-_NAME = re.compile(r"[\w-]{1,80}")
+_WRITE = {  # what tomllib says, and what to write instead
+    "cannot overwrite a value": "; a key and a [table] stand once, a list of tables is written [[name]]",
+    "invalid statement": ", expected key = value or [table]",
+    "invalid value": ", a text stands in quotes",
+}
+_Content = TypeVar("_Content", bound=BaseModel)
 
 
 def text(path: Path, what: str, largest: int = MAX_SIZE) -> str:
@@ -32,32 +40,57 @@ def text(path: Path, what: str, largest: int = MAX_SIZE) -> str:
     """
     try:
         if not path.is_file():  # a device may have no end, and a pipe no beginning
-            known = "not a file" if path.exists() else "no such file"
-            raise InputError(f"{path}: not a readable file ({known}), expected {what}")
+            known = "is a folder" if path.is_dir() else "is not a file" if path.exists() else "no such file"
+            raise InputError(f"{path}: {known}, expected {what}")
         with path.open("rb") as file:
             content = file.read(largest + 1)
         if len(content) > largest:
-            raise InputError(f"{path}: larger than {largest} bytes, expected {what}")
+            raise InputError(f"{path}: is larger than {largest} bytes, expected {what}")
         return content.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"{path}: not a readable file ({error.strerror}), expected {what}") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}), expected {what}") from None
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: not a readable file (not UTF-8 at byte {error.start}), expected {what}"
-        ) from None
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start}), expected {what}") from None
 
 
 def toml(path: Path, what: str) -> dict[str, Any]:
     """Return what a TOML file says; InputError as `text`, or if it is not TOML."""
     content = text(path, what, MAX_TOML)
+    deep = f"{path}: is nested too deeply, expected {what}"
     if _DEEP_KEY.search(content):
-        raise InputError(f"{path}: is nested too deeply, expected {what}")
+        raise InputError(deep)
     try:
         return tomllib.loads(content)
     except RecursionError:
-        raise InputError(f"{path}: is nested too deeply, expected {what}") from None
-    except ValueError as error:  # of tomllib, or of Python for a number of thousands of digits
-        raise InputError(f"{path}: {' '.join(str(error).split())[:200]}, expected {what}") from None
+        raise InputError(deep) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: {_toml_problem(str(error))}") from None
+    except ValueError:  # what is left: Python refuses to convert thousands of digits
+        raise InputError(f"{path}: holds a number of too many digits, expected {what}") from None
+
+
+def _toml_problem(message: str) -> str:
+    """Turn tomllib's "What (at line 3, column 5)" into "line 3, column 5: what", and say what to write."""
+    match = re.fullmatch(r"(.*) \(at (.*)\)", " ".join(message.split()))
+    if not match:
+        return message[:200]
+    what = f"{match[1][0].lower()}{match[1][1:200]}"
+    return f"{match[2]}: {what}{_WRITE.get(what, '')}"
+
+
+def from_json(path: Path, what: str, schema: str, content: type[_Content]) -> _Content:
+    """Return what a JSON file says; InputError as `text`, or if it is no JSON or breaks its schema."""
+    document = text(path, what)
+    try:
+        found = json.loads(document).get("schema")
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise InputError(f"{path}: expected a JSON object of schema {schema!r}") from error
+    if found != schema:
+        raise InputError(f"{path}: schema is {shown(found)}, expected {schema!r}")
+    try:
+        return content.model_validate_json(document)
+    except ValidationError as error:
+        raise InputError(f"{path}: {told(error)}") from error
 
 
 def is_file(path: Path) -> bool:
@@ -66,14 +99,3 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:
         return False
-
-
-def key(name: str) -> str:
-    """Return a key as it stands, or in quotes and cut if it is no plain name."""
-    return name if _NAME.fullmatch(name) else shown(name)
-
-
-def place(loc: tuple[int | str, ...]) -> str:
-    """Return a place in a document as one would write it: ``runs[2].file``."""
-    parts = (f"[{p}]" if isinstance(p, int) else f".{key(p)}" for p in loc)
-    return "".join(parts).removeprefix(".")

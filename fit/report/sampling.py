@@ -1,14 +1,11 @@
 """The parts of the report on what ``mcmc`` and ``montecarlo`` left in the same folder."""
 
 import base64
-import json
 from pathlib import Path
-from typing import TypeVar
 
 from markupsafe import Markup
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
-from fit.errors import InputError, shown
 from fit.estimate import SAME, Pulls, pulls, sampling
 from fit.figures import Drawing
 from fit.files import documents
@@ -18,7 +15,6 @@ from fit.tables import LIMIT, Grid, Line, flagged, name_head
 from fit.tables import parameters as tables
 
 _COVERAGE = 0.6827  # of a normal variable, within 1 sigma
-_Content = TypeVar("_Content", bound=BaseModel)
 
 
 class _Sampled(BaseModel):
@@ -58,25 +54,12 @@ def parts(results: Results, directory: Path) -> list[Part]:
     """
     found = []
     if (path := directory / "mcmc.json").exists():
-        found.append(_chain(_read(path, sampling.SCHEMA, _Chain), results, directory / "figures"))
+        chain = documents.from_json(path, "what mcmc leaves", sampling.SCHEMA, _Chain)
+        found.append(_chain(chain, results, directory / "figures"))
     if (path := directory / "montecarlo.json").exists():
-        found.append(_study(_read(path, pulls.SCHEMA, _Study), directory / "figures"))
+        study = documents.from_json(path, "what montecarlo leaves", pulls.SCHEMA, _Study)
+        found.append(_study(study, directory / "figures"))
     return found
-
-
-def _read(path: Path, schema: str, content: type[_Content]) -> _Content:
-    try:
-        document = json.loads(documents.text(path, f"a JSON object of schema {schema!r}"))
-        found = document["schema"]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"{path}: expected a JSON object of schema {schema!r}") from error
-    if found != schema:
-        raise InputError(f"{path}: schema is {shown(found)}, expected {schema!r}")
-    try:
-        return content.model_validate(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{path}: {documents.place(first['loc'])}: {first['msg']}") from error
 
 
 def _chain(chain: _Chain, results: Results, folder: Path) -> Part:

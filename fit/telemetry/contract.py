@@ -6,7 +6,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
-from fit.errors import InputError, shown
+from fit.errors import InputError
+from fit.files import told
 
 SCHEMA = "lpf-telemetry/1"
 
@@ -141,7 +142,4 @@ def check_root(place: str, attributes: Mapping[str, object]) -> Root:
     try:
         return Root.model_validate(attributes)
     except ValidationError as error:
-        fault = error.errors()[0]
-        name = str(fault["loc"][0])
-        found = shown(attributes[name]) if name in attributes else "missing"
-        raise InputError(f"{place}: attribute {name}: {found}, expected: {fault['msg']}") from error
+        raise InputError(f"{place}: attribute {told(error, written=False)}") from error

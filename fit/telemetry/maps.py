@@ -1,21 +1,22 @@
 """A map, schema ``lpf-map/1``: which columns of which files are the channels of which runs, in what units."""
 
+import re
 from datetime import date
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from fit.errors import InputError, shown
-from fit.files import documents
+from fit.files import Table, documents, is_file, key, told
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED, check_root
 from fit.telemetry.units import factor, to_si
 
 _SCHEMA = "lpf-map/1"
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+class _Table(Table):
+    model_config = ConfigDict(strict=True)
 
 
 class Column(_Table):
@@ -30,6 +31,7 @@ class Source(_Table):
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, object]
+    more_keys = re.compile(r"[\s\S]*")  # attributes
 
     file: str = Field(min_length=1)
     table: str | int | None = None
@@ -61,16 +63,14 @@ def load(path: Path) -> Map:
     try:
         found = Map.model_validate(document)
     except ValidationError as error:
-        fault = error.errors()[0]
-        given = "" if isinstance(fault["input"], dict | list) else f"{shown(fault['input'])}: "
-        raise InputError(f"{path}: {documents.place(fault['loc'])}: {given}{fault['msg']}") from error
+        raise InputError(f"{path}: {told(error)}") from error
     _check_channels(path, found)
     for i, source in enumerate(found.runs):
         attributes = attributes_of(path, found, i)
         if found.time is None and "fs" not in attributes:
             raise InputError(f"{path}: time: missing, expected the column it is in, or an attribute fs")
         check_root(f"{path}: runs[{i}]", {"fs": 1.0, **attributes})
-        if not documents.is_file(path.parent / source.file):
+        if not is_file(path.parent / source.file):
             raise InputError(f"{path}: runs[{i}].file: {shown(source.file)}, no such file beside the map")
     return found
 
@@ -87,7 +87,7 @@ def attributes_of(path: Path, found: Map, i: int) -> dict[str, str | int | float
     places = dict.fromkeys(found.attributes, "attributes") | dict.fromkeys(own, f"runs[{i}]")
     values: dict[str, str | int | float] = {}
     for name, value in {**found.attributes, **own}.items():
-        where = f"{path}: {places[name]}.{documents.key(name)}"
+        where = f"{path}: {places[name]}.{key(name)}"
         if name not in ATTRIBUTES:
             raise InputError(f"{where}: not known, expected one of {', '.join(ATTRIBUTES)}")
         unit = ATTRIBUTES[name]
@@ -126,7 +126,7 @@ def _check_channels(path: Path, found: Map) -> None:
             raise InputError(f"{path}: channels.{name}: missing, expected the column it is in")
     for name, column in found.channels.items():
         if name not in CHANNELS:
-            place = f"{path}: channels.{documents.key(name)}"
+            place = f"{path}: channels.{key(name)}"
             raise InputError(f"{place}: not known, expected a channel of the contract")
         check_unit(f"{path}: channels.{name}.unit", column.unit, CHANNELS[name].unit)
     if found.time is not None:

@@ -1,4 +1,4 @@
-"""Quantities with units, as archives and maps of them state them, turned into SI."""
+"""Quantities with units, as campaigns, archives and maps of them state them, turned into SI; one registry."""
 
 import re
 from decimal import Decimal
@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pint
 
-_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(?=[^\d\s.])(.*\S)\s*")
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_NUMBER_AND_UNIT = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\d\s.])|\s+(?=1\s*/))(.*\S)\s*")
 _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 of m s-2
-_POWER_OF_A_NUMBER = re.compile(r"\d\s*(\^|\*\*)")  # no unit needs 9^9^9^9, and none may take for ever
+# No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
+_ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
+_LONGEST = 80  # letters
+
+
+class UnknownUnitError(ValueError):
+    """There is no such unit."""
 
 
 @cache
-def _registry() -> "pint.UnitRegistry[float]":
+def registry() -> "pint.UnitRegistry[float]":
+    """Return the units there are."""
     import pint  # takes its time
 
     return pint.UnitRegistry()
@@ -26,17 +34,14 @@ def factor(unit: str, si: str) -> float:
     Raises
     ------
     ValueError
-        If `unit` is not known or measures something else.
+        If `unit` is not known (`UnknownUnitError`) or measures something else.
 
     Examples
     --------
     >>> factor("nm", "m"), factor("pm/s2", "m s-2"), factor("m s-2", "m s-2")
     (1e-09, 1e-12, 1.0)
     """
-    try:
-        (given, kind), (wanted, wanted_kind) = _root(unit), _root(si)
-    except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
-        raise ValueError(f"unit {unit!r} is not known") from error
+    (given, kind), (wanted, wanted_kind) = _root(unit), _root(si)
     # Root units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
     if kind != wanted_kind:
         raise ValueError(f"unit {unit!r} does not measure what {si or '1'!r} does")
@@ -57,13 +62,19 @@ def same_unit(a: str, b: str) -> bool:
         return False
 
 
+def split(text: str) -> tuple[str, str] | None:
+    """Return the number and the unit that a text consists of, None if it does not."""
+    match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= _LONGEST else None
+    return (match[1], match[2]) if match else None
+
+
 def to_si(value: str | float, si: str) -> float:
     """Return a quantity such as ``"2200 pN"``, or a number that is in `si` already, in `si`.
 
     Raises
     ------
     ValueError
-        If it is no such quantity.
+        If it is no such quantity (`UnknownUnitError` if its unit is none).
 
     Examples
     --------
@@ -72,18 +83,22 @@ def to_si(value: str | float, si: str) -> float:
     """
     if not isinstance(value, str):
         return float(value)
-    match = _NUMBER_AND_UNIT.fullmatch(value)
-    if match is None:
+    parts = split(value)
+    if parts is None:
         raise ValueError("no number with a unit")
     # decimal arithmetic, so that "10.4 pN m" is the float 1.04e-11 and not its neighbour
-    return float(Decimal(match[1]) * Decimal(repr(factor(match[2], si))))
+    return float(Decimal(parts[0]) * Decimal(repr(factor(parts[1], si))))
 
 
+@cache
 def _root(unit: str) -> tuple[float, object]:
     """Return a unit as a number of root units, and these."""
-    if len(unit) > 80 or _POWER_OF_A_NUMBER.search(unit):
-        raise ValueError(unit)
     text = _BARE_POWER.sub("^", unit.replace("·", " ")).strip()
-    registry = _registry()
-    root = registry.Quantity(1.0, registry.parse_units(text)).to_root_units()
-    return float(root.magnitude), root.units
+    text = f"1{text}" if text.startswith("/") else text
+    if len(unit) > _LONGEST or _ENDLESS.search(unit):
+        raise UnknownUnitError(f"unit {unit!r} is not known")
+    try:
+        root = registry().Quantity(1.0, registry().parse_units(text)).to_root_units()
+        return float(root.magnitude), root.units
+    except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
+        raise UnknownUnitError(f"unit {unit!r} is not known") from error

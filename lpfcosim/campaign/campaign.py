@@ -16,11 +16,19 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from fit.errors import quote
+from fit.files import closest, told
 from lpfcosim import worlds
 from lpfcosim.campaign import file as merged
-from lpfcosim.campaign.schema import LONGEST_DELAY, CampaignTable, ExperimentTable, FmuTable, SpacecraftTable
+from lpfcosim.campaign.schema import (
+    LONGEST_DELAY,
+    SHAPES,
+    CampaignTable,
+    ExperimentTable,
+    FmuTable,
+    SpacecraftTable,
+)
 from lpfcosim.errors import InputError
-from lpfcosim.messages import closest, describe, quote
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import (
     DRAG_FREE,
@@ -146,7 +154,7 @@ def load(path: Path) -> Campaign:
     try:
         return _build(CampaignTable.model_validate(raw))
     except ValidationError as error:
-        raise InputError(f"{path}: {_told(error)}") from None
+        raise InputError(f"{path}: {told(error, SHAPES)}") from None
     except _ConflictError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -159,13 +167,6 @@ def resolved(path: Path) -> dict[str, Any]:
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a campaign file, for editors that complete and check as one types."""
     return CampaignTable.model_json_schema(by_alias=True)
-
-
-def _told(error: ValidationError) -> str:
-    try:
-        return describe(error.errors()[0])
-    except RecursionError:  # the offending value itself is to be shown
-        return "is nested too deeply"
 
 
 def _shown(path: Path) -> str:

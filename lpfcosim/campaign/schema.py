@@ -5,20 +5,20 @@ What one table can tell on its own is checked here; what needs two of them, in `
 
 import re
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
     Strict,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
+from fit.errors import quote
+from fit.files import Table, problem
 from lpfcosim.campaign.units import (
     FORCE,
     LENGTH,
@@ -45,7 +45,6 @@ from lpfcosim.campaign.units import (
     Torque,
     TorqueNoise,
 )
-from lpfcosim.messages import closest, key_problem, problem, quote
 from lpfcosim.spacecraft import (
     FS,
     READ_OUT_RANGE,
@@ -60,6 +59,7 @@ from lpfcosim.spacecraft import (
     Thrusters,
 )
 
+SHAPES = ("sine", "half_cosine", "pulse")  # of injections
 LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
 _RATES = (1.0, 2.0, 5.0, 10.0)  # Hz, at which telemetry may be recorded
@@ -114,29 +114,6 @@ Duration = Annotated[
 ]
 Delay = Annotated[float, Quantity("a delay coefficient", "s", "0.186 s", "positive", largest=LONGEST_DELAY)]
 BelowNyquist = Annotated[Frequency, AfterValidator(_below_nyquist)]
-
-
-class Table(BaseModel):
-    """A TOML table: a key it does not know, or one it misses, is said before anything else about it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    more_keys: ClassVar[re.Pattern[str] | None] = None
-    more_known: ClassVar[tuple[str, ...]] = ()  # an example of them
-
-    @model_validator(mode="before")
-    @classmethod
-    def _keys(cls, raw: object) -> object:
-        if not isinstance(raw, dict):
-            raise problem("expected a table of keys and values")
-        fields = {field.alias or name: field for name, field in cls.model_fields.items()}
-        for key in raw:
-            if key not in fields and not (cls.more_keys and cls.more_keys.fullmatch(key)):
-                raise key_problem(key, f"unknown key{closest(key, [*fields, *cls.more_known])}")
-        for key, field in fields.items():
-            if field.is_required() and key not in raw:
-                quantities = [f'{key} = "{m.example}"' for m in field.metadata if isinstance(m, Quantity)]
-                raise key_problem(key, f"missing, write {(quantities or field.examples or [key])[0]}")
-        return raw
 
 
 class TruthTable(Table):

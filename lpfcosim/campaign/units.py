@@ -3,44 +3,19 @@
 import math
 import re
 from dataclasses import dataclass
-from decimal import Decimal
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from lpfcosim.messages import problem, quote
+from fit.errors import quote
+from fit.files import problem
+from fit.telemetry import units
 
-if TYPE_CHECKING:
-    import pint
-    from pint.facets.plain import PlainQuantity
-
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
-_NUMBER_AND_UNIT = re.compile(rf"\s*({_NUMBER})(?:\s*(?=[^\d\s.])|\s+(?=1\s*/))(.*\S)\s*")
-_POWER_OF_A_NUMBER = re.compile(r"\d\s*(\^|\*\*)")  # no unit needs 9^9^9^9, and none may take for ever
 _PER_ROOT_HERTZ = " Hz^-0.5"
 _ROOT_HERTZ = re.compile(r"\s*/\s*(?:sqrt\s*\(?\s*Hz\s*\)?|rt\s*\(?\s*Hz\s*\)?|√\s*\(?\s*Hz\s*\)?)\s*")
 YEAR = 366 * 86400.0  # s
 _SIGNS = {"positive": "above zero", "not negative": "zero or above", "not positive": "zero or below"}
-
-
-@cache
-def _registry() -> "pint.UnitRegistry[float]":
-    import pint  # takes its time
-
-    return pint.UnitRegistry()
-
-
-def _in_root_units(unit: str) -> "PlainQuantity[float] | None":
-    """Return a unit as a quantity in root units, None if there is no such unit."""
-    registry = _registry()
-    try:
-        return registry.Quantity(
-            1.0, registry.parse_units(f"1{unit}" if unit.startswith("/") else unit)
-        ).to_root_units()
-    except Exception:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
-        return None
 
 
 @dataclass(frozen=True)
@@ -77,11 +52,12 @@ class Quantity:
             raise problem(f'{quote(raw)} has no unit, write a string with one, such as "{self.example}"')
         if not isinstance(raw, str):
             raise problem(f'expected {self.name} as a string, such as "{self.example}"')
-        match = _NUMBER_AND_UNIT.fullmatch(raw)
-        if match is None or len(raw) > 80 or _POWER_OF_A_NUMBER.search(match[2]):
+        if units.split(raw) is None:
             raise problem(f'{quote(raw)} is not a number and a unit, write {self.name} like "{self.example}"')
-        # decimal arithmetic, so that "10.4 pN m" is the float 1.04e-11 and not its neighbour
-        value = float(Decimal(match[1]) * Decimal(f"{self._factor(raw, match[2]):.15g}"))
+        try:
+            value = units.to_si(raw, self.unit)
+        except ValueError as error:
+            raise problem(f"{quote(raw)} {self._mistaken(raw, error)}") from None
         if not math.isfinite(value):
             raise problem(f"{quote(raw)} is not a finite number")
         allowed = {"positive": value > 0, "not negative": value >= 0, "not positive": value <= 0}
@@ -92,29 +68,14 @@ class Quantity:
             raise problem(f"{quote(raw)} is {bound} {self.unit}, which is implausible for {self.name}")
         return value
 
-    def _factor(self, raw: str, unit: str) -> float:
-        parsed, wanted = _in_root_units(unit), _in_root_units(self.unit)
-        # Root units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
-        if parsed is not None and wanted is not None and parsed.units == wanted.units:
-            return float(parsed.magnitude / wanted.magnitude)
-        if meant := self._per_root_hertz(raw):
-            raise problem(f'{quote(raw)} is not {self.name}, which is per root hertz: write "{meant}"')
-        if parsed is None:
-            raise problem(f'{quote(raw)} has no known unit, write {self.name} like "{self.example}"')
-        raise problem(f'{quote(raw)} is not {self.name}, write it like "{self.example}"')
-
-    def _per_root_hertz(self, raw: str) -> str:
-        """Return a spectral density as it is to be written, if the root of hertz is all that it lacks."""
-        if not self.unit.endswith(_PER_ROOT_HERTZ):
-            return ""
+    def _mistaken(self, raw: str, error: ValueError) -> str:
+        """Say what is wrong with the unit."""
         bare = _ROOT_HERTZ.sub("", raw).strip()
-        match, wanted = (
-            _NUMBER_AND_UNIT.fullmatch(bare),
-            _in_root_units(self.unit.removesuffix(_PER_ROOT_HERTZ)),
-        )
-        parsed = _in_root_units(match[2]) if match else None
-        fits = parsed is not None and wanted is not None and parsed.units == wanted.units
-        return bare + _PER_ROOT_HERTZ if fits else ""
+        if self.unit.endswith(_PER_ROOT_HERTZ) and _measures(bare, self.unit.removesuffix(_PER_ROOT_HERTZ)):
+            return f'is not {self.name}, which is per root hertz: write "{bare}{_PER_ROOT_HERTZ}"'
+        if isinstance(error, units.UnknownUnitError):
+            return f'has no known unit, write {self.name} like "{self.example}"'
+        return f'is not {self.name}, write it like "{self.example}"'
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_before_validator_function(self.to_si, handler(source))
@@ -124,6 +85,14 @@ class Quantity:
     ) -> dict[str, Any]:
         text = f"{self.name} with its unit" + (f", {_SIGNS[self.sign]}" if self.sign != "any" else "")
         return {"type": "string", "description": text, "examples": [self.example]}
+
+
+def _measures(text: str, unit: str) -> bool:
+    try:
+        units.to_si(text, unit)
+    except ValueError:
+        return False
+    return True
 
 
 LENGTH = Quantity("a length", "m", "10 nm", "positive")

@@ -47,8 +47,9 @@ def build(
 
     A model that has not changed since it was built comes from the cache.
     """
+    from fit.errors import quote
+    from fit.files import closest
     from lpfcosim.cli.console import Console
-    from lpfcosim.messages import closest, quote
     from lpfcosim.modelica import build as fmu_build
 
     console = Console(quiet=quiet)
@@ -155,10 +156,11 @@ def container(
 
     Its inputs are injections and noise.
     """
+    from fit.errors import quote
+    from fit.files import closest
     from lpfcosim.campaign import campaign as campaigns
     from lpfcosim.cli.console import Console
     from lpfcosim.export import container as containers
-    from lpfcosim.messages import closest, quote
 
     console = Console(quiet=quiet)
     plan = campaigns.load(campaign)

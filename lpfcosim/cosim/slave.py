@@ -18,9 +18,10 @@ from fmpy.fmi1 import FMICallException, printLogMessage
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
+from fit.errors import quote
 from lpfcosim.cosim.interface import describe, resolve, size
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.messages import line, quote
+from lpfcosim.messages import line
 
 _messages = logging.getLogger(__name__)
 

@@ -122,7 +122,7 @@ def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
     ("act", "expected"),
     [
         (lambda: fit.load("missing.h5"), "missing.h5: no such file"),
-        (lambda: fit.load_results("missing.json"), "missing.json: not a readable file"),
+        (lambda: fit.load_results("missing.json"), "missing.json: no such file"),
         (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
         (lambda: fit.calibrate([], estimator="magic"), "calibrate.estimator: 'magic'"),
         (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),

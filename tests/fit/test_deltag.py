@@ -236,7 +236,7 @@ def test_command(recorded, tmp_path, monkeypatch, capfd):
     assert command(monkeypatch, "deltag", "data", "--calibration", "R.json", "--out", "x", "--quiet") == 0
     assert capfd.readouterr() == ("", "")
     for arguments, words in (
-        (("data/a.h5", "--calibration", "nowhere.json"), "nowhere.json: not a readable file"),
+        (("data/a.h5", "--calibration", "nowhere.json"), "nowhere.json: no such file"),
         (("nowhere.h5", "--calibration", "R.json"), "nowhere.h5: no such file"),
         (("R.json", "--calibration", "R.json"), "R.json: not HDF5"),
         (("data", "data-deltag/../x", "--calibration", "R.json", "--out", "R.json"), "R.json: is a file"),

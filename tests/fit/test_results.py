@@ -196,10 +196,10 @@ def test_faulty_json_is_refused_with_its_place(tmp_path, text):
 
 
 def test_missing_and_binary_files(tmp_path):
-    with pytest.raises(InputError, match="not a readable file"):
+    with pytest.raises(InputError, match="no such file"):
         load(tmp_path / "results.json")
     (tmp_path / "binary.json").write_bytes(b"\x89\xff")
-    with pytest.raises(InputError, match="not a readable file"):
+    with pytest.raises(InputError, match="is not UTF-8 text"):
         load(tmp_path / "binary.json")
 
 

@@ -320,4 +320,4 @@ def test_results_that_cannot_be_repeated(lpfcosim, calibrated, change, message):
 def test_folder_without_results(lpfcosim, tmp_path):
     status, _, err = lpfcosim("mcmc", tmp_path)
     assert status == 2
-    assert "results.json: not a readable file (no such file), expected" in err
+    assert "results.json: no such file, expected" in err

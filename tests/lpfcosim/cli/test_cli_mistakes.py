@@ -37,13 +37,13 @@ FILES = [  # what to replace in the quick start, by what, the place, and what is
     ('name = "A"\n', "", "experiments[0].name", 'missing, write name = "A"'),
     ('name = "quickstart"', "name = quickstart", "line ", "a text stands in quotes"),
     ("t0 =", 't0 = "16.4.2016" #', "t0", 'write it as in "2016-04-16T08:00:00Z"'),
-    (FIT, '[fit]\nestimater = "gaussian"\n[sequences]', "fit.estimater", "did you mean estimator?"),
-    (FIT, '[fit]\nestimator = "gausian"\n[sequences]', "fit.estimator", "did you mean gaussian?"),
-    (FIT, '[fit]\nexclude = "A"\n[sequences]', "fit.exclude", "expected a list"),
+    (FIT, '[fit]\nestimater = "gaussian"\n[sequences]', "fit.estimater", 'did you mean "estimator"?'),
+    (FIT, '[fit]\nestimator = "gausian"\n[sequences]', "fit.estimator", 'did you mean "gaussian"?'),
+    (FIT, '[fit]\nexclude = "A"\n[sequences]', "fit.exclude", 'write ["A"]'),
     (FIT, '[fit]\nexclude = ["Z"]\n[sequences]', "fit.exclude", "there are A, B, C, D"),
-    (FIT, '[fit]\nscatter = ["lamda_1"]\n[sequences]', "fit.scatter[0]", "did you mean lambda_1?"),
+    (FIT, '[fit]\nscatter = ["lamda_1"]\n[sequences]', "fit.scatter[0]", 'did you mean "lambda_1"?'),
     (FIT, "[fit]\nglitches = 1\n[sequences]", "fit.glitches", "expected true or false"),
-    (FIT, '[fit.shared]\nlamda_1 = "campaign"\n[sequences]', "fit.shared.lamda_1", "did you mean lambda_1?"),
+    (FIT, '[fit.shared]\nlamda_1 = "campaign"\n[sequences]', "fit.shared.lamda_1", 'mean "lambda_1"?'),
     (FIT, '[fmus.Suspension]\npath = "x.fmu"\n[sequences]', "fmus.Suspension", '"SuspensionControl"?'),
 ]  # fmt: skip
 LINES = [  # arguments, what is at fault, and what is told to write
