@@ -25,8 +25,7 @@ from fit.errors import FitError, InputError
 from fit.estimate.irls import Outcome
 from fit.estimate.posterior import Posterior
 from fit.files import atomic
-from fit.telemetry import check_storage
-from fit.telemetry import guard as probe
+from fit.telemetry import check_storage, guard
 
 if TYPE_CHECKING:
     import emcee
@@ -195,7 +194,7 @@ def _open(posterior: Posterior, path: Path) -> None:
             file["centre"], file["root"] = posterior.centre, posterior.root
             file["fingerprint"] = posterior.fingerprint
         atomic.settle(partial, path)
-    probe.check([path], "chain")
+    guard.check(head, [path])
     names, found = head(path)
     if (names, found.shape) != (posterior.names, posterior.fingerprint.shape) or np.max(
         np.abs(found - posterior.fingerprint)

@@ -93,6 +93,18 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         raise _damaged(path, error) from error
 
 
+def look(path: Path, table: str | int | None) -> None:
+    """Read all rows of numbers of a table; InputError as `opened`."""
+    with opened(path, table) as found:
+        rows: dict[int, list[str]] = {}
+        for name, column in found.columns.items():
+            if column.size is not None:
+                rows.setdefault(column.size, []).append(name)
+        for names in rows.values():
+            for _ in found.blocks(names):
+                pass
+
+
 def is_text(path: Path) -> bool:
     """Tell whether an archive is text, which no library but Python's own reads."""
     return path.name.lower().endswith(_TEXT)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.files import key
-from fit.telemetry import guard as probe
-from fit.telemetry.archives import Table, is_text, opened
+from fit.telemetry import guard
+from fit.telemetry.archives import Table, is_text, look, opened
 from fit.telemetry.contract import CHANNELS, REQUIRED, SCHEMA, check_root
 from fit.telemetry.datasets import MAX_SAMPLES, check_finite, check_missing, check_time, check_values
 from fit.telemetry.maps import Column, Map, attributes_of, check_unit, load
@@ -70,7 +70,7 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
     archives = {p.parent / source.file: source.table for p, found in maps.items() for source in found.runs}
-    probe.check([path for path in archives if not is_text(path)], "table", archives)
+    guard.check(look, [path for path in archives if not is_text(path)], archives)
     earlier = _converted(folder)
     above = next(p for p in folder.resolve().parents if p.is_dir())
     with tempfile.TemporaryDirectory(prefix=".conversion-", dir=above) as made:

@@ -2,7 +2,7 @@
 
 The library of HDF5 trusts what a file says of itself: a few wrong bytes can make it write where it must not,
 or never come to an end. That process reads what the library has to interpret, under limits of time and
-memory (`fit.telemetry.look`); what it gets through, this one can read as well.
+memory; what it gets through, this one can read as well.
 """
 
 import json
@@ -10,60 +10,62 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
-from typing import Literal
 
 from fit.errors import InputError
 from fit.files import is_file
-
-Kind = Literal["telemetry", "table", "chain"]
 
 MEMORY = 2**32  # bytes
 PATIENCE = 60.0  # s
 _PACE = 2e7  # bytes per s that are read at least
 
+Look = Callable[..., object]
 
-def check(
-    paths: Sequence[Path], kind: Kind = "telemetry", tables: Mapping[Path, str | int | None] | None = None
-) -> None:
+
+def check(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> None:
     """Refuse files that cannot be read, or not within the limits.
 
     Parameters
     ----------
+    look : callable
+        Reads what has to be interpreted of a file, ``look(path)``, and raises `InputError` if it is at fault.
+        A function of a module, as the other process finds it by its name.
     paths : sequence of Path
-        All of one kind. What is no file is left to whoever opens it.
-    kind : {"telemetry", "table", "chain"}
-        What they are meant to be: telemetry, archives, chains.
-    tables : mapping of Path to str, int or None, optional
-        Which table of an archive is meant.
+        The files. What is no file is left to whoever opens it.
+    more : mapping of Path to str, int or None, optional
+        A second argument of `look` for each.
 
     Raises
     ------
     InputError
         For the first that is at fault.
     """
-    for refused in look_at([path for path in paths if is_file(path)], kind, tables or {}):
+    for refused in refusals(look, [path for path in paths if is_file(path)], more):
         if refused is not None:
             raise InputError(refused)
 
 
-def look_at(files: Sequence[Path], kind: Kind, tables: Mapping[Path, str | int | None]) -> list[str | None]:
+def refusals(
+    look: Look, files: Sequence[Path], more: Mapping[Path, object] | None = None
+) -> list[str | None]:
     """Return why files are refused, None for sound ones, as far as the first that ends the process."""
     if not files:
         return []
     allowance = PATIENCE + sum(path.stat().st_size for path in files) / _PACE
-    names = [[str(path), tables.get(path)] for path in files]
+    calls = [[str(path), *([] if more is None else [more[path]])] for path in files]
     with subprocess.Popen(
-        [sys.executable, "-P", "-m", "fit.telemetry.look"],
+        [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env=_environment(),
     ) as process:
-        task = json.dumps({"kind": kind, "memory": MEMORY, "files": names})
+        task = {"module": look.__module__, "name": look.__name__, "memory": MEMORY, "calls": calls}
         try:
-            said, _ = process.communicate(task.encode(), timeout=allowance)
+            said, _ = process.communicate(json.dumps(task).encode(), timeout=allowance)
             how = _end(process.returncode)
         except subprocess.TimeoutExpired:
             process.kill()
@@ -91,3 +93,35 @@ def _end(code: int) -> str:
         return f"the process that reads it ends with status {code}"
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
     return f"the process that reads it ends by {name}"
+
+
+# In the other process ----------------------------------------------------------------------------------
+
+
+def serve() -> None:
+    """Take a list of files from standard input; write a line of JSON for each, `refused` with why or null."""
+    task = json.load(sys.stdin)
+    _limit(task["memory"])
+    look: Look = getattr(import_module(task["module"]), task["name"])
+    for name, *more in task["calls"]:
+        path, refused = Path(name), None
+        try:
+            look(path, *more)
+        except InputError as error:
+            refused = str(error)
+        except MemoryError:
+            refused = f"{path}: takes more than {task['memory']} bytes of memory to be read, expected less"
+        print(json.dumps({"refused": refused}), flush=True)
+
+
+def _limit(memory: int) -> None:
+    """Let this process take no more memory than that, write no file and leave no trace of a crash."""
+    with suppress(ImportError, OSError, ValueError):  # where there are no such limits
+        import resource
+
+        for limit, value in (
+            (resource.RLIMIT_CORE, 0),
+            (resource.RLIMIT_FSIZE, 0),
+            (resource.RLIMIT_AS, memory),
+        ):
+            resource.setrlimit(limit, (value, value))

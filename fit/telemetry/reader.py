@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
-from fit.telemetry import guard as probe
+from fit.telemetry import guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, Root, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
 
@@ -153,6 +153,11 @@ def look(path: Path) -> None:
     read_truth(path)
 
 
+def check(paths: Sequence[Path]) -> None:
+    """Have another process look at files first; InputError for the first that is at fault."""
+    guard.check(look, paths)
+
+
 def samples(path: Path) -> int:
     """Return the number of samples of a file that `read_stretch` accepts.
 
@@ -184,7 +189,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     """
     found = files(paths)
     if not own:
-        probe.check(found)
+        check(found)
     runs: dict[str, Telemetry] = {}
     for telemetry in map(read, found):
         twin = runs.setdefault(telemetry.run, telemetry)

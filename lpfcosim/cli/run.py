@@ -17,7 +17,6 @@ from fit.estimate import earlier, pulls
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report import page as fit_report
 from fit.telemetry import convert, is_map
-from fit.telemetry import guard as probe
 from fit.telemetry import reader as fit_telemetry
 from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
@@ -131,7 +130,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
     for warning in joint.unsound:
         console.note(f"warning: {calibration}: joint: {warning.message}")
     inputs = fit_telemetry.files(_telemetry(console, paths, directory, any_gaps=True))
-    probe.check(inputs)
+    fit_telemetry.check(inputs)
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
     for path in inputs:
         if outputs[f"{path.stem}-deltag.h5"] is not path:

@@ -6,6 +6,7 @@ import random
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import h5py
@@ -17,8 +18,9 @@ from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.telemetry import guard as probe
 from fit.telemetry import reader as telemetry
+from fit.telemetry.archives import look as look_at_table
 from fit.telemetry.archives import opened
-from fit.telemetry.guard import look_at
+from fit.telemetry.guard import refusals
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
@@ -56,11 +58,11 @@ def latest(path):
     return path
 
 
-def refusals(files: list[Path], kind: probe.Kind) -> dict[Path, str | None]:
+def all_refusals(look: probe.Look, files: list[Path], *more: dict[Path, None]) -> dict[Path, str | None]:
     """Look at many files, with as few processes as they leave."""
     found: dict[Path, str | None] = {}
     while files:
-        said = look_at(files, kind, {})
+        said = refusals(look, files, *more)
         found.update(zip(files, said, strict=False))
         files = files[len(said) :]
     return found
@@ -75,10 +77,12 @@ def use(path):
     return read
 
 
-def try_all(made: dict[Path, str], kind: probe.Kind, reader: Callable[[Path], object]) -> dict[str, int]:
+def try_all(
+    made: dict[Path, str], reader: Callable[[Path], object], look: probe.Look, *more: dict[Path, None]
+) -> dict[str, int]:
     """Try files in the other process, and those it gets through in this one; count what becomes of them."""
     counts = {"sound": 0, "refused": 0, "ended the process": 0}
-    for path, said in refusals(list(made), kind).items():
+    for path, said in all_refusals(look, list(made), *more).items():
         if said is None:
             said = survives(lambda path=path: reader(path), path, made[path])
         else:
@@ -106,7 +110,7 @@ def test_damaged_telemetry(tmp_path, cases, monkeypatch):
             path = tmp_path / f"{n}.h5"
             path.write_bytes(damaged(sources[n % 3], random.Random(n)))
             made[path] = f"telemetry {n}"
-        print(try_all(made, "telemetry", use))
+        print(try_all(made, use, telemetry.look))
         for path in made:
             path.unlink()
 
@@ -301,7 +305,7 @@ def test_damaged_archives(tmp_path, cases, monkeypatch):
         path = tmp_path / f"{n}{suffix}"
         path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
         made[path] = f"archive {n}"
-    print(try_all(made, "table", read_table))
+    print(try_all(made, read_table, look_at_table, dict.fromkeys(made)))
 
 
 def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
@@ -312,25 +316,23 @@ def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
         gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
     )
     assert path.stat().st_size < 2**25
-    survives(lambda: probe.check([path], "table"), path, "bomb")
+    survives(lambda: probe.check(look_at_table, [path], {path: None}), path, "bomb")
 
 
 def test_the_process_says_which_file_and_how(tmp_path, monkeypatch, file):
     """A library that crashes or hangs is told with the file it did so at; those before it count."""
-    package = tmp_path / "fake" / "fit"
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "look.py").write_text(
-        "import json, os, sys, time\nfiles = json.load(sys.stdin)['files']\n"
-        "print(json.dumps({'refused': None}), flush=True)\n"
-        "os.abort() if 'crash' in files[1][0] else time.sleep(60)\n"
+    (tmp_path / "fragile.py").write_text(
+        "import os, time\ndef look(path):\n"
+        "    os.abort() if 'crash' in path.name else time.sleep(60 if 'hang' in path.name else 0)\n"
     )
-    monkeypatch.setattr(probe, "_environment", lambda: {"PYTHONPATH": str(package.parent)})
-    monkeypatch.setattr(probe, "PATIENCE", 1.0)
-    for name, words in (("crash.h5", "ends by SIGABRT"), ("hang.h5", "is not done with in 1 s")):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    fragile = import_module("fragile")
+    monkeypatch.setattr(probe, "PATIENCE", 5.0)
+    for name, words in (("crash.h5", "ends by SIGABRT"), ("hang.h5", "is not done with in 5 s")):
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(InputError, match=rf"{name}: damaged: .*{words}"):
-            probe.check([file, tmp_path / name])
+            probe.check(fragile.look, [file, tmp_path / name])
 
 
 def spoilt(run, rng):
@@ -376,10 +378,10 @@ def test_calibrations_of_hostile_numbers(cases):
 
 
 def test_own_files_are_not_tried(file, monkeypatch):
-    monkeypatch.setattr(probe, "look_at", lambda *_: pytest.fail("tried"))
+    monkeypatch.setattr(probe, "refusals", lambda *_: pytest.fail("tried"))
     assert telemetry.read_all([file], own=True)
 
 
 def test_json_of_the_other_process_is_one_line_a_file(file):
-    assert look_at([file, file], "telemetry", {}) == [None, None]
+    assert refusals(telemetry.look, [file, file]) == [None, None]
     assert json.dumps({"refused": None}).endswith("}")
