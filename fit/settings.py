@@ -1,8 +1,6 @@
 """What a user may choose about a fit: table ``[fit]`` of a campaign or of a file of settings."""
 
-import tomllib
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Literal
 
@@ -30,8 +28,7 @@ class Settings(Table):
 
 
 def _default() -> dict[str, object]:
-    text = resources.files("fit").joinpath("default.toml").read_text(encoding="utf-8")
-    table: dict[str, object] = tomllib.loads(text)["fit"]
+    table: dict[str, object] = documents.toml(Path(__file__).with_name("default.toml"), "settings")["fit"]
     return table
 
 

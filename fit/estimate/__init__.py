@@ -15,7 +15,6 @@ from fit.estimate.posterior import Posterior
 from fit.estimate.pulls import Pulls
 from fit.estimate.residuals import SCORES, Stationarity, about_mean, diagnose, independent
 from fit.estimate.runs import SHORTEST, Experiment, Run, divide, pair
-from fit.estimate.sampling import head
 from fit.estimate.verdict import as_fit
 
 __all__ = [
@@ -42,7 +41,6 @@ __all__ = [
     "fit_experiment",
     "fit_joint",
     "forecast",
-    "head",
     "independent",
     "inertial",
     "is_separated",

@@ -35,4 +35,5 @@ __all__ = [
     "read_truth",
     "reader",
     "samples",
+    "units",
 ]
