@@ -270,7 +270,7 @@ def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:
 
 
 def delays(theta: Array) -> tuple[float, float]:
-    """Return the effective delays tau_j = C_j / lambda_j [s] for theta of a run, 0 without a gain."""
+    """Return the delays tau_j = C_j / lambda_j [s] (eq. delaylin) for theta of a run, 0 without a gain."""
     lambda_1, lambda_2, C_1, C_2 = (float(value) for value in theta[:4])
     return (C_1 / lambda_1 if lambda_1 else 0.0, C_2 / lambda_2 if lambda_2 else 0.0)
 

@@ -53,6 +53,7 @@ class Sharing:
         omega2_2 = {"omega2_2_0": 1.0, "alpha_x_2": run.F_max_2, "alpha_phi_2": run.N_max_2}
         of_run = {
             "omega2_2": omega2_2,
+            # eq. deltastiff_model
             "domega2_12": omega2_2 | {name: -factor for name, factor in omega2_1.items()},
         }
         own = dynamics.run_parameters(dynamics.means(run))
