@@ -3,13 +3,13 @@
 The only user of matplotlib.
 """
 
-from fit.figures.files import COLOURS, Drawing, Plot, drawing, drawn, save, svg, write
+from fit.figures.files import Drawing, Plot, drawing, drawn, save, svg, write
+from fit.figures.style import COLOURS
 
 __all__ = [
     "COLOURS",
     "Drawing",
     "Plot",
-    "delta_g",
     "drawing",
     "drawn",
     "mission",

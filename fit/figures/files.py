@@ -20,59 +20,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from fit.figures import fonts as figure_fonts
+from fit.figures.style import COLOURS, WIDTH, style
 from fit.files import atomic
 
 Array = NDArray[np.float64]
 Columns = dict[str, Sequence[object] | NDArray[np.generic]]
-
-#: Colours by role, on white; the report turns them into the variables of its light and dark scheme.
-COLOURS: Mapping[str, str] = {
-    "paper": "#ffffff",
-    "ink": "#1c2530",
-    "muted": "#5d6875",
-    "grid": "#dfe3e8",
-    "grey": "#8b95a1",
-    "blue": "#2f74c0",
-    "orange": "#d2541b",
-    "green": "#1d8a6b",
-    "violet": "#8457b8",
-}
-WIDTH, WIDE = 3.375, 7.0  # inch: one column and both of a journal's page
-_STYLE: Any = {  # rc parameters; letters are readable in print and on a telephone of the same width
-    "axes.edgecolor": COLOURS["muted"],
-    "axes.facecolor": "none",
-    "axes.grid": True,
-    "axes.labelcolor": COLOURS["ink"],
-    "axes.linewidth": 0.6,
-    "axes.titlecolor": COLOURS["ink"],
-    "axes.titlelocation": "left",
-    "axes.titlesize": 7.2,
-    "axes.unicode_minus": True,
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
-    "figure.facecolor": COLOURS["paper"],
-    "font.size": 7.0,
-    "grid.color": COLOURS["grid"],
-    "grid.linewidth": 0.5,
-    "legend.fontsize": 6.6,
-    "legend.frameon": False,
-    "legend.handlelength": 1.5,
-    "lines.linewidth": 0.9,
-    "lines.markersize": 3.0,
-    "pdf.fonttype": 42,
-    "savefig.facecolor": COLOURS["paper"],
-    "svg.fonttype": "path",
-    "svg.hashsalt": "fit",
-    "text.color": COLOURS["ink"],
-    "text.usetex": False,
-    "xtick.color": COLOURS["muted"],
-    "xtick.major.size": 2.5,
-    "xtick.minor.size": 1.5,
-    "ytick.color": COLOURS["muted"],
-    "ytick.major.size": 2.5,
-    "ytick.minor.size": 1.5,
-}
 
 
 @dataclass(frozen=True)
@@ -199,20 +151,16 @@ def plot(figure: Figure, panels: Sequence[Panel]) -> Plot:
     return Plot(figure, columns, panels)
 
 
-def _style() -> Any:
-    return {**_STYLE, **figure_fonts.style()}
-
-
 def drawn(draw: Callable[..., Plot], *arguments: object) -> Plot:
     """Return a figure in the style of the report; `draw` is called with `arguments`."""
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         return draw(*arguments)
 
 
 def svg(plot: Plot) -> str:
     """Return a figure as an SVG document, the same for the same figure."""
     elements = _elements(plot)
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         text = io.StringIO()
         plot.figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     # A hundredth of a point is finer than any screen; a third of the file is digits beyond it.
@@ -265,7 +213,7 @@ def _frame(panel: Panel) -> dict[str, object]:
 
 def save(plot: Plot, path: Path) -> None:
     """Write a figure alone, in the format that the suffix of `path` tells."""
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         plot.figure.savefig(path)
 
 
@@ -281,7 +229,7 @@ def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object
     """
     plot = drawn(draw, *arguments)
     document = svg(plot)
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(style()):
         plot.figure.set_layout_engine("none")  # what it has found stays: the second file is cheaper
         nothing = {"CreationDate": None, "Creator": None, "Producer": None}
         pdf = io.BytesIO()

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fit.estimate import SCORES
-from fit.figures.files import COLOURS, WIDE, WIDTH, Axis, Columns, Plot, legend_above
+from fit.figures.files import Axis, Columns, Plot, legend_above
+from fit.figures.style import COLOURS, WIDE, WIDTH
 from fit.paper import stiffness
 from fit.results import Diagnostics, Estimate, Fit
 

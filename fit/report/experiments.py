@@ -8,7 +8,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from fit.estimate import is_separated, sums
-from fit.figures import Drawing, Plot, delta_g, drawing
+from fit.figures import Drawing, Plot, drawing
 from fit.figures import runs as figures
 from fit.paper import EXPERIMENT_NAMES, Parameter, experiment_parameter
 from fit.report.verdict import failing, raised
@@ -48,8 +48,8 @@ _BREAKDOWN = (
 )
 _RESIDUAL = (
     "Residual differential acceleration against time",
-    f"Residual Δg less its mean, averaged with Hann windows of {delta_g.SLOW:g} s; grey, the extremes of it "
-    f"averaged over {delta_g.FAST:g} s. What is missing or masked is marked.",
+    f"Residual Δg less its mean, averaged with Hann windows of {figures.SLOW:g} s; grey, the extremes of it "
+    f"averaged over {figures.FAST:g} s. What is missing or masked is marked.",
 )
 
 
@@ -199,13 +199,13 @@ def drawings(
         Of the fit; they tell what was taken for glitches.
     """
     run, noise = runs
-    terms = delta_g.split(run, parameters)
-    beside = delta_g.split(noise, parameters) if noise else None
+    terms = figures.split(run, parameters)
+    beside = figures.split(noise, parameters) if noise else None
     told: dict[str, tuple[tuple[str, str], Callable[..., Plot], tuple[object, ...]]] = {
         "responses": (_RESPONSES, figures.responses, (run,)),
-        "spectra": (_SPECTRA[noise is not None], delta_g.acceleration, (terms, beside)),
-        "breakdown": (_BREAKDOWN, delta_g.breakdown, (terms,)),
-        "residual": (_RESIDUAL, delta_g.residual, (run, parameters, masked(warnings, run.run))),
+        "spectra": (_SPECTRA[noise is not None], figures.acceleration, (terms, beside)),
+        "breakdown": (_BREAKDOWN, figures.breakdown, (terms,)),
+        "residual": (_RESIDUAL, figures.residual, (run, parameters, masked(warnings, run.run))),
     }
     return tuple(
         drawing(folder, (f"{stem}{letter}", f"{slug}-{name}"), *words, draw, *arguments)

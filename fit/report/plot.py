@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fit.errors import InputError
 from fit.figures import Plot as Drawn
-from fit.figures import delta_g, drawn, mission, save, svg
+from fit.figures import drawn, mission, save, svg
 from fit.figures import runs as figures_runs
 from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
@@ -49,21 +49,21 @@ def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plo
     run = _fitted(results, runs, experiment)
     noise = next((r for r in runs if r.experiment == experiment and r.kind == "noise"), None)
     values = parameters(results, run)
-    beside = delta_g.split(noise, values) if noise else None
-    return _drawn(delta_g.acceleration, delta_g.split(run, values), beside)
+    beside = figures_runs.split(noise, values) if noise else None
+    return _drawn(figures_runs.acceleration, figures_runs.split(run, values), beside)
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
     run = _fitted(results, runs, experiment)
-    return _drawn(delta_g.breakdown, delta_g.split(run, parameters(results, run)))
+    return _drawn(figures_runs.breakdown, figures_runs.split(run, parameters(results, run)))
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the residual Delta g of an experiment against time."""
     run = _fitted(results, runs, experiment)
     spans = masked(results.experiments[experiment].warnings, run.run)
-    return _drawn(delta_g.residual, run, parameters(results, run), spans)
+    return _drawn(figures_runs.residual, run, parameters(results, run), spans)
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:

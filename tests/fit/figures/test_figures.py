@@ -13,9 +13,9 @@ import pytest
 
 from fit.estimate import masks
 from fit.estimate.runs import Experiment, Run
-from fit.figures import delta_g as figures_delta_g
 from fit.figures import files as figure_files
 from fit.figures import mission as figures_mission
+from fit.figures import runs as figures_runs
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, Span, masked
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
@@ -119,7 +119,7 @@ def test_terms_are_those_of_newton():
     t = np.arange(n) / fs
     f = {"o_1": 5e-3, "o_12": 0.02, "f_x_1": 0.11, "f_x_2": 0.3}
     wave = {name: np.sin(2 * np.pi * f[name] * t) for name in f}
-    found = figures_delta_g.split(
+    found = figures_runs.split(
         type(run)(**{**vars(run), "fs": fs, "time": t, "channels": wave}), {**TRUTH, "delta_ifo": 2e-5}
     )
     inner = t[10:-10]
@@ -160,7 +160,7 @@ def test_gaps_and_glitches_are_marked(runs, folder, tmp_path):
     spans = (Span(gone.run, 100.0, 112.0), Span("another", 5.0, 6.0), Span(gone.run, 900.0, 907.0))
     told = masked([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert told == [(100.0, 112.0), (900.0, 907.0)]
-    figure_files.write(tmp_path, "t", figures_delta_g.residual, gone, TRUTH, told)
+    figure_files.write(tmp_path, "t", figures_runs.residual, gone, TRUTH, told)
     text = (tmp_path / "t.svg").read_text(encoding="utf-8")
     assert text.count("data-moves") == 4
     assert (folder / "e1t-A-residual.svg").read_text(encoding="utf-8").count("data-moves") == 0

@@ -1,4 +1,4 @@
-"""The letters of the figures: DejaVu Sans, cut down to the scripts that figures use.
+"""What figures look like: colours, widths, and letters, DejaVu Sans cut down to the scripts that figures use.
 
 A PDF embeds of a font what it needs of it. To pick that out of the whole font, six thousand glyphs and the
 rules of dozens of scripts, takes longer than all the rest of a figure; out of this one it takes little.
@@ -6,6 +6,7 @@ rules of dozens of scripts, takes longer than all the rest of a figure; out of t
 
 import atexit
 import tempfile
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,59 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib import font_manager
 
+#: Colours by role, on white; the report turns them into the variables of its light and dark scheme.
+COLOURS: Mapping[str, str] = {
+    "paper": "#ffffff",
+    "ink": "#1c2530",
+    "muted": "#5d6875",
+    "grid": "#dfe3e8",
+    "grey": "#8b95a1",
+    "blue": "#2f74c0",
+    "orange": "#d2541b",
+    "green": "#1d8a6b",
+    "violet": "#8457b8",
+}
+WIDTH, WIDE = 3.375, 7.0  # inch: one column and both of a journal's page
+_STYLE: Any = {  # rc parameters; letters are readable in print and on a telephone of the same width
+    "axes.edgecolor": COLOURS["muted"],
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.labelcolor": COLOURS["ink"],
+    "axes.linewidth": 0.6,
+    "axes.titlecolor": COLOURS["ink"],
+    "axes.titlelocation": "left",
+    "axes.titlesize": 7.2,
+    "axes.unicode_minus": True,
+    "figure.constrained_layout.h_pad": 0.03,
+    "figure.constrained_layout.w_pad": 0.03,
+    "figure.facecolor": COLOURS["paper"],
+    "font.size": 7.0,
+    "grid.color": COLOURS["grid"],
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 6.6,
+    "legend.frameon": False,
+    "legend.handlelength": 1.5,
+    "lines.linewidth": 0.9,
+    "lines.markersize": 3.0,
+    "pdf.fonttype": 42,
+    "savefig.facecolor": COLOURS["paper"],
+    "svg.fonttype": "path",
+    "svg.hashsalt": "fit",
+    "text.color": COLOURS["ink"],
+    "text.usetex": False,
+    "xtick.color": COLOURS["muted"],
+    "xtick.major.size": 2.5,
+    "xtick.minor.size": 1.5,
+    "ytick.color": COLOURS["muted"],
+    "ytick.major.size": 2.5,
+    "ytick.minor.size": 1.5,
+}
 FAMILY = "Figure Sans"
 _BLOCKS = ((0x20, 0x250), (0x2B0, 0x400), (0x2010, 0x2060), (0x2070, 0x20A0), (0x2190, 0x2300))
 
 
 @cache
-def style() -> dict[str, Any]:
+def _fonts() -> dict[str, Any]:
     """Return the rc parameters that choose the font, which is made at the first call.
 
     What it lacks is taken from the whole one.
@@ -52,3 +100,8 @@ def style() -> dict[str, Any]:
         "mathtext.it": f"{FAMILY}:italic",
         "mathtext.fallback": "stixsans",
     }
+
+
+def style() -> Any:
+    """Return the rc parameters of every figure."""
+    return {**_STYLE, **_fonts()}
