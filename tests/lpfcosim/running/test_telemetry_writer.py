@@ -180,3 +180,9 @@ def test_a_disk_that_is_full_at_any_byte_is_told_and_leaves_nothing(tmp_path, ma
 def test_a_missing_folder_is_one_sentence(tmp_path, run, channels):
     with pytest.raises(RunError, match=r"D\.h5: cannot be written \(No such file or directory\)"):
         write(tmp_path / "nowhere" / "D.h5", run, channels, PROVENANCE)
+
+
+def test_a_run_cut_short_is_not_recorded(tmp_path, run, channels):
+    with pytest.raises(RunError, match="D: 599 samples came, expected 600"):
+        write(tmp_path / "D.h5", run, {name: values[:-1] for name, values in channels.items()}, PROVENANCE)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,35 @@
+"""Units: many spellings of one, and none that takes for ever."""
+
+import time
+
+import pytest
+
+from fit.telemetry.units import UnknownUnitError, factor, same_unit, split
+
+
+@pytest.mark.parametrize("text", ["m s-2", "m s^-2", "m/s^2", "m/s2", "m s**-2", "m·s^-2", "m / s / s"])
+def test_spellings_of_the_contract(text):
+    assert same_unit(text, "m s-2")
+
+
+@pytest.mark.parametrize("text", ["nm s-2", "m s-1", "rad s-2", "", "m s-", "metres per second"])
+def test_others(text):
+    assert not same_unit(text, "m s-2")
+
+
+def test_the_spelling_of_the_contract_needs_no_registry(monkeypatch):
+    monkeypatch.setattr("fit.telemetry.units.factor", lambda *_: pytest.fail("asked"))
+    assert same_unit("m s-2", "m s-2")
+
+
+@pytest.mark.parametrize("text", ["m^9^9^9^9", "((9 m)**(999))**(999)", "m^99999999", 81 * "m"])
+def test_no_unit_takes_for_ever(text):
+    begun = time.monotonic()
+    with pytest.raises(UnknownUnitError):
+        factor(text, "m")
+    assert time.monotonic() - begun < 1
+
+
+def test_a_quantity_may_begin_its_unit_with_one_over():
+    assert split("2e-7 1/s") == ("2e-7", "1/s")
+    assert factor("1/s", "s-1") == factor("/s", "s-1") == 1
