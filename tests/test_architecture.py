@@ -58,16 +58,11 @@ MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 12, 400, 60
 WAITING = (
     *(
         "lpfcosim/cli/reproduce.py:",
-        "lpfcosim/modelica/description.py:",
         "lpfcosim/running/",
         "fit/results.py: ",
     ),
-    *(
-        "lpfcosim/modelica/evaluate.py: ",
-        "fit/estimate/irls.py: _iterate",
-    ),
-    *("fit/pipeline.py: _dynamics", "lpfcosim/cli/run.py: run"),
-    *("lpfcosim/modelica/codegen.py: source", "lpfcosim.api", "lpfcosim.signals", "lpfcosim.worlds"),
+    *("fit/estimate/irls.py: _iterate", "fit/pipeline.py: _dynamics", "lpfcosim/cli/run.py: run"),
+    *("lpfcosim.api",),
 )
 
 SOURCES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))

@@ -18,7 +18,6 @@ from pydantic import ValidationError
 
 from fit.errors import quote
 from fit.files import closest, told
-from lpfcosim import worlds
 from lpfcosim.campaign import file as merged
 from lpfcosim.campaign.schema import (
     LONGEST_DELAY,
@@ -47,6 +46,7 @@ from lpfcosim.spacecraft import (
     Spacecraft,
     Truth,
 )
+from lpfcosim.worlds import world_of
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def _build(table: CampaignTable) -> Campaign:
     )
     _check_order(campaign)
     run = campaign.runs[0]
-    world = worlds.of(run)
+    world = world_of(run)
     places = {c.model: c for c in world.components}
     for model in table.fmus:
         if model not in places:

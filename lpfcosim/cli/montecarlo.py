@@ -25,7 +25,6 @@ from fit.results import Results
 from fit.settings import Settings, settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
@@ -37,6 +36,7 @@ from lpfcosim.plant import spectral, stability
 from lpfcosim.running import cluster, lock, runner, simulation, telemetry, trust, workers
 from lpfcosim.running import ledger as files
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 if TYPE_CHECKING:  # which the processes do without
     from lpfcosim.cli.console import Console
@@ -309,4 +309,4 @@ def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
 def _channels(run: Run) -> list[str]:
     """Return what the joint fit reads of what is recorded."""
     of_means = (name for parts in dynamics.MEANS.values() for name in parts)
-    return [*dynamics.CHANNELS, *(name for name in of_means if name in worlds.of(run).record)]
+    return [*dynamics.CHANNELS, *(name for name in of_means if name in world_of(run).record)]

@@ -12,7 +12,6 @@ from fit import settings as fit_settings
 from fit.estimate import SHORTEST, divide, forecast
 from fit.results import Fit
 from fit.tables import Lines
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import study as cli_study
 from lpfcosim.cli.common import about
@@ -22,6 +21,7 @@ from lpfcosim.plant import margins as stability_margins
 from lpfcosim.plant import stability
 from lpfcosim.running import runner
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 SCHEMA = "lpf-check/1"
 
@@ -67,7 +67,7 @@ def check(campaign: Path, console: Console) -> None:
     }
     console.document(json.dumps(told, indent=1, allow_nan=False))
     runs = f"{len(plan.runs)} run{'s' * (len(plan.runs) > 1)}"
-    console.say(f"{campaign}: in order; {worlds.of(plan.runs[0]).name}, {runs}, {_hours(*plan.runs):g} h\n")
+    console.say(f"{campaign}: in order; {world_of(plan.runs[0]).name}, {runs}, {_hours(*plan.runs):g} h\n")
     console.show(_runs_table(plan))
     console.say("")
     if loops:
@@ -126,7 +126,7 @@ def margin_lines(loops: list[stability_margins.Margin]) -> Iterator[str]:
 
 def wall_time(plan: campaigns.Campaign, jobs: int) -> float:
     """Return about how long `run` takes on idle processors, the FMUs being built [s]."""
-    world = worlds.of(plan.runs[0])
+    world = world_of(plan.runs[0])
     each = [RUN + run.n_samples * world.sample_cost for run in plan.runs]
     simulating = max(max(each), sum(each) / jobs)  # the longest run is not divided
     return STARTING + simulating + world.experiment_cost * len(plan.experiments)

@@ -18,7 +18,6 @@ from fit.pipeline import calibrate, calibrate_inertial
 from fit.report import page as fit_report
 from fit.telemetry import convert, is_map
 from fit.telemetry import reader as fit_telemetry
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli import shortfall as cli_shortfall
@@ -29,6 +28,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.plant import stability
 from lpfcosim.running import dossier, lock, runner, simulation, trust
 from lpfcosim.running import ledger as files
+from lpfcosim.worlds import world_of
 
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
@@ -166,7 +166,7 @@ def _told_of_replacements(plan: campaigns.Campaign, found: Sequence[Interface]) 
         yield f"{replacement.model}: {replacement.archive}, code of its own; {told}"
     if plan.replacements:
         yield "stability is not checked beforehand: the poles are those of our FMUs"
-    if untold := sorted(worlds.of(run).untold(run, placement.ignored(found))):
+    if untold := sorted(world_of(run).untold(run, placement.ignored(found))):
         yield f"true values not known, left out of /truth: {', '.join(untold)}"
 
 

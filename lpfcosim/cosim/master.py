@@ -17,14 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
-from lpfcosim import worlds
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.errors import RunError
 from lpfcosim.modelica import engine_library
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
-from lpfcosim.worlds import drive
+from lpfcosim.worlds import drive, world_of
 
 Array = npt.NDArray[np.float64]
 Engine = Literal["compiled", "fmpy"]
@@ -115,7 +114,7 @@ def start(
 ) -> list[Slave]:
     """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
     where = where or Where()
-    values = worlds.of(run).parameters(run)
+    values = world_of(run).parameters(run)
     slaves = []
     for where.slave, i in enumerate(found):
         slave = Slave(
@@ -164,7 +163,7 @@ class Loop:
         self._run, self._slaves, self._where = run, slaves, where or Where()
         self._noise = drive.stream(run)
         self._feeds = drive.names(run)
-        self._channels = worlds.of(run).record
+        self._channels = world_of(run).record
         self._n_feeds = len(self._feeds)
         place = {name: i for i, name in enumerate(self._feeds)}
         bus = [0.0] * self._n_feeds

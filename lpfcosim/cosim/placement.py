@@ -10,11 +10,11 @@ from pathlib import Path
 
 import fmpy
 
-from lpfcosim import worlds
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, read
 from lpfcosim.errors import InputError
 from lpfcosim.network import check_feedthrough
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 _SYMBOLS: dict[str, dict[str, int]] = {
     **{name: {name: 1} for name in BASE_UNITS},
@@ -42,7 +42,7 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     """
     replaced = {r.model: r for r in run.replacements}
     found = []
-    world = worlds.of(run)
+    world = world_of(run)
     settings = world.parameters(run)
     for component in world.steps(run):
         replacement = replaced.get(component.model)

@@ -14,13 +14,13 @@ from importlib import metadata
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim import worlds
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Interface, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 _NAMESPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Description", "ParameterValues"))
@@ -108,7 +108,7 @@ def _values(run: Run, found: Sequence[Interface]) -> ET.Element:
     )
     parameters = ET.SubElement(root, f"{_SSV}Parameters")
     used = []
-    values = worlds.of(run).parameters(run)
+    values = world_of(run).parameters(run)
     for interface in found:
         for name, value in interface.parameters(values[interface.model]).items():
             parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{interface.model}.{name}")
@@ -171,7 +171,7 @@ def _structure(name: str, run: Run, found: Sequence[Interface]) -> ET.Element:
                 connector(external, source, "input", interface, variable)
         for variable in interface.outputs:
             connector(own, variable, "output", interface, variable)
-    for channel, source in worlds.of(run).record.items():
+    for channel, source in world_of(run).record.items():
         model, variable = endpoint(source)
         if model:  # a recorded signal is an input of the system already
             connector(external, channel, "output", by_model[model], by_model[model].name(variable))

@@ -6,7 +6,7 @@ The printed functions work on one array ``v`` of values by value reference; :fun
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import sympy as sp
@@ -27,6 +27,7 @@ static double modelica_max(double x, double y) { return x > y || x != x ? x : y;
 static double modelica_floor(double x) { return floor(x); }
 static double modelica_ceil(double x) { return ceil(x); }
 """
+_V, _D = "const double *v", "const double *d"  # arguments: values by reference, values of delays
 
 
 @dataclass(frozen=True)
@@ -91,85 +92,21 @@ def header(system: System, where: Layout, step: float) -> str:
 
 def source(system: System, where: Layout, token: str) -> str:
     """Text of ``model.c``; ``token`` is the FMU's instantiation token."""
-    names = {s: f"v[{i}]" for s, i in where.reference.items()}
-    names |= {d.symbol: f"d[{j}]" for j, d in enumerate(system.delays)}
     used = set().union(*(e.value.free_symbols for e in system.events))
     before = {
         symbol: where.reference[s.symbol]
         for s in where.order
         if (symbol := sp.Symbol(f"pre({s.symbol.name})", real=True)) in used
     }
+    names = {s: f"v[{i}]" for s, i in where.reference.items()}
+    names |= {d.symbol: f"d[{j}]" for j, d in enumerate(system.delays)}
     names |= {symbol: f"pre_{i}" for symbol, i in before.items()}
     c = _Printer(names)
-
-    def assign(pairs: Iterable[tuple[sp.Symbol, sp.Expr]]) -> list[str]:
-        return [f"{c.doprint(symbol)} = {c.doprint(value)};" for symbol, value in pairs]
-
-    def numbered(array: str, values: Iterable[sp.Expr]) -> list[str]:
-        return [f"{array}[{i}] = {c.doprint(value)};" for i, value in enumerate(values)]
-
-    scalars = where.order
-    fixed = [
-        (s.symbol, s.value)
-        for s in scalars
-        if s.kind not in ("calculated", "algebraic") and not s.value.free_symbols
-    ]
-    dependent = [
-        (s.symbol, s.value) for s in scalars if s.kind in ("state", "discrete") and s.value.free_symbols
-    ]
-    events = [f"const double {names[p]} = v[{i}];" for p, i in before.items()]
-    for clock, together in itertools.groupby(system.events, key=lambda e: e.clock):
-        assigned = assign((e.target, e.value) for e in together)
-        events += [f"if (tick[{clock}]) {{", *(f"    {line}" for line in assigned), "}"]
-    settable = ",".join(["0", *(str(settable_until(s)) for s in scalars)])
     stages = _stages(system)
     stage_of = {symbol: k for k, stage in enumerate(stages, start=1) for symbol, _ in stage}
+    stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in where.order)])
+    settable = ",".join(["0", *(str(settable_until(s)) for s in where.order)])
     inputs = [where.first("input") + i for i in range(where.count("input"))]
-    stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in scalars)])
-    v, d = "const double *v", "const double *d"
-    functions = [
-        _function("model_start", "double *v", assign(fixed)),
-        _function("model_parameters", "double *v", assign([*system.calculated, *dependent])),
-        _function(
-            "model_take_inputs",
-            "double *v, const double *u",
-            [f"v[{to}] = u[{i}];" for i, to in enumerate(inputs)],
-        ),
-        _function("model_moved", "double *v", assign(stages[0])),
-        _function("model_outputs", f"double *v, {d}", assign(stages[1])),
-        _function("model_algebraic", f"double *v, {d}", assign(stages[2])),
-        _function("model_events", f"double *v, {d}, const unsigned char *tick", events),
-        _function(
-            "model_clocks",
-            f"{v}, double *start, double *period",
-            numbered("start", [s for s, _ in system.clocks])
-            + numbered("period", [p for _, p in system.clocks]),
-        ),
-        _function(
-            "model_delay_values", f"{v}, double *value", numbered("value", [x.value for x in system.delays])
-        ),
-        _function(
-            "model_delay_times",
-            f"{v}, double *duration",
-            numbered("duration", [x.duration for x in system.delays]),
-        ),
-    ]
-    if system.affine:
-        functions += [
-            _function("model_held", f"{v}, double *held", numbered("held", system.affine.held)),
-            _function(
-                "model_affine",
-                f"{v}, double *a, double *b",
-                numbered("a", system.affine.a) + numbered("b", system.affine.b),
-            ),
-        ]
-    elif system.derivatives:
-        shared = sp.numbered_symbols("common", sp.Dummy, real=True)
-        replaced, rates = sp.cse([e for _, e in system.derivatives], shared)
-        names |= {symbol: f"common[{i}]" for i, (symbol, _) in enumerate(replaced)}
-        body = [f"double common[{len(replaced)}];"] if replaced else []
-        body += numbered("common", [value for _, value in replaced])
-        functions.append(_function("model_rates", f"{v}, {d}, double *rate", body + numbered("rate", rates)))
     return "\n".join([
         f"/* {system.name}: {system.description}. Generated from Modelica; edit that. */",
         '#include "core.h"',
@@ -181,8 +118,94 @@ def source(system: System, where: Layout, token: str) -> str:
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
         f'static const char *const model_token = "{token}";',
         "",
-        *functions,
+        *_assignments(system, where, c, inputs, stages),
+        _events(system, before, c),
+        *_clocks_and_delays(system, c),
+        *_rates(system, names, c),
     ])  # fmt: skip
+
+
+def _assignments(
+    system: System,
+    where: Layout,
+    c: _Printer,
+    inputs: list[int],
+    stages: Iterable[list[tuple[sp.Symbol, sp.Expr]]],
+) -> list[str]:
+    """Functions that set variables: at the start, from parameters, from inputs, and by stage."""
+
+    def assign(pairs: Iterable[tuple[sp.Symbol, sp.Expr]]) -> list[str]:
+        return [_assigned(c, symbol, value) for symbol, value in pairs]
+
+    fixed = [
+        (s.symbol, s.value)
+        for s in where.order
+        if s.kind not in ("calculated", "algebraic") and not s.value.free_symbols
+    ]
+    dependent = [
+        (s.symbol, s.value) for s in where.order if s.kind in ("state", "discrete") and s.value.free_symbols
+    ]
+    moved, outputs, algebraic = stages
+    return [
+        _function("model_start", "double *v", assign(fixed)),
+        _function("model_parameters", "double *v", assign([*system.calculated, *dependent])),
+        _function(
+            "model_take_inputs",
+            "double *v, const double *u",
+            [f"v[{to}] = u[{i}];" for i, to in enumerate(inputs)],
+        ),
+        _function("model_moved", "double *v", assign(moved)),
+        _function("model_outputs", f"double *v, {_D}", assign(outputs)),
+        _function("model_algebraic", f"double *v, {_D}", assign(algebraic)),
+    ]
+
+
+def _events(system: System, before: Mapping[sp.Symbol, int], c: _Printer) -> str:
+    lines = [f"const double {c.doprint(p)} = v[{i}];" for p, i in before.items()]
+    for clock, together in itertools.groupby(system.events, key=lambda e: e.clock):
+        assigned = (_assigned(c, e.target, e.value) for e in together)
+        lines += [f"if (tick[{clock}]) {{", *(f"    {line}" for line in assigned), "}"]
+    return _function("model_events", f"double *v, {_D}, const unsigned char *tick", lines)
+
+
+def _clocks_and_delays(system: System, c: _Printer) -> list[str]:
+    starts, periods = ([clock[k] for clock in system.clocks] for k in (0, 1))
+    values, durations = [x.value for x in system.delays], [x.duration for x in system.delays]
+    return [
+        _function(
+            "model_clocks",
+            f"{_V}, double *start, double *period",
+            _numbered(c, "start", starts) + _numbered(c, "period", periods),
+        ),
+        _function("model_delay_values", f"{_V}, double *value", _numbered(c, "value", values)),
+        _function("model_delay_times", f"{_V}, double *duration", _numbered(c, "duration", durations)),
+    ]
+
+
+def _rates(system: System, names: dict[sp.Symbol, str], c: _Printer) -> list[str]:
+    """Functions of the derivatives; ``names``, those of the printer, get their common parts."""
+    if system.affine:
+        a, b = _numbered(c, "a", system.affine.a), _numbered(c, "b", system.affine.b)
+        return [
+            _function("model_held", f"{_V}, double *held", _numbered(c, "held", system.affine.held)),
+            _function("model_affine", f"{_V}, double *a, double *b", a + b),
+        ]
+    if not system.derivatives:
+        return []
+    shared = sp.numbered_symbols("common", sp.Dummy, real=True)
+    replaced, rates = sp.cse([e for _, e in system.derivatives], shared)
+    names |= {symbol: f"common[{i}]" for i, (symbol, _) in enumerate(replaced)}
+    body = [f"double common[{len(replaced)}];"] if replaced else []
+    body += _numbered(c, "common", (value for _, value in replaced))
+    return [_function("model_rates", f"{_V}, {_D}, double *rate", body + _numbered(c, "rate", rates))]
+
+
+def _assigned(c: _Printer, symbol: sp.Symbol, value: sp.Expr) -> str:
+    return f"{c.doprint(symbol)} = {c.doprint(value)};"
+
+
+def _numbered(c: _Printer, array: str, values: Iterable[sp.Expr]) -> list[str]:
+    return [f"{array}[{i}] = {c.doprint(value)};" for i, value in enumerate(values)]
 
 
 def _shown(scalar: Scalar) -> bool:

@@ -102,9 +102,7 @@ class Evaluator:
         name = body["name"]["name"]
         if name == "time":
             return scalar(TIME)
-        value = scope.get(name)
-        if value is None:
-            value = self.values.get(name)
+        value = scope.get(name, self.values.get(name))
         if value is None:
             self.refuse(body.get("span"), f"reference to '{name}'")
         value = self._subscripted(value, body["subscripts"], scope, body.get("span"))
@@ -170,7 +168,7 @@ class Evaluator:
             return self(body["expr"], scope)
         if kind == "Colon":
             return None
-        self.refuse(body.get("span") if isinstance(body, dict) else None, f"subscript of kind {kind}")
+        self.refuse(_span(subscript), f"subscript of kind {kind}")
 
     def _integer(self, value: Algebra | None, span: Node | None) -> int:
         number = value.item() if value is not None and value.ndim == 0 else None
@@ -345,9 +343,7 @@ class Evaluator:
             body["value"] if kind == "Index" else self.scalar(body["expr"], scope) if kind == "Expr" else None
         )
         if not isinstance(value, (int, sp.Integer)):
-            self.refuse(
-                body.get("span") if isinstance(body, dict) else None, "array of unknown size in a function"
-            )
+            self.refuse(_span(subscript), "array of unknown size in a function")
         return int(value)
 
     def _run(self, statements: list[Node], scope: dict[str, Algebra]) -> None:
@@ -358,7 +354,7 @@ class Evaluator:
             elif kind == "For":
                 self._loop(body, scope, 0)
             else:
-                self.refuse(body.get("span") if isinstance(body, dict) else None, f"{kind.lower()} statement")
+                self.refuse(_span(statement), f"{kind.lower()} statement")
 
     def _loop(self, body: Node, scope: dict[str, Algebra], depth: int) -> None:
         if depth == len(body["indices"]):

@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from lpfcosim import worlds
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -37,7 +37,7 @@ class Margin:
 
 def margins(run: Run) -> list[Margin]:
     """Give unity gain, phase and gain margin of each loop, in the order of `World.loops`."""
-    world = worlds.of(run)
+    world = world_of(run)
     all_cut = world.open_loop(run)
 
     def one_cut(log_frequency: ArrayLike) -> Complex:

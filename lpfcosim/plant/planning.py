@@ -9,10 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim import worlds
 from lpfcosim.signals import Noise
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import System, drive, on_circle
+from lpfcosim.worlds import System, drive, on_circle, world_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -37,7 +36,7 @@ def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
     dict of str to ndarray, shape (n_samples / 10,)
         Departures from the equilibrium of `System.channels`, SI.
     """
-    s = worlds.of(run).system(run)
+    s = world_of(run).system(run)
     stride = round(run.fs / RATE)
     n = run.n_samples // stride
     if not run.injections and noise is None:
@@ -92,7 +91,7 @@ def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Comple
     ndarray, shape (n, C, C)
         Products of the units per Hz.
     """
-    s = worlds.of(run).system(run)
+    s = world_of(run).system(run)
     rows = [s.channels.index(name) for name in channels]
     H = transfer(s, run.h, frequency)[:, rows]
     psd = drive_psd(run, frequency)
@@ -119,7 +118,7 @@ def transfer(s: System, h: float, frequency: Array) -> Complex:
 def drive_psd(run: Run, frequency: Array) -> dict[str, Array]:
     """Give the one-sided PSD of the noise that is drawn at inputs of the loop, each of shape (n,)."""
     found: dict[str, Array] = {}
-    for source in worlds.of(run).sources(run):
+    for source in world_of(run).sources(run):
         into = "f_x_1" if source.into == "f_x_1_jitter" else source.into
         found[into] = found.get(into, 0.0) + source.psd(frequency, run.h)
     return found

@@ -12,11 +12,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpfcosim import worlds
 from lpfcosim.plant import planning
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Noise, Pulse, Run
-from lpfcosim.worlds import drive
+from lpfcosim.worlds import drive, world_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -74,7 +73,7 @@ def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> scipy
     """Return L(log f), shape (C, C), with the one-sided cross-spectra L L^*, low-pass included."""
     n = int(GRID * (high - low) / np.log(10)) + 2
     f = np.exp(np.linspace(low, high, n))
-    s = worlds.of(run).system(run)
+    s = world_of(run).system(run)
     psd = planning.drive_psd(run, f)
     drives = np.sqrt(np.stack([psd.get(name, np.zeros(n)) for name in s.inputs], axis=1))
     rows = [s.channels.index(name) for name in channels]

@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim import worlds
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 
 def poles(run: Run) -> NDArray[np.complex128]:
     """Poles z of the sampled closed loop, largest magnitude first, as long as no command is at its limit."""
-    z = np.linalg.eigvals(worlds.of(run).loop(run).closed).astype(np.complex128)
+    z = np.linalg.eigvals(world_of(run).loop(run).closed).astype(np.complex128)
     return np.asarray(z[np.argsort(-np.abs(z))])
 
 

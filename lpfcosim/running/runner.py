@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 
-from lpfcosim import worlds
 from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
@@ -21,6 +20,7 @@ from lpfcosim.running import cluster, telemetry, workers
 from lpfcosim.running import ledger as files
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 if TYPE_CHECKING:  # its tools would cost every worker a fifth of its start
     from lpfcosim.campaign import Campaign
@@ -199,7 +199,7 @@ def _settled(
 
 def culprit(run: Run, lost: workers.Lost) -> str:
     """Return who is to blame for the end of a process that simulated a run."""
-    return f"the {worlds.of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
+    return f"the {world_of(run).steps(run)[lost.slave].model} FMU" if lost.slave >= 0 else "its process"
 
 
 def _lost(run: Run, lost: workers.Lost) -> RunError:
@@ -277,7 +277,7 @@ def record(
     The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
     saturated = 0
-    world = worlds.of(run)
+    world = world_of(run)
     found = placement.interfaces(run, fmus)
     untold = world.untold(run, placement.ignored(found))
     with telemetry.writer(path, run, world.record, origin, untold) as writer:

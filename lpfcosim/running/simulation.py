@@ -10,7 +10,6 @@ from pathlib import Path
 
 import h5py
 
-from lpfcosim import worlds
 from lpfcosim.campaign import Campaign, load
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
@@ -20,6 +19,7 @@ from lpfcosim.running import ledger as files
 from lpfcosim.running import lock, runner, telemetry, trust
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 PathLike = str | os.PathLike[str]
 
@@ -96,7 +96,7 @@ def archives_of(
 ) -> dict[str, Path]:
     """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
     theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [c.model for c in worlds.of(plan.runs[0]).components if c.model not in theirs]
+    ours = [c.model for c in world_of(plan.runs[0]).components if c.model not in theirs]
     return {**built(ours), **theirs}
 
 
@@ -127,7 +127,7 @@ def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:
 
 
 def _record(run: Run, path: Path, origin: Mapping[str, str | int | float]) -> None:
-    world = worlds.of(run)
+    world = world_of(run)
     found = world.simulate(run)
     channels = {name: found[name] for name in world.record}
     with telemetry.writer(path, run, channels, origin) as writer:

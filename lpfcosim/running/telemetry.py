@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.telemetry import CHANNELS, SCHEMA, Writer
-from lpfcosim import worlds
 from lpfcosim.errors import RunError, ours
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def attributes(run: Run) -> dict[str, str | int | float]:
         "N_max_2": authority.N_max_2,
         "alignment_epoch": run.alignment_epoch,
         "m_tm": run.m_tm,
-        **worlds.of(run).attributes(run),
+        **world_of(run).attributes(run),
         **({"inertial_period": run.inertial_period} if run.inertial_period else {}),
     }
 
@@ -109,7 +109,7 @@ def truth(run: Run) -> dict[str, float]:
     truth = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
     truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
     return truth | {
-        **worlds.of(run).truth(run),
+        **world_of(run).truth(run),
         "delta_ifo": run.delta_ifo,
         "omega2_1": run.omega2_1,
         "omega2_2": run.omega2_2,

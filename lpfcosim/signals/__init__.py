@@ -3,7 +3,7 @@
 Which noise there is depends on the world of the run, so `lpfcosim.worlds` starts the streams.
 """
 
-from lpfcosim.signals.injections import TARGETS, injections
-from lpfcosim.signals.noise import Noise, Source, tail
+from lpfcosim.signals.injections import TARGETS, injected
+from lpfcosim.signals.noise import CORNER, Noise, Source, tail
 
-__all__ = ["TARGETS", "Noise", "Source", "decimation", "injections", "tail"]
+__all__ = ["CORNER", "TARGETS", "Noise", "Source", "decimation", "injected", "tail"]

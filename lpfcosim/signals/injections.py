@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 TARGETS: tuple[str, ...] = get_args(Target)
 
 
-def injections(
+def injected(
     run: Run, start: int = 0, stop: int | None = None, turns: Mapping[str, float] | None = None
 ) -> dict[str, Array]:
     """Injected signals of a run.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from lpfcosim.network import Component
-from lpfcosim.signals import Source, tail
-from lpfcosim.signals.noise import CORNER
+from lpfcosim.signals import CORNER, Source, tail
 from lpfcosim.spacecraft import Controller, Run
 from lpfcosim.worlds import along_x_plant
 from lpfcosim.worlds.world import World

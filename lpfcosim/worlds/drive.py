@@ -3,29 +3,28 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim import signals
-from lpfcosim.signals import Noise
+from lpfcosim.signals import TARGETS, Noise, injected
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds.world import of
+from lpfcosim.worlds.world import world_of
 
 Array = NDArray[np.float64]
 
 
 def names(run: Run) -> tuple[str, ...]:
     """Every signal that drives a run, injections first."""
-    world = of(run)
+    world = world_of(run)
     noises = (source.into for source in world.sources(run))
-    return tuple(dict.fromkeys((*signals.TARGETS, *world.turns(run), *noises)))
+    return tuple(dict.fromkeys((*TARGETS, *world.turns(run), *noises)))
 
 
 def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, Array]:
-    """Injected signals and set points of a run, as `signals.injections`."""
-    return signals.injections(run, start, stop, of(run).turns(run))
+    """Injected signals and set points of a run, as `signals.injected`."""
+    return injected(run, start, stop, world_of(run).turns(run))
 
 
 def stream(run: Run) -> Noise:
     """Return the noise of a run at its beginning."""
-    return Noise(run, of(run).sources(run))
+    return Noise(run, world_of(run).sources(run))
 
 
 def noise(run: Run) -> dict[str, Array]:

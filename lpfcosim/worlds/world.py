@@ -104,7 +104,7 @@ class World:
 WORLDS: dict[type, World] = {}
 
 
-def of(run: Run) -> World:
+def world_of(run: Run) -> World:
     """Return the world of a run: that of what it has beside the x axis."""
     return WORLDS[type(run.spacecraft)]
 

@@ -28,7 +28,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cosim import master
 from lpfcosim.cosim.placement import interfaces
@@ -36,7 +35,7 @@ from lpfcosim.modelica import build
 from lpfcosim.modelica.compiler import FLAGS, compiler
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Run
-from lpfcosim.worlds import drive
+from lpfcosim.worlds import drive, world_of
 
 HERE = Path(__file__).parent
 MONOLITHIC = HERE.parent / "oracles" / "monolithic.c"
@@ -129,9 +128,7 @@ def loops(hours: float, repeat: int) -> dict[str, float]:
     drawn = {**drive.injections(run), **drive.noise(run)}
     feeds = np.column_stack([drawn[name] for name in drive.names(run)])
     plain = feeds[: min(len(feeds), 20_000)]  # as slow as it is, a part suffices
-    out = {
-        name: np.zeros((len(feeds), len(worlds.of(run).record))) for name in ("ours", "fmpy", "monolithic")
-    }
+    out = {name: np.zeros((len(feeds), len(world_of(run).record))) for name in ("ours", "fmpy", "monolithic")}
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "monolithic.so"
         flags = [flag.replace("-O3", "-O2") for flag in FLAGS]

@@ -23,11 +23,11 @@ from fit.estimate.inertial import fit_period
 from fit.paper import joint_names, joint_parameter
 from fit.results import Estimate, Fit
 from fit.telemetry import reader as telemetry
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.modelica import build
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Run
+from lpfcosim.worlds import world_of
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "inertial.toml"
 NAMES = ("delta_phi", "delta_eta")
@@ -48,7 +48,7 @@ def true_dynamics(run: Run) -> Fit:
 
 def fitted(run: Run, change: Callable[[telemetry.Telemetry], telemetry.Telemetry] = lambda t: t) -> Fit:
     """Simulate and fit one run."""
-    fmus = build.build([c.model for c in worlds.of(run).components])
+    fmus = build.build([c.model for c in world_of(run).components])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
         runner.record(run, fmus, path, {})

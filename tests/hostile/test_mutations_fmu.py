@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
@@ -20,6 +19,7 @@ from lpfcosim.modelica import build
 from lpfcosim.running import ledger as files
 from lpfcosim.running import trust
 from lpfcosim.spacecraft.run import Replacement
+from lpfcosim.worlds import world_of
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
 from tests.lpfcosim.cosim.foreign import edited
@@ -55,7 +55,7 @@ def use(path, run, fmus):
     replaced = replace(run, replacements=(Replacement(MODEL, path),))
     for found in placement.interfaces(replaced, {**fmus, MODEL: path}):
         if found.archive == path:
-            parameters = found.parameters(worlds.of(replaced).parameters(replaced)[MODEL])
+            parameters = found.parameters(world_of(replaced).parameters(replaced)[MODEL])
             with contextlib.ExitStack() as stack:
                 slave.Slave(stack, path, MODEL, parameters, found.inputs, found.outputs)
 

@@ -13,13 +13,12 @@ from fit.estimate.runs import Experiment, Run
 from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cli.study import planned
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant
+from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant, world_of
 from tests import ROOT
 from tests.fit.estimate.test_joint import recorded
 from tests.oracles import whole_spectra
@@ -240,7 +239,7 @@ def test_turning_against_the_simulation(make_run):
     }
     pulse = np.where(n == 100, 1e-7, 0.0)
     driven, rest = (whole_plant.simulate(run, {**steady, **extra}) for extra in ({"N_noise_z_sc": pulse}, {}))
-    s = worlds.of(run).system(run)
+    s = world_of(run).system(run)
     state, found = s.B[:, s.inputs.index("N_noise_z_sc")] * 1e-7, []
     for _ in range(2000):
         found.append((s.C @ state)[s.channels.index("o_12")])

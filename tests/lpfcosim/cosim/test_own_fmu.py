@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.cosim import placement
 from lpfcosim.cosim.interface import resolve
@@ -21,6 +20,7 @@ from lpfcosim.modelica import build
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.worlds import world_of
 from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.cosim.foreign import edited, renamed
@@ -76,9 +76,9 @@ def test_map_of_names_gives_the_same_bits(run, fmus, tmp_path, fmi, engine):
 
 @pytest.mark.parametrize("model", build.MODELS)
 def test_every_place_can_be_taken(run, fmus, tmp_path, model):
-    if model not in {c.model for c in worlds.of(run).components}:
+    if model not in {c.model for c in world_of(run).components}:
         run = replace(run, spacecraft=Spacecraft())
-    component = next(c for c in worlds.of(run).components if c.model == model)
+    component = next(c for c in world_of(run).components if c.model == model)
     names = {name: f"{name}_theirs" for name in (*component.inputs, *component.outputs)}
     archive = renamed(fmus[model], tmp_path / "mine.fmu", names)
     wanted = in_memory.simulate(run, fmus)
@@ -356,7 +356,7 @@ def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):
     ],
 )
 def test_truths_that_hang_on_what_is_taken(run, model, missing, gone):
-    assert worlds.of(run).untold(run, {model: missing}) == gone
+    assert world_of(run).untold(run, {model: missing}) == gone
 
 
 MISBEHAVING = """

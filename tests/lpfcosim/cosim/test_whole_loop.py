@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim import worlds
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import whole_plant
+from lpfcosim.worlds import whole_plant, world_of
 from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
@@ -42,13 +41,13 @@ def run(make_run):
 
 
 def built(run, fmi):
-    return build.build([c.model for c in worlds.of(run).components], fmi=fmi)
+    return build.build([c.model for c in world_of(run).components], fmi=fmi)
 
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_agrees_with_the_reference_plant(run, fmi):
     got, wanted = in_memory.simulate(run, built(run, fmi)), whole_plant.simulate(run)
-    assert set(got) == set(worlds.of(run).record)
+    assert set(got) == set(world_of(run).record)
     for channel, values in got.items():
         expected = wanted[channel]
         assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel

@@ -13,12 +13,11 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import get_connections, read_ssd, read_ssv
 from lxml import etree
 
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
-from lpfcosim.worlds import along_x, drive, world
+from lpfcosim.worlds import along_x, drive, world, world_of
 from tests import ROOT
 
 pytestmark = pytest.mark.fmu
@@ -141,7 +140,7 @@ def test_every_authority_set_has_its_values(archive, members, plan, fmus):
     for name in ("A", "B", "C", "D"):
         run = next(r for r in plan.runs if r.authority.name == name)
         values = read_ssv(str(archive), f"resources/authority_{name}.ssv")
-        wanted = {f"{m}.{n}": v for m, vs in worlds.of(run).parameters(run).items() for n, v in vs.items()}
+        wanted = {f"{m}.{n}": v for m, vs in world_of(run).parameters(run).items() for n, v in vs.items()}
         assert {p.name: float(p.value) for p in values.parameters} == wanted
         assert len(values.parameters) == len(wanted)
         for parameter in values.parameters:

@@ -7,15 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lpfcosim import worlds
 from lpfcosim.errors import InputError
 from lpfcosim.network.wiring import Component, check_feedthrough, endpoint, in_order
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import along_x, drive
+from lpfcosim.worlds import along_x, drive, world_of
 
 
 def test_order_of_ours_is_that_of_the_signals(make_run):
-    names = [c.model for c in worlds.of(make_run()).steps(make_run())]
+    names = [c.model for c in world_of(make_run()).steps(make_run())]
     assert names[0] == "OpticalMetrology"
     assert names[-2:] == ["Actuation", "Plant"]
     assert set(names) == {c.model for c in along_x.COMPONENTS}
@@ -33,13 +32,13 @@ def test_order_does_not_depend_on_how_they_are_listed(components):
 
 def test_whole_spacecraft_is_wired_to_signals_and_outputs_that_exist(make_run):
     run = make_run(spacecraft=Spacecraft())
-    outputs = {f"{c.model}.{v}" for c in worlds.of(run).components for v in c.outputs}
-    sources = [s for c in worlds.of(run).components for s in c.inputs.values()] + list(
-        worlds.of(run).record.values()
+    outputs = {f"{c.model}.{v}" for c in world_of(run).components for v in c.outputs}
+    sources = [s for c in world_of(run).components for s in c.inputs.values()] + list(
+        world_of(run).record.values()
     )
     assert set(sources) <= outputs | set(drive.names(run))
     assert set(drive.names(run)) <= set(sources)
-    names = [c.model for c in worlds.of(run).steps(run)]
+    names = [c.model for c in world_of(run).steps(run)]
     assert names[-2:] == ["WholeActuation", "WholePlant"]
 
 
@@ -75,7 +74,7 @@ def test_signals_that_pass_each_other_in_two_components_are_no_loop():
 
 def test_every_variable_of_a_world_has_one_unit(make_run):
     for run in (make_run(), make_run(spacecraft=Spacecraft())):
-        world = worlds.of(run)
+        world = world_of(run)
         values = world.parameters(run)
         used = {n for c in world.components for n in (*c.inputs, *c.outputs, *values[c.model])}
         assert used == set(world.units)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from lpfcosim import worlds
 from lpfcosim.campaign import campaign
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Noise, Sine
-from lpfcosim.worlds import along_x_plant, drive
+from lpfcosim.worlds import along_x_plant, drive, world_of
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 # m or m s^-2 or N: far from any limit, far above rounding
@@ -40,7 +39,7 @@ def test_steady_state_of_a_sine(still, monkeypatch, name):
     driven[name] = DRIVES[name] * np.sin(2 * np.pi * FREQUENCY * t)
     monkeypatch.setattr(drive, "noise", lambda run: driven)
     simulated = along_x_plant.simulate(still)
-    s = worlds.of(still).system(still)
+    s = world_of(still).system(still)
     H = planning.transfer(s, still.h, np.array([FREQUENCY]))[0]
 
     late = t > t[-1] - 400  # whole cycles; what is left of the start is slow: constant and ramp take it

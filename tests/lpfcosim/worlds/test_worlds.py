@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from lpfcosim import worlds
 from lpfcosim.cosim import master, placement
 from lpfcosim.modelica import build
 from lpfcosim.plant import margins, saturation, stability
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft.spacecraft import Spacecraft
-from lpfcosim.worlds import along_x, drive, whole, world
+from lpfcosim.worlds import along_x, drive, whole, world, world_of
 
 
 @dataclass(frozen=True)
@@ -41,14 +40,14 @@ WATCHED = replace(
 @pytest.fixture
 def run(make_run, flight_noise, monkeypatch):
     monkeypatch.setattr(world, "WORLDS", dict(world.WORLDS))
-    worlds.register(WATCHED)
+    world.register(WATCHED)
     return make_run(noise=flight_noise, n_samples=600, spacecraft=Witness(1e-9))
 
 
 def test_a_run_chooses_its_world(run):
-    assert worlds.of(run) is WATCHED
-    assert worlds.of(replace(run, spacecraft=None)) is along_x.WORLD
-    assert worlds.of(replace(run, spacecraft=Spacecraft())) is whole.WORLD
+    assert world_of(run) is WATCHED
+    assert world_of(replace(run, spacecraft=None)) is along_x.WORLD
+    assert world_of(replace(run, spacecraft=Spacecraft())) is whole.WORLD
 
 
 def test_third_world_is_simulated_without_fmus(run):
