@@ -156,7 +156,7 @@ def fragment(text: str) -> None:
     document = tomllib.loads(text)
     for entry in (*document.get("fmus", {}).values(), *document.get("runs", ())):
         Path(entry.get("path") or entry["file"]).touch()
-    if document.get("schema") == mapping.SCHEMA:
+    if document.get("schema") == "lpf-map/1":
         Path("fragment.toml").write_text(text, encoding="utf-8")
         mapping.load(Path("fragment.toml"))
         return
