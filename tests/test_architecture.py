@@ -61,7 +61,6 @@ WAITING = (
         "lpfcosim/running/",
         "fit/results.py: ",
     ),
-    *("fit/estimate/irls.py: _iterate", "fit/pipeline.py: _dynamics", "lpfcosim/cli/run.py: run"),
     *("lpfcosim.api",),
 )
 

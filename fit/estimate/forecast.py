@@ -7,16 +7,16 @@ data; everything else is as in the fit: weights, window, weak priors, and where 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.errors import FitError, InputError
+from fit.errors import InputError
 from fit.estimate import linear
-from fit.estimate.irls import Outcome, beyond, common_tone
+from fit.estimate.irls import Held, Rule, iterate, weakly_held
 from fit.estimate.likelihood import weights
 from fit.estimate.runs import Experiment, Run, divide
 from fit.estimate.verdict import as_fit
@@ -31,8 +31,10 @@ CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
 
 SCHEMA = "lpf-forecast/1"
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
-MAX_ITERATIONS = 20
-TOLERANCE = 0.01  # sigma; what moves less moves no sigma
+#: What moves less than 0.01 sigma moves no sigma.
+RULE = Rule(
+    most=20, tolerance=0.01, harmless=0.01, warm_up=-1, windowed=True, moving="the expected fit still moves"
+)
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Expected(linear.Block):
         What noise adds to ``R^T R``.
     """
 
-    jitter: Array
+    jitter: Array = field(kw_only=True)
 
     @cached_property
     def R(self) -> Array:
@@ -110,25 +112,11 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
     parameters = sharing.parameters(runs)
     shares = [sharing.matrix(run, [p.name for p in parameters]) for run in runs]
     expectations = [_Expectation(p, share) for p, share in zip(taking_part, shares, strict=True)]
-    centre = np.array([p.value for p in parameters])
-    width = np.array([p.prior_sigma for p in parameters])
-    theta = centre
-    for _ in range(MAX_ITERATIONS):
-        blocks = [expectation.block(theta) for expectation in expectations]
-        tone = common_tone(blocks)
-        lost, directions = linear.blind(linear.information(blocks, theta), width)
-        if tone is not None:
-            lost |= beyond(tone, shares[0])
-        prior = linear.Prior(centre, np.diag(1 / width)[lost])
-        solution = linear.solution(blocks, prior, linear.minimise(blocks, prior, theta, width), width)
-        moved = np.abs(solution.theta - theta)[~lost] / np.sqrt(np.diag(solution.covariance))[~lost]
-        theta = solution.theta
-        if moved.max(initial=0.0) < TOLERANCE:
-            outcome = Outcome(
-                tuple(parameters), solution, lost, directions, tone, True, tuple(blocks), prior, {}
-            )
-            return as_fit(outcome, [p.experiment for p in taking_part])
-    raise FitError(f"the expected fit still moves by {moved.max():.2g} sigma")
+
+    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
+        return weakly_held(blocks, theta, parameters, shares[0], more)
+
+    return as_fit(iterate(expectations, parameters, held, RULE), [p.experiment for p in taking_part])
 
 
 def document(expected: Fit) -> dict[str, object]:
@@ -146,6 +134,8 @@ def document(expected: Fit) -> dict[str, object]:
 class _Expectation:
     """Makes the block of a run at the estimate of the parameters."""
 
+    settled = True
+
     def __init__(self, planned: Planned, share: Array) -> None:
         self._sysid, self._share = planned.experiment.sysid, share
         self._names = _channels(self._sysid)
@@ -154,7 +144,7 @@ class _Expectation:
         self._f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
         self._noise = planned.cross_spectra(self._names, self._f)
 
-    def block(self, theta: Array) -> Expected:
+    def block(self, theta: Array, _: Array, __: int) -> Expected:
         of_run, run = self._share @ theta, self._sysid
         terms = run.spectra(dynamics.delays(of_run))
         c = dynamics.coefficients(of_run, terms.tau)
@@ -169,7 +159,7 @@ class _Expectation:
         u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
         tone = linear.single_tone(terms.f, u)
         even = weights("gaussian", terms.f, u)
-        return Expected(terms.tau, U, even, terms.window, tone, self._share, of_bin.sum(axis=0))
+        return Expected(terms.tau, U, even, terms.window, tone, self._share, jitter=of_bin.sum(axis=0))
 
 
 def _channels(run: Run) -> tuple[str, ...]:

@@ -5,8 +5,9 @@ weights here are a smooth PSD, fitted by likelihood to the residual of the adjac
 estimate. The delays about which the commands are expanded move along, until nothing moves.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,67 @@ class Known:
 
     theta: Array
     covariance: Array
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When an iteration ends.
+
+    Attributes
+    ----------
+    most : int
+        Iterations.
+    tolerance : float
+        Least move [sigma] that counts.
+    harmless : float
+        Move [sigma] that is put up with in the last of them, and told.
+    warm_up : int
+        Iteration up to which nothing ends.
+    windowed : bool
+        Whether sigma is that of the estimate, or that of the curvature, which takes bins as independent.
+    moving : str
+        What does not settle, for messages.
+    """
+
+    most: int
+    tolerance: float
+    harmless: float
+    warm_up: int = _WARM_UP
+    windowed: bool = False
+    moving: str = "parameters still move"
+
+
+class Weighing(Protocol):
+    """What weighs one run, ever better."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the weights themselves have come to rest."""
+
+    def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
+        """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """What is known beside the data.
+
+    Attributes
+    ----------
+    prior : linear.Prior
+        As rows of chi^2.
+    lost : ndarray of bool, shape (P,)
+        True for indeterminable parameters.
+    directions : ndarray, shape (K, P)
+        See `linear.blind`.
+    tone : float or None
+        See `Outcome`.
+    """
+
+    prior: linear.Prior
+    lost: NDArray[np.bool_]
+    directions: Array
+    tone: float | None
 
 
 @dataclass(frozen=True)
@@ -93,7 +155,7 @@ def reweight(
     estimator: Estimator = "gaussian",
     scatter: Sequence[Scatter] = (),
 ) -> Outcome:
-    """Iterate weights, delays and parameters until no determinable parameter moves by TOLERANCE sigma.
+    """Iterate weights, delays and parameters until no determinable parameter moves.
 
     Parameters
     ----------
@@ -115,81 +177,122 @@ def reweight(
     FitError
         If it does not settle, or a step of it fails.
     """
+    weighings = [
+        _Flscov(e, share) if estimator == "flscov" else _Smooth(e, share, estimator)
+        for e, share in zip(experiments, shares, strict=True)
+    ]
+
+    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
+        found = weakly_held(blocks, theta, parameters, shares[0], more)
+        if not (found.tone and known):
+            return found
+        prior, lost = _all_but_lambda_2(known, shares[0])
+        return replace(found, prior=prior, lost=lost)
+
     try:
-        return _iterate(experiments, shares, parameters, known, estimator, scatter)
+        return iterate(weighings, parameters, held, scatter=scatter)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
 
 
-def _iterate(
-    experiments: Sequence[Experiment],
-    shares: Sequence[Array],
+def weakly_held(
+    blocks: Sequence[linear.Block],
+    theta: Array,
     parameters: Sequence[Parameter],
-    known: Known | None,
-    estimator: Estimator,
-    scatter: Sequence[Scatter],
+    share: Array,
+    more: Array,
+) -> Held:
+    """Hold by its weak prior whatever the data do not determine; `more` are rows of chi^2 beside them."""
+    width, tone = np.array([p.prior_sigma for p in parameters]), common_tone(blocks)
+    lost, directions = linear.blind(linear.information(blocks, theta) + more.T @ more, width)
+    if tone is not None:
+        lost |= beyond(tone, share)
+    prior = linear.Prior(np.array([p.value for p in parameters]), np.diag(1 / width)[lost])
+    return Held(prior, lost, directions, tone)
+
+
+def iterate(
+    weighings: Sequence[Weighing],
+    parameters: Sequence[Parameter],
+    held: Callable[[Sequence[linear.Block], Array, Array], Held],
+    rule: Rule | None = None,
+    scatter: Sequence[Scatter] = (),
 ) -> Outcome:
-    centre = np.array([p.value for p in parameters])
+    """Iterate weights, delays and parameters; every fit and the forecast go through here.
+
+    Parameters
+    ----------
+    weighings : sequence of Weighing
+        One for each run.
+    parameters : sequence of Parameter
+        The P parameters; the iteration starts at their values.
+    held : callable
+        Tells from blocks, theta and the rows of the scatter what is known beside the data.
+    rule : Rule, optional
+        When to stop.
+    scatter : sequence of Scatter
+        Departures of experiments from their common value, whose width is estimated along.
+
+    Raises
+    ------
+    FitError
+        If it does not settle, or a step of it fails.
+    """
+    rule = rule or Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS)
     width = np.array([p.prior_sigma for p in parameters])
-    theta, covariance = centre, np.zeros((centre.size, centre.size))
-    weighings = [
-        _Flscov(e, share) if estimator == "flscov" else _Smooth(e, share, estimator)
-        for e, share in zip(experiments, shares, strict=True)
-    ]
+    theta, covariance = np.array([p.value for p in parameters]), np.zeros((width.size, width.size))
     widths = [(s.start, np.inf) for s in scatter]
     step, move_before = 1.0, np.zeros(theta.size)
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(rule.most):
         blocks = [w.block(theta, covariance, iteration) for w in weighings]
-        of_scatter = rows(scatter, theta.size, [width for width, _ in widths])
+        of_scatter = rows(scatter, theta.size, [s for s, _ in widths])
         if iteration < SETTLED:
-            tone = common_tone(blocks)
-            H = linear.information(blocks, theta) + of_scatter.T @ of_scatter
-            lost, directions = linear.blind(H, width)
-            if tone is not None:
-                lost |= beyond(tone, shares[0])
-            prior = linear.Prior(centre, np.diag(1 / width)[lost])
-            if tone and known:
-                prior, lost = _all_but_lambda_2(known, shares[0])
-        beside = linear.Prior(prior.centre, np.concatenate([prior.rows, of_scatter]))
-        found = linear.minimise(blocks, beside, theta, width)
-        H = linear.information(blocks, found)
-        spread = linear.curvature_covariance(H, beside, width)
-        if not np.all(np.diag(spread) > 0):
-            raise FitError(
-                "ill-conditioned beyond what numbers hold; expected channels in the units they name"
-            )
-        move = (found - theta) / np.sqrt(np.diag(spread))
-        moved = float(np.max(np.abs(move[~lost]), initial=0.0))
-        before, widths = widths, _widths(scatter, widths, found, H + beside.rows.T @ beside.rows)
+            beside = held(blocks, theta, of_scatter)
+        determined = ~beside.lost
+        prior = linear.Prior(beside.prior.centre, np.concatenate([beside.prior.rows, of_scatter]))
+        found = linear.minimise(blocks, prior, theta, width)
+        covariance = _spread(blocks, prior, found, width, rule)
+        move = (found - theta) / np.sqrt(np.diag(covariance))
+        moved = float(np.max(np.abs(move[determined]), initial=0.0))
+        before, widths = widths, _widths(scatter, widths, found, blocks, prior)
         still = all(abs(a - b) < SAME_WIDTH * e for (a, _), (b, e) in zip(before, widths, strict=True))
-        settled = moved < TOLERANCE and still and all(w.settled for w in weighings)
-        last = iteration == MAX_ITERATIONS - 1
-        if iteration > _WARM_UP and (settled or (last and moved < HARMLESS)):
-            return Outcome(
-                parameters=tuple(parameters),
-                solution=linear.solution(blocks, beside, found, width),
-                lost=lost,
-                directions=directions,
-                tone=tone,
-                converged=settled,
-                blocks=tuple(blocks),
-                prior=beside,
-                scatter={s.name: width for s, width in zip(scatter, widths, strict=True)},
-            )
-        back = float(move[~lost] @ move_before[~lost]) < 0
-        if iteration >= SETTLED and back:  # lest weights and parameters swing against each other
-            step /= 2
+        settled = moved < rule.tolerance and still and all(w.settled for w in weighings)
+        put_up_with = iteration == rule.most - 1 and moved < rule.harmless
+        if iteration > rule.warm_up and (settled or put_up_with):
+            told = {s.name: of_s for s, of_s in zip(scatter, widths, strict=True)}
+            solution = linear.solution(blocks, prior, found, width)
+            state = (beside.lost, beside.directions, beside.tone, settled, tuple(blocks), prior, told)
+            return Outcome(tuple(parameters), solution, *state)
+        if iteration >= SETTLED and float(move[determined] @ move_before[determined]) < 0:
+            step /= 2  # lest weights and parameters swing against each other
         move_before = move
         theta = theta + step * (found - theta)
-        covariance = spread
-    raise FitError(f"parameters still move by {moved:.2g} sigma after {MAX_ITERATIONS} iterations")
+    raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations")
+
+
+def _spread(
+    blocks: Sequence[linear.Block], prior: linear.Prior, theta: Array, width: Array, rule: Rule
+) -> Array:
+    """Return the covariance in whose sigmas moves count, shape (P, P)."""
+    if rule.windowed:
+        covariance = linear.solution(blocks, prior, theta, width).covariance
+    else:
+        covariance = linear.curvature_covariance(linear.information(blocks, theta), prior, width)
+    if not np.all(np.diag(covariance) > 0):
+        raise FitError("ill-conditioned beyond what numbers hold; expected channels in the units they name")
+    return covariance
 
 
 def _widths(
-    scatter: Sequence[Scatter], widths: Sequence[tuple[float, float]], theta: Array, H: Array
+    scatter: Sequence[Scatter],
+    widths: Sequence[tuple[float, float]],
+    theta: Array,
+    blocks: Sequence[linear.Block],
+    prior: linear.Prior,
 ) -> list[tuple[float, float]]:
-    """Estimate the widths anew, each with the others as they were; H holds them all."""
+    """Estimate the widths anew, each with the others as they were; the prior holds them all."""
+    H = linear.information(blocks, theta) + prior.rows.T @ prior.rows if scatter else prior.rows
     found = []
     for s, (width, _) in zip(scatter, widths, strict=True):
         own = s.rows(theta.size, width)

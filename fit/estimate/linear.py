@@ -46,6 +46,8 @@ class Block:
         Frequency [Hz] of the signal in ``o_12''`` where there is just one, 0 without any, else None.
     share : ndarray, shape (K - 1, P)
         Linear map from the fitted parameters to those of the run.
+    first : int
+        Number of its first bin in the transform of the whole run.
     """
 
     tau: tuple[float, float]
@@ -54,6 +56,19 @@ class Block:
     window: Array | None
     tone: float | None
     share: Array
+    first: int = 1
+
+    def coefficients(self, theta: Array) -> Array:
+        """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
+        return dynamics.coefficients(self.share @ theta, self.tau)
+
+    def gradient(self, theta: Array) -> Array:
+        """Return the derivatives of `coefficients` by theta, shape (K, P)."""
+        return np.asarray(dynamics.gradient(self.share @ theta, self.tau) @ self.share)
+
+    def jacobian(self, theta: Array) -> Array:
+        """Return the derivatives of ``R c`` by theta, shape (K, P)."""
+        return np.asarray(self.R @ dynamics.gradient(self.share @ theta, self.tau) @ self.share)
 
     @property
     def size(self) -> int:
@@ -86,7 +101,8 @@ class Block:
             return np.asarray(root.T @ root)
         n, w = self.window.size, self.window
         padded = np.zeros((n // 2 + 1, self.columns.shape[1]), dtype=np.complex128)
-        padded[1 : len(self.columns) + 1] = self.columns * np.sqrt(self.weights.score)[:, None]
+        bins = slice(self.first, self.first + len(self.columns))
+        padded[bins] = self.columns * np.sqrt(self.weights.score)[:, None]
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
         z = scipy.fft.irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
@@ -94,6 +110,22 @@ class Block:
 
     def _root(self, factors: Array) -> Array:
         return np.asarray(np.linalg.qr(_real(self.columns * np.sqrt(factors)[:, None]), mode="r"))
+
+
+class Straight(Block):
+    """A whitened run of K columns, of which the first stands alone and theta multiplies the others."""
+
+    def coefficients(self, theta: Array) -> Array:
+        """As those of `Block`."""
+        return np.concatenate([np.ones_like(theta[:1]), theta])
+
+    def gradient(self, theta: Array) -> Array:
+        """As that of `Block`."""
+        return np.eye(theta.size + 1, theta.size, k=-1)
+
+    def jacobian(self, theta: Array) -> Array:
+        """As that of `Block`."""
+        return np.asarray(self.R @ self.gradient(theta))
 
 
 def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
@@ -185,7 +217,7 @@ def scores(blocks: Sequence[Block], theta: Array) -> Array:
 def _sum(of_columns: Sequence[Array], blocks: Sequence[Block], theta: Array) -> Array:
     total = np.zeros((theta.size, theta.size))
     for matrix, block in zip(of_columns, blocks, strict=True):
-        c = dynamics.gradient(block.share @ theta, block.tau) @ block.share
+        c = block.gradient(theta)
         total += c.T @ matrix @ c
     return total
 
@@ -282,6 +314,8 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     FitError
         If the minimiser fails.
     """
+    if all(isinstance(block, Straight) for block in blocks):
+        return _normal(blocks, prior, width)
     import lmfit  # takes its time
 
     rows = prior.rows * width
@@ -291,15 +325,12 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
 
     def residuals(p: lmfit.Parameters) -> Array:
         theta = parameters(p)
-        data = [block.R @ dynamics.coefficients(block.share @ theta, block.tau) for block in blocks]
+        data = [block.R @ block.coefficients(theta) for block in blocks]
         return np.concatenate([*data, prior.rows @ (theta - prior.centre)])
 
     def jacobian(p: lmfit.Parameters) -> Array:
         theta = parameters(p)
-        data = [
-            block.R @ dynamics.gradient(block.share @ theta, block.tau) @ block.share * width
-            for block in blocks
-        ]
+        data = [block.jacobian(theta) * width for block in blocks]
         return np.concatenate([*data, rows])
 
     p = lmfit.Parameters()
@@ -312,6 +343,15 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     if not found.success or not np.isfinite(theta).all():
         raise FitError(f"the minimisation failed: {found.message}")
     return theta
+
+
+def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:
+    """Solve the normal equations of columns that are linear in theta."""
+    zero = np.zeros_like(width)
+    right = prior.rows.T @ (prior.rows @ prior.centre)
+    for block in blocks:
+        right -= block.gradient(zero).T @ (block.R.T @ (block.R @ block.coefficients(zero)))
+    return curvature_covariance(information(blocks, zero), prior, width) @ right
 
 
 def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:
@@ -340,7 +380,7 @@ def solution(blocks: Sequence[Block], prior: Prior, theta: Array, width: Array) 
     H, known = information(blocks, theta), prior.rows.T @ prior.rows
     inverse = curvature_covariance(H, prior, width)
     covariance = inverse @ (scores(blocks, theta) + known) @ inverse
-    left = [block.plain @ dynamics.coefficients(block.share @ theta, block.tau) for block in blocks]
+    left = [block.plain @ block.coefficients(theta) for block in blocks]
     determined = round(float(np.trace(inverse @ H)))
     dof = sum(block.size for block in blocks) - determined
     return Solution(theta, covariance, float(np.sum(np.concatenate(left) ** 2)), dof)

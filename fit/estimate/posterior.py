@@ -76,7 +76,7 @@ class Posterior:
         theta = self.theta(z).T
         cost = np.sum((self._prior.rows @ (theta - self._prior.centre[:, None])) ** 2, axis=0)
         for block, R in zip(self._blocks, self._roots, strict=True):
-            cost += np.sum((R @ dynamics.coefficients(block.share @ theta, block.tau)) ** 2, axis=0)
+            cost += np.sum((R @ block.coefficients(theta)) ** 2, axis=0)
         return np.asarray(-cost / 2)
 
     @property

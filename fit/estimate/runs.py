@@ -131,14 +131,37 @@ def noise_model(
     # a noise run may carry other read-outs of spacecraft motion than the sysid run
     values = dict(zip(experiment.parameters, theta, strict=True))
     of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
+    c, taken = dynamics.coefficients(of_run, terms.tau), None
+    if experiment.noise is None:
+        taken = dynamics.gradient(theta, terms.tau), covariance
+    return smooth_noise(terms, c, taken, previous)
+
+
+def smooth_noise(
+    terms: Spectra, c: Array, taken: tuple[Array, Array] | None, previous: NoiseModel | None
+) -> NoiseModel:
+    """Fit the noise PSD to the residual of a run, once more with its own weights if there were none.
+
+    Parameters
+    ----------
+    terms : Spectra
+        The run.
+    c : ndarray, shape (K,)
+        Coefficients of its first K columns in the residual.
+    taken : tuple of ndarray, shapes (K, P) and (P, P), or None
+        Gradient of `c` and covariance of a fit to this very run: what that takes out is given back.
+    previous : NoiseModel or None
+        See `noise_model`.
+    """
     S = previous(terms.f) if previous else np.ones(terms.f.size)
     U, left = linear.whiten(terms, S)
-    power = np.abs(U @ dynamics.coefficients(of_run, terms.tau)) ** 2 * S / 2
-    if experiment.noise is None:
-        rows = U @ dynamics.gradient(theta, terms.tau)
+    power = np.abs(U[:, : c.size] @ c) ** 2 * S / 2
+    if taken:
+        gradient, covariance = taken
+        rows = U[:, : c.size] @ gradient
         left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
     model = fit_noise(terms.f, power, np.maximum(left, 0))
-    return model if previous else noise_model(experiment, theta, covariance, model)
+    return model if previous else smooth_noise(terms, c, taken, model)
 
 
 def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:
