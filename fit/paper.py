@@ -171,30 +171,29 @@ def cross_talk_parameter(name: str) -> Parameter:
     return Parameter(name, 0.0, width, unit, width, equation, *symbols, description, flown=False)
 
 
-def stiffness(j: int, values: Mapping[str, float], F_max: float, N_max: float) -> float:
-    """Return omega2_j [s-2] at a given actuation authority (eq. stiff_model).
+def stiffness_terms(j: int, F_max: float, N_max: float) -> dict[str, float]:
+    """Return what omega2_j [s-2] is made of: the factor of each parameter (eq. stiff_model).
 
     Parameters
     ----------
     j : int
         Test mass, 1 or 2.
-    values : mapping
-        Holds ``omega2_j_0`` [s-2], ``alpha_x_j`` [kg-1 m-1] and ``alpha_phi_j`` [kg-1 m-2].
     F_max, N_max : float
         Force [N] and torque [N m] authority of that test mass.
     """
-    return values[f"omega2_{j}_0"] + values[f"alpha_x_{j}"] * F_max + values[f"alpha_phi_{j}"] * N_max
+    return {f"omega2_{j}_0": 1.0, f"alpha_x_{j}": F_max, f"alpha_phi_{j}": N_max}
+
+
+def stiffness(j: int, values: Mapping[str, float], F_max: float, N_max: float) -> float:
+    """Return omega2_j [s-2] at a given authority; `values` holds its parameters, SI."""
+    return sum(factor * values[name] for name, factor in stiffness_terms(j, F_max, N_max).items())
 
 
 def _total_stiffness(j: int, F_max: float, N_max: float) -> tuple[float, float]:
     """Return the flight omega2_j and its sigma [s-2]; the paper gives no correlations, so none count."""
     value = stiffness(j, {name: p.value for name, p in FLIGHT.items()}, F_max, N_max)
-    sigma = math.hypot(
-        FLIGHT[f"omega2_{j}_0"].sigma,
-        FLIGHT[f"alpha_x_{j}"].sigma * F_max,
-        FLIGHT[f"alpha_phi_{j}"].sigma * N_max,
-    )
-    return value, sigma
+    terms = stiffness_terms(j, F_max, N_max)
+    return value, math.hypot(*(factor * FLIGHT[name].sigma for name, factor in terms.items()))
 
 
 def experiment_parameter(

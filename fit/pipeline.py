@@ -148,7 +148,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     joint = as_fit(outcome, taking_part) if outcome else None
     fits, of_joint = {}, []
     for e in experiments:
-        known = known_of(outcome, e.sysid.telemetry, sharing) if outcome else None
+        known = known_of(outcome, e.sysid, sharing) if outcome else None
         own = alone[e.name]
         if known and (isinstance(own, FitError) or own.tone):  # a single tone needs what others know
             own = _alone(e, known, chosen)

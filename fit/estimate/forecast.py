@@ -108,9 +108,9 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
     if not taking_part:
         raise InputError("no sysid run takes part in the joint fit, expected at least one of 6 h or more")
     sharing = Sharing(chosen.shared)
-    runs = [p.experiment.sysid.telemetry for p in taking_part]
+    runs = [(p.experiment.sysid.telemetry, p.experiment.parameters) for p in taking_part]
     parameters = sharing.parameters(runs)
-    shares = [sharing.matrix(run, [p.name for p in parameters]) for run in runs]
+    shares = [sharing.matrix(*run, [p.name for p in parameters]) for run in runs]
     expectations = [_Expectation(p, share) for p, share in zip(taking_part, shares, strict=True)]
 
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:

@@ -7,7 +7,7 @@ import numpy as np
 
 from fit.errors import InputError
 from fit.estimate.irls import Known, Outcome, reweight
-from fit.estimate.runs import Experiment
+from fit.estimate.runs import Experiment, Run
 from fit.estimate.scatter import START, Scatter
 from fit.model import Sharing, dynamics
 from fit.paper import EXPERIMENT_NAMES, FLIGHT, Parameter, cross_talk_parameter, experiment_parameter
@@ -57,14 +57,14 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
     """
     runs = [experiment.sysid.telemetry for experiment in experiments]
     sharing = Sharing(chosen.shared)
-    parameters = sharing.parameters(runs)
+    parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in parameters]
     if chosen.scatter and len(runs) < 2:
         raise InputError(f"fit.scatter: {runs[0].experiment} is alone, expected two experiments or more")
     departures, scatter = _departures(chosen.scatter, runs, names)
     shares = []
-    for n, run in enumerate(runs):
-        share = sharing.matrix(run, names)
+    for n, e in enumerate(experiments):
+        share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
         own = np.zeros((len(share), len(departures)))
         for i, name in enumerate(chosen.scatter):
             own[dynamics.PARAMETERS.index(name), i * len(runs) + n] = 1.0
@@ -89,9 +89,10 @@ def _departures(
     return departures, scatter
 
 
-def known_of(outcome: Outcome, run: Telemetry, sharing: Sharing) -> Known | None:
+def known_of(outcome: Outcome, run: Run, sharing: Sharing) -> Known | None:
     """Return what the joint fit says of the parameters of one run; None where it cannot say."""
-    to_run = sharing.matrix(run, [p.name for p in outcome.parameters])
+    names = [p.name for p in outcome.parameters]
+    to_run = sharing.matrix(run.telemetry, run.channels.parameters, names)
     if outcome.tone is not None or not to_run.any(axis=1).all():
         return None
     return Known(to_run @ outcome.solution.theta, to_run @ outcome.solution.covariance @ to_run.T)

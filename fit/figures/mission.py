@@ -16,7 +16,7 @@ from scipy import stats
 from fit.estimate import SCORES
 from fit.figures.files import Axis, Columns, Plot, legend_above
 from fit.figures.style import COLOURS, WIDE, WIDTH
-from fit.paper import stiffness
+from fit.paper import stiffness, stiffness_terms
 from fit.results import Diagnostics, Estimate, Fit
 
 Array = NDArray[np.float64]
@@ -92,15 +92,15 @@ class StiffnessPoint:
 
 
 def reconstruction(joint: Fit | None, F_max: float, N_max: float) -> tuple[float, float] | None:
-    """Return omega2_2 and its sigma [s-2] of the joint fit (eq. stiff_model), None where it lacks a term."""
-    names = ("omega2_2_0", "alpha_x_2", "alpha_phi_2")
-    if joint is None or not joint.parameters.keys() >= set(names):
+    """Return omega2_2 and its sigma [s-2] of the joint fit , None where it lacks a term."""
+    terms = stiffness_terms(2, F_max, N_max)
+    if joint is None or not joint.parameters.keys() >= terms.keys():
         return None
     order = list(joint.parameters)
-    of_names = [order.index(name) for name in names]
-    factors = np.array([1.0, F_max, N_max])
-    variance = factors @ joint.covariance[np.ix_(of_names, of_names)] @ factors
-    values = {name: joint.parameters[name].value for name in names}
+    of_terms = [order.index(name) for name in terms]
+    factors = np.array(list(terms.values()))
+    variance = factors @ joint.covariance[np.ix_(of_terms, of_terms)] @ factors
+    values = {name: joint.parameters[name].value for name in terms}
     return stiffness(2, values, F_max, N_max), math.sqrt(max(float(variance), 0.0))
 
 

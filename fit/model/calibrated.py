@@ -1,11 +1,12 @@
 """The dynamics of a run, as an earlier joint fit knows them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.paper import joint_names, joint_parameter
 from fit.results import Fit, FitWarning
@@ -55,7 +56,7 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     covariance[np.ix_(at, at)] = joint.covariance[np.ix_(among, among)]
     sigma = np.sqrt(np.diag(covariance))
     sharing = Sharing(settings().shared)
-    of_run = sharing.matrix(replace(run, channels={}), names)  # without the rows of eq. bump
+    of_run = sharing.matrix(run, dynamics.PARAMETERS, names)
     return Dynamics(
         theta=of_run @ [values[name] for name in names],
         share=of_run * sigma,

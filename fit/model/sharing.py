@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.model import dynamics
-from fit.paper import Parameter, cross_talk_parameter, joint_parameter
+from fit.paper import Parameter, cross_talk_parameter, joint_parameter, stiffness_terms
 from fit.settings import Group
 from fit.telemetry import Telemetry
 
@@ -29,35 +29,36 @@ class Sharing:
         group = self.groups[base]
         return base if group == "campaign" else f"{base}_{getattr(run, group)}"
 
-    def parameters(self, runs: Sequence[Telemetry]) -> list[Parameter]:
-        """Return the parameters of a joint fit of `runs`, each group's values together."""
+    def parameters(self, runs: Sequence[tuple[Telemetry, Sequence[str]]]) -> list[Parameter]:
+        """Return the parameters of a joint fit, each group's values together.
+
+        Parameters
+        ----------
+        runs : sequence of tuple
+            Each run, and the names of its parameters (`dynamics.run_parameters`).
+        """
         found: dict[str, Parameter] = {}
-        ordered = sorted(runs, key=lambda run: run.alignment_epoch)
+        ordered = sorted(runs, key=lambda item: item[0].alignment_epoch)
         for base in self.groups:
-            for run in ordered if self.groups[base] == "alignment_epoch" else runs:
-                if base not in dynamics.CROSS_TALK or base in self._own(run):
+            for run, own in ordered if self.groups[base] == "alignment_epoch" else runs:
+                if base not in dynamics.CROSS_TALK or base in own:
                     found.setdefault(self.name(base, run), self._parameter(base, run))
         return list(found.values())
 
-    def matrix(self, run: Telemetry, names: Sequence[str]) -> NDArray[np.float64]:
-        """Return the map from the P joint parameters to the K of one run, shape (K, P) (eq. stiff_model)."""
-        rows = [
-            {self.name(base, run): factor for base, factor in row.items()} for row in self._own(run).values()
-        ]
-        return np.array([[row.get(name, 0.0) for name in names] for row in rows])
-
-    @staticmethod
-    def _own(run: Telemetry) -> dict[str, dict[str, float]]:
-        """Return what each parameter of a run is made of."""
-        omega2_1 = {"omega2_1_0": 1.0, "alpha_x_1": run.F_max_1, "alpha_phi_1": run.N_max_1}
-        omega2_2 = {"omega2_2_0": 1.0, "alpha_x_2": run.F_max_2, "alpha_phi_2": run.N_max_2}
-        of_run = {
+    def matrix(self, run: Telemetry, own: Sequence[str], names: Sequence[str]) -> NDArray[np.float64]:
+        """Return the map from the P joint parameters `names` to the K of a run, `own`, shape (K, P)."""
+        omega2_1 = stiffness_terms(1, run.F_max_1, run.N_max_1)
+        omega2_2 = stiffness_terms(2, run.F_max_2, run.N_max_2)
+        made_of = {
             "omega2_2": omega2_2,
             # eq. deltastiff_model
-            "domega2_12": omega2_2 | {name: -factor for name, factor in omega2_1.items()},
+            "domega2_12": omega2_2 | {base: -factor for base, factor in omega2_1.items()},
         }
-        own = dynamics.run_parameters(dynamics.means(run))
-        return {name: of_run.get(name, {name: 1.0}) for name in own}
+        rows = [
+            {self.name(base, run): factor for base, factor in made_of.get(name, {name: 1.0}).items()}
+            for name in own
+        ]
+        return np.array([[row.get(name, 0.0) for name in names] for row in rows])
 
     def _parameter(self, base: str, run: Telemetry) -> Parameter:
         if base in dynamics.CROSS_TALK:

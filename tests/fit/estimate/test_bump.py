@@ -234,9 +234,9 @@ def test_a_fit_without_cross_talk_does_not_know_a_run_that_has_it(noisy):
     runs, outcome, _ = noisy
     with_channels = runs[0].sysid.telemetry
     without = experiments([blind(r) for r in (with_channels, runs[0].noise.telemetry)])
-    assert known_of(fit_joint(without, settings()), with_channels, SHARING) is None
-    assert known_of(outcome, with_channels, SHARING).theta.size == 13
-    assert known_of(outcome, blind(with_channels), SHARING).theta.size == 7
+    assert known_of(fit_joint(without, settings()), Run(with_channels), SHARING) is None
+    assert known_of(outcome, Run(with_channels), SHARING).theta.size == 13
+    assert known_of(outcome, Run(blind(with_channels)), SHARING).theta.size == 7
 
 
 def test_jitter_below_the_noise_determines_nothing():
