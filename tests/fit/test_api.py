@@ -124,7 +124,7 @@ def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
         (lambda: fit.load("missing.h5"), "missing.h5: no such file"),
         (lambda: fit.load_results("missing.json"), "missing.json: no such file"),
         (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
-        (lambda: fit.calibrate([], estimator="magic"), "calibrate.estimator: 'magic'"),
+        (lambda: fit.calibrate([], estimator="magic"), 'calibrate.estimator: "magic"'),
         (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),
     ],
 )
