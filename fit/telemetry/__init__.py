@@ -16,6 +16,7 @@ from fit.telemetry.reader import (
     read_truth,
     samples,
 )
+from fit.telemetry.units import in_base_units
 from fit.telemetry.writer import Writer
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "check_storage",
     "convert",
     "guard",
+    "in_base_units",
     "inertial_period",
     "inside",
     "is_map",

@@ -48,6 +48,27 @@ def factor(unit: str, si: str) -> float:
     return float(f"{given / wanted:.15g}")
 
 
+def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
+    """Return the base units that `unit` is made of with their powers, its factor and its offset.
+
+    Raises
+    ------
+    ValueError
+        If it is not known.
+
+    Examples
+    --------
+    >>> in_base_units("km/s")
+    ({'meter': 1, 'second': -1}, 1000.0, 0.0)
+    """
+    try:
+        zero, one = (registry().Quantity(x, unit).to_base_units() for x in (0.0, 1.0))
+    except Exception as error:  # as above
+        raise ValueError(f"unit {unit!r} is not known") from error
+    powers = {name: round(float(str(power))) for name, power in one.unit_items()}
+    return powers, one.magnitude - zero.magnitude, zero.magnitude
+
+
 def same_unit(a: str, b: str) -> bool:
     """Tell whether two texts spell one unit; prefixes are not converted.
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-import pint
-
+from fit.telemetry import in_base_units
 from lpfcosim.modelica.codegen import Layout, settable_until
 from lpfcosim.modelica.flat import FlatModel, UnsupportedError
 from lpfcosim.modelica.system import Scalar, System
@@ -167,23 +166,22 @@ def _text(root: ET.Element) -> str:
 
 def _units(root: ET.Element, model: FlatModel) -> None:
     units = sorted({"s"} | {v.unit for v in model.variables if v.unit and v.variability != "constant"})
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     definitions = ET.SubElement(root, "UnitDefinitions")
     for unit in units:
         try:
-            zero, base = (registry.Quantity(x, _pint_spelling(unit)).to_base_units() for x in (0.0, 1.0))
-            exponents = {_BASE_UNITS[name]: round(float(str(power))) for name, power in base.unit_items()}
-        except (pint.PintError, KeyError, ValueError):
+            powers, factor, offset = in_base_units(_pint_spelling(unit))
+            exponents = {_BASE_UNITS[name]: power for name, power in powers.items()}
+        except (KeyError, ValueError):
             user = next(v for v in model.variables if v.unit == unit)
             raise UnsupportedError(
                 f"{model.sources.where(user.span)}: {model.name}: unit '{unit}' of '{user.name}' is not known"
             ) from None
         element = ET.SubElement(definitions, "Unit", name=unit)
         attributes = {k: str(p) for k, p in exponents.items()}
-        if base.magnitude - zero.magnitude != 1:
-            attributes["factor"] = repr(base.magnitude - zero.magnitude)
-        if zero.magnitude != 0:
-            attributes["offset"] = repr(zero.magnitude)
+        if factor != 1:
+            attributes["factor"] = repr(factor)
+        if offset != 0:
+            attributes["offset"] = repr(offset)
         ET.SubElement(element, "BaseUnit", attributes)
 
 
