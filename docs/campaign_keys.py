@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from lpfcosim.cli.plan import json_schema
+from lpfcosim.cli.schema import json_schema
 
 PAGE = Path(__file__).with_name("formats.md")
 BEGIN, END = "<!-- from the schema: python docs/campaign_keys.py -->\n", "<!-- end -->\n"

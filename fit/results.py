@@ -185,8 +185,8 @@ def joint_of(results: Results) -> Fit:
     return results.joint
 
 
-def write(results: Results, path: Path) -> None:
-    """Write `results` as JSON; the file appears whole or not at all.
+def write(results: Results, path: Path) -> str:
+    """Write `results` as JSON, which is returned; the file appears whole or not at all.
 
     Raises
     ------
@@ -207,6 +207,7 @@ def write(results: Results, path: Path) -> None:
     except ValueError as error:
         raise FitError(f"{path}: not written, a number in the results is not finite") from error
     atomic.write(path, text + "\n")
+    return text
 
 
 def _fit_to_json(fit: Fit) -> dict[str, object]:

@@ -13,15 +13,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from lpfcosim.api import load_campaign, simulate
     from lpfcosim.campaign import Campaign
     from lpfcosim.errors import InputError, LpfcosimError, RunError
-    from lpfcosim.running import load_campaign, simulate
 
 __all__ = ["Campaign", "InputError", "LpfcosimError", "RunError", "load_campaign", "simulate"]
 _HOME = {
     "campaign.campaign": ("Campaign",),
     "errors": ("InputError", "LpfcosimError", "RunError"),
-    "running.simulation": ("load_campaign", "simulate"),
+    "api": ("load_campaign", "simulate"),
 }
 
 

@@ -152,8 +152,8 @@ def summary(drawn: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, Pulls]:
 
 def write(
     found: Mapping[str, Pulls], n: int, failed: Mapping[int, str], more: Mapping[str, object], path: Path
-) -> None:
-    """Write a summary as JSON; the file appears whole or not at all.
+) -> str:
+    """Write a summary as JSON, which is returned; the file appears whole or not at all.
 
     Parameters
     ----------
@@ -175,4 +175,6 @@ def write(
         "parameters": {name: vars(pulls) for name, pulls in found.items()},
         "provenance": dict(more),
     }
-    atomic.write(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    text = json.dumps(document, indent=1, allow_nan=False)
+    atomic.write(path, text + "\n")
+    return text

@@ -80,7 +80,8 @@ class Experiment:
 class Campaign:
     """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC.
 
-    ``fit`` is what the file says about the fit, as written.
+    ``fit`` is what the file says about the fit, ``tables`` all that it says together with what it extends, as
+    written.
     """
 
     name: str
@@ -92,6 +93,7 @@ class Campaign:
     experiments: tuple[Experiment, ...]
     replacements: tuple[Replacement, ...] = ()
     fit: Mapping[str, object] = field(default_factory=dict)
+    tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
@@ -136,7 +138,7 @@ class Campaign:
         of the fit, which changes nothing in the telemetry.
         """
         said = asdict(self)
-        del said["fit"]
+        del said["fit"], said["tables"]
         for replacement in said["replacements"]:
             del replacement["archive"], replacement["sha256"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
@@ -152,16 +154,12 @@ def load(path: Path) -> Campaign:
     """
     raw = merged.read(path)
     try:
-        return _build(CampaignTable.model_validate(raw))
+        found = _build(CampaignTable.model_validate(raw))
     except ValidationError as error:
         raise InputError(f"{path}: {told(error, SHAPES)}") from None
     except _ConflictError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def resolved(path: Path) -> dict[str, Any]:
-    """Return what a campaign file says, together with what it extends; InputError as `load`."""
-    return {key: value for key, value in merged.read(path).items() if key != "extends"}
+    return replace(found, tables={key: value for key, value in raw.items() if key != "extends"})
 
 
 def json_schema() -> dict[str, Any]:

@@ -83,10 +83,10 @@ def check(
     sigmas of the joint fit (those of `lpfcosim forecast`), and how long it will take. Nothing is simulated,
     and no FMU is needed.
     """
-    from lpfcosim.cli import plan as cli_plan
+    from lpfcosim.cli import check as cli_check
     from lpfcosim.cli.console import Console
 
-    cli_plan.check(campaign, Console(quiet=quiet, as_json=as_json))
+    cli_check.check(campaign, Console(quiet=quiet, as_json=as_json))
 
 
 @app.command(
@@ -172,10 +172,10 @@ def fit(
     Runs with injections (kind sysid) calibrate the dynamics. Noise runs of 12 h or more with torques
     calibrate the inertial forces.
     """
-    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console
 
-    cli_run.fit_files(
+    cli_fit.fit_files(
         paths,
         out,
         Console(quiet=quiet, as_json=as_json),
@@ -188,10 +188,10 @@ def fit(
 @app.command(epilog=examples("lpfcosim report quickstart"))
 def report(directory: Directory, quiet: Quiet = False) -> None:
     """Rebuild the report from what DIR holds."""
-    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli import report as cli_report
     from lpfcosim.cli.console import Console
 
-    cli_run.report(directory, Console(quiet=quiet))
+    cli_report.report(directory, Console(quiet=quiet))
 
 
 @app.command(epilog=examples("lpfcosim deltag quickstart --calibration quickstart/results.json"))
@@ -208,10 +208,10 @@ def deltag(
     NAME.h5 becomes NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
     delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
     """
-    from lpfcosim.cli import run as cli_run
+    from lpfcosim.cli import deltag as cli_deltag
     from lpfcosim.cli.console import Console
 
-    cli_run.deltag(paths, calibration, out, Console(quiet=quiet))
+    cli_deltag.deltag(paths, calibration, out, Console(quiet=quiet))
 
 
 @app.command(epilog=examples("lpfcosim forecast mine.toml", "lpfcosim forecast mine.toml --out mine"))
@@ -232,10 +232,10 @@ def forecast(
     scatter between experiments. They are means over many campaigns: those of one fit differ by up to 10 %,
     because it estimates the noise PSDs. The angles of the inertial calibration are not forecast.
     """
-    from lpfcosim.cli import study as cli_study
+    from lpfcosim.cli import forecast as cli_forecast
     from lpfcosim.cli.console import Console
 
-    cli_study.forecast(campaign, out, Console(quiet=quiet, as_json=as_json))
+    cli_forecast.forecast(campaign, out, Console(quiet=quiet, as_json=as_json))
 
 
 @app.command(
@@ -317,10 +317,10 @@ def margins(
 
     These are unity gain, phase margin and gain margin of each loop, with the others closed.
     """
-    from lpfcosim.cli import plan as cli_plan
+    from lpfcosim.cli import margins as cli_margins
     from lpfcosim.cli.console import Console
 
-    cli_plan.margins(campaign, Console(as_json=as_json))
+    cli_margins.margins(campaign, Console(as_json=as_json))
 
 
 @app.command(epilog=examples("lpfcosim reproduce quickstart"))
@@ -344,9 +344,9 @@ def schema() -> None:
     Begin a campaign with the line "#:schema ./lpf-campaign.json". Editors then complete and check it as you
     type, for instance Visual Studio Code with the extension Even Better TOML.
     """
-    from lpfcosim.cli import plan as cli_plan
+    from lpfcosim.cli import schema as cli_schema
 
-    cli_plan.print_schema()
+    cli_schema.print_schema()
 
 
 app.add_typer(cli_fmu.app, name="fmu")

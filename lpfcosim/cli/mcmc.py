@@ -11,14 +11,14 @@ from fit.report import page as fit_report
 from fit.results import Results
 from fit.telemetry import Telemetry
 from lpfcosim.cli.console import Console
-from lpfcosim.running import lock
+from lpfcosim.running import folder
 
 
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
     """Sample the posterior of the joint fit in a folder; continue what is there."""
     with console.stage("reading"):
         results, telemetries = earlier.load(directory)
-    with lock.held(directory):
+    with folder.held(directory):
         _sample(directory, results, telemetries, console, steps=steps, seed=seed)
 
 

@@ -29,11 +29,12 @@ from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
-from lpfcosim.cli.study import in_memory
+from lpfcosim.cli.planned import in_memory
 from lpfcosim.cosim import Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.plant import spectral, stability
-from lpfcosim.running import cluster, lock, runner, simulation, telemetry, trust, workers
+from lpfcosim.running import cluster, folder, runner, telemetry, workers
+from lpfcosim.running import fmus as fmu_archives
 from lpfcosim.running import ledger as files
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -92,10 +93,10 @@ def montecarlo(
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)
         with about(campaign):
-            trust.check(plan, archives, trusted=trusted)
-    with lock.held(directory), simulation.held(plan, archives, directory) as held:
+            fmu_archives.check(plan, archives, trusted=trusted)
+    with folder.held(directory), fmu_archives.held(plan, archives, directory) as held:
         with about(campaign):
-            trust.check(plan, held, trusted=trusted)  # what is loaded, as it is now
+            fmu_archives.check(plan, held, trusted=trusted)  # what is loaded, as it is now
         header = {
             "campaign_digest": plan.digest,
             "settings": chosen.model_dump(),
@@ -145,10 +146,10 @@ def _tell(
         told = f"of {len(lines)} campaigns {len(failed)} failed; there are no pulls to tell of"
         raise RunError(f"{plan.name}: {told}")
     more = {"campaign": plan.name, **header}
-    pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
+    document = pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
     (directory / "figures").mkdir(exist_ok=True)
     write(directory / "figures", "pulls", studies.histograms, found, drawn)
-    console.document((directory / "montecarlo.json").read_text(encoding="utf-8"))
+    console.document(document)
     console.show(_table(found))
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed: {directory / 'montecarlo.json'}")
 

@@ -12,7 +12,7 @@ import h5py
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.running import dossier
+from lpfcosim.running import folder
 from lpfcosim.running import ledger as files
 
 
@@ -26,7 +26,7 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
     RunError
         If the campaign cannot be run any more, or a file comes out different.
     """
-    campaign = dossier.campaign_of(directory)
+    campaign = folder.campaign_of(directory)
     recorded = sorted((directory / "telemetry").glob("*.h5"))
     if not recorded:
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")

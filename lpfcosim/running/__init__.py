@@ -3,19 +3,4 @@
 What is finished is kept and checked by its digest, so that a campaign that was killed continues.
 """
 
-from lpfcosim.running.runner import Simulated
-from lpfcosim.running.simulation import load_campaign, simulate
-
-__all__ = [
-    "Simulated",
-    "cluster",
-    "dossier",
-    "ledger",
-    "load_campaign",
-    "lock",
-    "runner",
-    "simulate",
-    "simulation",
-    "telemetry",
-    "trust",
-]
+__all__ = ["cluster", "fmus", "folder", "ledger", "runner", "telemetry", "workers"]

@@ -41,10 +41,13 @@ class Simulated:
         The telemetry of every run that is there, in the order of the campaign.
     failures : mapping of str to RunError
         Why the others are not.
+    origin : mapping
+        The `provenance` of all of it.
     """
 
     files: Mapping[str, Path]
     failures: Mapping[str, RunError]
+    origin: Origin
 
 
 def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | int | float]:
@@ -58,36 +61,12 @@ def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | 
     }
 
 
-def simulate(
-    campaign: Campaign,
-    directory: Path,
-    fmus: Mapping[str, Path],
-    *,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    engine: master.Engine = "compiled",
-    rerun: bool = False,
-    time_limit: float | None = None,
-    silence: float = workers.SILENCE,
-    progress: Progress = lambda _name, _done: None,
-    kept: Callable[[str], None] = lambda _name: None,
-    told: Callable[[str], None] = lambda _line: None,
-    begin: Callable[[], None] = lambda: None,
-) -> Simulated:
-    """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
+@dataclass(frozen=True)
+class How:
+    """How a campaign is simulated.
 
-    A file is there if it is as it was when it was finished, by the ledger beside ``directory``
-    (``telemetry.sha256``, which ``sha256sum -c`` reads); one that is damaged is simulated again. The folder
-    beside it, ``logs``, tells more about runs that failed.
-
-    Parameters
+    Attributes
     ----------
-    campaign : Campaign
-        What to simulate.
-    directory : Path
-        Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
-    fmus : mapping of str to Path
-        The FMU of each component.
     jobs : int, optional
         Number of processes; as many as there are processors by default.
     scheduler : str, optional
@@ -100,6 +79,22 @@ def simulate(
         Longest that a run may take [s].
     silence : float
         Time without a step after which an FMU is taken to hang [s].
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    engine: master.Engine = "compiled"
+    rerun: bool = False
+    time_limit: float | None = None
+    silence: float = workers.SILENCE
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who is told what goes on.
+
+    Attributes
+    ----------
     progress : callable
         Told the name of a run and the number of samples done.
     kept : callable
@@ -107,7 +102,37 @@ def simulate(
     told : callable
         Told in one line what else there is to tell.
     begin : callable
-        Called when nothing stands in the way, before anything is simulated.
+        Told the provenance when nothing stands in the way, before anything is simulated.
+    """
+
+    progress: Progress = lambda _name, _done: None
+    kept: Callable[[str], None] = lambda _name: None
+    told: Callable[[str], None] = lambda _line: None
+    begin: Callable[[Origin], None] = lambda _origin: None
+
+
+def simulate(
+    campaign: Campaign,
+    directory: Path,
+    fmus: Mapping[str, Path],
+    how: How = How(),
+    listener: Listener = Listener(),
+) -> Simulated:
+    """Simulate every run of ``campaign`` whose file in ``directory`` is not there yet.
+
+    A file is there if it is as it was when it was finished, by the ledger beside ``directory``
+    (``telemetry.sha256``, which ``sha256sum -c`` reads). Beside it ``logs`` tells more of runs that failed.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to simulate.
+    directory : Path
+        Folder of the telemetry files, one per run; made if need be. No other process may use it meanwhile.
+    fmus : mapping of str to Path
+        The FMU of each component.
+    how, listener : How, Listener
+        On what and within which limits; who is told what goes on.
 
     Raises
     ------
@@ -116,8 +141,8 @@ def simulate(
     RunError
         If the folder cannot be made.
     """
-    if jobs is not None and jobs < 1:
-        raise InputError(f"jobs: {jobs}, expected one or more processes")
+    if how.jobs is not None and how.jobs < 1:
+        raise InputError(f"jobs: {how.jobs}, expected one or more processes")
     origin = provenance(campaign, fmus)
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -125,56 +150,50 @@ def simulate(
         raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
     paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
     ledger = files.Ledger(directory.with_name(f"{directory.name}.sha256"))
-    logs = directory.parent / "logs"
-    whole = _whole(directory, paths, origin, ledger, rerun=rerun)
+    whole = _whole(directory, paths, origin, ledger, rerun=how.rerun)
     for name, path in paths.items():
         if name in whole:
-            kept(name)
+            listener.kept(name)
         elif path.exists():
-            why = "simulated again" if rerun else "is not as it was finished, simulated again"
-            told(f"run {name}: {path} {why}")
-    missing = [run for run in campaign.runs if run.name not in whole]
-    begin()
-    failures: dict[str, RunError] = {}
+            why = "simulated again" if how.rerun else "is not as it was finished, simulated again"
+            listener.told(f"run {name}: {path} {why}")
+    listener.begin(origin)
+    missing = {run.name: run for run in campaign.runs if run.name not in whole}
+    found: dict[str, RunError] = {}
     if missing:
-        ledger.forget(paths[run.name] for run in missing)
-        for run in missing:  # lest old and new lie side by side, should this be killed
-            paths[run.name].unlink(missing_ok=True)
-        if engine == "compiled":
-            engine_library()  # once, here, and not in every worker
-        setting = workers.Setting(_simulate, directory, logs)
-        # The longest first, so that none is left running alone at the end.
-        items = {
-            r.name: (r, dict(fmus), paths[r.name], dict(origin), engine)
-            for r in sorted(missing, key=lambda r: -r.n_samples)
-        }
-        sizes = {run.name: run.n_samples for run in missing}
+        ledger.forget(map(paths.__getitem__, missing))
+        for name in missing:  # lest old and new lie side by side, should this be killed
+            paths[name].unlink(missing_ok=True)
+        setting = workers.Setting(_simulate, directory, directory.parent / "logs")
+        common = dict(origin), how.engine
+        tasks = {name: (run, dict(fmus), paths[name], *common) for name, run in missing.items()}
+        outcomes = _outcomes(setting, tasks, how, listener)
+        found = _settled(missing, outcomes, ledger, paths, listener.progress, setting)
+    return Simulated({name: path for name, path in paths.items() if name not in found}, found, origin)
 
-        def under_way(name: str, done: int) -> None:
-            if done < sizes[name]:  # the last is told of a file that is finished
-                progress(name, done)
 
-        outcomes = (
-            cluster.record(scheduler, setting, items, time_limit=time_limit, silence=silence)
-            if scheduler
-            else workers.results(
-                setting,
-                items,
-                jobs or processors(),
-                time_limit=time_limit,
-                silence=silence,
-                progress=under_way,
-            )
-        )
-        failures = _settled(campaign, outcomes, ledger, paths, progress, setting)
-        for run in missing:  # whoever was to do it said nothing
-            if run.name not in failures and not paths[run.name].is_file():
-                failures[run.name] = RunError(f"run '{run.name}': was not simulated")
-    return Simulated({n: p for n, p in paths.items() if n not in failures}, failures)
+def _outcomes(
+    setting: workers.Setting, tasks: Mapping[str, tuple[Any, ...]], how: How, listener: Listener
+) -> Iterator[tuple[str, Any]]:
+    """Have runs done where the user wants it; yield what comes of each."""
+    if how.engine == "compiled":
+        engine_library()  # once, here, and not in every worker
+    sizes = {name: task[0].n_samples for name, task in tasks.items()}
+    # The longest first, so that none is left running alone at the end.
+    items = {name: tasks[name] for name in sorted(tasks, key=lambda name: -sizes[name])}
+
+    def under_way(name: str, done: int) -> None:
+        if done < sizes[name]:  # the last is told of a file that is finished
+            listener.progress(name, done)
+
+    limits: dict[str, Any] = {"time_limit": how.time_limit, "silence": how.silence}
+    if how.scheduler:
+        return cluster.record(how.scheduler, setting, items, **limits)
+    return workers.results(setting, items, how.jobs or processors(), progress=under_way, **limits)
 
 
 def _settled(
-    campaign: Campaign,
+    runs: Mapping[str, Run],
     outcomes: Iterable[tuple[str, Any]],
     ledger: files.Ledger,
     paths: Mapping[str, Path],
@@ -182,7 +201,6 @@ def _settled(
     setting: workers.Setting,
 ) -> dict[str, RunError]:
     """Enter what is finished into the ledger as it comes; return why the rest failed."""
-    runs = {run.name: run for run in campaign.runs}
     failures: dict[str, LpfcosimError] = {}
     for name, outcome in outcomes:
         if isinstance(outcome, str):
@@ -194,7 +212,10 @@ def _settled(
     wrong = [error for error in failures.values() if isinstance(error, InputError)]
     if wrong:
         raise InputError("; ".join(dict.fromkeys(map(str, wrong))))
-    return {run.name: RunError(str(failures[run.name])) for run in campaign.runs if run.name in failures}
+    for name in runs:  # whoever was to do it said nothing
+        if name not in failures and not paths[name].is_file():
+            failures[name] = RunError(f"run '{name}': was not simulated")
+    return {name: RunError(str(failures[name])) for name in runs if name in failures}
 
 
 def culprit(run: Run, lost: workers.Lost) -> str:

@@ -16,8 +16,8 @@ from lpfcosim.campaign import campaign
 from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
+from lpfcosim.running import fmus as archives
 from lpfcosim.running import ledger as files
-from lpfcosim.running import trust
 from lpfcosim.spacecraft.run import Replacement
 from lpfcosim.worlds import world_of
 from tests.campaign_text import ONE_EXPERIMENT
@@ -280,7 +280,7 @@ def plan(tmp_path, ours):
 
 
 def check(plan, **options):
-    trust.check(plan, {r.model: r.archive for r in plan.replacements}, **options)
+    archives.check(plan, {r.model: r.archive for r in plan.replacements}, **options)
 
 
 def test_an_fmu_of_other_origin_is_told(plan):

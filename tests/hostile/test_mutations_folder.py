@@ -17,7 +17,7 @@ from fit.report import page as report
 from fit.telemetry import guard as probe
 from fit.telemetry.writer import Writer
 from lpfcosim.cli import montecarlo as cli_montecarlo
-from lpfcosim.running import dossier
+from lpfcosim.running import folder as folders
 from tests.hostile.mutations import damaged, hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
 
@@ -191,7 +191,7 @@ def test_chains(copied, cases, monkeypatch):
 
 @pytest.mark.parametrize("there", [None, "folder", b"\xff", b"schema = 1", b'extends = "/dev/zero"'])
 def test_what_is_to_be_reproduced(tmp_path, lpfcosim, there):
-    path = tmp_path / "out" / dossier.CAMPAIGN
+    path = tmp_path / "out" / folders.CAMPAIGN
     path.parent.mkdir()
     (tmp_path / "out" / "telemetry").mkdir()
     (tmp_path / "out" / "telemetry" / "A.h5").write_bytes(b"x")

@@ -14,7 +14,7 @@ from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
 from lpfcosim.campaign import campaign
-from lpfcosim.cli.study import planned
+from lpfcosim.cli.planned import planned
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft

@@ -8,7 +8,7 @@ import pytest
 from fit.paper import FLIGHT, joint_names
 from fit.pipeline import calibrate
 from lpfcosim.campaign import campaign, montecarlo
-from lpfcosim.cli.study import in_memory
+from lpfcosim.cli.planned import in_memory
 from lpfcosim.plant import planning, spectral
 from lpfcosim.running.telemetry import truth
 from lpfcosim.spacecraft.run import Noise

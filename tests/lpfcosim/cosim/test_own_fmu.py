@@ -314,7 +314,7 @@ def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
     file.write_text(TOML.format(keys=table))
     plan = campaign.load(file)
     mine = {**fmus, SUSPENSION: tmp_path / "mine.fmu"}
-    runner.simulate(plan, tmp_path / "telemetry", mine, jobs=1)
+    runner.simulate(plan, tmp_path / "telemetry", mine, runner.How(jobs=1))
     with h5py.File(tmp_path / "telemetry" / "one.h5") as written:
         assert (
             written.attrs["fmu_SuspensionControl"] == runner.provenance(plan, mine)["fmu_SuspensionControl"]

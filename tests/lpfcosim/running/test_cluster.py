@@ -188,7 +188,7 @@ def test_a_crash_on_the_cluster_fails_its_own_run(address, tmp_path):
     ours, model = build.build(), "OpticalMetrology"
     bad = {**ours, model: faulty(ours[model], tmp_path / "bad.fmu", step=after(10000.0, SEGFAULT))}
     plan = replace(plan, experiments=tuple(replace(e, n_noise_samples=60000) for e in plan.experiments))
-    done = runner.simulate(plan, tmp_path / "out" / "telemetry", bad, scheduler=address)
+    done = runner.simulate(plan, tmp_path / "out" / "telemetry", bad, runner.How(scheduler=address))
     assert (list(done.files), list(done.failures)) == (["one-noise"], ["one"])
     assert "OpticalMetrology FMU crashed (SIGSEGV" in str(done.failures["one"])
     assert "at 10000.0 s" in str(done.failures["one"])

@@ -9,18 +9,18 @@ import pytest
 
 from fit.files import atomic
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger as files
-from lpfcosim.running import lock
 
 HOLD = """
 import sys, time
 from pathlib import Path
 from fit.files import atomic
 from lpfcosim.running import ledger as files
-from lpfcosim.running import lock
+from lpfcosim.running import folder as folders
 
 folder = Path(sys.argv[1])
-with lock.held(folder), files.scratch(folder) as scratch:
+with folders.held(folder), files.scratch(folder) as scratch:
     atomic.temporary(folder / "results.json").write_text("half")
     (folder / "telemetry").mkdir()
     atomic.temporary(folder / "telemetry" / "A.h5").write_text("half")
@@ -50,7 +50,7 @@ def names(folder):
 
 def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
     before = names(tmp_path / "out")
-    with pytest.raises(InputError) as refusal, lock.held(tmp_path / "out"):
+    with pytest.raises(InputError) as refusal, folders.held(tmp_path / "out"):
         pass
     told = str(refusal.value)
     assert told.startswith(f"{tmp_path / 'out'}: another process works in it (process {other.pid} on ")
@@ -67,14 +67,14 @@ def test_a_lock_does_not_outlive_its_holder_nor_do_unfinished_files(other, tmp_p
     (tmp_path / "out" / "mine").mkdir()
     for name in somebodys:
         (tmp_path / "out" / name).write_text("")
-    with lock.held(tmp_path / "out"):
+    with folders.held(tmp_path / "out"):
         assert names(tmp_path / "out") == {"telemetry", "mine", ".lock-holder", *somebodys}
         assert str(os.getpid()) in (tmp_path / "out" / ".lock-holder").read_text()
     assert names(tmp_path / "out") == {"telemetry", "mine", *somebodys}
-    with lock.held(tmp_path / "out"):  # and again, and within
+    with folders.held(tmp_path / "out"):  # and again, and within
         half = atomic.temporary(tmp_path / "out" / "results.json")
         half.write_text("half")
-        with lock.held(tmp_path / "out" / ".." / "out"):
+        with folders.held(tmp_path / "out" / ".." / "out"):
             assert half.exists()
         second = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
         done = subprocess.run(second, capture_output=True, text=True, check=False)
@@ -85,7 +85,7 @@ def test_what_cannot_be_locked_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(InputError, match=r"file: is a file or lies in one"),
-        lock.held(tmp_path / "file"),
+        folders.held(tmp_path / "file"),
     ):
         pass
 

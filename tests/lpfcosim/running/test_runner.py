@@ -66,7 +66,7 @@ def seen():
 def files(fmus, plan, tmp_path_factory, seen):
     """The campaign simulated once, by two processes."""
     folder = tmp_path_factory.mktemp("out")
-    done = runner.simulate(plan, folder / "telemetry", fmus, jobs=2, progress=seen.__setitem__)
+    done = runner.simulate(plan, folder / "telemetry", fmus, runner.How(2), runner.Listener(seen.__setitem__))
     return list(done.files.values())
 
 
@@ -87,7 +87,7 @@ def test_files_hold_what_the_reference_plant_computes(plan, files, seen):
 
 
 def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_path):
-    plain = runner.simulate(plan, tmp_path / "plain", fmus, jobs=1, engine="fmpy")
+    plain = runner.simulate(plan, tmp_path / "plain", fmus, runner.How(jobs=1, engine="fmpy"))
     for a, b in zip(files, plain.files.values(), strict=True):
         assert a.read_bytes() == b.read_bytes()
 
@@ -107,14 +107,8 @@ def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copie
         if damage is not None:
             lost.write_bytes(damage)
         seen, again, told = set(), [], []
-        runner.simulate(
-            plan,
-            kept.parent,
-            fmus,
-            progress=lambda name, _, seen=seen: seen.add(name),
-            kept=again.append,
-            told=told.append,
-        )
+        listener = runner.Listener(lambda name, _, seen=seen: seen.add(name), again.append, told.append)
+        runner.simulate(plan, kept.parent, fmus, listener=listener)
         assert (seen, again) == ({lost.stem}, [kept.stem])
         wanted = [f"run one: {lost} is not as it was finished, simulated again"]
         assert told == ([] if damage is None else wanted)
@@ -175,7 +169,7 @@ def test_what_comes_from_elsewhere_is_refused_or_simulated_anew(fmus, plan, copi
             runner.simulate(plan, folder, fmus)
     asked = []
     monkeypatch.setattr(runner.workers, "results", lambda _, items, *__, **___: asked.extend(items) or [])
-    runner.simulate(reseeded, folder, fmus, rerun=True)
+    runner.simulate(reseeded, folder, fmus, runner.How(rerun=True))
     assert asked == ["one", "one-noise"]
     # the rerun was interrupted: nothing of the old seed is left to lie beside the new one
     assert not list(folder.glob("*.h5"))
@@ -201,7 +195,7 @@ def test_failing_run_does_not_take_the_others_along(fmus, plan, tmp_path):
     class Plan:
         name, seed, digest, runs = plan.name, plan.seed, plan.digest, (bad, good)
 
-    done = runner.simulate(Plan, tmp_path / "telemetry", fmus, jobs=1)
+    done = runner.simulate(Plan, tmp_path / "telemetry", fmus, runner.How(jobs=1))
     assert re.match(f"run '{bad.name}' diverges", str(done.failures[bad.name]))
     assert done.files == {good.name: tmp_path / "telemetry" / f"{good.name}.h5"}
     assert folder_of(tmp_path / "telemetry") == [f"{good.name}.h5"]
@@ -230,7 +224,7 @@ def test_what_is_wrong_with_the_fmus_is_said_once(fmus, plan, tmp_path):
     broken = tmp_path / "broken.fmu"
     broken.write_bytes(b"not a zip archive")
     with pytest.raises(InputError) as refusal:
-        runner.simulate(plan, tmp_path / "out", {**fmus, "Plant": broken}, jobs=1)
+        runner.simulate(plan, tmp_path / "out", {**fmus, "Plant": broken}, runner.How(jobs=1))
     message = str(refusal.value)
     assert message.startswith(f"{broken}: not a readable FMU")
     assert message.count("broken.fmu") == 1
@@ -263,7 +257,7 @@ def test_workers_that_are_killed_fail_their_runs_only(fmus, long, tmp_path, scra
 
     begun = time.monotonic()
     # the plain loop, which takes minutes
-    done = runner.simulate(long, noise.parent, fmus, jobs=2, engine="fmpy", progress=progress)
+    done = runner.simulate(long, noise.parent, fmus, runner.How(2, engine="fmpy"), runner.Listener(progress))
     assert time.monotonic() - begun < 30
     assert list(done.files) == [noise.stem]
     killed = r"run 'one': its process was killed \(SIGKILL; out of memory\?\)"
@@ -282,7 +276,7 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
 
     begun = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        runner.simulate(long, noise.parent, fmus, jobs=2, engine="fmpy", progress=progress)
+        runner.simulate(long, noise.parent, fmus, runner.How(2, engine="fmpy"), runner.Listener(progress))
     assert time.monotonic() - begun < 30
     assert mp.active_children() == []
     assert folder_of(noise.parent) == [noise.name]
@@ -290,7 +284,7 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
     kept = []
     short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
     with pytest.raises(InputError, match="when the campaign said something else"):
-        runner.simulate(short, noise.parent, fmus, kept=kept.append)
+        runner.simulate(short, noise.parent, fmus, listener=runner.Listener(kept=kept.append))
 
 
 ORPHANS = """
@@ -302,7 +296,7 @@ from lpfcosim.running import runner
 
 if __name__ == "__main__":
     plan = campaign.load(Path(sys.argv[1]))
-    runner.simulate(plan, Path("telemetry"), build.build(), jobs=2, engine="fmpy")
+    runner.simulate(plan, Path("telemetry"), build.build(), runner.How(jobs=2, engine="fmpy"))
 """
 
 

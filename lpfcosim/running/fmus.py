@@ -1,14 +1,39 @@
-"""An FMU is native code with all rights of its user: one not built here runs only where that is wanted."""
+"""The FMUs of a campaign: which they are, whether they may run, and copies that stay as they are.
+
+An FMU is native code with all rights of its user: one not built here runs only where that is wanted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.running import ledger as files
+from lpfcosim.worlds import world_of
+
+
+def archives_of(
+    plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
+) -> dict[str, Path]:
+    """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
+    theirs = {r.model: r.archive for r in plan.replacements}
+    ours = [c.model for c in world_of(plan.runs[0]).components if c.model not in theirs]
+    return {**built(ours), **theirs}
+
+
+@contextmanager
+def held(plan: Campaign, fmus: Mapping[str, Path], directory: Path) -> Iterator[dict[str, Path]]:
+    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
+    with files.scratch(directory) as folder:
+        copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
+        for model, copy in copies.items():
+            shutil.copyfile(fmus[model], copy)
+        yield {**fmus, **copies}
 
 
 def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False) -> None:

@@ -1,28 +1,18 @@
-"""The commands that study a campaign as a whole: ``forecast``."""
+"""The command ``forecast``: the sigmas of the joint fit before anything is simulated."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import fields
-from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 import fit.errors
-from fit.estimate import Experiment, Planned, document, expected_fit
-from fit.estimate import Run as Flown
+from fit.estimate import document, expected_fit
 from fit.paper import FLIGHT
 from fit.results import Fit
 from fit.settings import settings
 from fit.tables import Lines
-from fit.telemetry import Telemetry
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.planned import planned
 from lpfcosim.errors import InputError
-from lpfcosim.plant import planning, stability
-from lpfcosim.running import telemetry
-from lpfcosim.spacecraft import Run
 
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:
@@ -46,42 +36,6 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     console.show(table(expected))
     for warning in expected.warnings:
         console.note(f"warning: {warning.message}")
-
-
-def planned(plan: campaigns.Campaign) -> list[Planned]:
-    """Return the sysid runs of a campaign as they are expected, without noise and with its cross-spectra.
-
-    Raises
-    ------
-    InputError
-        If a loop is unstable.
-    """
-    noisy = {run.experiment for run in plan.runs if run.kind == "noise"}
-    found = []
-    for run in plan.runs:
-        if run.kind == "sysid":
-            stability.check(run)
-            flown = Flown(in_memory(run, planning.response(run)))
-            experiment = Experiment(flown, flown if run.experiment in noisy else None)
-            found.append(Planned(experiment, partial(planning.cross_spectra, run)))
-    return found
-
-
-def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[np.float64]]]) -> Telemetry:
-    """Return channels at 1 Hz as the telemetry of a run."""
-    said = telemetry.attributes(run)
-    known = {f.name: said[f.name] for f in fields(Telemetry) if f.name in said}
-    n = channels["o_1"].size
-    more: Any = {
-        **known,
-        "path": Path(run.name),
-        "fs": planning.RATE,
-        "time": np.arange(n) / planning.RATE,
-        "channels": channels,
-        "units": {},
-        "attributes": {name: value for name, value in said.items() if name not in (*known, "schema")},
-    }
-    return Telemetry(**more)
 
 
 def table(expected: Fit) -> Lines:

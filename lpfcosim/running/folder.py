@@ -1,20 +1,27 @@
-"""One process at a time on a folder of results."""
+"""A folder of results: one process at a time works in it, and what it holds lets anybody make it again.
+
+That is the campaign, with whatever it extends, and the FMUs that are not ours.
+"""
 
 from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+import tomli_w
 from filelock import FileLock, Timeout
 
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.running import ledger as files
 
+CAMPAIGN = "campaign.toml"
+_FMUS = "fmus"
 _LOCK, _HOLDER = ".lock", ".lock-holder"
-_FOLDERS = ("telemetry", "figures", "fmus")
+_FOLDERS = ("telemetry", "figures", _FMUS)
 
 
 @contextmanager
@@ -62,3 +69,45 @@ def held(directory: Path) -> Iterator[None]:
         finally:
             with suppress(OSError):
                 holder.unlink()
+
+
+def keep(
+    directory: Path, said: Mapping[str, Any], fmus: Mapping[str, Path], digests: Mapping[str, object]
+) -> None:
+    """Write ``campaign.toml`` and ``fmus/MODEL.fmu`` for each FMU that is not ours.
+
+    Parameters
+    ----------
+    directory : Path
+        The folder, `held`.
+    said : mapping
+        What the campaign says, with whatever it extends.
+    fmus : mapping of str to Path
+        Those that are not ours, by model.
+    digests : mapping
+        ``fmu_MODEL``: SHA-256 of each.
+    """
+    tables = {**said}
+    if fmus:
+        (directory / _FMUS).mkdir(exist_ok=True)
+        tables["fmus"] = {**said["fmus"]}
+    for model, archive in fmus.items():
+        copy = directory / _FMUS / f"{model}.fmu"
+        files.write(copy, archive.read_bytes())
+        entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[f"fmu_{model}"]}
+        tables["fmus"][model] = {**said["fmus"][model], **entry}
+    files.write(directory / CAMPAIGN, tomli_w.dumps(tables))
+
+
+def campaign_of(directory: Path) -> Path:
+    """Return the campaign that a folder of results holds.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    path = directory / CAMPAIGN
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected the folder of an earlier run")
+    return path

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
@@ -13,10 +11,10 @@ import h5py
 from lpfcosim.campaign import Campaign, load
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.modelica import build
 from lpfcosim.plant import saturation, stability
-from lpfcosim.running import ledger as files
-from lpfcosim.running import lock, runner, telemetry, trust
+from lpfcosim.running import fmus as archives
+from lpfcosim.running import folder as results
+from lpfcosim.running import runner, telemetry
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -77,37 +75,18 @@ def simulate(
     for run in plan.runs if not plan.replacements else ():  # the poles are those of our loop
         stability.check(run)
     directory = Path(folder) / "telemetry"
-    with lock.held(Path(folder)):
+    with results.held(Path(folder)):
         if not fmus:
             directory.mkdir(exist_ok=True)
             return _without_fmus(plan, directory)
-        archives = archives_of(plan)
-        placement.interfaces(plan.runs[0], archives)  # the others have the same
-        with held(plan, archives, Path(folder)) as copies:
-            trust.check(plan, copies, trusted=trusted)
-            simulated = runner.simulate(plan, directory, copies, jobs=jobs)
+        found = archives.archives_of(plan)
+        placement.interfaces(plan.runs[0], found)  # the others have the same
+        with archives.held(plan, found, Path(folder)) as copies:
+            archives.check(plan, copies, trusted=trusted)
+            simulated = runner.simulate(plan, directory, copies, runner.How(jobs))
     if simulated.failures:
         raise RunError("; ".join(dict.fromkeys(map(str, simulated.failures.values()))))
     return list(simulated.files.values())
-
-
-def archives_of(
-    plan: Campaign, built: Callable[[Sequence[str]], Mapping[str, Path]] = build.build
-) -> dict[str, Path]:
-    """Return the FMUs of a campaign by model: the user's, and ours, `built` if need be, for the others."""
-    theirs = {r.model: r.archive for r in plan.replacements}
-    ours = [c.model for c in world_of(plan.runs[0]).components if c.model not in theirs]
-    return {**built(ours), **theirs}
-
-
-@contextmanager
-def held(plan: Campaign, fmus: Mapping[str, Path], directory: Path) -> Iterator[dict[str, Path]]:
-    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
-    with files.scratch(directory) as folder:
-        copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
-        for model, copy in copies.items():
-            shutil.copyfile(fmus[model], copy)
-        yield {**fmus, **copies}
 
 
 def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:

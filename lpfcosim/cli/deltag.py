@@ -1,0 +1,41 @@
+"""The command ``deltag``: the calibrated Delta g of telemetry, term by term."""
+
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+from fit import results as fit_results
+from fit.deltag import write_delta_g
+from fit.telemetry import reader
+from lpfcosim.cli.common import check_folder
+from lpfcosim.cli.console import Console
+from lpfcosim.cli.fit import default_folder, joint_of, telemetry
+from lpfcosim.errors import InputError
+from lpfcosim.running import folder
+from lpfcosim.running import ledger as files
+
+
+def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: Console) -> None:
+    """Write the calibrated Delta g of telemetry files."""
+    directory = out or default_folder(paths[0], "deltag")
+    check_folder(directory / "telemetry")
+    results = fit_results.load(calibration)
+    joint = joint_of(results, calibration)
+    for warning in joint.unsound:
+        console.note(f"warning: {calibration}: joint: {warning.message}")
+    inputs = reader.files(telemetry(console, paths, directory, any_gaps=True))
+    reader.check(inputs)
+    outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
+    for path in inputs:
+        if outputs[f"{path.stem}-deltag.h5"] is not path:
+            raise InputError(f"{path}: a second file of that name, expected different names")
+    origin = {
+        "lpfcosim_version": metadata.version("lpfcosim"),
+        "calibration_sha256": files.digest(calibration),
+    }
+    for name, path in outputs.items():
+        with folder.held(directory), console.stage(str(path)):
+            notes = write_delta_g(path, directory / name, results, joint, {**origin, "source": path.name})
+        for note in notes:
+            console.note(f"warning: {note}")
+        console.say(str(directory / name))

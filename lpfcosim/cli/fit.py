@@ -1,0 +1,120 @@
+"""The command ``fit``: from telemetry to results and report; ``run`` ends with it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+
+from fit import api
+from fit import results as fit_results
+from fit import settings as fit_settings
+from fit.errors import FitError
+from fit.report import page as fit_report
+from fit.results import Results
+from fit.telemetry import convert, inside, is_map, read_all
+from lpfcosim.cli.common import check_folder
+from lpfcosim.cli.console import Console
+from lpfcosim.errors import InputError
+from lpfcosim.running import folder as folders
+from lpfcosim.running import ledger as files
+
+VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
+
+
+def fit_files(
+    paths: Sequence[Path],
+    out: Path | None,
+    console: Console,
+    *,
+    settings: Path | None,
+    include_short: bool,
+    calibration: Path | None,
+) -> None:
+    """Fit telemetry files from anywhere, report."""
+    directory = out or default_folder(paths[0])
+    check_folder(directory / "telemetry")
+    chosen = fit_settings.read(settings) if settings else fit_settings.settings()
+    if include_short:
+        chosen = chosen.model_copy(update={"include_short": True})
+    found = telemetry(console, paths, directory, any_gaps=False)
+    calibrated(console, directory, found, chosen, calibration=calibration)
+
+
+def calibrated(
+    console: Console,
+    directory: Path,
+    paths: Sequence[Path],
+    chosen: fit_settings.Settings,
+    *,
+    own: bool = False,
+    calibration: Path | None = None,
+    origin: Mapping[str, str | int | float] | None = None,
+    told: Callable[[Results], Results] = lambda results: results,
+) -> None:
+    """Fit telemetry, keep the results and the report in a folder, print them.
+
+    Files that are our `own` need not be tried by another process first. With a `calibration` the dynamics
+    are taken from there, and only the inertial forces are fitted. `origin` is how the telemetry came to be;
+    `told` adds to the results what else there is to tell.
+
+    Raises
+    ------
+    FitError
+        At the end, if sigmas do not hold.
+    """
+    if calibration is not None:
+        known = fit_results.load(calibration)
+        joint_of(known, calibration)
+        origin = {"calibration": str(calibration), "calibration_sha256": files.digest(calibration)}
+    with console.stage("reading"):
+        telemetries = read_all(paths, own=own)
+    with console.stage("fit"):
+        if calibration is not None:
+            results = api.calibrate_inertial(telemetries, known)
+        else:
+            results = api.calibrate(telemetries, **chosen.model_dump())
+    results = replace(
+        results,
+        provenance={
+            **results.provenance,
+            **(origin or {}),
+            "versions": {name: metadata.version(name) for name in VERSIONS},
+            "telemetry": [os.path.relpath(t.path, directory) for t in telemetries],
+        },
+    )
+    results = told(results)
+    with folders.held(directory):
+        document = fit_results.write(results, directory / "results.json")
+        with console.stage("report"):
+            page = fit_report.write_report(directory, results, telemetries)
+    console.table(results)
+    console.document(document)
+    console.say(f"report: {page}")
+    for place, warning in results.unsound:
+        raise FitError(f"{directory / 'results.json'}: {place}: {warning.message}")
+
+
+def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
+    """Return telemetry files and folders of them; what maps describe is converted into `directory` first."""
+    if any(map(is_map, paths)):
+        with console.stage("conversion"):
+            paths = convert(paths, directory / "telemetry", any_gaps=any_gaps)
+    return [inside(path) for path in paths]
+
+
+def default_folder(path: Path, suffix: str = "fit") -> Path:
+    """Return the folder for results that is named after their input."""
+    name = path.resolve().stem if path.is_file() else path.resolve().name
+    folder = Path(name)
+    # Never beside or over the input.
+    return Path(f"{name}-{suffix}") if folder.exists() and folder.resolve() == path.resolve() else folder
+
+
+def joint_of(results: fit_results.Results, path: Path) -> fit_results.Fit:
+    """Return the joint fit of earlier results, which must hold it."""
+    if results.joint is None:
+        raise InputError(f"{path}: joint: missing, expected the joint fit of a calibration")
+    return results.joint

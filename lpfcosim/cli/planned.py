@@ -1,0 +1,53 @@
+"""A campaign as the experiments that are planned: what `forecast`, `check` and `montecarlo` work on."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fit.estimate import Experiment, Planned
+from fit.estimate import Run as Flown
+from fit.telemetry import Telemetry
+from lpfcosim.campaign import Campaign
+from lpfcosim.plant import planning, stability
+from lpfcosim.running import telemetry
+from lpfcosim.spacecraft import Run
+
+
+def planned(plan: Campaign) -> list[Planned]:
+    """Return the sysid runs of a campaign as they are expected, without noise and with its cross-spectra.
+
+    Raises
+    ------
+    InputError
+        If a loop is unstable.
+    """
+    noisy = {run.experiment for run in plan.runs if run.kind == "noise"}
+    found = []
+    for run in plan.runs:
+        if run.kind == "sysid":
+            stability.check(run)
+            flown = Flown(in_memory(run, planning.response(run)))
+            experiment = Experiment(flown, flown if run.experiment in noisy else None)
+            found.append(Planned(experiment, partial(planning.cross_spectra, run)))
+    return found
+
+
+def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[np.float64]]]) -> Telemetry:
+    """Return channels at 1 Hz as the telemetry of a run."""
+    said = telemetry.attributes(run)
+    known = {f.name: said[f.name] for f in fields(Telemetry) if f.name in said}
+    n = channels["o_1"].size
+    more: Any = {
+        **known,
+        "path": Path(run.name),
+        "fs": planning.RATE,
+        "time": np.arange(n) / planning.RATE,
+        "channels": channels,
+        "units": {},
+        "attributes": {name: value for name, value in said.items() if name not in (*known, "schema")},
+    }
+    return Telemetry(**more)

@@ -1,0 +1,16 @@
+"""The command ``report``: the report anew from what a folder holds."""
+
+from pathlib import Path
+
+from fit.estimate import earlier
+from fit.report import page as fit_report
+from lpfcosim.cli.console import Console
+from lpfcosim.running import folder
+
+
+def report(directory: Path, console: Console) -> None:
+    """Rebuild the report from what a folder holds."""
+    results, telemetries = earlier.load(directory)
+    with folder.held(directory), console.stage("report"):
+        page = fit_report.write_report(directory, results, telemetries)
+    console.say(f"report: {page}")

@@ -1,0 +1,32 @@
+"""The command ``schema``: the JSON Schema of a campaign file."""
+
+import json
+from typing import Any
+
+from fit import settings as fit_settings
+from lpfcosim.campaign import campaign as campaigns
+
+
+def print_schema() -> None:
+    """Print the JSON Schema of a campaign file; ``lpf-campaign.json`` beside this file holds the same."""
+    print(json.dumps(json_schema(), indent=1))
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a campaign file, what the fit reads of it included."""
+    found = campaigns.json_schema()
+    of_fit = fit_settings.Settings.model_json_schema()
+    default = fit_settings.settings().model_dump()
+    del of_fit["required"]
+    for name, known in of_fit["properties"].items():
+        known["default"] = default[name]
+    shared = of_fit["properties"]["shared"]
+    group = shared.pop("additionalProperties")
+    shared |= {"properties": dict.fromkeys(default["shared"], group), "additionalProperties": False}
+    found["properties"]["fit"] = of_fit
+    for table in ("SineTable", "HalfCosineTable"):
+        # its unit depends on the target: in the file a string, to pydantic the number this becomes
+        found["$defs"][table]["properties"]["amplitude"]["type"] = "string"
+    # a file that extends another has from there what it does not say
+    found["anyOf"] = [{"required": ["extends"]}, {"required": found.pop("required")}]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
