@@ -26,7 +26,7 @@ class Parameter:
         Width of the weak prior about `value`, in `unit`: 10 % (lambda), 0.3 s (C), 100 % (others). Also the
         limit: data that constrain the parameter worse leave it indeterminable.
     equation : str
-        Label in the paper of the equation that defines it.
+        Label in the paper of the equation that defines it, empty where there is none.
     html, latex : str
         The symbol for the report and for the figures (math mode, without the dollars).
     description : str
@@ -117,7 +117,7 @@ _CROSS_TALK = {
 }
 
 #: Equations whose parameters are fitted along with the dynamics and not reported among them.
-ALONG = ("bump", "deltagfull2", "scatter")
+ALONG = ("bump", "deltagfull2", "")  # none: what experiments depart by
 
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}

@@ -83,7 +83,7 @@ def _departures(
     for name in scattering:
         start = START * FLIGHT[name].value
         at = len(names) + len(departures)
-        departure = replace(FLIGHT[name], value=0.0, prior_sigma=start, equation="scatter")
+        departure = replace(FLIGHT[name], value=0.0, prior_sigma=start, equation="")
         departures += [replace(departure, name=f"d{name}_{run.experiment}") for run in runs]
         scatter.append(Scatter(name, names.index(name), tuple(range(at, at + len(runs))), start))
     return departures, scatter

@@ -93,7 +93,9 @@ def parameters(period: str, fit: Fit) -> list[Parameter]:
         value, sigma = flight[i] if flight else (fit.parameters[name].value, 0.0)
         what = f"misalignment about {axis}"
         known.append(
-            Parameter(name, value, sigma, "rad", 0.0, "Eulerfit", html, name, what, flown=flight is not None)
+            Parameter(
+                name, value, sigma, "rad", 0.0, "gomegafinal", html, name, what, flown=flight is not None
+            )
         )
     return known
 
