@@ -18,3 +18,21 @@ name = "one"
 authority = "A"
 alignment_epoch = 1
 """
+
+#: A campaign of one short experiment and its noise run.
+SHORT_PLAN = f"""
+schema = "lpf-campaign/1"
+name = "short"
+seed = 7
+
+{ONE_EXPERIMENT}duration = "200 s"
+noise_duration = "100 s"
+
+[[experiments.injections]]
+into = "guidance_o_1"
+shape = "sine"
+frequency = "50 mHz"
+amplitude = "1 nm"
+cycles = 5
+start = "10 s"
+"""

@@ -8,6 +8,8 @@ import pytest
 from hypothesis import settings
 
 from lpfcosim.spacecraft.run import Authority, Noise, Run
+from tests import ROOT
+from tests.campaign_text import SHORT_PLAN
 
 settings.register_profile("deterministic", deadline=None, derandomize=True)
 settings.load_profile("deterministic")
@@ -47,7 +49,25 @@ def flight_noise() -> Noise:
 @pytest.fixture(scope="session")
 def quickstart() -> Path:
     """Path of the shipped quick-start campaign."""
-    return Path(__file__).parents[1] / "campaigns" / "quickstart.toml"
+    return ROOT / "campaigns" / "quickstart.toml"
+
+
+@pytest.fixture(scope="session")
+def fmus() -> dict[str, Path]:
+    """Our FMUs, FMI 3.0, built unless an earlier session did."""
+    from lpfcosim.modelica import build
+
+    return build.build()
+
+
+@pytest.fixture(scope="session")
+def plan(tmp_path_factory):
+    """A campaign of one experiment of 200 s and its noise run."""
+    from lpfcosim.campaign import campaign
+
+    file = tmp_path_factory.mktemp("plan") / "short.toml"
+    file.write_text(SHORT_PLAN)
+    return campaign.load(file)
 
 
 @pytest.fixture

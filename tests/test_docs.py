@@ -171,6 +171,7 @@ def runner(lpfcosim, capfd, tmp_path) -> Runner:
 
 
 @pytest.mark.fmu
+@pytest.mark.slow
 def test_first_pages(runner):
     for page in FIRST:
         for block in blocks(page):
@@ -222,6 +223,7 @@ def built(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_builds_without_a_warning_and_needs_no_network(built):
     loads = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)="((?:https?:)?//[^"]*)""")
     for page in built.glob("*.html"):
@@ -232,11 +234,13 @@ def test_builds_without_a_warning_and_needs_no_network(built):
         )
 
 
+@pytest.mark.slow
 def test_every_page_is_in_the_contents(built):
     contents = (built / "index.html").read_text(encoding="utf-8")
     assert all(f'href="{page.stem}.html"' in contents for page in PAGES if page.stem != "index")
 
 
+@pytest.mark.slow
 def test_formulas_are_drawn_by_the_browser(built):
     theory = (built / "theory.html").read_text(encoding="utf-8")
     n = sum(block.language == "math" for block in blocks(DOCS / "theory.md"))

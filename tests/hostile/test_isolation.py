@@ -8,12 +8,9 @@ from dataclasses import replace
 import fmpy
 import pytest
 
-from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import build
 from lpfcosim.running import runner
 from tests.hostile.faulty import FAULTS, SEGFAULT, after, by_value, faulty
-from tests.lpfcosim.running.test_runner import PLAN
 
 pytestmark = [pytest.mark.fmu, pytest.mark.skipif(os.name != "posix", reason="faults are those of POSIX")]
 
@@ -29,18 +26,6 @@ TOLD = {  # what is said of a run, and what its log holds
     "error": (rf"the {MODEL} FMU reports 'error' at 150\.0 s \(as asked\)", f"{MODEL}: as asked"),
     "nan": (r"diverges: o_1 is not finite at 150\.\d s", ""),
 }
-
-
-@pytest.fixture(scope="module")
-def fmus():
-    return build.build()
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    file = tmp_path_factory.mktemp("plan") / "short.toml"
-    file.write_text(PLAN)
-    return campaign.load(file)
 
 
 def folder_of(path):

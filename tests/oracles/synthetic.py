@@ -5,6 +5,7 @@ them (eqs fx2 to deltagfull), with each command held for 0.1 s and delayed exact
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -65,10 +66,17 @@ def of_run(world: World, authority: str, epoch: int = 1) -> dict[str, float]:
     }
 
 
-def telemetry(
+def telemetry(world: World, authority: str = "A", kind: str = "sysid", **options) -> Telemetry:
+    """Make a run, once in a process: its arrays are read-only, for others hold them too."""
+    made = _telemetry(world, authority, kind, **options)
+    return replace(made, channels=dict(made.channels))
+
+
+@lru_cache(maxsize=128)
+def _telemetry(
     world: World,
-    authority: str = "A",
-    kind: str = "sysid",
+    authority: str,
+    kind: str,
     *,
     seed: int = 0,
     duration: float = 21600.0,
@@ -124,14 +132,16 @@ def telemetry(
     o_12 = delta_x + truth["delta_ifo"] * x_1 + n_12
     keep = slice(n // 4, n // 4 + int(duration * fs))
     channels = {
-        "o_1": np.fft.irfft(x_1, n)[keep],
-        "o_12": np.fft.irfft(o_12, n)[keep],
-        "f_x_1": f_1[keep],
-        "f_x_2": f_2[keep],
+        "o_1": np.fft.irfft(x_1, n)[keep].copy(),
+        "o_12": np.fft.irfft(o_12, n)[keep].copy(),
+        "f_x_1": f_1[keep].copy(),
+        "f_x_2": f_2[keep].copy(),
     }
     F_1, F_2, N_1, N_2 = (1e-12 * value for value in AUTHORITIES[authority])
     run = f"{experiment}-{kind}"
     time = np.arange(channels["o_1"].size) / fs
+    for values in (time, *channels.values()):
+        values.flags.writeable = False
     return Telemetry(
         path=Path(f"{run}.h5"),
         run=run,

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from dataclasses import replace
 
 import h5py
@@ -101,6 +102,7 @@ def test_linear_gaussian_case(linear_case, tmp_path):
     assert chain.burn_in == chain.steps // 10
 
 
+@pytest.mark.slow
 @pytest.mark.stat
 def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
     # the mean of a whole chain scatters between chains by sigma / sqrt(ess): in 8 chains of 3 parameters the
@@ -245,23 +247,30 @@ def test_likelihoods_that_are_not_gaussian_are_refused(experiments):
         Posterior(outcome)
 
 
-@pytest.fixture
-def calibrated(tmp_path):
-    """A folder as `lpfcosim fit` leaves it."""
+@pytest.fixture(scope="module")
+def calibrated_once(tmp_path_factory):
+    """A folder as `lpfcosim fit` leaves it, in a folder with its telemetry."""
+    folder = tmp_path_factory.mktemp("calibrated")
     truth = {name: value for name, value in vars(World()).items() if name in FLIGHT}
     for run in (run for a in "AB" for run in pair(World(), a)):
         channels = {name: (x, "m" if name[0] == "o" else "m s-2") for name, x in run.channels.items()}
         attributes = {key: getattr(run, key) for key in ("run", "experiment", "kind", "fs", "F_max_2")}
-        path = tmp_path / f"{run.run}.h5"
+        path = folder / f"{run.run}.h5"
         write_contract_file(path, samples=run.time.size, channels=channels, truth=truth, **attributes)
-    telemetries = telemetry.read_all([tmp_path])
+    telemetries = telemetry.read_all([folder])
     found = calibrate(telemetries)
-    directory = tmp_path / "out"
+    directory = folder / "out"
     directory.mkdir()
     names = [os.path.relpath(t.path, directory) for t in telemetries]
     found = replace(found, provenance={**found.provenance, "telemetry": names})
     results.write(pulls.with_truth(found, telemetries), directory / "results.json")
-    return directory
+    return folder
+
+
+@pytest.fixture
+def calibrated(calibrated_once, tmp_path):
+    """A copy of the folder `out` of `calibrated_once`, for one test."""
+    return shutil.copytree(calibrated_once, tmp_path / "in") / "out"
 
 
 def test_command(lpfcosim, calibrated):

@@ -10,7 +10,7 @@ from fit.figures import COLOURS
 from fit.figures.files import ASD, FREQUENCY, Axis, Curve, column, drawing, legend_above, plot
 from tests.browser import Page, needs_browser
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 SCRIPT = resources.files("fit.report") / "templates" / "figure.js"
 F = np.geomspace(1e-4, 1, 81)
 

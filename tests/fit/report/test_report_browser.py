@@ -15,7 +15,7 @@ from tests.browser import Page, needs_browser
 from tests.oracles import rotation_synthetic, synthetic
 from tests.oracles.contract_file import write_contract_file
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 
 WIDTHS = (1280, 390)
 A4 = 702  # of 96 to the inch, between the margins

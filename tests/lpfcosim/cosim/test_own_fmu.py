@@ -33,11 +33,6 @@ ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
 NAMES = {"o_12": "measured", "guidance_o_12": "wanted", "f_control_2": "u", "f_u": "bandwidth"}
 
 
-@pytest.fixture(scope="module")
-def fmus():
-    return build.build()
-
-
 @pytest.fixture
 def run(make_run):
     return make_run(

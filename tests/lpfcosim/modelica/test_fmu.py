@@ -22,11 +22,6 @@ from tests.lpfcosim.modelica.modelica_source import fmu, write
 pytestmark = pytest.mark.fmu
 
 
-@pytest.fixture(scope="module")
-def fmus():
-    return build.build()
-
-
 @pytest.fixture
 def instantiate(tmp_path):
     """Make initialised FMU3Slaves; freed at the end."""

@@ -16,44 +16,13 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim.campaign import campaign
 from lpfcosim.errors import InputError
-from lpfcosim.modelica import build
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Authority, Sine
 from lpfcosim.worlds import along_x_plant
-from tests.campaign_text import ONE_EXPERIMENT
+from tests.campaign_text import SHORT_PLAN
 
 pytestmark = pytest.mark.fmu
-
-PLAN = f"""
-schema = "lpf-campaign/1"
-name = "short"
-seed = 7
-
-{ONE_EXPERIMENT}duration = "200 s"
-noise_duration = "100 s"
-
-[[experiments.injections]]
-into = "guidance_o_1"
-shape = "sine"
-frequency = "50 mHz"
-amplitude = "1 nm"
-cycles = 5
-start = "10 s"
-"""
-
-
-@pytest.fixture(scope="module")
-def fmus():
-    return build.build()
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    file = tmp_path_factory.mktemp("plan") / "short.toml"
-    file.write_text(PLAN)
-    return campaign.load(file)
 
 
 @pytest.fixture(scope="module")
@@ -303,7 +272,7 @@ if __name__ == "__main__":
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
     (tmp_path / "orphans.py").write_text(ORPHANS)
-    (tmp_path / "long.toml").write_text(PLAN.replace("200 s", "65 h").replace("100 s", "65 h"))
+    (tmp_path / "long.toml").write_text(SHORT_PLAN.replace("200 s", "65 h").replace("100 s", "65 h"))
     process = subprocess.Popen(
         [sys.executable, "orphans.py", "long.toml"],
         cwd=tmp_path,
