@@ -230,3 +230,10 @@ def loaded(code: str) -> set[str]:
 )
 def test_nothing_heavy_is_read_in_before_it_is_used(code, needed):
     assert loaded(code) <= needed
+
+
+def test_oracles_share_nothing_with_what_they_judge_but_its_records():
+    records = {"fit.paper", "fit.results", "fit.telemetry", "lpfcosim.spacecraft"}
+    found = [i for path in (ROOT / "tests" / "oracles").glob("*.py") for i in imports(path)]
+    ours = [i for i in found if i.target.split(".")[0] in {*LAYERS, "tests"}]
+    fails(i for i in ours if room(i.target) not in records | {"tests.oracles"})

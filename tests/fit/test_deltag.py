@@ -134,6 +134,7 @@ def test_ten_hertz_gives_the_same_at_one(tmp_path):
         assert level(file.delta_g.values, 1e-3, 20e-3) == pytest.approx(2.0e-15, rel=0.25)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(deltag, "OUTPUTS", 3_600)
     peaks = []

@@ -33,6 +33,7 @@ def folder_of(path):
 
 
 @pytest.mark.parametrize("engine", ["compiled", pytest.param("fmpy", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path, engine):
     """One FMU does it all: which fault it has is told by its parameter delta_ifo."""
     description = fmpy.read_model_description(fmus[MODEL])
@@ -83,6 +84,7 @@ def test_a_run_longer_than_its_time_limit(fmus, plan, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_what_failed_is_made_good_and_no_log_is_left(fmus, plan, tmp_path):
     sound = runner.simulate(plan, tmp_path / "sound" / "telemetry", fmus)
     out = tmp_path / "out" / "telemetry"

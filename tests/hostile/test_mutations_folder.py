@@ -153,6 +153,7 @@ def test_logs_of_campaigns(tmp_path, cases):
         survives(read, path, f"log {n}")
 
 
+@pytest.mark.slow
 def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
     monkeypatch.setattr(probe, "PATIENCE", 20.0)

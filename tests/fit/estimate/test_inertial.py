@@ -324,6 +324,7 @@ def command(monkeypatch, *arguments):
     return stopped.value.code or 0
 
 
+@pytest.mark.slow
 def test_command_with_an_earlier_calibration(files, monkeypatch, capfd):
     monkeypatch.chdir(files)
     assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new") == 0

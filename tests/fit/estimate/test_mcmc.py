@@ -147,6 +147,7 @@ def test_curvature_is_that_of_the_true_sigmas(fitted):
     assert at[1 : P + 1] == pytest.approx(at[P + 1 :], abs=0.01 * h)  # it is flat where least squares ends
 
 
+@pytest.mark.slow
 def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     with pytest.raises(FitError, match="not converged after 50 steps: too few to tell"):
@@ -273,6 +274,7 @@ def calibrated(calibrated_once, tmp_path):
     return shutil.copytree(calibrated_once, tmp_path / "in") / "out"
 
 
+@pytest.mark.slow
 def test_command(lpfcosim, calibrated):
     status, _, err = lpfcosim("mcmc", calibrated, "--steps", 100, "--quiet")
     assert status == 1

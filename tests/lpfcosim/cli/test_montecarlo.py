@@ -78,6 +78,7 @@ def test_redrawn_truths_stay_near_and_valid(small):
     assert len({t.delta_ifo[1] for t in truths}) == 200
 
 
+@pytest.mark.slow
 def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path, lpfcosim):
     once, twice = tmp_path / "once", tmp_path / "twice"
     status, out, _ = lpfcosim("montecarlo", small, "-n", 4, "--out", once, "--jobs", 2)

@@ -40,6 +40,7 @@ def copied(made, tmp_path):
     return Path(shutil.copytree(made, tmp_path / "deep" / "copy"))
 
 
+@pytest.mark.slow
 def test_a_folder_holds_what_makes_it_again(made, copied, lpfcosim):
     plan = campaign.load(copied / "campaign.toml")
     assert plan.digest == campaign.load(made.parent / "plan.toml").digest
@@ -57,6 +58,7 @@ def test_a_folder_holds_what_makes_it_again(made, copied, lpfcosim):
     assert content(Path("again")) == before
 
 
+@pytest.mark.slow
 def test_what_is_not_reproduced_is_told(copied, lpfcosim):
     telemetry, results = copied / "telemetry", copied / "results.json"
     data = bytearray((telemetry / "one.h5").read_bytes())
@@ -92,6 +94,7 @@ def test_what_cannot_be_reproduced_is_refused(lpfcosim, copied, tmp_path):
         assert re.search(sentence, one_sentence(err))
 
 
+@pytest.mark.slow
 def test_another_campaign_in_the_same_folder_is_refused(copied, lpfcosim):
     before = content(copied)
     plan = copied.parent / "plan.toml"
@@ -112,6 +115,7 @@ def test_another_campaign_in_the_same_folder_is_refused(copied, lpfcosim):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the fault is one of POSIX")
+@pytest.mark.slow
 def test_a_run_that_fails_is_missing_in_the_report(lpfcosim, tmp_path):
     """The sysid run of the second experiment is the only one that lasts until the fault."""
     plan = tmp_path / "plan.toml"

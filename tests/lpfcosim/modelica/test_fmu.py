@@ -134,6 +134,7 @@ def test_missing_compiler_is_one_sentence_with_the_remedy(monkeypatch):
         compiler.cache_clear()
 
 
+@pytest.mark.slow
 def test_ziglang_gives_the_same_bits(fmus, tmp_path, monkeypatch):
     pytest.importorskip("ziglang")
     monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
