@@ -137,6 +137,6 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     directory = Path(folder)
     directory.mkdir(parents=True, exist_ok=True)
     paths = [os.path.relpath(run.path, directory) for run in runs]
-    results = replace(results, provenance={**results.provenance, "telemetry": paths})
+    results = replace(results, provenance=replace(results.provenance, telemetry=paths))
     results.save(directory / "results.json")
     return report.write_report(directory, results, runs)

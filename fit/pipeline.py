@@ -1,13 +1,14 @@
-"""From telemetry to results: pair the runs, fit each experiment, all jointly, then the inertial periods."""
+"""From telemetry to results: prepared, alone, joint, judged, cross-talk, inertial; each a value handed on."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from fit.errors import FitError, InputError
 from fit.estimate import (
     Experiment,
     Known,
     Outcome,
+    Prepared,
     as_fit,
     bump,
     diagnose,
@@ -22,10 +23,11 @@ from fit.estimate import (
     verdict,
 )
 from fit.model import Sharing, rotation
-from fit.results import Fit, FitWarning, Results
+from fit.results import Fit, Provenance, Results
 from fit.settings import Settings, settings
 from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, inertial_period
+from fit.warnings import FitWarning
 
 
 def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:
@@ -106,97 +108,79 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
         results,
         inertial={**results.inertial, **fits},
         cross_talk=_separated(results, fits),
-        provenance={**results.provenance, "inertial_runs": runs, "inertial_band": list(inertial.BAND)},
+        provenance=replace(results.provenance, inertial_runs=runs, inertial_band=list(inertial.BAND)),
     )
-
-
-def _doubted(fit: Fit, joint: Fit | None) -> Fit:
-    """Return a fit that rests on the joint fit with what keeps that from being sound."""
-    return replace(fit, warnings=(*fit.warnings, *(joint.unsound if joint else ())))
 
 
 def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     """Take the Euler force off the cross-talk of every epoch whose runs lie in one fitted period."""
-    periods = results.provenance.get("cross_talk_periods")
     found = dict(results.cross_talk)
-    for epoch, period in periods.items() if isinstance(periods, dict) else ():
+    for epoch, period in (results.provenance.cross_talk_periods or {}).items():
         if period in fits and epoch in found and not is_separated(found[epoch]):
             found[epoch] = bump.separate(found[epoch], fits[period], period)
     return found
 
 
+@dataclass(frozen=True)
+class _Ready:
+    """The experiments, prepared, and what becomes of each.
+
+    Attributes
+    ----------
+    prepared : mapping of str to Prepared
+        All of them by name.
+    taking_part, spoilt, short, excluded : tuple of Experiment
+        Those in the joint fit, and those that are not: for masks that cost too much, for being short, by the
+        settings.
+    """
+
+    prepared: Mapping[str, Prepared]
+    taking_part: tuple[Experiment, ...]
+    spoilt: tuple[Experiment, ...]
+    short: tuple[Experiment, ...]
+    excluded: tuple[Experiment, ...]
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """All of them."""
+        return [p.experiment for p in self.prepared.values()]
+
+
+@dataclass(frozen=True)
+class _Together:
+    """The joint fit as it comes out, None where no experiment takes part."""
+
+    outcome: Outcome
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """The joint fit and those of the experiments alone, with all that is to be doubted."""
+
+    joint: Fit | None
+    experiments: dict[str, Fit]
+
+
 def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
-    """Fit the experiments, each on its own and jointly."""
-    sharing = Sharing(chosen.shared)
+    """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
+    ready = _prepared(found, chosen)
+    alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
+    together = _together(ready, alone, chosen)
+    judged = _judged(ready, alone, together, chosen)
+    cross_talk = _cross_talk(ready, together, judged, chosen)
+    return Results(judged.joint, judged.experiments, cross_talk, {}, _provenance(ready, together, chosen))
+
+
+def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
+    """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     prepared = {p.experiment.name: p for p in prepare(found, chosen)}
-    experiments = [p.experiment for p in prepared.values()]
-    taking_part, short, excluded = divide(experiments, chosen)
+    taking_part, short, excluded = divide([p.experiment for p in prepared.values()], chosen)
     spoilt = [e for e in taking_part if prepared[e.name].spoilt]
-    if len(spoilt) < len(taking_part):  # else chi2 will tell
-        taking_part = [e for e in taking_part if e not in spoilt]
-    alone = {e.name: _alone(e, None, chosen) for e in experiments}
-    fitted = {name: own for name, own in alone.items() if isinstance(own, Outcome)}
-    for e in taking_part:
-        verdict.check_guidance(e.sysid.telemetry)
-    verdict.check_gains(fitted, taking_part)
-    try:
-        outcome = fit_joint(taking_part, chosen) if taking_part else None
-    except FitError as error:
-        raise FitError(f"{error}{verdict.suspects(alone)}") from error
-    if outcome:  # what determines a gain only together
-        verdict.check_gains({e.name: outcome for e in taking_part}, taking_part)
-    joint = as_fit(outcome, taking_part) if outcome else None
-    fits, of_joint = {}, []
-    for e in experiments:
-        known = known_of(outcome, e.sysid, sharing) if outcome else None
-        own = alone[e.name]
-        if known and (isinstance(own, FitError) or own.tone):  # a single tone needs what others know
-            own = _alone(e, known, chosen)
-        if isinstance(own, FitError):
-            if joint is None:
-                raise own
-            # what one experiment by itself does not yield must not cost the joint fit
-            of_joint.append(FitWarning("not_fitted_alone", (), str(own)))
-            continue
-        fit = as_fit(own, [e], from_joint=bool(known and own.tone))
-        more = (*prepared[e.name].warnings, *verdict.of_experiment(e, own, fit))
-        fits[e.name] = replace(fit, diagnostics=diagnose(e, own), warnings=(*fit.warnings, *more))
-    for e in spoilt:
-        if e not in taking_part:
-            of_joint.append(
-                FitWarning("excluded", (), f"left out of the joint fit: {prepared[e.name].spoilt}")
-            )
-    for code, why, left_out in (
-        ("short_run", "being shorter than 6 h", short),
-        ("excluded", "as the settings say", excluded),
-    ):
-        if left_out:
-            names = ", ".join(e.sysid.telemetry.run for e in left_out)
-            warning = FitWarning(code, (), f"left out of the joint fit, {why}: {names}")
-            of_joint.append(warning)
-            for e in (e for e in left_out if e.name in fits):
-                fits[e.name] = replace(fits[e.name], warnings=(*fits[e.name].warnings, warning))
-    if joint:
-        of_joint += [w for e in taking_part for w in prepared[e.name].warnings]
-        of_joint += verdict.of_joint(joint, fits, taking_part)
-        joint = replace(joint, warnings=(*joint.warnings, *of_joint))
-    cross_talk = bump.cross_talk(outcome, taking_part, sharing) if outcome else {}
-    periods: dict[str, set[str]] = {}
-    for e in taking_part:
-        run = e.sysid.telemetry
-        periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
-    single = {epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1}
-    scatter = outcome.scatter if outcome else {}
-    provenance = {
-        **_provenance(experiments, taking_part),
-        "cross_talk_periods": single,
-        "settings": chosen.model_dump(),
-        "scatter": {name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
-    }
-    turning = any(rotation.sources(e.sysid.telemetry) for e in taking_part)
-    cross_talk = {k: bump.joined(f) if turning else f for k, f in cross_talk.items()}
-    cross_talk = {k: _doubted(f, joint) for k, f in cross_talk.items()}
-    return Results(joint, fits, cross_talk, {}, provenance)
+    if len(spoilt) == len(taking_part):
+        spoilt = []  # chi2 will tell
+    taking_part = [e for e in taking_part if e not in spoilt]
+    return _Ready(prepared, tuple(taking_part), tuple(spoilt), tuple(short), tuple(excluded))
 
 
 def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Outcome | FitError:
@@ -207,10 +191,112 @@ def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Out
         return error
 
 
-def _provenance(experiments: Sequence[Experiment], taking_part: Sequence[Experiment]) -> dict[str, object]:
-    return {
-        "joint_runs": [e.sysid.telemetry.run for e in taking_part],
-        "noise_runs": {e.sysid.telemetry.run: e.noise.telemetry.run for e in experiments if e.noise},
-        "f_max": derivatives.F_MAX,
-        "window": f"Tukey {spectra.TAPER:g}",
-    }
+def _together(ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Settings) -> _Together | None:
+    """Fit what takes part jointly, unless a channel has a wrong sign or unit."""
+    taking_part = ready.taking_part
+    for e in taking_part:
+        verdict.check_guidance(e.sysid.telemetry)
+    fitted = {name: own for name, own in alone.items() if isinstance(own, Outcome)}
+    verdict.check_gains(fitted, taking_part)
+    if not taking_part:
+        return None
+    try:
+        outcome = fit_joint(taking_part, chosen)
+    except FitError as error:
+        raise FitError(f"{error}{verdict.suspects(alone)}") from error
+    # what determines a gain only together
+    verdict.check_gains({e.name: outcome for e in taking_part}, taking_part)
+    return _Together(outcome, as_fit(outcome, taking_part))
+
+
+def _judged(
+    ready: _Ready, alone: Mapping[str, Outcome | FitError], together: _Together | None, chosen: Settings
+) -> _Judged:
+    """Add to every fit what keeps it from being trusted, and what was left out of the joint one."""
+    fits: dict[str, Fit] = {}
+    of_joint: list[FitWarning] = []
+    for e in ready.experiments:
+        found = _of_experiment(e, ready, alone[e.name], together, chosen)
+        if isinstance(found, Fit):
+            fits[e.name] = found
+        else:
+            of_joint.append(found)
+    for e in ready.spoilt:
+        message = f"left out of the joint fit: {ready.prepared[e.name].spoilt}"
+        of_joint.append(FitWarning("excluded", (), message))
+    for code, why, left_out in (
+        ("short_run", "being shorter than 6 h", ready.short),
+        ("excluded", "as the settings say", ready.excluded),
+    ):
+        if left_out:
+            names = ", ".join(e.sysid.telemetry.run for e in left_out)
+            warning = FitWarning(code, (), f"left out of the joint fit, {why}: {names}")
+            of_joint.append(warning)
+            for e in (e for e in left_out if e.name in fits):
+                fits[e.name] = _warned(fits[e.name], [warning])
+    if not together:
+        return _Judged(None, fits)
+    of_joint += [w for e in ready.taking_part for w in ready.prepared[e.name].warnings]
+    of_joint += verdict.of_joint(together.fit, fits, ready.taking_part)
+    return _Judged(_warned(together.fit, of_joint), fits)
+
+
+def _of_experiment(
+    experiment: Experiment,
+    ready: _Ready,
+    own: Outcome | FitError,
+    together: _Together | None,
+    chosen: Settings,
+) -> Fit | FitWarning:
+    """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
+    known = None
+    if together:
+        known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared))
+    if known and (isinstance(own, FitError) or own.tone):  # a single tone needs what others know
+        own = _alone(experiment, known, chosen)
+    if isinstance(own, FitError):
+        if together is None:
+            raise own
+        # what one experiment by itself does not yield must not cost the joint fit
+        return FitWarning("not_fitted_alone", (), str(own))
+    fit = as_fit(own, [experiment], from_joint=bool(known and own.tone))
+    more = (*ready.prepared[experiment.name].warnings, *verdict.of_experiment(experiment, own, fit))
+    return _warned(replace(fit, diagnostics=diagnose(experiment, own)), more)
+
+
+def _cross_talk(
+    ready: _Ready, together: _Together | None, judged: _Judged, chosen: Settings
+) -> dict[str, Fit]:
+    """Return the cross-talk of every epoch; where runs turn, it holds the Euler force."""
+    if not together:
+        return {}
+    found = bump.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared))
+    if any(rotation.sources(e.sysid.telemetry) for e in ready.taking_part):
+        found = {epoch: bump.joined(fit) for epoch, fit in found.items()}
+    return {epoch: _doubted(fit, judged.joint) for epoch, fit in found.items()}
+
+
+def _warned(fit: Fit, more: Iterable[FitWarning]) -> Fit:
+    return replace(fit, warnings=(*fit.warnings, *more))
+
+
+def _doubted(fit: Fit, joint: Fit | None) -> Fit:
+    """Return a fit that rests on the joint fit with what keeps that from being sound."""
+    return _warned(fit, joint.unsound if joint else ())
+
+
+def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> Provenance:
+    periods: dict[str, set[str]] = {}
+    for e in ready.taking_part:
+        run = e.sysid.telemetry
+        periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
+    scatter = together.outcome.scatter if together else {}
+    return Provenance(
+        joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
+        noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},
+        f_max=derivatives.F_MAX,
+        window=f"Tukey {spectra.TAPER:g}",
+        cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
+        settings=chosen.model_dump(),
+        scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
+    )

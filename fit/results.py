@@ -1,14 +1,14 @@
 """The result of a calibration and its JSON form, schema ``lpf-results/1``."""
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from fit.display import Displayed
 from fit.errors import FitError, InputError
@@ -137,6 +137,78 @@ class Fit(Displayed):
         return np.asarray(self.covariance / np.outer(sigma, sigma))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """How results came about; None where nothing is recorded.
+
+    Attributes
+    ----------
+    joint_runs : list of str
+        The sysid runs of the joint fit.
+    noise_runs : dict of str to str
+        By sysid run the noise run that weighs it.
+    f_max : float
+        End of the fitted band [Hz].
+    window : str
+        In words.
+    cross_talk_periods : dict of str to str
+        By alignment epoch the inertial period in which all its runs lie, if they lie in one.
+    settings : dict of str to object
+        What the user chose, see `fit.settings`.
+    scatter : dict of str to dict
+        By parameter ``value`` and ``sigma`` of the width by which it differs between experiments.
+    inertial_runs : dict of str to list of str
+        By inertial period the runs it was fitted to.
+    inertial_band : list of float
+        Ends of its band [Hz].
+    more : dict of str to object
+        What the command line adds (campaign, digests, seed), and what is not known; whatever JSON holds.
+    versions : dict of str to str
+        Of the software.
+    telemetry : list of str
+        File names, relative to the folder of the results.
+    """
+
+    joint_runs: list[str] | None = None
+    noise_runs: dict[str, str] | None = None
+    f_max: float | None = None
+    window: str | None = None
+    cross_talk_periods: dict[str, str] | None = None
+    settings: dict[str, object] | None = None
+    scatter: dict[str, dict[str, float]] | None = None
+    inertial_runs: dict[str, list[str]] | None = None
+    inertial_band: list[float] | None = None
+    more: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] | None = None
+    telemetry: list[str] | None = None
+
+    @classmethod
+    def of(cls, said: Mapping[str, object]) -> "Provenance":
+        """Return what JSON says; an entry that is not of its kind is kept, but not understood."""
+        known: dict[str, Any] = {}
+        more: dict[str, object] = {}
+        for name, value in said.items():
+            try:
+                known[name] = _KINDS[name].validate_python(value, strict=True)
+            except (KeyError, ValidationError):
+                more[name] = value
+        return cls(**known, more=more)
+
+    def entries(self) -> dict[str, object]:
+        """Return everything as JSON has it."""
+        found: dict[str, object] = {}
+        for name, value in vars(self).items():
+            found |= self.more if name == "more" else {} if value is None else {name: value}
+        return found
+
+    def __getitem__(self, name: str) -> object:
+        """Return an entry as JSON has it."""
+        return self.entries()[name]
+
+
+_KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "more"}
+
+
 @dataclass(frozen=True, repr=False)
 class Results(Displayed):
     """Everything one calibration yields.
@@ -149,15 +221,15 @@ class Results(Displayed):
         Each experiment on its own (eq. deltaglinear), by experiment name.
     cross_talk, inertial : dict of str to Fit
         By alignment epoch (eq. bump) and by inertial period.
-    provenance : dict of str to object
-        Versions, digests, options; whatever JSON holds.
+    provenance : Provenance
+        How they came about.
     """
 
     joint: Fit | None
     experiments: dict[str, Fit]
     cross_talk: dict[str, Fit]
     inertial: dict[str, Fit]
-    provenance: dict[str, object]
+    provenance: Provenance
 
     @property
     def unsound(self) -> list[tuple[str, FitWarning]]:
@@ -200,7 +272,7 @@ def write(results: Results, path: Path) -> str:
             section: {name: _fit_to_json(fit) for name, fit in getattr(results, section).items()}
             for section in _SECTIONS
         },
-        "provenance": results.provenance,
+        "provenance": results.provenance.entries(),
     }
     try:
         text = json.dumps(document, indent=1, allow_nan=False)
@@ -276,7 +348,7 @@ def load(path: Path) -> Results:
     }
     return Results(
         joint=None if content.joint is None else _fit_from_json(content.joint, f"{path}: joint"),
-        provenance=content.provenance,
+        provenance=Provenance.of(content.provenance),
         **sections,
     )
 

@@ -62,7 +62,7 @@ WAITING = (
         "lpfcosim/modelica/description.py:",
         "lpfcosim/cli/reproduce.py:",
     ),
-    *("lpfcosim/running/", "fit/results.py: ", "fit.estimate: Prepared", "fit/pipeline.py: _dynamics"),
+    "lpfcosim/running/",
     "lpfcosim/cli/run.py: run",
 )
 

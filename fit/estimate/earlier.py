@@ -1,6 +1,6 @@
 """An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from fit import results as fit_results
@@ -26,8 +26,8 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     """
     path = directory / "results.json"
     results = fit_results.load(path)
-    recorded = results.provenance.get("telemetry")
-    if not isinstance(recorded, list) or not all(isinstance(p, str) for p in recorded):
+    recorded = results.provenance.telemetry
+    if recorded is None:
         raise InputError(f"{path}: provenance.telemetry: expected a list of file names")
     return results, read_all([directory / p for p in recorded])
 
@@ -55,8 +55,8 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
         raise InputError(f"{where}: joint: expected a joint fit that determined parameters")
     runs = {t.run: t for t in telemetries}
     said = results.provenance
-    joint, pairs, chosen = said.get("joint_runs"), said.get("noise_runs"), said.get("settings")
-    if not isinstance(joint, list) or not isinstance(pairs, Mapping) or not isinstance(chosen, Mapping):
+    joint, pairs, chosen = said.joint_runs, said.noise_runs, said.settings
+    if joint is None or pairs is None or chosen is None:
         raise InputError(f"{where}: provenance: expected joint_runs, noise_runs and settings; fit once more")
     for name in (*joint, *pairs.values()):
         if name not in runs:

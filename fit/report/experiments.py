@@ -170,9 +170,8 @@ def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
     if fit is None:
         return {}
     values = {key: e.value for key, e in fit.parameters.items()}
-    periods = results.provenance.get("cross_talk_periods")
-    period = periods.get(epoch) if isinstance(periods, dict) else None
-    return sums(values, results.inertial.get(str(period))) if is_separated(fit) else values
+    period = (results.provenance.cross_talk_periods or {}).get(epoch, "")
+    return sums(values, results.inertial.get(period)) if is_separated(fit) else values
 
 
 def drawings(

@@ -46,9 +46,7 @@ def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> l
 
 
 def _runs_of(results: Results, period: str) -> Sequence[str]:
-    runs = results.provenance.get("inertial_runs")
-    of_period = runs.get(period) if isinstance(runs, dict) else None
-    return of_period if isinstance(of_period, list) else ()
+    return (results.provenance.inertial_runs or {}).get(period, ())
 
 
 def _cross_talk(epoch: str, fit: Fit) -> Part:

@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
@@ -124,7 +124,7 @@ def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, st
 def _provenance(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
     """Return all that is recorded of the origin, every fact once."""
     found: dict[str, str] = {}
-    for name, value in results.provenance.items():
+    for name, value in results.provenance.entries().items():
         entries = value if isinstance(value, dict) and name in _SPREAD else {"": value}
         found |= {f"{name}.{key}" if key else name: _text(item) or "–" for key, item in entries.items()}
     common = {name: value for name, value in _common(telemetries).items() if found.get(name) != value}
@@ -132,7 +132,7 @@ def _provenance(results: Results, telemetries: Sequence[Telemetry]) -> dict[str,
 
 
 def _said(name: str, results: Results, telemetries: Sequence[Telemetry]) -> object:
-    return results.provenance.get(name, _common(telemetries).get(name))
+    return results.provenance.entries().get(name, _common(telemetries).get(name))
 
 
 def _common(telemetries: Sequence[Telemetry]) -> dict[str, str]:
@@ -171,17 +171,16 @@ def _extent(results: Results, telemetries: Sequence[Telemetry]) -> str:
 
 
 def _software(results: Results, telemetries: Sequence[Telemetry]) -> str:
-    versions = results.provenance.get("versions")
-    if isinstance(versions, Mapping):
-        return ", ".join(f"{name} {_text(version)}" for name, version in versions.items())
-    found = _common(telemetries) | {name: _text(value) for name, value in results.provenance.items()}
+    if versions := results.provenance.versions:
+        return ", ".join(f"{name} {version}" for name, version in versions.items())
+    recorded = results.provenance.entries().items()
+    found = _common(telemetries) | {name: _text(value) for name, value in recorded}
     named = [(name.removesuffix("_version"), v) for name, v in found.items() if name.endswith("_version")]
     return ", ".join(f"{name} {version}" for name, version in named)
 
 
 def _settings(results: Results) -> str:
-    chosen = results.provenance.get("settings")
-    estimator = _text(chosen.get("estimator")) if isinstance(chosen, dict) else ""
-    end = results.provenance.get("f_max")
-    band = f"up to {end:g} Hz" if isinstance(end, float | int) else ""
+    estimator = _text((results.provenance.settings or {}).get("estimator"))
+    end = results.provenance.f_max
+    band = f"up to {end:g} Hz" if end is not None else ""
     return ", ".join(text for text in (f"estimator {estimator}" if estimator else "", band) if text)

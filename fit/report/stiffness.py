@@ -53,13 +53,13 @@ def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
 
 def stiffness_points(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, figures.StiffnessPoint]:
     """Return omega2_2 of every experiment that determines it alone, by name."""
-    runs = results.provenance.get("joint_runs")
+    runs = results.provenance.joint_runs
     return {
         run.experiment: figures.StiffnessPoint(
             run.F_max_2,
             run.N_max_2,
             fit.parameters["omega2_2"],
-            in_joint=not isinstance(runs, list) or run.run in runs,
+            in_joint=runs is None or run.run in runs,
         )
         for run, fit in fitted_for("omega2_2", results, telemetries)
     }

@@ -46,12 +46,18 @@ def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> l
 
 def _sound(results: Results) -> Results:
     """Return the results without the fits whose sigmas do not hold."""
-    kept = {
-        section: {name: fit for name, fit in getattr(results, section).items() if not fit.unsound}
-        for section in ("experiments", "cross_talk", "inertial")
-    }
+
+    def kept(fits: Mapping[str, Fit]) -> dict[str, Fit]:
+        return {name: fit for name, fit in fits.items() if not fit.unsound}
+
     joint = None if results.joint and results.joint.unsound else results.joint
-    return replace(results, joint=joint, **kept)
+    return replace(
+        results,
+        joint=joint,
+        experiments=kept(results.experiments),
+        cross_talk=kept(results.cross_talk),
+        inertial=kept(results.inertial),
+    )
 
 
 def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:

@@ -78,12 +78,12 @@ def calibrated(
             results = api.calibrate(telemetries, **chosen.model_dump())
     results = replace(
         results,
-        provenance={
-            **results.provenance,
-            **(origin or {}),
-            "versions": {name: metadata.version(name) for name in VERSIONS},
-            "telemetry": [os.path.relpath(t.path, directory) for t in telemetries],
-        },
+        provenance=replace(
+            results.provenance,
+            more={**results.provenance.more, **(origin or {})},
+            versions={name: metadata.version(name) for name in VERSIONS},
+            telemetry=[os.path.relpath(t.path, directory) for t in telemetries],
+        ),
     )
     results = told(results)
     with folders.held(directory):

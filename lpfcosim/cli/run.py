@@ -119,7 +119,8 @@ def _with_missing(results: Results, missing: Mapping[str, str]) -> Results:
     def warned(fit: Fit) -> Fit:
         return replace(fit, warnings=(*warnings, *fit.warnings))
 
-    provenance = {**results.provenance, "missing": dict(missing)}
+    more = {**results.provenance.more, "missing": dict(missing)}
+    provenance = replace(results.provenance, more=more)
     if results.joint is not None:
         return replace(results, joint=warned(results.joint), provenance=provenance)
     experiments = {name: warned(fit) for name, fit in results.experiments.items()}

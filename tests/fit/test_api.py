@@ -17,7 +17,7 @@ import fit
 import lpfcosim as simulator
 from fit import pipeline, settings
 from fit.deltag import write_delta_g
-from fit.results import Estimate, Fit, FitWarning, Results
+from fit.results import Estimate, Fit, FitWarning, Provenance, Results
 from tests import ROOT
 from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of
 from tests.oracles.contract_file import write_contract_file
@@ -155,14 +155,14 @@ def test_values_are_those_of_the_command_line(lpfcosim, folder, tmp_path):
     theirs = {p.name for p in (tmp_path / "by_command" / "figures").iterdir()}
     assert {p.name for p in (page.parent / "figures").iterdir()} == theirs
     written = fit.load_results(tmp_path / "by_function" / "results.json")
-    assert [(page.parent / p).resolve() for p in written.provenance["telemetry"]] == files
+    assert [(page.parent / p).resolve() for p in written.provenance.telemetry] == files
 
 
 def test_settings_are_those_of_table_fit(runs, tmp_path):
     (tmp_path / "fit.toml").write_text('[fit]\nestimator = "gaussian"\nexclude = ["C"]\n', encoding="utf-8")
     expected = pipeline.calibrate(runs, settings.read(tmp_path / "fit.toml"))
     found = fit.calibrate(runs, estimator="gaussian", exclude=["C"])
-    assert found.provenance["settings"] == expected.provenance["settings"]
+    assert found.provenance.settings == expected.provenance.settings
     assert [e.value for e in found.joint.parameters.values()] == [
         e.value for e in expected.joint.parameters.values()
     ]
@@ -313,7 +313,7 @@ EVIL = "<script>alert(x)</script>&\"'"
 def test_what_files_say_is_escaped(runs):
     estimate = Estimate(1.0, 0.1, EVIL, truth=1.05, pull=-0.5)
     one = Fit({EVIL: estimate}, np.array([[0.01]]), 1.0, 1, False, (FitWarning("code", (), EVIL),), 3)
-    results = Results(one, {EVIL: one}, {}, {}, {})
+    results = Results(one, {EVIL: one}, {}, {}, Provenance())
     run = replace(
         runs[0],
         run=EVIL,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fit.errors import FitError, InputError
 from fit.estimate.pulls import with_truth
-from fit.results import Estimate, Fit, Results, load, write
+from fit.results import Estimate, Fit, Provenance, Results, load, write
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, Span
 from tests.oracles.contract_file import write_contract_file
@@ -40,7 +40,7 @@ def make_fit(warnings=(), **values):
 
 
 def make_results(**sections):
-    empty = {"joint": None, "experiments": {}, "cross_talk": {}, "inertial": {}, "provenance": {}}
+    empty = {"joint": None, "experiments": {}, "cross_talk": {}, "inertial": {}, "provenance": Provenance()}
     return Results(**{**empty, **sections})
 
 
@@ -73,7 +73,7 @@ def test_round_trip(tmp_path):
             ),
         },
         inertial={"0": make_fit(delta_phi=-4e-4)},
-        provenance={"version": "0.1.0", "files": ["a.h5"], "options": {"short": False}},
+        provenance=Provenance.of({"version": "0.1.0", "files": ["a.h5"], "options": {"short": False}}),
     )
     write(results, tmp_path / "results.json")
     loaded = load(tmp_path / "results.json")

@@ -3,6 +3,7 @@
 import json
 import random
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -61,7 +62,8 @@ def made(tmp_path_factory):
         earlier.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
     ]
     results = calibrate(runs)
-    results.provenance["telemetry"] = [f"telemetry/{r.run}.h5" for r in runs]
+    names = [f"telemetry/{r.run}.h5" for r in runs]
+    results = replace(results, provenance=replace(results.provenance, telemetry=names))
     fit_results.write(results, folder / "results.json")
     return folder
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fit.paper import joint_names, joint_parameter
-from fit.results import Estimate, Fit, Results
+from fit.results import Estimate, Fit, Provenance, Results
 from fit.telemetry.reader import Telemetry
 from tests.oracles.contract_file import write_contract_file
 
@@ -211,7 +211,7 @@ def calibration(world=None):
     known = {name: joint_parameter(name) for name in joint_names([1])}
     estimates = {name: Estimate(values[name], p.sigma, p.unit) for name, p in known.items()}
     joint = Fit(estimates, np.diag([p.sigma**2 for p in known.values()]), 1e4, 10_000, True, ())
-    return Results(joint, {}, {}, {}, {"joint_runs": ["A1"]})
+    return Results(joint, {}, {}, {}, Provenance(joint_runs=["A1"]))
 
 
 def write(folder, run, world=None):

@@ -10,7 +10,7 @@ from fit.estimate.joint import fit_experiment
 from fit.estimate.residuals import SCORES, Residual, diagnose, judge, residual
 from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
-from fit.results import Results, load, write
+from fit.results import Provenance, Results, load, write
 from fit.signal import fit_noise, spectra
 from tests.oracles.synthetic import World, pair, telemetry
 
@@ -143,7 +143,7 @@ def test_a_run_without_noise_run():
 def test_diagnostics_survive_the_file(tmp_path):
     experiment, found = outcome(pair(World(), seed=9, duration=7200.0))
     fit = replace(as_fit(found, [experiment]), diagnostics=diagnose(experiment, found))
-    results = Results(None, {"A": fit, "bare": replace(fit, diagnostics=None)}, {}, {}, {})
+    results = Results(None, {"A": fit, "bare": replace(fit, diagnostics=None)}, {}, {}, Provenance())
     write(results, tmp_path / "results.json")
     back = load(tmp_path / "results.json")
     assert back.experiments["A"].diagnostics == fit.diagnostics

@@ -74,7 +74,7 @@ def test_every_estimator_recovers_the_truth(estimator):
     results = calibrate(campaign(World(lambda_2=1.05)), settings({"estimator": estimator}))
     wide = 6 if estimator == "flscov" else 4.5  # its sigmas are too small by some 10 %
     assert max(abs(p) for p in pulls(results.joint, vars(World(lambda_2=1.05))).values()) < wide
-    assert results.provenance["settings"]["estimator"] == estimator
+    assert results.provenance.settings["estimator"] == estimator
 
 
 def test_student_t_bears_outliers():
@@ -147,7 +147,7 @@ def test_scatter_of_the_gain_is_found_and_counts():
         for run in pair(World(lambda_2=gain), authority, epoch=epoch, experiment=f"{authority}{i}", seed=i)
     ]
     results = calibrate(runs, settings({"scatter": ["lambda_2"]}))
-    width = results.provenance["scatter"]["lambda_2"]
+    width = results.provenance.scatter["lambda_2"]
     assert width["value"] == pytest.approx(np.std(gains, ddof=1), rel=0.03)  # noise is 50 times smaller
     assert width["sigma"] == pytest.approx(width["value"] / np.sqrt(2 * 11), rel=0.05)
     found = results.joint.parameters["lambda_2"]
@@ -161,14 +161,14 @@ def test_scatter_of_the_gain_is_found_and_counts():
 
 def test_without_scatter_its_width_is_that_of_nothing():
     results = calibrate(campaign(World()), settings({"scatter": ["lambda_2"]}))
-    width = results.provenance["scatter"]["lambda_2"]
+    width = results.provenance.scatter["lambda_2"]
     assert width["value"] < 3 * width["sigma"] < 1e-3
     assert max(abs(p) for p in pulls(results.joint, vars(World())).values()) < 4.5
 
 
 def test_an_experiment_may_be_left_out():
     results = calibrate(campaign(World()), settings({"exclude": ["B"]}))
-    assert results.provenance["joint_runs"] == ["A-sysid", "C-sysid", "D-sysid"]
+    assert results.provenance.joint_runs == ["A-sysid", "C-sysid", "D-sysid"]
     assert pulls(results.experiments["B"], of_run(World(), "B"))
     assert "excluded" in {w.code for w in results.experiments["B"].warnings}
 

@@ -226,7 +226,7 @@ def test_a_calibration_masks_and_tells(simulated):
 def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     runs = [simulated("A", *draw(1, 400)), *(simulated(n) for n in ("A-noise", "B", "B-noise"))]
     results = calibrate(runs)
-    assert results.provenance["joint_runs"] == ["B"]
+    assert results.provenance.joint_runs == ["B"]
     (told,) = (w.message for w in results.joint.warnings if w.code == "excluded")
     assert "no matter of glitches" in told
     assert not results.joint.unsound

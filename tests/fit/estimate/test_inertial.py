@@ -260,7 +260,7 @@ def test_periods_are_kept_apart(quiet_day):
     ]
     results = calibrate_inertial(runs, calibration(QUIET))
     assert list(results.inertial) == ["1", "2", "0"]
-    assert results.provenance["inertial_runs"] == {"1": ["a"], "2": ["b", "c"], "0": ["inertial"]}
+    assert results.provenance.inertial_runs == {"1": ["a"], "2": ["b", "c"], "0": ["inertial"]}
     assert results.joint.parameters == calibration(QUIET).joint.parameters
     assert results.inertial["2"].parameters["delta_phi"].value == pytest.approx(0.2e-3, rel=0.05)
     assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)

@@ -152,11 +152,11 @@ def test_long_noise_run_is_used_whole():
 def test_short_runs_take_part_only_when_asked():
     runs = campaign_of(World(), SETS[:3]) + pair(World(), "D", epoch=2, duration=7200.0)
     without_short, with_short = calibrate(runs), calibrate(runs, settings({"include_short": True}))
-    assert without_short.provenance["joint_runs"] == ["A-sysid", "B-sysid", "C-sysid"]
+    assert without_short.provenance.joint_runs == ["A-sysid", "B-sysid", "C-sysid"]
     for fit in (without_short.joint, without_short.experiments["D"]):
         (warning,) = (w for w in fit.warnings if w.code == "short_run")
         assert "D-sysid" in warning.message
-    assert with_short.provenance["joint_runs"] == ["A-sysid", "B-sysid", "C-sysid", "D-sysid"]
+    assert with_short.provenance.joint_runs == ["A-sysid", "B-sysid", "C-sysid", "D-sysid"]
     assert not any(w.code == "short_run" for w in with_short.joint.warnings)
     assert with_short.joint.parameters["lambda_2"].sigma < without_short.joint.parameters["lambda_2"].sigma
 

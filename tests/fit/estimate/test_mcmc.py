@@ -263,7 +263,7 @@ def calibrated_once(tmp_path_factory):
     directory = folder / "out"
     directory.mkdir()
     names = [os.path.relpath(t.path, directory) for t in telemetries]
-    found = replace(found, provenance={**found.provenance, "telemetry": names})
+    found = replace(found, provenance=replace(found.provenance, telemetry=names))
     results.write(pulls.with_truth(found, telemetries), directory / "results.json")
     return folder
 

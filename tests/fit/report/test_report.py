@@ -18,7 +18,7 @@ from fit.figures import files as figure_files
 from fit.figures import mission, runs
 from fit.paper import FLIGHT, joint_names
 from fit.report.page import write_report
-from fit.results import Estimate, Fit, FitWarning, Results
+from fit.results import Estimate, Fit, FitWarning, Provenance, Results
 from fit.tables import parameters as tables
 from fit.telemetry.reader import read
 from tests.oracles.contract_file import write_contract_file
@@ -68,7 +68,7 @@ def experiment_fit():
 
 
 def results(**sections):
-    empty = {"joint": None, "experiments": {}, "cross_talk": {}, "inertial": {}, "provenance": {}}
+    empty = {"joint": None, "experiments": {}, "cross_talk": {}, "inertial": {}, "provenance": Provenance()}
     return Results(**{**empty, **sections})
 
 
@@ -155,7 +155,7 @@ def test_the_whole_report(tmp_path, campaign):
         results(
             joint=joint_fit({"C_2": 1.7}),
             experiments={"A1": experiment_fit(), "B2": experiment_fit()},
-            provenance={"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]},
+            provenance=Provenance.of({"campaign": "quickstart", "fit_version": "0.1.0", "files": ["a", "b"]}),
         ),
         runs,
     )
@@ -222,7 +222,9 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
     odd = replace(make_fit({"lambda_2": 1.0, "C_2": 0.2}), warnings=fit.warnings)
     odd.parameters[EVIL] = odd.parameters.pop("C_2")
     page = written(
-        tmp_path, results(joint=odd, experiments={EVIL: fit}, provenance={EVIL: {EVIL: [EVIL]}}), runs
+        tmp_path,
+        results(joint=odd, experiments={EVIL: fit}, provenance=Provenance.of({EVIL: {EVIL: [EVIL]}})),
+        runs,
     )
     assert page.tags.count("script") == page.source.count("sha256-")  # its own
     assert "img" not in page.tags
@@ -266,7 +268,9 @@ def test_long_missions_fold_their_experiments(tmp_path):
 def test_what_was_run_is_told_at_the_top(tmp_path, campaign):
     origin = {"campaign_digest": 64 * "a", "seed": 5, "f_max": 0.1}
     origin["versions"] = {"lpfcosim": "0.1.0", "numpy": "2.1"}
-    page = written(tmp_path, results(experiments={"A1": experiment_fit()}, provenance=origin), campaign())
+    page = written(
+        tmp_path, results(experiments={"A1": experiment_fit()}, provenance=Provenance.of(origin)), campaign()
+    )
     top, whole = page.text.split("Provenance", maxsplit=1)
     for text in ("lpfcosim 0.1.0, numpy 2.1", "aaaaaaaaaaaa", "up to 0.1 Hz"):
         assert text in top

@@ -15,7 +15,7 @@ from fit.figures.mission import StiffnessPoint, stiffness_pull
 from fit.paper import FLIGHT, joint_names
 from fit.report import together as report_mission
 from fit.report.page import write_report
-from fit.results import Diagnostics, Estimate, Fit, FitWarning, Results
+from fit.results import Diagnostics, Estimate, Fit, FitWarning, Provenance, Results
 from tests.oracles.synthetic import AUTHORITIES, World, telemetry
 
 WORLD = World()
@@ -55,7 +55,7 @@ def mission():
         bad = quiet(whiteness=2e-4, kurtosis=3.0, chi2_red=1.5) if name == "D" else quiet()
         F, N = 1e-12 * AUTHORITIES[name][1], 1e-12 * AUTHORITIES[name][3]
         fits[name] = experiment(1.0776 + 4e-5 * k, F, N, bad, tone)
-    return Results(joint(), fits, {}, {}, {"joint_runs": [run.run for run in runs]}), runs
+    return Results(joint(), fits, {}, {}, Provenance(joint_runs=[run.run for run in runs])), runs
 
 
 def sections(results, runs, folder):
@@ -121,7 +121,7 @@ def test_what_is_not_determined_is_said(mission, tmp_path):
 def test_table_eulerfit_where_a_period_was_flown(tmp_path):
     values = {"delta_phi": -0.4e-3, "delta_eta": -0.03e-3}
     periods = {"2": fit(values, [1e-5, 2e-6]), "7": fit(values, [1e-5, 2e-6])}
-    (part,) = report_mission.parts(Results(None, {}, {}, periods, {}), [], tmp_path)
+    (part,) = report_mission.parts(Results(None, {}, {}, periods, Provenance()), [], tmp_path)
     (grid,) = part.grids
     assert [line.cells[2:] for line in grid.lines] == [
         ("0.33", "0.00"),
@@ -231,7 +231,7 @@ def test_residuals(mission, tmp_path):
 
 
 def test_nothing_to_say(tmp_path):
-    assert report_mission.parts(Results(None, {}, {}, {}, {}), [], tmp_path) == []
+    assert report_mission.parts(Results(None, {}, {}, {}, Provenance()), [], tmp_path) == []
     assert list(Path(tmp_path).iterdir()) == []
 
 

@@ -61,7 +61,7 @@ def test_gain_of_known_spectra():
 def test_cross_talk_has_a_section(found, tmp_path):
     values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
     cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
-    results = fit_results.Results(None, {}, cross_talk, {}, {})
+    results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
     (section,) = parts(results, [], tmp_path)
     assert section.title == "Cross-talk, alignment epoch 2"
     assert len(section.table.rows) == 6

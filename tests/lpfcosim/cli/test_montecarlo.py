@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import norm
 
 from fit.estimate import pulls
-from fit.results import Estimate, Fit, Results
+from fit.results import Estimate, Fit, Provenance, Results
 from lpfcosim.campaign import campaign, montecarlo
 from tests.campaign_text import ONE_EXPERIMENT
 
@@ -55,7 +55,7 @@ def test_pulls_of_a_known_distribution():
 def test_estimates_are_those_with_a_truth():
     known, unknown = Estimate(1.1, 0.1, "1", 1.0, 1.0), Estimate(1.1, 0.1, "1")
     fit = Fit({"lambda_2": known, "C_2": unknown}, np.eye(2) * 0.01, 1.0, 1, True, ())
-    results = Results(fit, {}, {}, {"3": replace(fit, parameters={"delta_phi": known})}, {})
+    results = Results(fit, {}, {}, {"3": replace(fit, parameters={"delta_phi": known})}, Provenance())
     assert pulls.estimates(results) == {"lambda_2": (1.0, 0.1), "delta_phi_3": (1.0, 0.1)}
 
 
