@@ -58,6 +58,7 @@ MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 12, 400, 60
 WAITING = (
     *(
         "lpfcosim.api",
+        "lpfcosim/api.py:",
         "lpfcosim/cli/montecarlo.py:",
         "lpfcosim/modelica/description.py:",
         "lpfcosim/cli/reproduce.py:",

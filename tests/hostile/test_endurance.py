@@ -23,8 +23,8 @@ import pytest
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Truth
+from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.test_slave import repack
-from tests.oracles import in_memory
 
 PROCESS = Path("/proc/self")
 ALLOWANCE = 2048  # kB

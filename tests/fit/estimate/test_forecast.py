@@ -21,7 +21,7 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant, world_of
 from tests import ROOT
 from tests.fit.estimate.test_joint import recorded
-from tests.oracles import whole_spectra
+from tests.lpfcosim.worlds import whole_spectra
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 CAMPAIGNS = ROOT / "campaigns"

@@ -12,7 +12,7 @@ from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from lpfcosim.worlds import along_x, along_x_plant, world
-from tests.oracles import in_memory
+from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
 

@@ -23,8 +23,8 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import world_of
 from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
+from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.foreign import edited, renamed
-from tests.oracles import in_memory
 
 pytestmark = pytest.mark.fmu
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])

@@ -12,7 +12,7 @@ from lpfcosim.cosim import slave
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Truth
-from tests.oracles import in_memory
+from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
 

@@ -9,7 +9,7 @@ from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import whole_plant, world_of
-from tests.oracles import in_memory
+from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
 

@@ -14,7 +14,7 @@ from lpfcosim.export.container import container
 from lpfcosim.modelica import build
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Pulse, Sine
 from lpfcosim.worlds import along_x, drive, world
-from tests.oracles import in_memory
+from tests.lpfcosim.cosim import in_memory
 
 pytestmark = pytest.mark.fmu
 

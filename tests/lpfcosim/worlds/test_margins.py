@@ -10,7 +10,7 @@ from lpfcosim.spacecraft.control import Lead
 from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import whole_loops
-from tests.oracles import whole_spectra
+from tests.lpfcosim.worlds import whole_spectra
 
 H = 0.1
 M_TM, M_SC, I_TM, D = 1.928, 422.7, 6.80e-4, 0.376

@@ -12,7 +12,7 @@ from lpfcosim.errors import RunError
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import along_x_plant, drive, whole_loops, whole_plant, whole_rigid
-from tests.oracles import whole_spectra
+from tests.lpfcosim.worlds import whole_spectra
 from tests.oracles.whole_equations import I_SC, M_TM, SKEW, D, H, by_integration
 
 
