@@ -26,8 +26,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import inertial, is_separated
-from fit.model import Dynamics, dynamics, dynamics_of, rate, rotation
+from fit.estimate import inertial as euler_fit
+from fit.estimate import is_separated
+from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.results import Fit, Results, joint_of
 from fit.signal import derivatives
 from fit.telemetry import SCHEMA, Telemetry, Writer, inertial_period, read_stretch, samples
@@ -263,7 +264,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     else:
         notes += [w.message for w in (*turning.sources.warnings, *turning.slow.warnings)]
         fit = results.inertial.get(period)
-        if fit is not None and fit.parameters.keys() >= set(inertial.NAMES):
+        if fit is not None and fit.parameters.keys() >= set(euler_fit.NAMES):
             euler = (fit.parameters["delta_phi"].value, fit.parameters["delta_eta"].value)
         else:
             notes.append(f"g_dOmega is left out: the calibration has no inertial period {period}")

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate import linear
-from fit.estimate.inertial import BASELINE
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report
-from fit.model import Sharing, dynamics
+from fit.model import BASELINE, Sharing, dynamics
 from fit.results import Fit
 from fit.signal import derivatives, spectra
 from fit.warnings import FitWarning

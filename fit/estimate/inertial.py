@@ -1,7 +1,4 @@
-"""Euler fit: delta_phi and delta_eta of a period, from all its long noise runs at once (eq. gomegafinal).
-
-    Delta g = Delta g_x + g_Omega + g_dOmega + delta_g_SC,
-    g_Omega = -(Omega_phi^2 + Omega_eta^2) d,    g_dOmega = d (-dOmega_phi delta_phi + dOmega_eta delta_eta)
+"""Euler fit: delta_phi and delta_eta of a period, from all its long noise runs at once.
 
 What is made least is the noise Delta g between 30 uHz and 2 mHz: each run windowed as a whole, constant and
 ramp projected out, weighted by a smooth PSD of its own residual until nothing moves; chi^2 is then one per
@@ -28,7 +25,7 @@ from fit.estimate import linear
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
 from fit.estimate.likelihood import weights
 from fit.estimate.runs import LEAST, smooth_noise
-from fit.model import dynamics, dynamics_of, rate, rotation
+from fit.model import dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
@@ -37,7 +34,6 @@ from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
-BASELINE = 0.376  # m, from test mass 1 to test mass 2
 NAMES = ("delta_phi", "delta_eta")
 PARAMETERS = (
     *(Parameter(name, 0.0, 0.0, "rad", 1e-3, "gomegafinal", name, name, "misalignment") for name in NAMES),
@@ -45,16 +41,6 @@ PARAMETERS = (
 )
 BAND = (30e-6, 2e-3)  # Hz
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
-
-
-def g_Omega(Omega: Array) -> Array:
-    """Return the centrifugal term [m s^-2] (eq. centrifugal) of rates [rad/s] of shape (N, 2)."""
-    return np.asarray(-BASELINE * np.sum(Omega**2, axis=1))
-
-
-def euler(dOmega: Array) -> Array:
-    """Return g_dOmega per unit of delta_phi and delta_eta (eq. gomegafinal) [m s^-2], shape (N, 2)."""
-    return dOmega * (-BASELINE, BASELINE)
 
 
 def takes_part(run: Telemetry) -> bool:
@@ -105,7 +91,7 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
 
 @dataclass(frozen=True)
 class _Rotation(linear.Straight):
-    """A whitened run; its columns: Delta g_x + g_Omega, the two of `euler`, phibar'' and etabar''.
+    """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, phibar'' and etabar''.
 
     Attributes
     ----------
@@ -144,7 +130,8 @@ class _Turning:
         Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
         delta_g_x = terms.values @ dynamics.coefficients(of_run.theta, terms.tau)
         uncertain = terms.values @ (dynamics.gradient(of_run.theta, terms.tau) @ of_run.share)
-        columns = np.column_stack([delta_g_x + g_Omega(Omega), euler(motion.dOmega), motion.swing, uncertain])
+        turned = delta_g_x + inertial.g_Omega(Omega)
+        columns = np.column_stack([turned, inertial.euler(motion.dOmega), motion.swing, uncertain])
         # Constants and ramps are projected out below; large ones would cost digits.
         whole = spectra.transform(columns - columns.mean(axis=0), terms.valid & motion.valid, terms.fs)
         if np.mean(whole.window**2) < LEAST:

@@ -5,14 +5,17 @@ The only room with signs.
 
 from fit.model.calibrated import Dynamics, dynamics_of
 from fit.model.dynamics import Columns
+from fit.model.inertial import BASELINE
 from fit.model.sharing import Sharing
 
 __all__ = [
+    "BASELINE",
     "Columns",
     "Dynamics",
     "Sharing",
     "dynamics",
     "dynamics_of",
+    "inertial",
     "rate",
     "rotation",
 ]
