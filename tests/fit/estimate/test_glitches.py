@@ -128,11 +128,11 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
     after = [masks.without_glitches(e)[0] for e in glitchy]
 
     strong = [(name, p) for name, found in pulses.items() for p in found if abs(p.amplitude) > 40 * RMS]
-    masks = {run.telemetry.run: run.masks for e in after for run in both(e)}
+    of_run = {run.telemetry.run: run.masks for e in after for run in both(e)}
     for name, pulse in strong:
         middle = pulse.start + pulse.duration / 2
-        assert any(begin - 5 <= middle <= end + 5 for begin, end in masks[name])
-    assert sum(map(len, masks.values())) <= 20
+        assert any(begin - 5 <= middle <= end + 5 for begin, end in of_run[name])
+    assert sum(map(len, of_run.values())) <= 20
 
     lost = 1 - np.mean([window_weight(r) for e in after for r in both(e)]) / np.mean(
         [window_weight(r) for e in before for r in both(e)]
