@@ -5,6 +5,7 @@ Every function raises `fit.errors.InputError`; its message names the file, the p
 """
 
 import csv
+import gzip
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -290,6 +291,8 @@ def _fits(path: Path, table: str | int | None) -> Iterator[Table]:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")  # a file cut short is only warned about
                 warnings.simplefilter("ignore", fits.verify.VerifyWarning)
+                if path.suffix.lower() == ".gz":
+                    _check_sum(path)
                 file = stack.enter_context(path.open("rb"))
                 hdus = stack.enter_context(fits.open(file, memmap=True))
                 tables = {i: hdu for i, hdu in enumerate(hdus) if hasattr(hdu, "columns")}
@@ -303,6 +306,13 @@ def _fits(path: Path, table: str | int | None) -> Iterator[Table]:
             wanted = "table" if table is None else f"table {table!r}"
             raise InputError(f"{path}: no {wanted}, expected an extension with a table; there are: {there}")
         yield _Arrays(arrays, {column.name: column.unit for column in columns})
+
+
+def _check_sum(path: Path) -> None:
+    """Read a compressed file to its end, where its checksum stands; astropy stops before that."""
+    with gzip.open(path) as packed:
+        while packed.read(_LONGEST_LINE):
+            pass
 
 
 def _field(hdu: Any, column: Any) -> Any:
