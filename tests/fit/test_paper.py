@@ -13,7 +13,7 @@ from fit.paper import (
     joint_parameter,
     stiffness,
 )
-from fit.telemetry import contract
+from fit.telemetry import units
 
 NOMINAL = {"F_max": (0.0, 2200e-12), "N_max": (10.4e-12, 10.4e-12)}
 
@@ -105,15 +105,15 @@ def test_stiffness_is_linear_in_the_authority(a, b, N_max):
     "text", ["m s-2", "m/s^2", "m s^-2", "m/s2", "m / s**2", "m*s^-2", "m s**-2", "s-2 m", " m/s/s"]
 )
 def test_spellings_of_one_unit(text):
-    assert contract.same_unit(text, "m s-2")
+    assert units.same_unit(text, "m s-2")
 
 
 @pytest.mark.parametrize(
     "text", ["nm s-2", "m", "m s2", "m/s", "ms-2", "", "1", "m s-2 rad", "m s−2", "m s-2 " * 2]
 )
 def test_other_units(text):
-    assert not contract.same_unit(text, "m s-2")
+    assert not units.same_unit(text, "m s-2")
 
 
 def test_doctests():
-    assert doctest.testmod(contract).failed == 0
+    assert doctest.testmod(units).failed == 0
