@@ -39,6 +39,7 @@ HOMES = {
     "deltastiff_model": "fit/model/sharing.py",
     "fx2": "fit/model/dynamics.py",
     "gomegafinal": "fit/model/inertial.py",
+    "inprod": "fit/estimate/linear.py",
     "irls": "fit/estimate/irls.py",
     "jointlh": "fit/estimate/linear.py",
     "llhgaussian": "fit/estimate/likelihood.py",

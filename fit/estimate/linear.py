@@ -131,6 +131,8 @@ class Straight(Block):
 def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
     """Scale to unit variance of real and imaginary part each and project constant and ramp out.
 
+    Sums of products of such columns are the products (a | b) of eq. inprod.
+
     Returns
     -------
     columns : ndarray of complex, shape (B, P)
