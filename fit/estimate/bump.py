@@ -1,9 +1,9 @@
-"""Cross-talk of spacecraft motion (eq. bump): its coefficients, what noisy read-outs do to them, the limit.
+"""Cross-talk of spacecraft motion (eq. bump): its coefficients, what noisy read-outs do to them.
 
 The coefficients b_1 to b_6 are fitted along with the dynamics. Their regressors are read-outs and carry noise
 of their own, the capacitive y and z most of all. Least squares then finds what subtracts best: coefficients
 smaller than the couplings, the more so the higher the frequency. They are right for a correction and wrong as
-couplings, and that is said with them. Nor can any coefficients subtract more than the Wiener limit.
+couplings, and that is said with them.
 
 Above some 10 mHz the test masses no longer follow the spacecraft, phi'' = -dOmega_phi, and the Euler force
 has the shape of b_1 and b_2. What the joint fit finds there, where the band is widest, is the sums
@@ -15,8 +15,7 @@ with its sigma. Where it is not, the sums stay, and that is said.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,56 +202,6 @@ def read_out_noise(run: Run) -> dict[str, float]:
     apart -= rotation @ np.linalg.lstsq(rotation, apart)[0]
     power = 2 * np.mean(apart**2, axis=0)
     return {mean: DIFFERENCES[mean][1] * float(p) for mean, p in zip(means, power, strict=True)}
-
-
-@dataclass(frozen=True)
-class Subtraction:
-    """One-sided PSDs of a run in frequency bands, each of shape (number of bands,) [m^2 s^-4 Hz^-1].
-
-    Attributes
-    ----------
-    before : ndarray
-        Of Delta g_x.
-    after : ndarray
-        Of Delta g_x + delta_g_SC.
-    limit : ndarray
-        Of what is left at best (Wiener): no combination of the noisy read-outs, even with other complex
-        coefficients in every band, leaves less.
-    """
-
-    before: Array
-    after: Array
-    limit: Array
-
-
-def subtraction(run: Run, parameters: Mapping[str, float], edges: Sequence[float]) -> Subtraction:
-    """Compare the subtraction of delta_g_SC with its limit, given by the read-outs of the run itself.
-
-    Parameters
-    ----------
-    run : Run
-        A noise run.
-    parameters : mapping
-        As for `dynamics.residual`.
-    edges : sequence of float
-        Of the bands [Hz]; each must hold many more bins than there are read-outs.
-    """
-    theta = np.array([parameters.get(name, 0.0) for name in run.channels.parameters])
-    terms = run.spectra(dynamics.delays(theta))
-    c, split = dynamics.coefficients(theta, terms.tau), len(dynamics.COLUMNS)
-    delta_g_x = terms.columns[:, :split] @ c[:split]
-    delta_g = delta_g_x + terms.columns[:, split:] @ c[split:]
-    read_outs = sum(mean in DIFFERENCES for mean in run.channels.means)
-    second_derivatives = slice(split, split + read_outs)  # they come first
-    found = []
-    for low, high in pairwise(edges):
-        band = (terms.f >= low) & (terms.f < high)
-        x, target = terms.columns[band, second_derivatives], delta_g_x[band]
-        left = target - x @ np.linalg.lstsq(x, target)[0]
-        free = int(band.sum()) - x.shape[1]  # a fit to n bins takes out one bin's power a coefficient
-        power = [np.mean(np.abs(y[band]) ** 2) for y in (delta_g_x, delta_g)]
-        found.append([*power, np.sum(np.abs(left) ** 2) / free])
-    return Subtraction(*np.array(found, dtype=np.float64).T)
 
 
 def is_separated(cross_talk: Fit) -> bool:
