@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from fit.display import Displayed
 from fit.errors import FitError, InputError
 from fit.files import atomic, documents, place
-from fit.warnings import FitWarning as FitWarning
+from fit.warnings import FitWarning
 
 SCHEMA = "lpf-results/1"
 QUANTILES = 27  # of a residual

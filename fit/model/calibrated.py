@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.paper import joint_names, joint_parameter
-from fit.results import Fit, FitWarning
+from fit.results import Fit
 from fit.settings import settings
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 

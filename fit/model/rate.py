@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model.rotation import Motion
-from fit.results import FitWarning
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 

@@ -21,9 +21,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.results import FitWarning
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,8 +8,9 @@ from functools import partial
 from pathlib import Path
 
 import fit.errors
-from fit.results import Fit, FitWarning, Results
+from fit.results import Fit, Results
 from fit.settings import Settings, settings
+from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign, load
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder

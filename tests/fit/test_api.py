@@ -17,7 +17,8 @@ import fit
 import lpfcosim as simulator
 from fit import pipeline, settings
 from fit.deltag import write_delta_g
-from fit.results import Estimate, Fit, FitWarning, Provenance, Results
+from fit.results import Estimate, Fit, Provenance, Results
+from fit.warnings import FitWarning
 from tests import ROOT
 from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of
 from tests.oracles.contract_file import write_contract_file

@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 
 from fit.estimate.residuals import about_mean, independent
-from fit.results import Estimate, Fit, FitWarning
+from fit.results import Estimate, Fit
+from fit.warnings import FitWarning
 
 
 def estimates(values, sigmas):

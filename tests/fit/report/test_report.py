@@ -18,9 +18,10 @@ from fit.figures import files as figure_files
 from fit.figures import mission, runs
 from fit.paper import FLIGHT, joint_names
 from fit.report.page import write_report
-from fit.results import Estimate, Fit, FitWarning, Provenance, Results
+from fit.results import Estimate, Fit, Provenance, Results
 from fit.tables import parameters as tables
 from fit.telemetry.reader import read
+from fit.warnings import FitWarning
 from tests.oracles.contract_file import write_contract_file
 
 SAMPLES = 3600

@@ -15,7 +15,8 @@ from fit.figures.mission import StiffnessPoint, stiffness_pull
 from fit.paper import FLIGHT, joint_names
 from fit.report import together as report_mission
 from fit.report.page import write_report
-from fit.results import Diagnostics, Estimate, Fit, FitWarning, Provenance, Results
+from fit.results import Diagnostics, Estimate, Fit, Provenance, Results
+from fit.warnings import FitWarning
 from tests.oracles.synthetic import AUTHORITIES, World, telemetry
 
 WORLD = World()

@@ -8,9 +8,9 @@ import pytest
 
 from fit.paper import FLIGHT, joint_names, joint_parameter
 from fit.report.verdict import matters, verdict
-from fit.results import Estimate, FitWarning
+from fit.results import Estimate
 from fit.tables import parameters as tables
-from fit.warnings import KINDS, Severity
+from fit.warnings import KINDS, FitWarning, Severity
 from tests import ROOT
 from tests.fit.report.test_report import LOST, experiment_fit, joint_fit, make_fit, results
 
