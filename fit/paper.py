@@ -122,6 +122,15 @@ ALONG = ("bump", "deltagfull2", "")  # none: what experiments depart by
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
 
+#: Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by inertial period.
+MISALIGNMENT = {
+    "1": ((-0.47e-3, 0.03e-3), (-0.066e-3, 0.007e-3)),
+    "2": ((-0.40e-3, 0.03e-3), (-0.032e-3, 0.003e-3)),
+    "3": ((-0.39e-3, 0.02e-3), (-0.137e-3, 0.003e-3)),
+}
+#: Of lambda_2: mean over the experiments with sigma, its chi2_red, relative fluctuation (section Results).
+GAIN_MEAN, GAIN_CHI2_RED, GAIN_SCATTER = (1.080, 0.003), 90, 0.005
+
 #: What every experiment is fitted for on its own; lambda_1 and C_1 join where test mass 1 is driven.
 EXPERIMENT_NAMES = ("lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo")
 

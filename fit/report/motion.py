@@ -1,36 +1,20 @@
 """The parts of the report on spacecraft motion: cross-talk by epoch, rotation by inertial period."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from fit import deltag
 from fit.figures import Drawing, drawing
 from fit.figures import motion as figures_motion
-from fit.paper import Parameter, cross_talk_parameter
+from fit.paper import MISALIGNMENT, Parameter, cross_talk_parameter
+from fit.report.parts import Part
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry, inertial_period
 
-#: Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by period.
-FLIGHT = {
-    "1": ((-0.47e-3, 0.03e-3), (-0.066e-3, 0.007e-3)),
-    "2": ((-0.40e-3, 0.03e-3), (-0.032e-3, 0.003e-3)),
-    "3": ((-0.39e-3, 0.02e-3), (-0.137e-3, 0.003e-3)),
-}
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
-
-
-@dataclass(frozen=True)
-class Part:
-    """A section of the page."""
-
-    anchor: str
-    title: str
-    about: str
-    table: tables.Table
-    drawings: tuple[Drawing, ...] = ()
 
 
 def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
@@ -57,7 +41,7 @@ def _cross_talk(epoch: str, fit: Fit) -> Part:
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
     table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
-    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, table)
+    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, table=table)
 
 
 def _without_pull(fit: Fit) -> dict[str, Estimate]:
@@ -78,12 +62,12 @@ def _inertial(period: str, fit: Fit) -> Part:
         "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
     )
     table = tables.table(fit, parameters(period, fit))
-    return Part(f"p{period}", f"Rotation, inertial period {period}", about, table)
+    return Part(f"p{period}", f"Rotation, inertial period {period}", about, table=table)
 
 
 def parameters(period: str, fit: Fit) -> list[Parameter]:
     """Return the misalignments of an inertial period, with their flight values where it was flown."""
-    flight = FLIGHT.get(period)
+    flight = MISALIGNMENT.get(period)
     known = []
     for i, (name, axis, html) in enumerate(
         (("delta_phi", "z", "δ<sub>φ</sub>"), ("delta_eta", "y", "δ<sub>η</sub>"))

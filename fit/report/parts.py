@@ -12,7 +12,10 @@ from fit.telemetry import Telemetry
 
 @dataclass(frozen=True)
 class Part:
-    """A section of the page: words, tables, figures beside or `below` them, and a matrix to unfold."""
+    """A section of the page: words, tables, figures beside or `below` them, and a matrix to unfold.
+
+    Over a `table` of parameters the text is what describes it.
+    """
 
     anchor: str
     title: str
@@ -21,6 +24,7 @@ class Part:
     drawings: tuple[Drawing, ...] = ()
     below: bool = False
     correlation: tables.Correlation | None = None
+    table: tables.Table | None = None
 
 
 def fitted_for(

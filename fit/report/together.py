@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 from fit.estimate import Stationarity, about_mean, independent
 from fit.figures import Drawing, drawing
 from fit.figures import mission as figures_mission
-from fit.paper import FLIGHT, Parameter, joint_names, joint_parameter
+from fit.paper import FLIGHT, GAIN_CHI2_RED, GAIN_MEAN, GAIN_SCATTER, Parameter, joint_names, joint_parameter
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
 from fit.report.parts import Part, fitted_for
@@ -22,8 +22,6 @@ from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
 _BESIDE = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
-#: What the paper says of lambda_2: mean over the experiments with sigma, its chi2_red, relative fluctuation.
-FLIGHT_MEAN, FLIGHT_CHI2_RED, FLIGHT_SCATTER = (1.080, 0.003), 90, 0.005
 STRONG = 0.9  # correlation that is pointed out
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 NAMED = 10  # strongest correlations
@@ -185,7 +183,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
     lines = [
         Line(
             Markup("weighted mean of the experiments"),
-            (tables.number(found.mean, found.sigma), tables.number(*FLIGHT_MEAN)),
+            (tables.number(found.mean, found.sigma), tables.number(*GAIN_MEAN)),
         ),
         Line(
             Markup("joint fit"),
@@ -196,12 +194,12 @@ def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
         ),
         Line(
             Markup("χ² / degrees of freedom about the mean"),
-            (f"{found.chi2_red:.2f}", f"≈ {FLIGHT_CHI2_RED}"),
+            (f"{found.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
         ),
         Line(Markup("p-value"), (_p_value(found.p_value), "< 0.001")),
         Line(
             Markup("scatter beyond noise that would make it 1"),
-            (f"{relative:.2g} %" if found.scatter else "0", f"≈ {100 * FLIGHT_SCATTER:g} %"),
+            (f"{relative:.2g} %" if found.scatter else "0", f"≈ {100 * GAIN_SCATTER:g} %"),
         ),
     ]
     about = f"λ₂ of {found.dof + 1} experiments, each fitted alone; a run of a single tone does not count."
