@@ -14,6 +14,7 @@ from fit.telemetry.reader import (
     read_all,
     read_stretch,
     read_truth,
+    root_attributes,
     samples,
 )
 from fit.telemetry.units import in_base_units
@@ -36,6 +37,7 @@ __all__ = [
     "read_stretch",
     "read_truth",
     "reader",
+    "root_attributes",
     "samples",
     "units",
 ]

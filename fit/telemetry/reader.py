@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -265,6 +265,15 @@ def read_truth(path: Path) -> dict[str, float]:
         for name, value in values.items()
         if isinstance(value, int | float) and math.isfinite(value)
     }
+
+
+def root_attributes(path: Path) -> dict[str, Any] | None:
+    """Return the attributes of the root of an HDF5 file, whatever it holds; None if it cannot be read."""
+    try:
+        with h5py.File(path) as file:
+            return dict(file.attrs)
+    except Exception:  # whatever HDF5 and NumPy make of a file that is damaged
+        return None
 
 
 class _OnDemand(Mapping[str, NDArray[np.float64]]):

@@ -4,11 +4,9 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
-import h5py
-
+from fit.telemetry import root_attributes
 from lpfcosim.campaign import campaign as campaigns
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
@@ -61,19 +59,16 @@ def _telemetry(old: Path, new: Path) -> str:
     for path, what in ((old, "is missing"), (new, "is not made any more")):
         if not path.is_file():
             return what
-    return "" if files.digest(old) == files.digest(new) else f"differs ({'; '.join(_parts(old, new))})"
+    return "" if files.digest(old) == files.digest(new) else f"differs ({_parts(old, new)})"
 
 
-def _parts(old: Path, new: Path) -> Iterator[str]:
-    try:
-        with h5py.File(old) as a, h5py.File(new) as b:
-            attributes = [k for k in {**a.attrs, **b.attrs} if str(a.attrs.get(k)) != str(b.attrs.get(k))]
-            for key in sorted(attributes):
-                yield f"{key} was {a.attrs.get(key, 'not there')}, is {b.attrs.get(key, 'not there')}"
-            if not attributes:
-                yield "same provenance"
-    except (OSError, RuntimeError):
-        yield "it is damaged"
+def _parts(old: Path, new: Path) -> str:
+    a, b = root_attributes(old), root_attributes(new)
+    if a is None or b is None:
+        return "it is damaged"
+    attributes = sorted(k for k in a | b if str(a.get(k)) != str(b.get(k)))
+    told = [f"{k} was {a.get(k, 'not there')}, is {b.get(k, 'not there')}" for k in attributes]
+    return "; ".join(told) or "same provenance"
 
 
 def _results(old: Path, new: Path) -> str:

@@ -10,8 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
-
+from fit.telemetry import root_attributes
 from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
@@ -243,10 +242,10 @@ def _whole(
         sound = dict(zip(paths, pool.map(ledger.holds, paths.values()), strict=True))
     whole = set()
     for name, path in paths.items():
-        found = _attributes(path)
+        found = root_attributes(path)
         if found is None or sound[name] is False:
             continue  # missing or damaged
-        other = _difference(found, origin)
+        other = difference(found, origin)
         if other and not rerun:
             raise InputError(f"{path}: {other}; choose another --out or give --rerun to simulate it again")
         if sound[name] and not other:
@@ -254,17 +253,8 @@ def _whole(
     return whole
 
 
-def _attributes(path: Path) -> dict[str, Any] | None:
-    """Return the root attributes of a telemetry file, None if it cannot be read."""
-    try:
-        with h5py.File(path) as file:
-            return dict(file.attrs)
-    except Exception:  # whatever HDF5 and NumPy make of a file that is damaged
-        return None
-
-
-def _difference(found: Mapping[str, Any], origin: Origin) -> str:
-    """Tell in what a file's provenance differs; empty if it does not."""
+def difference(found: Mapping[str, Any], origin: Origin) -> str:
+    """Tell in what the provenance among a file's attributes differs; empty if it does not."""
     for key, wanted in sorted(origin.items(), key=lambda item: [*_CALLED, item[0]].index(item[0])):
         if key not in found:
             return f"does not tell its {key}, expected telemetry of this campaign"
@@ -317,12 +307,8 @@ def record(
 
 def saturated(paths: Iterable[Path]) -> dict[str, int]:
     """Return the number of samples with a command at its limit, by run, of the files that have some."""
-    found = {}
-    for path in paths:
-        with h5py.File(path) as file:
-            if "saturated_samples" in file.attrs:
-                found[str(file.attrs["run"])] = int(file.attrs["saturated_samples"])
-    return found
+    told = (root_attributes(path) or {} for path in paths)
+    return {str(said["run"]): int(said["saturated_samples"]) for said in told if "saturated_samples" in said}
 
 
 def processors() -> int:
