@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Campaign", "InputError", "LpfcosimError", "RunError", "load_campaign", "simulate"]
 _HOME = {
-    "campaign.campaign": ("Campaign",),
+    "campaign": ("Campaign",),
     "errors": ("InputError", "LpfcosimError", "RunError"),
     "api": ("load_campaign", "simulate"),
 }

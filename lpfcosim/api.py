@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fit.telemetry import root_attributes
-from lpfcosim.campaign import Campaign, load
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.plant import saturation, stability
@@ -29,7 +29,7 @@ def load_campaign(path: PathLike) -> Campaign:
     InputError
         If the file cannot be read or is not a valid campaign. The message gives the place in the file.
     """
-    return load(Path(path))
+    return loading.load(Path(path))
 
 
 def simulate(

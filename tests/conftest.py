@@ -63,11 +63,11 @@ def fmus() -> dict[str, Path]:
 @pytest.fixture(scope="session")
 def plan(tmp_path_factory):
     """A campaign of one experiment of 200 s and its noise run."""
-    from lpfcosim.campaign import campaign
+    from lpfcosim.campaign import loading
 
     file = tmp_path_factory.mktemp("plan") / "short.toml"
     file.write_text(SHORT_PLAN)
-    return campaign.load(file)
+    return loading.load(file)
 
 
 @pytest.fixture

@@ -151,7 +151,7 @@ def alike(shown: str, printed: str) -> bool:
 def fragment(text: str) -> None:
     """Load a map, or a part of a campaign on top of the quick start; files they name need not be there."""
     from fit.telemetry import maps as mapping
-    from lpfcosim.campaign import campaign
+    from lpfcosim.campaign import loading
 
     document = tomllib.loads(text)
     for entry in (*document.get("fmus", {}).values(), *document.get("runs", ())):
@@ -161,7 +161,7 @@ def fragment(text: str) -> None:
         mapping.load(Path("fragment.toml"))
         return
     Path("fragment.toml").write_text(f'extends = "campaigns/quickstart.toml"\n{text}', encoding="utf-8")
-    campaign.load(Path("fragment.toml"))
+    loading.load(Path("fragment.toml"))
 
 
 @pytest.fixture

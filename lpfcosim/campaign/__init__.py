@@ -3,8 +3,6 @@
 Everything in the file is checked here, so that a mistake is told before anything runs.
 """
 
-from lpfcosim.campaign.campaign import Campaign, load
-from lpfcosim.campaign.schema import Name
-from lpfcosim.campaign.units import Quantity
+from lpfcosim.campaign.campaign import Campaign
 
-__all__ = ["Campaign", "Name", "Quantity", "campaign", "load", "montecarlo"]
+__all__ = ["Campaign", "loading", "montecarlo", "names", "schema", "units"]

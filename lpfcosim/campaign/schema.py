@@ -1,6 +1,6 @@
 """The campaign file, ``lpf-campaign/1``: its tables and keys, each with its unit and sign.
 
-What one table can tell on its own is checked here; what needs two of them, in `lpfcosim.campaign.campaign`.
+What one table can tell on its own is checked here; what needs two of them, in `lpfcosim.campaign.loading`.
 """
 
 import re
@@ -19,6 +19,7 @@ from pydantic import (
 
 from fit.errors import quote
 from fit.files import Table, problem
+from lpfcosim.campaign.names import Name
 from lpfcosim.campaign.units import (
     FORCE,
     LENGTH,
@@ -55,6 +56,7 @@ from lpfcosim.spacecraft import (
     Model,
     Pulse,
     Sine,
+    Spacecraft,
     Target,
     Thrusters,
 )
@@ -63,14 +65,6 @@ SHAPES = ("sine", "half_cosine", "pulse")  # of injections
 LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
 _RATES = (1.0, 2.0, 5.0, 10.0)  # Hz, at which telemetry may be recorded
-
-
-def _usable(name: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name) or name.endswith("."):
-        raise problem(f'{quote(name)} cannot name a file, use up to 64 letters, digits, "-", "_" and "."')
-    if re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", name.casefold()):
-        raise problem(f"{quote(name)} cannot name a file on every system, choose another name")
-    return name
 
 
 def _whole_samples(seconds: float) -> float:
@@ -104,7 +98,6 @@ def _utc(raw: object) -> datetime:
     return when.astimezone(UTC)
 
 
-Name = Annotated[str, Strict(), AfterValidator(_usable)]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Gain = Annotated[Number, Field(ge=0.01, le=100)]
 ForceGain = Annotated[Number, Field(gt=0.7, lt=1.5)]  # beyond, a fit takes it for a wrong sign or unit
@@ -222,6 +215,18 @@ class SpacecraftTable(Table):
     kappa_phi: PerLength = 0.0
     kappa_eta: PerLength = 0.0
     period: dict[Annotated[str, Field(pattern=r"^[1-9]\d{0,3}$")], MisalignmentTable] = {}
+
+    def equipment(self, period: int | None) -> Spacecraft:
+        """Return what a run has beside the x axis, aligned as in an inertial period."""
+        return Spacecraft(
+            b=(self.b_1, self.b_2, self.b_3, self.b_4, self.b_5, self.b_6),
+            Omega_DC=(self.Omega_theta, self.Omega_eta, self.Omega_phi),
+            lambda_N=self.lambda_N,
+            leak_phi_1=self.leak_phi_1,
+            kappa_phi=self.kappa_phi,
+            kappa_eta=self.kappa_eta,
+            **({} if period is None else self.period[str(period)].model_dump()),
+        )
 
 
 class AuthorityTable(Table):

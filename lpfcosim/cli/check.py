@@ -8,7 +8,7 @@ from fit import settings as fit_settings
 from fit.estimate import SHORTEST, divide, forecast
 from fit.results import Fit
 from fit.tables import Lines
-from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.forecast import table
@@ -29,7 +29,7 @@ RUN = 0.2
 
 def check(campaign: Path, console: Console) -> None:
     """Tell what to expect of a campaign, before anything is simulated."""
-    plan = campaigns.load(campaign)
+    plan = loading.load(campaign)
     chosen = fit_settings.settings(plan.fit, f"{campaign}: fit")
     loops: list[margins.Margin] = []
     expected, warnings = None, []
@@ -77,7 +77,7 @@ def check(campaign: Path, console: Console) -> None:
         console.note(f"warning: {line}")
 
 
-def wall_time(plan: campaigns.Campaign, jobs: int) -> float:
+def wall_time(plan: Campaign, jobs: int) -> float:
     """Return about how long `run` takes on idle processors, the FMUs being built [s]."""
     world = world_of(plan.runs[0])
     each = [RUN + run.n_samples * world.sample_cost for run in plan.runs]
@@ -85,14 +85,14 @@ def wall_time(plan: campaigns.Campaign, jobs: int) -> float:
     return STARTING + simulating + world.experiment_cost * len(plan.experiments)
 
 
-def _forecast(plan: campaigns.Campaign, chosen: fit_settings.Settings) -> Fit | None:
+def _forecast(plan: Campaign, chosen: fit_settings.Settings) -> Fit | None:
     """Return the joint fit to expect, None if no experiment takes part in one."""
     found = planned(plan)
     taking_part, _, _ = divide([p.experiment for p in found], chosen)
     return forecast.expected_fit(found, chosen) if taking_part else None
 
 
-def _why_none(plan: campaigns.Campaign) -> str:
+def _why_none(plan: Campaign) -> str:
     if any(run.kind == "sysid" for run in plan.runs):
         return "no forecast: no sysid run takes part in the joint fit, one of 6 h or more would"
     return (
@@ -101,7 +101,7 @@ def _why_none(plan: campaigns.Campaign) -> str:
     )
 
 
-def _check_durations(plan: campaigns.Campaign) -> None:
+def _check_durations(plan: Campaign) -> None:
     """Refuse runs that the fit would refuse, once they were simulated."""
     driven = {run.experiment for run in plan.runs if run.kind == "sysid"}
     for run in plan.runs:
@@ -140,7 +140,7 @@ def _run_document(run: Run) -> dict[str, object]:
     }
 
 
-def _runs_table(plan: campaigns.Campaign) -> Lines:
+def _runs_table(plan: Campaign) -> Lines:
     rows = [
         (
             run.name,

@@ -53,10 +53,10 @@ def duration(text: str) -> float:
     """Return a duration [s] from what an option says."""
     from pydantic_core import PydanticCustomError
 
-    from lpfcosim.campaign import Quantity
+    from lpfcosim.campaign import units
 
     try:
-        return Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
+        return units.Quantity("a duration", "s", "2 h", sign="positive").to_si(text)
     except PydanticCustomError as error:
         raise typer.BadParameter(str(error)) from None
 

@@ -131,12 +131,12 @@ def export_ssp(
 
     With it comes one set of parameter values per authority set of the campaign.
     """
-    from lpfcosim.campaign import campaign as campaigns
+    from lpfcosim.campaign import loading
     from lpfcosim.cli.console import Console
     from lpfcosim.export import ssp
 
     console = Console(quiet=quiet)
-    plan = campaigns.load(campaign)
+    plan = loading.load(campaign)
     with about(campaign):
         written = ssp.export(plan, fmus(plan, console, "2.0"), out or Path(f"{campaign.stem}.ssp"))
     console.say(str(written))
@@ -158,12 +158,12 @@ def container(
     """
     from fit.errors import quote
     from fit.files import closest
-    from lpfcosim.campaign import campaign as campaigns
+    from lpfcosim.campaign import loading
     from lpfcosim.cli.console import Console
     from lpfcosim.export import container as containers
 
     console = Console(quiet=quiet)
-    plan = campaigns.load(campaign)
+    plan = loading.load(campaign)
     runs = {r.name: r for r in plan.runs}
     if run_name not in runs:
         raise InputError(f"{campaign}: no run {quote(run_name)}{closest(run_name, runs)}")

@@ -9,7 +9,7 @@ from fit.paper import FLIGHT
 from fit.results import Fit
 from fit.settings import settings
 from fit.tables import Lines
-from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned
 from lpfcosim.errors import InputError
@@ -19,7 +19,7 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     """Tell the sigmas of the joint fit before anything is simulated."""
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file, expected a folder for the forecast")
-    plan = campaigns.load(campaign)
+    plan = loading.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     if plan.replacements:
         console.note("FMUs of other origin are taken to behave as ours do")

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.plant import margins as loop_margins
@@ -16,7 +16,7 @@ from lpfcosim.plant import stability
 
 def margins(campaign: Path, console: Console) -> None:
     """Print the margins of every control loop."""
-    plan = campaigns.load(campaign)
+    plan = loading.load(campaign)
     with about(campaign):
         stability.check(plan.runs[0])
     loops = loop_margins.margins(plan.runs[0])

@@ -25,7 +25,7 @@ from fit.results import Results
 from fit.settings import Settings, settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
@@ -62,7 +62,7 @@ class Work:
         Whether every campaign has truths of its own.
     """
 
-    plan: campaigns.Campaign
+    plan: Campaign
     chosen: Settings
     redraw: bool
 
@@ -82,7 +82,7 @@ def montecarlo(
     """Repeat a campaign with new noise, fit each, tell pulls and coverage."""
     if jobs and scheduler:
         raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
-    plan = campaigns.load(campaign)
+    plan = loading.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     directory = out or Path(f"{campaign.stem}-montecarlo")
     check_folder(directory / "figures")
@@ -130,7 +130,7 @@ def montecarlo(
 def _tell(
     console: Console,
     directory: Path,
-    plan: campaigns.Campaign,
+    plan: Campaign,
     header: Mapping[str, object],
     lines: Mapping[int, Line],
 ) -> None:
@@ -271,9 +271,7 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
     return {"number": number, "estimates": pulls.estimates(results), **drawn}
 
 
-def _through_fmus(
-    plan: campaigns.Campaign, chosen: Settings, fmus: Mapping[str, Path], where: Where
-) -> Results:
+def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], where: Where) -> Results:
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         for run in plan.runs:
             runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where)
@@ -282,7 +280,7 @@ def _through_fmus(
         return pulls.with_truth(calibrate(telemetries, chosen), telemetries)
 
 
-def _from_spectra(plan: campaigns.Campaign, number: int, work: Work) -> Results:
+def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     telemetries = [
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]

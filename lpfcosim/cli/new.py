@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from lpfcosim.campaign import Name
+from lpfcosim.campaign import names
 from lpfcosim.errors import InputError
 
 ROOM = Path(__file__).parents[1] / "campaign"
@@ -18,7 +18,7 @@ def new(file: Path) -> None:
     if file.suffix != ".toml":
         raise InputError(f"{file}: expected a name that ends in .toml, such as {file.with_suffix('.toml')}")
     try:
-        TypeAdapter(Name).validate_python(file.stem)
+        TypeAdapter(names.Name).validate_python(file.stem)
     except ValidationError as error:
         raise InputError(f"{file}: {error.errors()[0]['msg']}") from None
     text = starter().replace('name = "quickstart"', f'name = "{file.stem}"')

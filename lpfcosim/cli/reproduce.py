@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from fit.telemetry import root_attributes
-from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.running import folder
@@ -29,7 +29,7 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
     if not recorded:
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
     # a digest that the folder gives of its own FMU is the word of whoever made the folder
-    if campaigns.load(campaign).replacements and not trusted:
+    if loading.load(campaign).replacements and not trusted:
         raise InputError(
             f"{campaign}: names FMUs of other origin, native code that would run with all your rights: if "
             "you trust it, add --trust"

@@ -11,7 +11,7 @@ import fit.errors
 from fit.results import Fit, Results
 from fit.settings import Settings, settings
 from fit.warnings import FitWarning
-from lpfcosim.campaign import Campaign, load
+from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
@@ -39,7 +39,7 @@ def run(
     """Simulate a campaign, fit it, report."""
     if jobs and scheduler:
         raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
-    plan = load(campaign)
+    plan = loading.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     directory = out or Path(campaign.stem)
     check_folder(directory / "telemetry")

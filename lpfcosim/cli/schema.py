@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 from fit import settings as fit_settings
-from lpfcosim.campaign import campaign as campaigns
+from lpfcosim.campaign import schema
 
 
 def print_schema() -> None:
@@ -14,7 +14,7 @@ def print_schema() -> None:
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a campaign file, what the fit reads of it included."""
-    found = campaigns.json_schema()
+    found = schema.CampaignTable.model_json_schema()
     of_fit = fit_settings.Settings.model_json_schema()
     default = fit_settings.settings().model_dump()
     del of_fit["required"]

@@ -8,9 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fit.telemetry import root_attributes
+from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
@@ -20,9 +21,6 @@ from lpfcosim.running import ledger as files
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
-
-if TYPE_CHECKING:  # its tools would cost every worker a fifth of its start
-    from lpfcosim.campaign import Campaign
 
 Progress = Callable[[str, int], None]  # name of a run, number of its samples done
 Origin = Mapping[str, str | int | float]

@@ -9,7 +9,6 @@ import numpy as np
 
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller
 from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRUSTER_LAG, H
-from lpfcosim.spacecraft.spacecraft import Spacecraft
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
 Disturbed = Literal["g_1", "g_2"]
@@ -207,7 +206,7 @@ class Run:
     fs: float = FS
     h: float = H
     replacements: tuple[Replacement, ...] = ()
-    spacecraft: Spacecraft | None = None
+    spacecraft: object = None
     inertial_period: int = 0
     sample_rate: float = FS
 

@@ -64,8 +64,8 @@ class Plant:
 
 def equipment(run: Run) -> Spacecraft:
     """Give what ``run`` has beside the x axis."""
-    if run.spacecraft is None:
-        raise ValueError(f"{run.name}: has the x axis only")
+    if not isinstance(run.spacecraft, Spacecraft):
+        raise TypeError(f"{run.name}: is not of the whole spacecraft")
     return run.spacecraft
 
 

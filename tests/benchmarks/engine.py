@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cosim import master
 from lpfcosim.cosim.placement import interfaces
 from lpfcosim.modelica import build
@@ -44,7 +44,7 @@ QUICKSTART = HERE.parents[1] / "campaigns" / "quickstart.toml"
 
 def first_experiment(hours: float) -> Run:
     """The first calibration run of the quick start, at the length wanted."""
-    run = next(r for r in campaign.load(QUICKSTART).runs if r.kind == "sysid")
+    run = next(r for r in loading.load(QUICKSTART).runs if r.kind == "sysid")
     return replace(run, n_samples=round(hours * 36_000))
 
 
@@ -164,7 +164,7 @@ def loops(hours: float, repeat: int) -> dict[str, float]:
 
 def whole_run(hours: float) -> tuple[float, float]:
     """Simulate into a file: seconds, and peak memory of this process in MB."""
-    plan = campaign.load(QUICKSTART)
+    plan = loading.load(QUICKSTART)
     run, fmus = first_experiment(hours), build.build()
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()

@@ -23,7 +23,7 @@ from fit.estimate.inertial import fit_period
 from fit.paper import joint_names, joint_parameter
 from fit.results import Estimate, Fit
 from fit.telemetry import reader as telemetry
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.modelica import build
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Run
@@ -35,7 +35,7 @@ NAMES = ("delta_phi", "delta_eta")
 
 def three_days() -> Run:
     """The first noise run of the last period."""
-    return next(r for r in campaign.load(CAMPAIGN).runs if r.inertial_period == 3 and r.sample_rate == 1)
+    return next(r for r in loading.load(CAMPAIGN).runs if r.inertial_period == 3 and r.sample_rate == 1)
 
 
 def true_dynamics(run: Run) -> Fit:

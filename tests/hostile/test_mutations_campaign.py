@@ -17,7 +17,7 @@ from fit import results as fit_results
 from fit import settings as fit_settings
 from fit.telemetry import conversion
 from fit.telemetry import maps as mapping
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from tests import ROOT
 from tests.hostile.mutations import HangError, damaged, guarded, hostile, restructured, survives, swapped
@@ -89,7 +89,7 @@ def test_campaigns(tmp_path, cases):
     for n in range(cases(0.2, 250)):
         rng = random.Random(n)
         path = written(tmp_path, "c.toml", mutated(rng.choice(CAMPAIGNS), rng))
-        said = survives(lambda path=path: campaign.load(path).runs, path, f"campaign {n}")
+        said = survives(lambda path=path: loading.load(path).runs, path, f"campaign {n}")
         told[said is None] += 1
     assert min(told) > 0  # some are refused, and some survive
 
@@ -137,7 +137,7 @@ def test_no_text_is_too_strange_for_a_name(tmp_path_factory, text):
     except UnicodeEncodeError:
         return
     path = written(folder, "name.toml", content)
-    said = survives(lambda: campaign.load(path).runs, path, repr(text))
+    said = survives(lambda: loading.load(path).runs, path, repr(text))
     assert said is None or said.startswith(str(path))
 
 
@@ -173,7 +173,7 @@ def _pipe(path):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has neither pipes nor devices among its files")
 @pytest.mark.parametrize("limit", LIMITS)
-@pytest.mark.parametrize("reader", [campaign.load, fit_settings.read, mapping.load, fit_results.load])
+@pytest.mark.parametrize("reader", [loading.load, fit_settings.read, mapping.load, fit_results.load])
 def test_what_has_no_end(tmp_path, limit, reader):
     path = LIMITS[limit](tmp_path)
     started = time.perf_counter()
@@ -190,14 +190,14 @@ def test_what_extends_nothing_good(tmp_path, base):
     (tmp_path / "other.toml").write_text('extends = "c.toml"\n')
     path = tmp_path / "c.toml"
     path.write_text(f'extends = "{base}"\n')
-    assert survives(lambda: campaign.load(path), path, base)
+    assert survives(lambda: loading.load(path), path, base)
 
 
 def test_a_long_chain_of_campaigns(tmp_path):
     for k in range(30):
         (tmp_path / f"{k}.toml").write_text(f'extends = "{k + 1}.toml"\n')
     assert "one on top of the other" in survives(
-        lambda: campaign.load(tmp_path / "0.toml"), tmp_path / "0.toml", 0
+        lambda: loading.load(tmp_path / "0.toml"), tmp_path / "0.toml", 0
     )
 
 
@@ -220,4 +220,4 @@ def test_what_is_written_is_what_csv_reads():
 
 def test_refusals_are_of_one_kind(tmp_path):
     with pytest.raises(InputError):
-        campaign.load(written(tmp_path, "c.toml", "schema = 1"))
+        loading.load(written(tmp_path, "c.toml", "schema = 1"))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
@@ -286,14 +286,14 @@ def check(plan, **options):
 def test_an_fmu_of_other_origin_is_told(plan):
     make, digest = plan
     with pytest.raises(InputError, match=rf'native code .* write sha256 = "{digest}", or add --trust$'):
-        check(campaign.load(make()))
-    check(campaign.load(make()), trusted=True)
-    check(campaign.load(make(f'sha256 = "{digest}"')))
+        check(loading.load(make()))
+    check(loading.load(make()), trusted=True)
+    check(loading.load(make(f'sha256 = "{digest}"')))
 
 
 def test_another_fmu_than_the_recorded_one_is_refused_whatever_is_said(plan):
     make, digest = plan
-    changed = campaign.load(make(f'sha256 = "{digest[::-1]}"'))
+    changed = loading.load(make(f'sha256 = "{digest[::-1]}"'))
     for trusted in (False, True):
         with pytest.raises(InputError, match=rf"has the digest {digest}; expected {digest[::-1]}"):
             check(changed, trusted=trusted)
@@ -301,16 +301,16 @@ def test_another_fmu_than_the_recorded_one_is_refused_whatever_is_said(plan):
 
 def test_the_digest_does_not_make_another_campaign(plan):
     make, digest = plan
-    assert campaign.load(make()).digest == campaign.load(make(f'sha256 = "{digest}"')).digest
+    assert loading.load(make()).digest == loading.load(make(f'sha256 = "{digest}"')).digest
     with pytest.raises(InputError, match=rf"fmus\.{MODEL}\.sha256: "):
-        campaign.load(make('sha256 = "abc"'))
+        loading.load(make('sha256 = "abc"'))
 
 
 @FMI
 def test_ours_need_no_word(plan, ours, tmp_path, fmi):
     make, _ = plan
     (tmp_path / "theirs.fmu").write_bytes(ours[fmi][MODEL].read_bytes())
-    check(campaign.load(make()))
+    check(loading.load(make()))
 
 
 def test_the_command_line_asks(plan, lpfcosim):

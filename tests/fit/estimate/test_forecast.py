@@ -13,7 +13,7 @@ from fit.estimate.runs import Experiment, Run
 from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine
@@ -115,11 +115,11 @@ def test_a_single_tone_or_none_tells_as_little_as_in_the_fit(tones):
 
 @pytest.fixture(scope="module")
 def mission():
-    return planned(campaign.load(CAMPAIGNS / "mission-x.toml"))
+    return planned(loading.load(CAMPAIGNS / "mission-x.toml"))
 
 
 def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
-    noise = {e.name: e.noise for e in campaign.load(CAMPAIGNS / "mission-x.toml").experiments}
+    noise = {e.name: e.noise for e in loading.load(CAMPAIGNS / "mission-x.toml").experiments}
 
     def of_residual(levels):
         """As much noise as the residual has, all of it in o_12."""
@@ -153,7 +153,7 @@ def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
 
 
 def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
-    plan = campaign.load(quickstart)
+    plan = loading.load(quickstart)
     runs = [recorded(run, along_x_plant.simulate(run)) for run in plan.runs]
     found, told = calibrate(runs).joint, forecast(planned(plan))
     assert sigmas(told) == pytest.approx(sigmas(found), rel=0.1)
@@ -162,7 +162,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
 
 @pytest.mark.slow
 def test_agrees_with_a_fit_of_the_whole_spacecraft():
-    plan = campaign.load(CAMPAIGNS / "spacecraft.toml")
+    plan = loading.load(CAMPAIGNS / "spacecraft.toml")
     found = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
     told = sigmas(forecast(planned(plan)))
     for name, sigma in sigmas(found).items():
@@ -249,7 +249,7 @@ def test_turning_against_the_simulation(make_run):
 
 
 def test_short_and_excluded_runs_stay_out(quickstart):
-    plan = planned(campaign.load(quickstart))
+    plan = planned(loading.load(quickstart))
     all_but_b = forecast(plan, settings({"exclude": ["B"]}))
     assert sigmas(all_but_b)["delta_ifo_1"] > 1.2 * sigmas(forecast(plan))["delta_ifo_1"]
     short = expected(World(), SETS[:1], duration=7200.0)

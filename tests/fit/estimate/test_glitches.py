@@ -11,7 +11,7 @@ from fit.estimate.joint import fit_experiment, fit_joint
 from fit.estimate.runs import Experiment, Run
 from fit.pipeline import calibrate
 from fit.settings import settings
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant
 from tests.fit.estimate.test_joint import OFF, recorded
@@ -99,7 +99,7 @@ def test_without_noise_nothing_stands_out():
 @pytest.fixture(scope="module")
 def simulated(quickstart):
     """Return what simulates a run of the quick start, given by its name, with glitches."""
-    runs = {run.name: run for run in campaign.load(quickstart).runs}
+    runs = {run.name: run for run in loading.load(quickstart).runs}
 
     @cache
     def simulate(name, *pulses, noise=None):

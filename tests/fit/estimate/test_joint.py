@@ -14,7 +14,7 @@ from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Truth
 from lpfcosim.worlds import along_x_plant
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
@@ -235,7 +235,7 @@ TRUTH = Truth(
 @pytest.fixture(scope="module")
 def simulated(quickstart):
     """Quick-start telemetry with the truth moved: sysid runs without noise, sysid and noise runs with it."""
-    runs = replace(campaign.load(quickstart), truth=TRUTH).runs
+    runs = replace(loading.load(quickstart), truth=TRUTH).runs
     noisy = {run.name: recorded(run, along_x_plant.simulate(run)) for run in runs}
     clean = {
         run.name: recorded(run, along_x_plant.simulate(replace(run, noise=Noise())))
@@ -287,7 +287,7 @@ def test_quickstart_on_the_reference_plant(simulated):
 def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
     # 20 campaigns x 9 parameters; sum of squared pulls within the 1e-5 quantiles of chi^2(20), mean within
     # 4.5 standard errors: false-positive probability 3e-4.
-    loaded = replace(campaign.load(quickstart), truth=TRUTH)
+    loaded = replace(loading.load(quickstart), truth=TRUTH)
     found = []
     for seed in range(20):
         runs = [recorded(run, along_x_plant.simulate(run)) for run in replace(loaded, seed=seed).runs]

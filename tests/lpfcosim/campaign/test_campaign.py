@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
+from lpfcosim.campaign.schema import CampaignTable
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft.control import DRAG_FREE
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
@@ -28,7 +29,7 @@ def file(tmp_path):
 
 
 def test_everything_arrives_in_si(file):
-    c = campaign.load(file)
+    c = loading.load(file)
     assert (c.name, c.seed, c.t0) == ("test", 1, "2016-04-16T08:00:00Z")
     assert c.truth == replace(Truth(), lambda_1=1.07)
     assert c.drag_free == replace(DRAG_FREE, unity_gain=0.09)
@@ -46,16 +47,16 @@ def test_everything_arrives_in_si(file):
 def test_a_glitch_is_a_pulse_of_either_sign(file):
     glitch = '{ shape = "pulse", into = "g_2", amplitude = "-2 pm s^-2", start = "9 s", duration = "30 s" },'
     file.write_text(TEXT.replace("tone = [", f"tone = [\n  {glitch}"), encoding="utf-8")
-    assert campaign.load(file).runs[1].injections[0] == Pulse("g_2", -2e-12, 9.0, 30.0)
+    assert loading.load(file).runs[1].injections[0] == Pulse("g_2", -2e-12, 9.0, 30.0)
     file.write_text(
         TEXT.replace("tone = [", f"tone = [\n  {glitch.replace('30 s', '0.1 s')}"), encoding="utf-8"
     )
     with pytest.raises(InputError, match=r'sequences.tone\[0\].duration: "0.1 s" is below 0.2 s'):
-        campaign.load(file)
+        loading.load(file)
 
 
 def test_runs_follow_one_another_noise_first(file):
-    runs = campaign.load(file).runs
+    runs = loading.load(file).runs
     assert [r.name for r in runs] == ["first-noise", "first", "second"]
     assert [r.experiment for r in runs] == ["first", "first", "second"]
     assert [r.kind for r in runs] == ["noise", "sysid", "sysid"]
@@ -70,7 +71,7 @@ def test_runs_follow_one_another_noise_first(file):
 
 
 def test_quick_start_is_the_campaign_it_should_be(quickstart):
-    c = campaign.load(quickstart)
+    c = loading.load(quickstart)
     assert c.truth == Truth()
     assert [r.name for r in c.runs] == [n for x in "ABCD" for n in (f"{x}-noise", x)]
     assert {r.n_samples for r in c.runs} == {216_000}
@@ -87,18 +88,18 @@ def test_quick_start_is_the_campaign_it_should_be(quickstart):
 
 
 def test_digest_is_of_the_content_not_of_its_spelling(file):
-    digest = campaign.load(file).digest
+    digest = loading.load(file).digest
     file.write_text("# a comment\n" + TEXT.replace('"10 nm"', '"1e-8 m"'), encoding="utf-8")
-    assert campaign.load(file).digest == digest
+    assert loading.load(file).digest == digest
     file.write_text(TEXT.replace('"10 nm"', '"11 nm"'), encoding="utf-8")
-    assert campaign.load(file).digest != digest
+    assert loading.load(file).digest != digest
     assert len(digest) == 64
 
 
 def test_toml_dates_and_byte_order_marks_are_fine(file):
     text = TEXT.replace('"2016-04-16T08:00:00Z"', "2016-04-16T08:00:00+00:00")
     file.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    assert campaign.load(file).t0 == "2016-04-16T08:00:00Z"
+    assert loading.load(file).t0 == "2016-04-16T08:00:00Z"
 
 
 def test_another_alignment_epoch_may_be_given(file):
@@ -106,11 +107,11 @@ def test_another_alignment_epoch_may_be_given(file):
         "alignment_epoch = 3", "alignment_epoch = 7"
     )
     file.write_text(text, encoding="utf-8")
-    assert campaign.load(file).runs[2].delta_ifo == 3e-5
+    assert loading.load(file).runs[2].delta_ifo == 3e-5
 
 
 def test_schema_names_every_key_and_is_json():
-    schema = json.loads(json.dumps(campaign.json_schema()))
+    schema = json.loads(json.dumps(CampaignTable.model_json_schema()))
     assert {"schema", "seed", "experiments"} <= schema["properties"].keys()
     sine = schema["$defs"]["SineTable"]["properties"]
     assert sine["frequency"]["type"] == "string"
@@ -130,7 +131,7 @@ def toml(value):
 def load_table(folder, table):
     path = folder / "table.toml"
     path.write_text("\n".join(f"{key} = {toml(value)}" for key, value in table.items()), encoding="utf-8")
-    return campaign.load(path)
+    return loading.load(path)
 
 
 plain = st.text("ab Hz0.-[]{}", max_size=8)
@@ -181,7 +182,7 @@ def test_a_campaign_adds_to_the_one_it_extends(file):
         '[truth]\nlambda_1 = 1.08\n[noise]\nplateau = "4 fm s^-2 Hz^-0.5"\n',
         encoding="utf-8",
     )
-    base, c = campaign.load(file), campaign.load(more)
+    base, c = loading.load(file), loading.load(more)
     assert (c.name, c.truth.lambda_1, c.truth.lambda_2) == ("more", 1.08, base.truth.lambda_2)
     assert c.experiments[0].noise == replace(base.experiments[0].noise, plateau=4e-15)
     assert [r.name for r in c.runs] == [r.name for r in base.runs]
@@ -200,22 +201,22 @@ def test_what_cannot_be_extended_is_told(file, text, told):
     more = file.parent / "more.toml"
     more.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as error:
-        campaign.load(more)
+        loading.load(more)
     assert told in str(error.value)
     assert str(more) in str(error.value)
 
 
 def test_an_experiment_may_have_a_start_of_its_own(file):
     file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-05-01T00:00:00Z"'))
-    assert [r.t0 for r in campaign.load(file).runs][2] == "2016-05-01T00:00:00Z"
+    assert [r.t0 for r in loading.load(file).runs][2] == "2016-05-01T00:00:00Z"
     file.write_text(TEXT.replace('name = "second"', 'name = "second"\nt0 = "2016-04-16T09:00:00Z"'))
     with pytest.raises(InputError, match=r'experiments\[1\].t0: .* is before "first" ends'):
-        campaign.load(file)
+        loading.load(file)
 
 
 def test_gains_scatter_from_experiment_to_experiment_alone(file):
     file.write_text(TEXT.replace("[truth]", "[truth]\nlambda_scatter = 0.005"), encoding="utf-8")
-    noise, first, second = campaign.load(file).runs
+    noise, first, second = loading.load(file).runs
     assert noise.truth == first.truth
     assert first.truth.lambda_2 != second.truth.lambda_2
     assert first.truth.C_2 == second.truth.C_2
@@ -225,8 +226,8 @@ def test_gains_scatter_from_experiment_to_experiment_alone(file):
 
 
 def test_what_is_said_of_the_fit_leaves_the_digest(file):
-    digest = campaign.load(file).digest
+    digest = loading.load(file).digest
     file.write_text(TEXT + '\n[fit]\nestimator = "student_t"\n', encoding="utf-8")
-    c = campaign.load(file)
+    c = loading.load(file)
     assert c.fit == {"estimator": "student_t"}
     assert c.digest == digest

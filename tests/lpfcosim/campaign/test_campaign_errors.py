@@ -2,7 +2,7 @@
 
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from tests import ROOT
 
@@ -106,7 +106,7 @@ def test_bad_input_is_one_sentence_with_its_place(file, old, new, sentence):
     assert old in TEXT
     file.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(InputError) as refusal:
-        campaign.load(file)
+        loading.load(file)
     message = str(refusal.value)
     assert message.startswith(f"{file}: {sentence}")
     assert "\n" not in message
@@ -122,4 +122,4 @@ def test_what_is_no_file_at_all(tmp_path):
         "deep.toml": "is nested too deeply",
     }.items():
         with pytest.raises(InputError, match=words):
-            campaign.load(tmp_path / name)
+            loading.load(tmp_path / name)

@@ -12,7 +12,7 @@ from contextlib import suppress
 import fmpy
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build as fmu_build
@@ -66,7 +66,7 @@ def recorded(short, tmp_path):
     """Folder with the telemetry of the short campaign, from the reference plant."""
     folder = tmp_path / "recorded"
     folder.mkdir()
-    for run in campaign.load(short).runs:
+    for run in loading.load(short).runs:
         channels = {k: v for k, v in along_x_plant.simulate(run).items() if k in telemetry.CHANNELS}
         with telemetry.writer(folder / f"{run.name}.h5", run, channels, {}) as file:
             file.append(channels)

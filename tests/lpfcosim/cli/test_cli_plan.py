@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 
 from fit.settings import settings
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cli import check as cli_check
 from lpfcosim.cli import new as cli_new
 from lpfcosim.cli import schema as cli_schema
@@ -62,7 +62,7 @@ def test_check_as_json(lpfcosim, quickstart):
     status, out, err = lpfcosim("check", quickstart, "--json")
     assert status == 0, err
     told = json.loads(out, parse_constant=pytest.fail)
-    plan = campaign.load(quickstart)
+    plan = loading.load(quickstart)
     assert (told["schema"], told["campaign"], told["digest"]) == ("lpf-check/1", "quickstart", plan.digest)
     assert [run["run"] for run in told["runs"]] == [run.name for run in plan.runs]
     assert told["duration"] == sum(run["duration"] for run in told["runs"]) == 48 * 3600
@@ -169,7 +169,7 @@ def test_new_names_its_schema_for_editors(lpfcosim, tmp_path, schema):
 
 def test_new_has_a_name_of_its_own(lpfcosim, tmp_path):
     assert lpfcosim("new")[0] == 0
-    assert campaign.load(tmp_path / "campaign.toml").name == "campaign"
+    assert loading.load(tmp_path / "campaign.toml").name == "campaign"
 
 
 def test_wheel_has_the_starter_beside_its_code(monkeypatch, tmp_path):
@@ -179,7 +179,7 @@ def test_wheel_has_the_starter_beside_its_code(monkeypatch, tmp_path):
 
 
 def test_longest_run_is_not_divided(quickstart):
-    plan = campaign.load(quickstart.with_name("mission.toml"))
+    plan = loading.load(quickstart.with_name("mission.toml"))
     longest = max(run.n_samples for run in plan.runs) * 3e-6
     one, two, many, more = (cli_check.wall_time(plan, n) for n in (1, 2, 1000, 10000))
     assert one > two > many > longest

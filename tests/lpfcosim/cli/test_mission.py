@@ -7,7 +7,7 @@ import pytest
 
 from fit.paper import FLIGHT, joint_names
 from fit.pipeline import calibrate
-from lpfcosim.campaign import campaign, montecarlo
+from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cli.planned import in_memory
 from lpfcosim.plant import planning, spectral
 from lpfcosim.running.telemetry import truth
@@ -20,7 +20,7 @@ CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 
 @pytest.fixture(scope="module")
 def plan():
-    return campaign.load(CAMPAIGNS / "mission-x.toml")
+    return loading.load(CAMPAIGNS / "mission-x.toml")
 
 
 def test_it_is_the_campaign_it_should_be(plan):
@@ -48,14 +48,14 @@ def test_the_ramp_on_test_mass_1_stays_small(plan):
 
 
 def test_the_whole_spacecraft_flies_the_same_mission(plan):
-    whole = campaign.load(CAMPAIGNS / "mission.toml")
+    whole = loading.load(CAMPAIGNS / "mission.toml")
     assert [r.name for r in whole.runs] == [r.name for r in plan.runs]
     assert all(r.spacecraft and any(r.spacecraft.b) and r.spacecraft.delta_phi for r in whole.runs)
     assert [r.injections for r in whole.runs] == [r.injections for r in plan.runs]
 
 
 def test_operations_are_one_experiment():
-    names = [r.name for r in campaign.load(CAMPAIGNS / "operations.toml").runs]
+    names = [r.name for r in loading.load(CAMPAIGNS / "operations.toml").runs]
     assert names == ["today-noise", "today"]
 
 

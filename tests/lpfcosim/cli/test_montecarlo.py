@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from fit.estimate import pulls
 from fit.results import Estimate, Fit, Provenance, Results
-from lpfcosim.campaign import campaign, montecarlo
+from lpfcosim.campaign import loading, montecarlo
 from tests.campaign_text import ONE_EXPERIMENT
 
 HEAD = 'schema = "lpf-campaign/1"\nname = "small"\nseed = 3\n'
@@ -60,7 +60,7 @@ def test_estimates_are_those_with_a_truth():
 
 
 def test_every_number_has_noise_of_its_own_and_keeps_it(small):
-    plan = campaign.load(small)
+    plan = loading.load(small)
     seeds = [montecarlo.numbered(plan, k, redraw=False).seed for k in range(50)]
     assert len(set(seeds)) == 50
     assert seeds[7] == montecarlo.numbered(plan, 7, redraw=False).seed
@@ -68,7 +68,7 @@ def test_every_number_has_noise_of_its_own_and_keeps_it(small):
 
 
 def test_redrawn_truths_stay_near_and_valid(small):
-    plan = campaign.load(small)
+    plan = loading.load(small)
     truths = [montecarlo.numbered(plan, k, redraw=True).truth for k in range(200)]
     for name, reach in (("lambda_1", 0.05), ("omega2_1_0", 0.3), ("alpha_x_2", 0.3), ("C_2", 0.3)):
         ratio = np.array([getattr(t, name) / getattr(plan.truth, name) for t in truths])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.modelica import build
 from tests.hostile.faulty import SEGFAULT, after, faulty
 from tests.hostile.test_resume import PLAN, content
@@ -42,9 +42,9 @@ def copied(made, tmp_path):
 
 @pytest.mark.slow
 def test_a_folder_holds_what_makes_it_again(made, copied, lpfcosim):
-    plan = campaign.load(copied / "campaign.toml")
-    assert plan.digest == campaign.load(made.parent / "plan.toml").digest
-    assert plan.fit == campaign.load(made.parent / "plan.toml").fit
+    plan = loading.load(copied / "campaign.toml")
+    assert plan.digest == loading.load(made.parent / "plan.toml").digest
+    assert plan.fit == loading.load(made.parent / "plan.toml").fit
     before = content(copied)
     status, out, err = lpfcosim("reproduce", copied, "--jobs", "2", "--trust")
     assert status == 0, err

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cosim import interfaces, master
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
@@ -32,7 +32,7 @@ def assert_agree(got, wanted, tolerance=1e-9):
 
 def test_six_hours_agree_with_the_reference_plant(fmus, quickstart):
     # Injections and noise on; channels that are zero must be zero exactly.
-    run = next(r for r in campaign.load(quickstart).runs if r.kind == "sysid")
+    run = next(r for r in loading.load(quickstart).runs if r.kind == "sysid")
     assert run.n_samples == 216_000
     got = in_memory.simulate(run, fmus)
     assert set(got) == set(along_x.RECORD)
@@ -74,7 +74,7 @@ def test_clipped_force_agrees_with_the_reference_plant(fmus, make_run):
 
 @pytest.mark.parametrize("older", [(), build.MODELS, build.MODELS[::2]], ids=["3.0", "2.0", "mixed"])
 def test_engines_versions_and_block_sizes_give_the_same_bits(older, quickstart, monkeypatch):
-    run = next(r for r in campaign.load(quickstart).runs if r.kind == "sysid")
+    run = next(r for r in loading.load(quickstart).runs if r.kind == "sysid")
     run = replace(run, n_samples=12_000)
     fmus = {**build.build(fmi="3.0"), **build.build(older, fmi="2.0")} if older else build.build(fmi="3.0")
     wanted = in_memory.simulate(run, build.build(fmi="3.0"), engine="fmpy")

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.cosim import placement
 from lpfcosim.cosim.interface import resolve
 from lpfcosim.cosim.placement import _exponents
@@ -271,7 +271,7 @@ def test_what_is_wrong_in_the_campaign_file_is_told(tmp_path, keys, told):
     file = tmp_path / "own.toml"
     file.write_text(TOML.format(keys=keys))
     with pytest.raises(InputError) as refused:
-        campaign.load(file)
+        loading.load(file)
     assert str(refused.value).startswith(f"{file}: ")
     assert told in str(refused.value)
 
@@ -281,7 +281,7 @@ def test_place_of_another_loop_is_told(tmp_path):
     file = tmp_path / "own.toml"
     file.write_text(TOML.format(keys="") + "\n[spacecraft]\n")
     with pytest.raises(InputError, match=r"fmus\.SuspensionControl: the loop of this campaign has no such"):
-        campaign.load(file)
+        loading.load(file)
 
 
 def test_folder_in_the_place_of_an_fmu_is_told(tmp_path):
@@ -289,17 +289,17 @@ def test_folder_in_the_place_of_an_fmu_is_told(tmp_path):
     file = tmp_path / "own.toml"
     file.write_text(TOML.format(keys=""))
     with pytest.raises(InputError, match=r"fmus\.SuspensionControl\.path: .*mine\.fmu: is not a file$"):
-        campaign.load(file)
+        loading.load(file)
 
 
 def test_missing_file_and_unknown_place_are_told(tmp_path):
     file = tmp_path / "own.toml"
     file.write_text(TOML.format(keys=""))
     with pytest.raises(InputError, match=r"fmus\.SuspensionControl\.path: .*mine\.fmu: no such file$"):
-        campaign.load(file)
+        loading.load(file)
     file.write_text(TOML.format(keys="").replace("[fmus.SuspensionControl]", "[fmus.Suspension]"))
     with pytest.raises(InputError, match=r'fmus\.Suspension: .*did you mean "SuspensionControl"'):
-        campaign.load(file)
+        loading.load(file)
 
 
 def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
@@ -307,7 +307,7 @@ def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
     file = tmp_path / "own.toml"
     table = "".join(f"variables.{ours} = '{theirs}'\n" for ours, theirs in NAMES.items())
     file.write_text(TOML.format(keys=table))
-    plan = campaign.load(file)
+    plan = loading.load(file)
     mine = {**fmus, SUSPENSION: tmp_path / "mine.fmu"}
     runner.simulate(plan, tmp_path / "telemetry", mine, runner.How(jobs=1))
     with h5py.File(tmp_path / "telemetry" / "one.h5") as written:
@@ -321,7 +321,7 @@ def test_campaign_is_simulated_with_it_and_says_so(fmus, tmp_path):
     other.mkdir()
     (other / "own.toml").write_text(file.read_text())
     (other / "mine.fmu").write_bytes((tmp_path / "mine.fmu").read_bytes())
-    assert campaign.load(other / "own.toml").digest == plan.digest
+    assert loading.load(other / "own.toml").digest == plan.digest
 
 
 def test_truth_that_no_fmu_takes_is_left_out(run, fmus, tmp_path):

@@ -13,7 +13,7 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import get_connections, read_ssd, read_ssv
 from lxml import etree
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
@@ -34,7 +34,7 @@ def fmus():
 
 @pytest.fixture(scope="module")
 def plan(quickstart):
-    return campaign.load(quickstart)
+    return loading.load(quickstart)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,7 @@ def test_bytes_are_reproducible(archive, plan, fmus, tmp_path):
 
 
 def test_experiments_that_share_a_set_share_a_file(fmus, tmp_path):
-    plan = campaign.load(ROOT / "tests" / "two_experiments.toml")
+    plan = loading.load(ROOT / "tests" / "two_experiments.toml")
     path = ssp.export(plan, fmus, tmp_path / "loop.ssp")
     with zipfile.ZipFile(path) as stored:
         assert [n for n in stored.namelist() if n.endswith(".ssv")] == ["resources/authority_A.ssv"]

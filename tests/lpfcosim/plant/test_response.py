@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Noise, Sine
 from lpfcosim.worlds import along_x_plant, drive, world_of
@@ -28,7 +28,7 @@ FREQUENCY = 0.05  # Hz
 @pytest.fixture(scope="module")
 def still(quickstart):
     """A run that nothing drives."""
-    run = campaign.load(quickstart).runs[1]
+    run = loading.load(quickstart).runs[1]
     return replace(run, injections=(), noise=Noise(), dc=0.0, n_samples=40_000)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.plant import planning, spectral
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft.run import Noise, Pulse
@@ -18,7 +18,7 @@ CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 
 @pytest.fixture(scope="module")
 def sysid(quickstart):
-    run = campaign.load(quickstart).runs[1]
+    run = loading.load(quickstart).runs[1]
     short = run.injections[:1]
     return replace(run, n_samples=72_000, injections=short, noise=replace(run.noise, f_x_1_jitter=1e-14))
 
@@ -33,7 +33,7 @@ def test_same_noise_same_telemetry(sysid):
 
 
 def test_same_noise_same_telemetry_of_the_whole_spacecraft(quickstart):
-    run = campaign.load(quickstart.with_name("spacecraft.toml")).runs[1]
+    run = loading.load(quickstart.with_name("spacecraft.toml")).runs[1]
     # not turning: a run starts without the steady turn's centrifugal force, the linear loop never has it
     still = replace(run.spacecraft, Omega_DC=(0.0, 0.0, 0.0))
     run = replace(run, n_samples=6000, injections=run.injections[:0], spacecraft=still)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpfcosim.campaign.campaign import load
+from lpfcosim.campaign.loading import load
 from lpfcosim.errors import InputError
 from lpfcosim.plant import stability
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
 from lpfcosim.running import cluster, runner
@@ -187,7 +187,7 @@ def test_run_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcos
 @pytest.mark.fmu
 def test_a_crash_on_the_cluster_fails_its_own_run(address, tmp_path):
     (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
-    plan = campaign.load(tmp_path / "two.toml")
+    plan = loading.load(tmp_path / "two.toml")
     ours, model = build.build(), "OpticalMetrology"
     bad = {**ours, model: faulty(ours[model], tmp_path / "bad.fmu", step=after(10000.0, SEGFAULT))}
     plan = replace(plan, experiments=tuple(replace(e, n_noise_samples=60000) for e in plan.experiments))

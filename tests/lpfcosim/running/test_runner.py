@@ -259,12 +259,12 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
 ORPHANS = """
 import sys
 from pathlib import Path
-from lpfcosim.campaign import campaign
+from lpfcosim.campaign import loading
 from lpfcosim.modelica import build
 from lpfcosim.running import runner
 
 if __name__ == "__main__":
-    plan = campaign.load(Path(sys.argv[1]))
+    plan = loading.load(Path(sys.argv[1]))
     runner.simulate(plan, Path("telemetry"), build.build(), runner.How(jobs=2, engine="fmpy"))
 """
 

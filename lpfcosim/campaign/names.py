@@ -1,0 +1,20 @@
+"""Names of campaigns, experiments and runs, which become names of files."""
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, Strict
+
+from fit.errors import quote
+from fit.files import problem
+
+
+def _usable(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name) or name.endswith("."):
+        raise problem(f'{quote(name)} cannot name a file, use up to 64 letters, digits, "-", "_" and "."')
+    if re.fullmatch(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", name.casefold()):
+        raise problem(f"{quote(name)} cannot name a file on every system, choose another name")
+    return name
+
+
+Name = Annotated[str, Strict(), AfterValidator(_usable)]
