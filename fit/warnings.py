@@ -88,166 +88,128 @@ _UNKNOWN = Kind(advice="")
 #: By code: first what spoils a fit and what casts doubt on it, in the order in which a verdict tells them.
 KINDS: Mapping[str, Kind] = {
     "not_converged": Kind(
+        "Look for gaps, glitches or lines in the noise run, take another one or another `estimator` in "
+        "the table [fit], and fit again; until then add 0.05 sigma to every error.",
         severity=Severity.FAILURE,
         words="Did not converge",
-        advice=(
-            "Look for gaps, glitches or lines in the noise run, take another one or another `estimator` in "
-            "the table [fit], and fit again; until then add 0.05 sigma to every error."
-        ),
         unsound=True,
     ),
     "chi2": Kind(
+        "Look where residual and noise part in the experiments' spectra: a peak at an injected frequency "
+        "is something the model lacks, a raised floor a noise run that is too old or too quiet; do not "
+        "trust the sigmas until it is found.",
         severity=Severity.FAILURE,
         words="χ² is off by more than 20 %, and sigmas by more than 10 %",
-        advice=(
-            "Look where residual and noise part in the experiments' spectra: a peak at an injected frequency "
-            "is something the model lacks, a raised floor a noise run that is too old or too quiet; do not "
-            "trust the sigmas until it is found."
-        ),
     ),
     "noise_mismatch": Kind(
+        "Pair the experiment with a noise run of its own authority and season; if the excess lies at "
+        "injected frequencies, the model lacks something.",
         severity=Severity.FAILURE,
         words="The noise is not that of the noise run",
-        advice=(
-            "Pair the experiment with a noise run of its own authority and season; if the excess lies at "
-            "injected frequencies, the model lacks something."
-        ),
         unsound=True,
     ),
     "contradiction": Kind(
+        "Compare gain and stiffness of the experiments alone; exclude the odd one (`exclude` of the "
+        "table [fit]) or let the gains scatter (`scatter`).",
         severity=Severity.FAILURE,
         words="The experiments contradict each other",
-        advice=(
-            "Compare gain and stiffness of the experiments alone; exclude the odd one (`exclude` of the "
-            "table [fit]) or let the gains scatter (`scatter`)."
-        ),
         unsound=True,
     ),
     "missing_run": Kind(
+        "Read the log of the run in the folder logs, mend what it names and give the same command again; "
+        "what is finished is kept.",
         severity=Severity.DOUBT,
         words="Experiments are missing, whose runs failed",
-        advice=(
-            "Read the log of the run in the folder logs, mend what it names and give the same command again; "
-            "what is finished is kept."
-        ),
     ),
     "no_noise_run": Kind(
+        "Record a noise run at the same authority next to the experiment and fit both together.",
         severity=Severity.DOUBT,
         words="Without a noise run χ² tells nothing",
-        advice="Record a noise run at the same authority next to the experiment and fit both together.",
     ),
     "too_many_glitches": Kind(
+        "Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise.",
         severity=Severity.DOUBT,
         words="Too many glitches to mask them",
-        advice="Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise.",
         unsound=True,
     ),
     "saturated_too_long": Kind(
+        "Repeat the run with a smaller injection or more authority; do not use this one.",
         severity=Severity.DOUBT,
         words="For too long at the limit of authority",
-        advice="Repeat the run with a smaller injection or more authority; do not use this one.",
         unsound=True,
     ),
     "attenuated": Kind(
-        advice=(
-            "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
-            "motion would bring them closer to the truth."
-        ),
+        "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
+        "motion would bring them closer to the truth.",
         biased=True,
     ),
     "correlation": Kind(
-        advice=(
-            "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
-            "one more experiment of the epoch."
-        ),
+        "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
+        "one more experiment of the epoch.",
     ),
     "degenerate_with_actuation_crosstalk": Kind(
-        advice=(
-            "Bound the actuation cross-talk by other means (ground calibration, a torque injection of its "
-            "own) before reading the angles as a misalignment."
-        ),
+        "Bound the actuation cross-talk by other means (ground calibration, a torque injection of its "
+        "own) before reading the angles as a misalignment.",
     ),
     "euler_included": Kind(
-        advice=(
-            "Fit a noise run of 12 h or more with torques from the same inertial period along; until then "
-            "subtract with these b_1 and b_2, but do not read them as couplings."
-        ),
+        "Fit a noise run of 12 h or more with torques from the same inertial period along; until then "
+        "subtract with these b_1 and b_2, but do not read them as couplings.",
         biased=True,
     ),
     "euler_separated": Kind(
-        advice="Nothing to do; where Delta g is corrected, use b_1 and b_2 and the inertial fit together.",
+        "Nothing to do; where Delta g is corrected, use b_1 and b_2 and the inertial fit together.",
     ),
     "excluded": Kind(
-        advice=(
-            "Nothing if that was intended; otherwise change `exclude` of the table [fit], or repeat the "
-            "experiment at a quieter time."
-        ),
+        "Nothing if that was intended; otherwise change `exclude` of the table [fit], or repeat the "
+        "experiment at a quieter time.",
     ),
     "glitches": Kind(
-        advice=(
-            "Look at the residual at these times; if it is no glitch but signal, set `glitches = false` in "
-            "the table [fit]."
-        ),
+        "Look at the residual at these times; if it is no glitch but signal, set `glitches = false` in "
+        "the table [fit].",
     ),
     "indeterminable": Kind(
-        advice=(
-            "Add a run that injects or varies what is named here; `lpfcosim forecast` tells beforehand "
-            "whether it suffices."
-        ),
+        "Add a run that injects or varies what is named here; `lpfcosim forecast` tells beforehand "
+        "whether it suffices.",
     ),
     "no_star_tracker": Kind(
-        advice=(
-            "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run."
-        ),
+        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run.",
     ),
     "no_torsional_stiffness": Kind(
-        advice="Put the attributes into the telemetry files if the torsional stiffness is known.",
+        "Put the attributes into the telemetry files if the torsional stiffness is known.",
     ),
     "noise_run_lacks": Kind(
-        advice="Archive the same read-outs in the noise run as in the experiment.",
+        "Archive the same read-outs in the noise run as in the experiment.",
     ),
     "not_calibrated": Kind(
-        advice="Calibrate with a run that determines them before relying on a Delta g where they matter.",
+        "Calibrate with a run that determines them before relying on a Delta g where they matter.",
     ),
     "not_fitted_alone": Kind(
-        advice=(
-            "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer "
-            "or at more frequencies."
-        ),
+        "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer "
+        "or at more frequencies.",
     ),
     "saturated": Kind(
-        advice="Nothing if little is lost; otherwise lower the injection or give the run more authority.",
+        "Nothing if little is lost; otherwise lower the injection or give the run more authority.",
     ),
     "scatter": Kind(
-        advice=(
-            "Quote the mean with this sigma; to use an experiment on its own, take its own value instead of "
-            "the joint one."
-        ),
+        "Quote the mean with this sigma; to use an experiment on its own, take its own value instead of "
+        "the joint one.",
     ),
     "short_run": Kind(
-        advice=(
-            "Run it for 6 h or more, or let it take part with `include_short = true` in the table [fit] "
-            "(`lpfcosim fit --include-short`)."
-        ),
+        "Run it for 6 h or more, or let it take part with `include_short = true` in the table [fit] "
+        "(`lpfcosim fit --include-short`).",
     ),
     "single_tone": Kind(
-        advice=(
-            "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
-            "least three times lower or higher."
-        ),
+        "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
+        "least three times lower or higher.",
     ),
     "star_tracker_reversed": Kind(
-        advice=(
-            "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last."
-        ),
+        "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last.",
     ),
     "torque_alone": Kind(
-        advice=(
-            "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques."
-        ),
+        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques.",
     ),
     "wrong_sign": Kind(
-        advice="Check sign and unit of the channel in the archive, or of the map that reads it.",
+        "Check sign and unit of the channel in the archive, or of the map that reads it.",
         unsound=True,
     ),
 }
