@@ -1,6 +1,5 @@
 """What simulated truth says of estimates: pulls of one calibration, coverage of many, with its errors."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -56,8 +55,7 @@ def with_truth(
 def _derived_truth(truth: Mapping[str, float], telemetry: Telemetry) -> dict[str, float]:
     """Add what follows from a run's truth at its own authority and epoch: C_j, stiffnesses, delta_ifo."""
     derived = dict(truth)
-    authority = ((telemetry.F_max_1, telemetry.N_max_1), (telemetry.F_max_2, telemetry.N_max_2))
-    for j, (F_max, N_max) in enumerate(authority, start=1):
+    for j, (F_max, N_max) in enumerate(telemetry.authority, start=1):
         if {f"lambda_{j}", f"tau_{j}"} <= truth.keys():
             derived.setdefault(f"C_{j}", truth[f"lambda_{j}"] * truth[f"tau_{j}"])
         if {f"omega2_{j}_0", f"alpha_x_{j}", f"alpha_phi_{j}"} <= truth.keys():
@@ -175,6 +173,4 @@ def write(
         "parameters": {name: vars(pulls) for name, pulls in found.items()},
         "provenance": dict(more),
     }
-    text = json.dumps(document, indent=1, allow_nan=False)
-    atomic.write(path, text + "\n")
-    return text
+    return atomic.write_json(path, document)

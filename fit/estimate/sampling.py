@@ -10,7 +10,6 @@ It refuses to give numbers before the chain, a tenth as burn-in taken off, is 50
 autocorrelation time of every parameter and the means of its halves agree.
 """
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -257,7 +256,7 @@ def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    least_squares = np.sqrt(np.diag(outcome.solution.covariance))
+    least_squares = outcome.solution.sigma
     flat = chain.theta.reshape(-1, chain.theta.shape[2])
     mean, sigma = flat.mean(axis=0), flat.std(axis=0)
     quantiles = np.quantile(flat, (0.16, 0.5, 0.84), axis=0)
@@ -290,8 +289,3 @@ def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict
         "acceptance": chain.acceptance,
         "largest_tau": float(np.max(chain.tau)),
     }
-
-
-def write(document: Mapping[str, object], path: Path) -> None:
-    """Write a summary as JSON; the file appears whole or not at all."""
-    atomic.write(path, json.dumps(document, indent=1, allow_nan=False) + "\n")

@@ -1,6 +1,8 @@
 """Files that appear whole or not at all, also when the process is killed or the power fails."""
 
+import json
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -47,3 +49,19 @@ def write(path: Path, content: str | bytes) -> None:
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def write_json(path: Path, document: Mapping[str, object]) -> str:
+    """Write results as JSON, which is returned; see `write`.
+
+    Raises
+    ------
+    FitError
+        If a number is not finite: such a result must not look like one.
+    """
+    try:
+        text = json.dumps(document, indent=1, allow_nan=False)
+    except ValueError as error:
+        raise FitError(f"{path}: not written, a number in the results is not finite") from error
+    write(path, text + "\n")
+    return text

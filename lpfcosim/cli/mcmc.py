@@ -1,12 +1,12 @@
 """The command ``mcmc``: the posterior of an earlier calibration, sampled."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from fit.errors import InputError
 from fit.estimate import Posterior, earlier
 from fit.estimate import sampling as chains
+from fit.files import atomic
 from fit.report import page as fit_report
 from fit.results import Results
 from fit.telemetry import Telemetry
@@ -46,7 +46,7 @@ def _sample(
     joint = results.joint.parameters if results.joint else {}
     truths = {name: e.truth for name, e in joint.items() if e.truth is not None}
     document = chains.summary(chain, outcome, truths)
-    chains.write(document, directory / "mcmc.json")
+    text = atomic.write_json(directory / "mcmc.json", document)
     with console.stage("figure"):
         (directory / "figures").mkdir(exist_ok=True)
         theta = chain.theta.reshape(-1, chain.theta.shape[2])
@@ -55,7 +55,7 @@ def _sample(
         f"{chain.steps} steps of {chain.z.shape[1]} walkers, autocorrelation time up to {max(chain.tau):.0f} "
         f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of least squares"
     )
-    console.document(json.dumps(document, indent=1, allow_nan=False))
+    console.document(text)
     with console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"chain: {directory / 'mcmc.h5'}, summary: {directory / 'mcmc.json'}, report: {page}")
