@@ -131,9 +131,6 @@ MISALIGNMENT = {
 #: Of lambda_2: mean over the experiments with sigma, its chi2_red, relative fluctuation (section Results).
 GAIN_MEAN, GAIN_CHI2_RED, GAIN_SCATTER = (1.080, 0.003), 90, 0.005
 
-#: What every experiment is fitted for on its own; lambda_1 and C_1 join where test mass 1 is driven.
-EXPERIMENT_NAMES = ("lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo")
-
 
 def joint_names(epochs: Iterable[int]) -> tuple[str, ...]:
     """Return the names of the joint fit: the ten of the dynamics, then delta_ifo_k for every epoch.
@@ -205,41 +202,39 @@ def _total_stiffness(j: int, F_max: float, N_max: float) -> tuple[float, float]:
     return value, math.hypot(*(factor * FLIGHT[name].sigma for name, factor in terms.items()))
 
 
-def experiment_parameter(
-    name: str, *, F_max: tuple[float, float], N_max: tuple[float, float], epoch: int
-) -> Parameter:
-    """Return a parameter of a single experiment, with the flight value at that experiment's authority.
+def experiment_parameters(
+    authority: tuple[tuple[float, float], tuple[float, float]], epoch: int
+) -> dict[str, Parameter]:
+    """Return what a single experiment is fitted for, by name, with the flight values at its authority.
 
-    The weak prior of domega2_12, a difference that may vanish, is as wide as that of omega2_2.
+    The weak prior of domega2_12, a difference that may vanish, is as wide as that of omega2_2; lambda_1 and
+    C_1 count where test mass 1 is driven.
 
     Parameters
     ----------
-    name : str
-        One of `EXPERIMENT_NAMES`, ``lambda_1`` or ``C_1``.
-    F_max, N_max : tuple of float
+    authority : tuple of tuple of float
         Force [N] and torque [N m] authority of test masses 1 and 2.
     epoch : int
         Alignment epoch of the run.
-
-    Raises
-    ------
-    KeyError
-        If `name` is no parameter of an experiment.
     """
-    if name == "delta_ifo":
-        of_epoch = joint_parameter(f"delta_ifo_{epoch}")
-        return replace(of_epoch, name=name, html="δ<sub>ifo</sub>", latex=r"\delta_{\rm ifo}")
-    if name not in ("omega2_2", "domega2_12"):
-        return {key: FLIGHT[key] for key in ("lambda_1", "C_1", "lambda_2", "C_2")}[name]
-    omega2_2, sigma_2 = _total_stiffness(2, F_max[1], N_max[1])
-    if name == "omega2_2":
-        description = "stiffness of test mass 2"
-        labels = ("stiff_model", "ω<sup>2</sup><sub>2</sub>", r"\omega^2_2", description)
-        return Parameter(name, omega2_2, sigma_2, "s-2", abs(omega2_2), *labels)
-    omega2_1, sigma_1 = _total_stiffness(1, F_max[0], N_max[0])
-    description = "stiffness of test mass 2 minus that of test mass 1"
-    labels = ("deltagfull", "Δω<sup>2</sup><sub>12</sub>", r"\Delta\omega^2_{12}", description)
-    return Parameter(name, omega2_2 - omega2_1, math.hypot(sigma_1, sigma_2), "s-2", abs(omega2_2), *labels)
+    (omega2_1, sigma_1), (omega2_2, sigma_2) = (_total_stiffness(j, *authority[j - 1]) for j in (1, 2))
+    labels = ("stiff_model", "ω<sup>2</sup><sub>2</sub>", r"\omega^2_2", "stiffness of test mass 2")
+    stiffness_2 = Parameter("omega2_2", omega2_2, sigma_2, "s-2", abs(omega2_2), *labels)
+    difference = replace(
+        stiffness_2,
+        name="domega2_12",
+        value=omega2_2 - omega2_1,
+        sigma=math.hypot(sigma_1, sigma_2),
+        equation="deltagfull",
+        html="Δω<sup>2</sup><sub>12</sub>",
+        latex=r"\Delta\omega^2_{12}",
+        description="stiffness of test mass 2 minus that of test mass 1",
+    )
+    of_epoch = joint_parameter(f"delta_ifo_{epoch}")
+    leakage = replace(of_epoch, name="delta_ifo", html="δ<sub>ifo</sub>", latex=r"\delta_{\rm ifo}")
+    lambda_1, lambda_2, C_1, C_2 = _DYNAMICS[:4]
+    found = (lambda_2, C_2, stiffness_2, difference, leakage, lambda_1, C_1)
+    return {p.name: p for p in found}
 
 
 # What the geometry says beforehand of the stiffness. The paper gives what eqs alphax and alphaphi come to,

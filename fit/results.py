@@ -1,6 +1,5 @@
 """The result of a calibration and its JSON form, schema ``lpf-results/1``."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from fit.display import Displayed
-from fit.errors import FitError, InputError
+from fit.errors import InputError
 from fit.files import atomic, documents, place
 from fit.warnings import FitWarning
 
@@ -274,12 +273,7 @@ def write(results: Results, path: Path) -> str:
         },
         "provenance": results.provenance.entries(),
     }
-    try:
-        text = json.dumps(document, indent=1, allow_nan=False)
-    except ValueError as error:
-        raise FitError(f"{path}: not written, a number in the results is not finite") from error
-    atomic.write(path, text + "\n")
-    return text
+    return atomic.write_json(path, document)
 
 
 def _fit_to_json(fit: Fit) -> dict[str, object]:

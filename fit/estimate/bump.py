@@ -94,7 +94,7 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sha
 
 def _attenuated(outcome: Outcome, shift: Array, names: Mapping[str, str], delta_ifo: str) -> list[FitWarning]:
     """Name the coefficients that noise in their regressors is expected to shift notably."""
-    sigma = np.sqrt(np.diag(outcome.solution.covariance))
+    sigma = outcome.solution.sigma
     told = {}
     for i, p in enumerate(outcome.parameters):
         if p.name in names and not outcome.lost[i] and not abs(shift[i]) < NOTABLE * sigma[i]:
@@ -119,7 +119,7 @@ def _attenuated(outcome: Outcome, shift: Array, names: Mapping[str, str], delta_
 def _correlation(outcome: Outcome, names: Mapping[str, str], delta_ifo: str) -> FitWarning:
     """Report how the coefficients correlate with the leakage of x_1 in the same epoch."""
     all_names = [p.name for p in outcome.parameters]
-    sigma = np.sqrt(np.diag(outcome.solution.covariance))
+    sigma = outcome.solution.sigma
     row = all_names.index(delta_ifo)
     correlation = outcome.solution.covariance[row] / (sigma[row] * sigma)
     found = {own: float(correlation[all_names.index(name)]) for name, own in names.items()}
@@ -169,7 +169,7 @@ def expected_shift(outcome: Outcome, experiments: Sequence[Experiment]) -> Array
     parts = width[:, None] * (root.T @ V) * np.linalg.solve(V, np.linalg.solve(root.T, theta / width))
     doubtful = share_of_noise > DOUBTFUL
     shift = -parts[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
-    unknown = np.abs(parts[:, doubtful]).sum(axis=1) > NOTABLE * np.sqrt(np.diag(covariance))
+    unknown = np.abs(parts[:, doubtful]).sum(axis=1) > NOTABLE * outcome.solution.sigma
     return np.where(unknown, np.nan, shift)
 
 

@@ -121,12 +121,11 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
 
 def document(expected: Fit) -> dict[str, object]:
     """Return a forecast as JSON holds it, schema ``lpf-forecast/1``."""
-    sigma = np.array([e.sigma for e in expected.parameters.values()])
     return {
         "schema": SCHEMA,
         "parameters": {name: {"sigma": e.sigma, "unit": e.unit} for name, e in expected.parameters.items()},
         "names": list(expected.parameters),
-        "correlation": (expected.covariance / np.outer(sigma, sigma)).tolist(),
+        "correlation": expected.correlation.tolist(),
         "warnings": [{k: v for k, v in vars(w).items() if v is not None} for w in expected.warnings],
     }
 

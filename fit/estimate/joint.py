@@ -10,7 +10,7 @@ from fit.estimate.irls import Known, Outcome, reweight
 from fit.estimate.runs import Experiment, Run
 from fit.estimate.scatter import START, Scatter
 from fit.model import Sharing, dynamics
-from fit.paper import EXPERIMENT_NAMES, FLIGHT, Parameter, cross_talk_parameter, experiment_parameter
+from fit.paper import FLIGHT, Parameter, cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, Settings
 from fit.telemetry import Telemetry
 
@@ -36,12 +36,9 @@ def fit_experiment(
     """
     run = experiment.sysid.telemetry
     cross_talk = experiment.parameters[len(dynamics.PARAMETERS) :]
-    names = (*EXPERIMENT_NAMES, "lambda_1", "C_1")
-    F_max, N_max = (run.F_max_1, run.F_max_2), (run.N_max_1, run.N_max_2)
-    parameters = [
-        experiment_parameter(name, F_max=F_max, N_max=N_max, epoch=run.alignment_epoch) for name in names
-    ] + [cross_talk_parameter(name) for name in cross_talk]
-    share = np.array([[float(own == p.name) for p in parameters] for own in experiment.parameters])
+    own = experiment_parameters(run.authority, run.alignment_epoch)
+    parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
+    share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     return reweight([experiment], [share], parameters, known, estimator=estimator)
 
 

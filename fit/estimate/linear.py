@@ -123,10 +123,6 @@ class Straight(Block):
         """As that of `Block`."""
         return np.eye(theta.size + 1, theta.size, k=-1)
 
-    def jacobian(self, theta: Array) -> Array:
-        """As that of `Block`."""
-        return np.asarray(self.R @ self.gradient(theta))
-
 
 def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
     """Scale to unit variance of real and imaginary part each and project constant and ramp out.
@@ -292,6 +288,11 @@ class Solution:
     covariance: Array
     chi2: float
     dof: int
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations, shape (P,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Array:

@@ -74,7 +74,7 @@ def report(
         If a sigma is no positive number.
     """
     solution = outcome.solution
-    sigma = np.sqrt(np.diag(solution.covariance))
+    sigma = solution.sigma
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("a sigma is not a positive number")
     kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.lost[i]]
@@ -259,7 +259,7 @@ def wrong_gain(outcome: Outcome) -> str:
 
 def _gains(outcome: Outcome) -> dict[str, float]:
     """Return the gains that the data determine."""
-    sigma = np.sqrt(np.diag(outcome.solution.covariance))
+    sigma = outcome.solution.sigma
     return {
         p.name: float(outcome.solution.theta[i])
         for i, p in enumerate(outcome.parameters)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from scipy import stats
 from fit.estimate import SCORES
 from fit.figures.files import Axis, Columns, Plot, legend_above
 from fit.figures.style import COLOURS, WIDE, WIDTH
-from fit.paper import stiffness, stiffness_terms
+from fit.paper import joint_parameter, stiffness, stiffness_terms
 from fit.results import Diagnostics, Estimate, Fit
 
 Array = NDArray[np.float64]
@@ -219,18 +220,10 @@ def quantiles(diagnostics: Mapping[str, Diagnostics], sizes: Mapping[str, int]) 
     return Plot(figure, told)
 
 
-def correlations(names: Sequence[str], labels: Sequence[str], matrix: Array) -> Plot:
-    """Draw the lower half of a correlation matrix, blue positive and orange negative.
-
-    Parameters
-    ----------
-    names, labels : sequence of str
-        Plain names, and mathematical text or plain names again, one for every row.
-    matrix : ndarray, shape (P, P)
-        From -1 to 1.
-    """
-    P = len(labels)
-    labels = [x if x.startswith("$") or len(x) <= _LONGEST else f"{x[: _LONGEST - 1]}…" for x in labels]
+def correlations(joint: Fit) -> Plot:
+    """Draw the lower half of the correlation matrix of a joint fit, blue positive and orange negative."""
+    names, labels, matrix = list(joint), list(map(_label, joint)), joint.correlation
+    P = len(names)
     figure = Figure(figsize=(WIDTH, WIDTH - 0.1), layout="constrained")
     ax = figure.subplots()
     ax.grid(visible=False)
@@ -253,6 +246,14 @@ def correlations(names: Sequence[str], labels: Sequence[str], matrix: Array) -> 
     ax.set_aspect("equal")
     told: Columns = {"row": [names[i] for i, _ in pairs], "column": [names[j] for _, j in pairs], "r": r}
     return Plot(figure, told, titles=titles)
+
+
+def _label(name: str) -> str:
+    """Return the symbol of a parameter, or its name as text that is no mathematics and not long."""
+    with suppress(KeyError):
+        return f"${joint_parameter(name).latex}$"
+    short = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
+    return short.replace("$", r"\$")
 
 
 def _scale(ax: Axes, P: int) -> None:

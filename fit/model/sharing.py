@@ -47,8 +47,7 @@ class Sharing:
 
     def matrix(self, run: Telemetry, own: Sequence[str], names: Sequence[str]) -> NDArray[np.float64]:
         """Return the map from the P joint parameters `names` to the K of a run, `own`, shape (K, P)."""
-        omega2_1 = stiffness_terms(1, run.F_max_1, run.N_max_1)
-        omega2_2 = stiffness_terms(2, run.F_max_2, run.N_max_2)
+        omega2_1, omega2_2 = (stiffness_terms(j, *run.authority[j - 1]) for j in (1, 2))
         made_of = {
             "omega2_2": omega2_2,
             # eq. deltastiff_model

@@ -10,10 +10,10 @@ from markupsafe import Markup
 from fit.estimate import is_separated, sums
 from fit.figures import Drawing, Plot, drawing
 from fit.figures import runs as figures
-from fit.paper import EXPERIMENT_NAMES, Parameter, experiment_parameter
+from fit.paper import experiment_parameters
 from fit.report.verdict import failing, raised
 from fit.results import Fit, Results
-from fit.tables import Grid, Line
+from fit.tables import Grid, Line, flagged
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, masked
@@ -101,8 +101,7 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Grid:
 
 
 def _chi2(fit: Fit) -> str:
-    text = f"{fit.chi2 / fit.dof:.3f}" if fit.dof else "–"
-    return Markup('<span class="off">{}</span>').format(text) if "chi2" in failing(fit) else text
+    return flagged(f"{fit.chi2 / fit.dof:.3f}" if fit.dof else "–", "chi2" in failing(fit))
 
 
 def _warned(fit: Fit) -> Markup:
@@ -130,7 +129,6 @@ def _section(folder: Path, i: int, name: str, results: Results, runs: Mapping[st
     troubled = bool(failing(fit))
     if run is None:
         return Section(name, facts, tables.table(fit, []), (), troubled)
-    known = _known(run)
     facts = {
         "Start": f"{run.t0}, {run.duration / 3600:.3g} h",
         "Noise run": f"{noise.run}, {noise.duration / 3600:.3g} h" if noise else "none",
@@ -139,9 +137,10 @@ def _section(folder: Path, i: int, name: str, results: Results, runs: Mapping[st
         "Alignment epoch": str(run.alignment_epoch),
     } | facts
     values = parameters(results, run)
+    known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
     slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
     shown = drawings(folder, f"e{i}", slug, (run, noise), values, fit.warnings)
-    return Section(name, facts, tables.table(fit, list(known.values())), shown, troubled)
+    return Section(name, facts, tables.table(fit, known), shown, troubled)
 
 
 def parameters(results: Results, run: Telemetry) -> dict[str, float]:
@@ -149,18 +148,10 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
 
     What the data do not determine was held near its flight value in the fit, and is so here.
     """
-    values = {name: p.value for name, p in _known(run).items()}
+    known = experiment_parameters(run.authority, run.alignment_epoch)
+    values = {name: p.value for name, p in known.items()}
     values |= {name: e.value for name, e in results.experiments[run.experiment].parameters.items()}
     return values | _cross_talk(results, run)
-
-
-def _known(run: Telemetry) -> dict[str, Parameter]:
-    """Return what an experiment may be fitted for, with the flight values at its authority."""
-    F_max, N_max = (run.F_max_1, run.F_max_2), (run.N_max_1, run.N_max_2)
-    return {
-        name: experiment_parameter(name, F_max=F_max, N_max=N_max, epoch=run.alignment_epoch)
-        for name in (*EXPERIMENT_NAMES, "lambda_1", "C_1")
-    }
 
 
 def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:

@@ -78,6 +78,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
             colours=COLOURS,
             limit=tables.LIMIT,
             signed=tables.signed,
+            symbol=tables.symbol,
             **_scripts(),
         )
     )

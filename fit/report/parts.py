@@ -12,7 +12,7 @@ from fit.telemetry import Telemetry
 
 @dataclass(frozen=True)
 class Part:
-    """A section of the page: words, tables, figures beside or `below` them, and a matrix to unfold.
+    """A section of the page: words, tables, figures beside or `below` them, correlations of a fit to unfold.
 
     Over a `table` of parameters the text is what describes it.
     """
@@ -23,7 +23,7 @@ class Part:
     grids: tuple[Grid, ...] = ()
     drawings: tuple[Drawing, ...] = ()
     below: bool = False
-    correlation: tables.Correlation | None = None
+    correlation: Fit | None = None
     table: tables.Table | None = None
 
 

@@ -25,7 +25,6 @@ _BESIDE = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Differe
 STRONG = 0.9  # correlation that is pointed out
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 NAMED = 10  # strongest correlations
-LONGEST = 20  # characters of a label in a figure
 
 
 def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
@@ -112,11 +111,8 @@ def _beside(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int
 def _correlation(joint: Fit | None, folder: Path) -> Part | None:
     if joint is None or len(joint.parameters) < 2:
         return None
-    table = tables.correlation(joint)
-    names = list(joint.parameters)
-    matrix = np.array(table.rows)
-    labels = [f"${joint_parameter(n).latex}$" if _known(n) else _plain(n) for n in names]
-    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    matrix, symbols = joint.correlation, list(map(tables.symbol, joint))
+    pairs = [(i, j) for i in range(len(symbols)) for j in range(i)]
     picture = drawing(
         folder,
         ("correlation",),
@@ -124,14 +120,12 @@ def _correlation(joint: Fit | None, folder: Path) -> Part | None:
         "Correlation of the joint estimates, blue positive and orange negative; the value shows where the "
         "pointer rests. Strong colour marks two parameters whose errors go together.",
         figures_mission.correlations,
-        names,
-        labels,
-        matrix,
+        joint,
     )
     strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:NAMED]
     lines = tuple(
         Line(
-            Markup("{} and {}").format(table.symbols[j], table.symbols[i]),
+            Markup("{} and {}").format(symbols[j], symbols[i]),
             (flagged(signed(matrix[i, j], 4), abs(matrix[i, j]) > STRONG),),
         )
         for i, j in strongest
@@ -149,7 +143,7 @@ def _correlation(joint: Fit | None, folder: Path) -> Part | None:
         text,
         (grid,),
         (picture,),
-        correlation=table,
+        correlation=joint,
     )
 
 
@@ -158,59 +152,30 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
     return tables.combination_text(coefficients) if several else tables.symbol(next(iter(coefficients)))
 
 
-def _plain(name: str) -> str:
-    """Return a name as text of a figure that is no mathematics and not long."""
-    short = name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
-    return short.replace("$", r"\$")
-
-
-def _known(name: str) -> bool:
-    try:
-        joint_parameter(name)
-    except KeyError:
-        return False
-    return True
-
-
 def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
     estimates = list(independent(results.experiments).values())
     if len(estimates) < 2:
         return None
     found = about_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
-    relative = 100 * found.scatter / found.mean
     flown = FLIGHT["lambda_2"]
-    lines = [
-        Line(
-            Markup("weighted mean of the experiments"),
-            (tables.number(found.mean, found.sigma), tables.number(*GAIN_MEAN)),
+    of_joint = tables.number(joint.value, joint.sigma) if joint else None
+    scatter = f"{100 * found.scatter / found.mean:.2g} %" if found.scatter else "0"
+    cells: dict[str, tuple[Cell, Cell]] = {
+        "weighted mean of the experiments": (
+            tables.number(found.mean, found.sigma),
+            tables.number(*GAIN_MEAN),
         ),
-        Line(
-            Markup("joint fit"),
-            (
-                tables.number(joint.value, joint.sigma) if joint else None,
-                tables.number(flown.value, flown.sigma),
-            ),
-        ),
-        Line(
-            Markup("χ² / degrees of freedom about the mean"),
-            (f"{found.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
-        ),
-        Line(Markup("p-value"), (_p_value(found.p_value), "< 0.001")),
-        Line(
-            Markup("scatter beyond noise that would make it 1"),
-            (f"{relative:.2g} %" if found.scatter else "0", f"≈ {100 * GAIN_SCATTER:g} %"),
-        ),
-    ]
+        "joint fit": (of_joint, tables.number(flown.value, flown.sigma)),
+        "χ² / degrees of freedom about the mean": (f"{found.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
+        "p-value": (_p_value(found.p_value), "< 0.001"),
+        "scatter beyond noise that would make it 1": (scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
+    }
     about = f"λ₂ of {found.dof + 1} experiments, each fitted alone; a run of a single tone does not count."
-    grid = Grid(about, ("", "This calibration", "Flight"), tuple(lines))
-    return Part(
-        "gain",
-        "Stationarity of the gain",
-        _gain_verdict(found),
-        (grid,),
-        _gain_figure(results, telemetries, folder),
-    )
+    lines = tuple(Line(Markup(head), both) for head, both in cells.items())
+    grid = Grid(about, ("", "This calibration", "Flight"), lines)
+    pictures = _gain_figure(results, telemetries, folder)
+    return Part("gain", "Stationarity of the gain", _gain_verdict(found), (grid,), pictures)
 
 
 def _gain_verdict(found: Stationarity) -> Markup:

@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import numpy as np
 from markupsafe import Markup, escape
 
-from fit.paper import Parameter, cross_talk_parameter, experiment_parameter, joint_parameter
+from fit.paper import Parameter, cross_talk_parameter, experiment_parameters, joint_parameter
 from fit.results import WITHHELD, Estimate, Fit
 
 LIMIT = 4.0  # sigma: more is called a disagreement
@@ -93,7 +92,7 @@ def symbol(name: str) -> Markup:
 
 
 def _of_an_experiment(name: str) -> Parameter:
-    return experiment_parameter(name, F_max=(0.0, 0.0), N_max=(0.0, 0.0), epoch=1)
+    return experiment_parameters(((0.0, 0.0), (0.0, 0.0)), epoch=1)[name]
 
 
 def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
@@ -150,21 +149,6 @@ def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> Row:
         pull=None if fit.unsound else pull,
         flight=number(parameter.value, parameter.sigma, exponent) if parameter.flown else None,
     )
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """Symbols of the parameters and their correlation matrix, row by row."""
-
-    symbols: tuple[Markup, ...]
-    rows: tuple[tuple[float, ...], ...]
-
-
-def correlation(fit: Fit) -> Correlation:
-    """Return the correlation matrix of a fit."""
-    sigma = np.sqrt(np.diag(fit.covariance))
-    matrix = fit.covariance / np.outer(sigma, sigma)
-    return Correlation(tuple(map(symbol, fit.parameters)), tuple(tuple(map(float, row)) for row in matrix))
 
 
 def combination_text(combination: Mapping[str, float]) -> Markup:

@@ -85,6 +85,11 @@ class Telemetry(Displayed):
         """Length of the run, N / fs [s]."""
         return self.time.size / self.fs
 
+    @property
+    def authority(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Force [N] and torque [N m] authority of test masses 1 and 2."""
+        return (self.F_max_1, self.N_max_1), (self.F_max_2, self.N_max_2)
+
     def to_xarray(self) -> "xarray.Dataset":
         """Return the run, all of it in memory, as a dataset with units, as xarray would open the file.
 

@@ -5,17 +5,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.paper import (
-    EXPERIMENT_NAMES,
     FLIGHT,
     cross_talk_parameter,
-    experiment_parameter,
+    experiment_parameters,
     joint_names,
     joint_parameter,
     stiffness,
 )
 from fit.telemetry import units
 
-NOMINAL = {"F_max": (0.0, 2200e-12), "N_max": (10.4e-12, 10.4e-12)}
+NOMINAL = ((0.0, 10.4e-12), (2200e-12, 10.4e-12))
 
 
 def test_flight_values_are_those_of_table_jointfit():
@@ -73,17 +72,15 @@ def test_unknown_joint_names_are_refused(name):
 
 def test_experiment_parameters_at_nominal_authority():
     # By hand: -4.19e-7 - 317*2.2e-9 - 27.4e3*10.4e-12 and -3.99e-7 - 28.2e3*10.4e-12.
-    omega2_2 = experiment_parameter("omega2_2", **NOMINAL, epoch=1)
-    domega2_12 = experiment_parameter("domega2_12", **NOMINAL, epoch=1)
+    found = experiment_parameters(NOMINAL, epoch=4)
+    omega2_2, domega2_12 = found["omega2_2"], found["domega2_12"]
     assert omega2_2.value == pytest.approx(-1.40136e-6, rel=1e-12)
     assert domega2_12.value == pytest.approx(-1.40136e-6 + 6.9228e-7, rel=1e-12)
     assert domega2_12.sigma > omega2_2.sigma > FLIGHT["omega2_2_0"].sigma
     assert domega2_12.prior_sigma == omega2_2.prior_sigma == pytest.approx(1.40136e-6)
-    assert experiment_parameter("delta_ifo", **NOMINAL, epoch=4).value == 1.91e-5
-    for name in (*EXPERIMENT_NAMES, "lambda_1", "C_1"):
-        assert experiment_parameter(name, **NOMINAL, epoch=2).name == name
-    with pytest.raises(KeyError):
-        experiment_parameter("alpha_x_2", **NOMINAL, epoch=1)
+    assert found["delta_ifo"].value == 1.91e-5
+    names = ("lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo", "lambda_1", "C_1")
+    assert tuple(found) == names == tuple(p.name for p in found.values())
 
 
 def test_cross_talk_has_no_flight_value():

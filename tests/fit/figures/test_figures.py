@@ -17,6 +17,7 @@ from fit.figures import files as figure_files
 from fit.figures import mission as figures_mission
 from fit.figures import runs as figures_runs
 from fit.report.experiments import drawings
+from fit.results import Estimate, Fit
 from fit.warnings import FitWarning, Span, masked
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
@@ -187,5 +188,6 @@ def test_runs_without_noise_can_be_drawn(tmp_path):
 
 def test_long_names_do_not_break_a_figure(tmp_path):
     names = ["lambda_2", "a parameter whose name somebody chose to be as long as this one is"]
-    figure_files.write(tmp_path, "c", figures_mission.correlations, names, names, np.eye(2))
+    found = Fit({n: Estimate(1.0, 1.0, "1") for n in names}, np.eye(2), 1.0, 1, True, ())
+    figure_files.write(tmp_path, "c", figures_mission.correlations, found)
     assert (tmp_path / "c.csv").read_text().splitlines()[1].endswith(",0")

@@ -316,7 +316,7 @@ def test_decimals_resolve_a_sigma_to_ten_per_cent(sigma):
 
 def test_correlations():
     fit = replace(make_fit({"C_1": 0.149, "C_2": 0.186}), covariance=np.array([[4.0, -3.0], [-3.0, 9.0]]))
-    assert tables.correlation(fit).rows == ((1.0, -0.5), (-0.5, 1.0))
+    assert fit.correlation.tolist() == [[1.0, -0.5], [-0.5, 1.0]]
 
 
 def test_combinations_in_print():

@@ -139,7 +139,7 @@ def test_correlations_on_the_pointer(mission, tmp_path):
     assert "<title>lambda_1, lambda_2: −0.9500</title>" in part.drawings[0].svg
     assert part.drawings[0].svg.count("<title>") == 12 * 11 / 2
     assert part.grids[0].lines[0].cells == ('<span class="off">−0.9500</span>',)
-    assert part.correlation.rows[0][1] == pytest.approx(-0.95)
+    assert part.correlation.correlation[0][1] == pytest.approx(-0.95)
 
 
 def test_stationarity(mission, tmp_path):
