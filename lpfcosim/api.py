@@ -80,8 +80,7 @@ def simulate(
             return _without_fmus(plan, directory)
         found = archives.archives_of(plan)
         placement.interfaces(plan.runs[0], found)  # the others have the same
-        with archives.held(plan, found, Path(folder)) as copies:
-            archives.check(plan, copies, trusted=trusted)
+        with archives.held(plan, found, Path(folder), trusted=trusted) as copies:
             simulated = runner.simulate(plan, directory, copies, runner.How(jobs))
     if simulated.failures:
         raise RunError("; ".join(dict.fromkeys(map(str, simulated.failures.values()))))

@@ -67,7 +67,8 @@ def check(campaign: Path, console: Console) -> None:
     console.show(_runs_table(plan))
     console.say("")
     if loops:
-        console.say("\n".join([*cli_margins.lines(loops), ""]))
+        console.show(cli_margins.table(loops))
+        console.say("")
     if expected:
         console.show(table(expected))
         console.say("")

@@ -2,11 +2,11 @@
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from fit.tables import Lines
 from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
@@ -22,14 +22,16 @@ def margins(campaign: Path, console: Console) -> None:
     loops = loop_margins.margins(plan.runs[0])
     told = {"schema": "lpf-margins/1", "campaign": plan.name, "loops": documents(loops)}
     console.document(json.dumps(told, indent=1, allow_nan=False))
-    console.say("\n".join(lines(loops)))
+    console.show(table(loops))
 
 
-def lines(loops: list[loop_margins.Margin]) -> Iterator[str]:
-    """Yield the lines of a table of margins."""
-    yield f"{'loop':18s} {'unity gain':>12s} {'phase margin':>13s} {'gain margin':>12s}"
-    for m in loops:
-        yield f"{m.loop:18s} {1e3 * m.unity_gain:8.4g} mHz {m.phase_margin:9.1f} deg {m.gain_margin:9.1f} dB"
+def table(loops: list[loop_margins.Margin]) -> Lines:
+    """Return a table of margins."""
+    rows = [
+        (m.loop, f"{1e3 * m.unity_gain:.4g} mHz", f"{m.phase_margin:.1f} deg", f"{m.gain_margin:.1f} dB")
+        for m in loops
+    ]
+    return Lines(("loop", "unity gain", "phase margin", "gain margin"), tuple(rows))
 
 
 def documents(loops: list[loop_margins.Margin]) -> list[dict[str, Any]]:

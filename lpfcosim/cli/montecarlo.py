@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
@@ -92,11 +92,9 @@ def montecarlo(
     archives: dict[str, Path] = {}
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)
+    with folder.held(directory), ExitStack() as stack:
         with about(campaign):
-            fmu_archives.check(plan, archives, trusted=trusted)
-    with folder.held(directory), fmu_archives.held(plan, archives, directory) as held:
-        with about(campaign):
-            fmu_archives.check(plan, held, trusted=trusted)  # what is loaded, as it is now
+            held = stack.enter_context(fmu_archives.held(plan, archives, directory, trusted=trusted))
         header = {
             "campaign_digest": plan.digest,
             "settings": chosen.model_dump(),
@@ -197,7 +195,7 @@ def _done(
     """
     items = {f"campaign {number}": number for number in numbers}
     lost = {}
-    setting = workers.Setting(partial(_in_process, work, fmus), directory, directory / "logs", "{}")
+    setting = workers.Setting(partial(trial, work), directory, directory / "logs", "{}")
     for name, outcome in _outcomes(setting, work, fmus, items, jobs, scheduler) if items else ():
         if isinstance(outcome, workers.Lost):
             lost[name] = f"{name}: {runner.culprit(work.plan.runs[0], outcome)} {outcome.how}"
@@ -226,7 +224,7 @@ def _outcomes(
             yield from connection.results(trial, work, items, fmus)
         return
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each processor does better
-    tasks = {name: (number,) for name, number in items.items()}
+    tasks = {name: (number, fmus) for name, number in items.items()}
     yield from workers.results(setting, tasks, jobs or runner.processors())
 
 
@@ -246,10 +244,6 @@ def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
 
 
 # In a process of its own, or of a cluster --------------------------------------------------------------
-
-
-def _in_process(work: Work, fmus: Mapping[str, Path], number: int, where: Where) -> Line:
-    return trial(work, number, fmus, where)
 
 
 def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None = None) -> Line:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -49,13 +50,12 @@ def run(
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
         found = placement.interfaces(plan.runs[0], fmus)  # the other runs have the same
-        archives.check(plan, fmus, trusted=trusted)
-    for line in _told_of_replacements(plan, found):
-        console.note(line)
     how = runner.How(jobs, scheduler, engine, rerun, time_limit)
-    with folder.held(directory), archives.held(plan, fmus, directory) as held:
+    with folder.held(directory), ExitStack() as stack:
         with about(campaign):
-            archives.check(plan, held, trusted=trusted)  # what is loaded, as it is now
+            held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
+        for line in _told_of_replacements(plan, found):
+            console.note(line)
         done = _simulated(plan, directory, held, how, console)
         _fitted(plan, directory, done, chosen, console)
 

@@ -27,12 +27,24 @@ def archives_of(
 
 
 @contextmanager
-def held(plan: Campaign, fmus: Mapping[str, Path], directory: Path) -> Iterator[dict[str, Path]]:
-    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files."""
+def held(
+    plan: Campaign, fmus: Mapping[str, Path], directory: Path, *, trusted: bool
+) -> Iterator[dict[str, Path]]:
+    """Copy the FMUs that are not ours, so that all runs use the same whatever happens to the files.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, or `check` refuses the copy.
+    """
     with files.scratch(directory) as folder:
         copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
         for model, copy in copies.items():
-            shutil.copyfile(fmus[model], copy)
+            try:
+                shutil.copyfile(fmus[model], copy)
+            except OSError as error:
+                raise InputError(f"fmus.{model}: {fmus[model]}: {error.strerror}") from None
+        check(plan, copies, trusted=trusted)
         yield {**fmus, **copies}
 
 
@@ -55,10 +67,7 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
     """
     ours = _ours() if plan.replacements else set()
     for replacement in plan.replacements:
-        try:
-            found = files.digest(archives[replacement.model])
-        except OSError as error:
-            raise InputError(f"fmus.{replacement.model}: {replacement.archive}: {error.strerror}") from None
+        found = files.digest(archives[replacement.model])
         place = f"fmus.{replacement.model}.sha256"
         if replacement.sha256 and found != replacement.sha256:
             raise InputError(

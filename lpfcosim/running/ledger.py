@@ -21,19 +21,15 @@ def write(path: Path, content: str | bytes) -> None:
         atomic.write(path, content)
 
 
-def discard(folder: Path, process: int) -> None:
-    """Remove files that a process did not finish in ``folder``."""
-    _discard(folder, process)
-
-
 def discard_all(folder: Path) -> None:
     """Remove files that nobody finished in ``folder``, and places for temporary files."""
-    _discard(folder, "*")
+    discard(folder, "*")
     for place in folder.glob(f"{_SCRATCH}*"):
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _discard(folder: Path, process: int | str) -> None:
+def discard(folder: Path, process: int | str) -> None:
+    """Remove files that a process did not finish in ``folder``; ``"*"``: any process."""
     for partial in folder.glob(f".*{atomic.suffix(process)}"):
         if partial.name.split(".")[-2].isdecimal():
             with suppress(OSError):

@@ -119,7 +119,7 @@ def test_fmu_of_other_origin_leaves_our_loops_out(lpfcosim, tmp_path):
     ("old", "new", "fault"),
     [
         ('frequency = "3 mHz"', 'frequency = "6 Hz"', "Nyquist"),
-        ("[noise]", '[fit]\nestimator = "best"\n[noise]', "fit.estimator: 'best'"),
+        ("[noise]", '[fit]\nestimator = "best"\n[noise]', 'fit.estimator: "best"'),
         ("[noise]", '[fit]\nexclude = ["two"]\n[noise]', "fit.exclude: no experiment 'two'"),
         ("[noise]", '[control.drag_free]\nunity_gain = "1 Hz"\n[noise]', "closed loop is unstable"),
         ('duration = "6 h"', 'duration = "1700 s"', "run one: lasts 1700 s, expected 1800 s or more"),
