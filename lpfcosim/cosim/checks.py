@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import fmpy
@@ -41,21 +43,28 @@ def _toolbox(archive: Path) -> list[str]:
             "FMUs are checked by a second tool, 'fmu-manipulation-toolbox', which is not installed; "
             "install the build extra (pip install 'lpfcosim[build]')"
         ) from None
+    with toolbox_messages(logging.ERROR) as messages:
+        fmu = FMU(str(archive))
+        for check in (OperationGenericCheck(), OperationSemanticCheck()):
+            fmu.apply_operation(check)
+    return [f"toolbox: {message}" for message in messages]
+
+
+@contextmanager
+def toolbox_messages(level: int) -> Iterator[list[str]]:
+    """Collect what the FMU manipulation toolbox logs from a level on; keep it quiet otherwise."""
     messages: list[str] = []
 
     class Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            messages.append(f"toolbox: {record.getMessage()}")
+            messages.append(record.getMessage())
 
     logger = logging.getLogger("fmu_manipulation_toolbox")
-    collector = Collector(level=logging.ERROR)
+    collector = Collector(level=level)
     propagate, logger.propagate = logger.propagate, False
     logger.addHandler(collector)
     try:
-        fmu = FMU(str(archive))
-        for check in (OperationGenericCheck(), OperationSemanticCheck()):
-            fmu.apply_operation(check)
+        yield messages
     finally:
         logger.removeHandler(collector)
         logger.propagate = propagate
-    return messages

@@ -7,17 +7,16 @@ bits.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import logging
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim.cosim import Interface, interfaces
+from lpfcosim.cosim import Interface, checks, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build
@@ -79,7 +78,7 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
             "a container FMU needs 'fmu-manipulation-toolbox', which is not installed; "
             "install the build extra (pip install 'lpfcosim[build]')"
         ) from None
-    with _fatal_messages() as fatal:
+    with checks.toolbox_messages(logging.CRITICAL) as fatal:  # it only logs that the container cannot run
         try:
             box = FMUContainer(IDENTIFIER, folder, fmi_version=2)
             by_model = {interface.model: interface for interface in found}
@@ -108,26 +107,6 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
     if fatal:
         raise InputError(f"the FMUs do not fit into a container: {fatal[0]}")
     return folder / f"{IDENTIFIER}.fmu"
-
-
-@contextlib.contextmanager
-def _fatal_messages() -> Iterator[list[str]]:
-    """Collect what the toolbox only logs although the container cannot run; keep it quiet otherwise."""
-    messages: list[str] = []
-
-    class Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            messages.append(record.getMessage())
-
-    logger = logging.getLogger("fmu_manipulation_toolbox")
-    collector = Collector(level=logging.CRITICAL)
-    propagate, logger.propagate = logger.propagate, False
-    logger.addHandler(collector)
-    try:
-        yield messages
-    finally:
-        logger.removeHandler(collector)
-        logger.propagate = propagate
 
 
 def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) -> str:

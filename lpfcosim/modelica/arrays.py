@@ -12,48 +12,27 @@ import sympy as sp
 Algebra = npt.NDArray[np.object_]
 
 
+def filled(value: Any, shape: tuple[int, ...]) -> Algebra:
+    """Object array with ``value`` everywhere."""
+    return np.full(shape, value, dtype=object)
+
+
 def scalar(value: Any) -> Algebra:
     """Wrap one expression as a zero-dimensional object array."""
-    array = np.empty((), dtype=object)
-    array[()] = value
-    return array
-
-
-def element_names(name: str, dims: tuple[int, ...]) -> list[str]:
-    """Names of the scalar elements, row by row: ``x`` or ``x[1]``, ``x[2]`` … (1-based, as in Modelica)."""
-    if not dims:
-        return [name]
-    return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*dims)]
+    return filled(value, ())
 
 
 def symbols(name: str, dims: tuple[int, ...]) -> Algebra:
-    """Object array of real symbols, one for each element of a variable."""
-    array = np.empty(dims, dtype=object)
-    array[...] = np.array([sp.Symbol(n, real=True) for n in element_names(name, dims)], dtype=object).reshape(
-        dims
-    )
+    """Object array of real symbols: ``x``, or ``x[1]``, ``x[2]`` … for each element, as Modelica counts."""
+    array = filled(sp.Symbol(name, real=True), dims)
+    for index in np.ndindex(*dims) if dims else ():
+        array[index] = sp.Symbol(f"{name}[{','.join(str(i + 1) for i in index)}]", real=True)
     return array
 
 
 def mapped(function: Callable[..., Any], *arrays: Algebra) -> Algebra:
-    """Apply ``function`` element by element."""
-    result = np.empty(arrays[0].shape, dtype=object)
-    flat = [function(*items) for items in zip(*(np.ravel(a) for a in arrays), strict=True)]
-    result[...] = np.array(flat, dtype=object).reshape(arrays[0].shape)
-    return result
-
-
-def filled(value: Any, shape: tuple[int, ...]) -> Algebra:
-    """Object array with ``value`` everywhere."""
-    array = np.empty(shape, dtype=object)
-    array[...] = value
-    return array
-
-
-def _identity(n: int) -> Algebra:
-    array = filled(sp.Integer(0), (n, n))
-    np.fill_diagonal(array, sp.Integer(1))
-    return array
+    """Apply ``function`` element by element, row by row."""
+    return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays, order="C"), dtype=object)
 
 
 def _diagonal(v: Algebra) -> Algebra:
@@ -71,7 +50,7 @@ BUILDERS: dict[str, Callable[[list[Algebra], tuple[int, ...]], Algebra]] = {
     "Fill": lambda values, shape: filled(values[0].item(), shape),
     "Zeros": lambda _, shape: filled(sp.Integer(0), shape),
     "Ones": lambda _, shape: filled(sp.Integer(1), shape),
-    "Identity": lambda _, shape: _identity(shape[0]),
+    "Identity": lambda _, shape: _diagonal(filled(sp.Integer(1), shape[:1])),
 }
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy.printing.c import C99CodePrinter
 
-from lpfcosim.modelica.evaluate import TIME
+from lpfcosim.modelica.evaluate import EVENT_FUNCTIONS, TIME
 from lpfcosim.modelica.system import Scalar, System
 
 # The states lie together, so that the core can move them in a loop.
@@ -55,8 +55,7 @@ def layout(system: System) -> Layout:
 
 class _Printer(C99CodePrinter):  # type: ignore[misc]
     def __init__(self, names: dict[sp.Symbol, str]) -> None:
-        opaque = ("abs", "sign", "min", "max", "floor", "ceil")
-        functions = {f"modelica_{n}": f"modelica_{n}" for n in opaque}
+        functions = {f"modelica_{n}": f"modelica_{n}" for n in EVENT_FUNCTIONS}
         super().__init__({"user_functions": functions, "math_macros": {}})
         self._names = names
 

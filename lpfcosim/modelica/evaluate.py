@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NoReturn
 
 import numpy as np
@@ -243,11 +244,7 @@ class Evaluator:
             if condition in (sp.true, sp.false):
                 otherwise = value if condition == sp.true else otherwise
                 continue
-            pairs = zip(np.ravel(value), np.ravel(otherwise), strict=True)
-            merged = [sp.Piecewise((v, condition), (o, True), evaluate=False) for v, o in pairs]
-            array = np.empty(value.shape, dtype=object)
-            array[...] = np.array(merged, dtype=object).reshape(value.shape)
-            otherwise = array
+            otherwise = mapped(partial(_either, condition), value, otherwise)
         return otherwise
 
     def _functioncall(self, body: Node, scope: Mapping[str, Algebra]) -> Algebra:
@@ -392,6 +389,10 @@ class Evaluator:
             self.refuse(body["span"], f"assignment to part of '{name}'")
         target[index] = value.item()
         scope[name] = target
+
+
+def _either(condition: Any, value: sp.Expr, otherwise: sp.Expr) -> sp.Expr:
+    return sp.Piecewise((value, condition), (otherwise, True), evaluate=False)
 
 
 def _span(node: Node) -> Node | None:

@@ -239,7 +239,6 @@ def _variables(tree: Node, model: str, sources: SourceMap, sampled: set[str]) ->
             causality = "input"
         elif _tag(raw["causality"]) == "output" and "." not in name:
             causality = "output"
-        start = raw["start"]
         variables.append(
             Variable(
                 name=name,
@@ -248,7 +247,7 @@ def _variables(tree: Node, model: str, sources: SourceMap, sampled: set[str]) ->
                 variability=variability,
                 causality=causality,
                 binding=raw["binding"],
-                start=start,
+                start=raw["start"],
                 nominal=raw["nominal"],
                 minimum=raw["min"],
                 maximum=raw["max"],

@@ -253,15 +253,18 @@ class _Builder:
 
     def _calculated(self, scalars: tuple[Scalar, ...]) -> tuple[tuple[sp.Symbol, sp.Expr], ...]:
         expressions = {s.symbol: s.value for s in scalars if s.kind == "calculated"}
-        graph = {symbol: e.free_symbols & expressions.keys() for symbol, e in expressions.items()}
+        return tuple((symbol, expressions[symbol]) for symbol in self._ordered(expressions, "parameters"))
+
+    def _ordered(self, values: Mapping[sp.Symbol, sp.Expr], called: str) -> list[sp.Symbol]:
+        """Sort the symbols so that the value of each needs those before it only."""
+        graph = {symbol: value.free_symbols & values.keys() for symbol, value in values.items()}
         try:
-            order = list(graphlib.TopologicalSorter(graph).static_order())
+            return list(graphlib.TopologicalSorter(graph).static_order())
         except graphlib.CycleError as error:
             names = ", ".join(sorted({s.name for s in error.args[1]}))
             raise UnsupportedError(
-                f"{self.model.name}: parameters depend on each other in a circle: {names}"
+                f"{self.model.name}: {called} depend on each other in a circle: {names}"
             ) from None
-        return tuple((symbol, expressions[symbol]) for symbol in order)
 
     # Equations -----------------------------------------------------------------------------------------
 
@@ -339,14 +342,7 @@ class _Builder:
                     raise UnsupportedError(
                         f"{self.model.name}: {s.name} of a variable that is not sampled is not supported"
                     )
-        graph = {symbol: event.value.free_symbols & found.keys() for symbol, event in found.items()}
-        try:
-            order = list(graphlib.TopologicalSorter(graph).static_order())
-        except graphlib.CycleError as error:
-            names = ", ".join(sorted({s.name for s in error.args[1]}))
-            raise UnsupportedError(
-                f"{self.model.name}: sampled variables depend on each other in a circle: {names}"
-            ) from None
+        order = self._ordered({symbol: event.value for symbol, event in found.items()}, "sampled variables")
         return tuple(clocks), tuple(found[symbol] for symbol in order)
 
     def _refuse_state_events(

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller
-from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, PARAMETERS, THRUSTER_DELAY, THRUSTER_LAG, H
+from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, THRUSTER_DELAY, THRUSTER_LAG, H
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
 Disturbed = Literal["g_1", "g_2"]
@@ -21,29 +21,41 @@ Model = Literal[
 ]  # fmt: skip
 
 
-def _flight_delta_ifo() -> dict[int, float]:
-    return {k: PARAMETERS[f"delta_ifo_{k}"].value for k in (1, 2, 3, 4)}
-
-
 @dataclass(frozen=True)
 class Truth:
-    """True dynamics in the units of `parameters.PARAMETERS`; ``delta_ifo`` by alignment epoch.
+    """True dynamics, SI; by default those of the flight (table jointfit).
 
-    ``lambda_scatter`` [1] is the relative standard deviation of lambda_1 and lambda_2 between experiments (in
-    flight some 0.5 %).
+    Attributes
+    ----------
+    lambda_1, lambda_2 : float
+        Gains of the forces commanded on the test masses [1].
+    C_1, C_2 : float
+        Delay coefficients lambda_j tau_j [s].
+    omega2_1_0, omega2_2_0 : float
+        Background stiffness [s^-2].
+    alpha_x_1, alpha_x_2 : float
+        Stiffness per force authority [kg^-1 m^-1].
+    alpha_phi_1, alpha_phi_2 : float
+        Stiffness per torque authority [kg^-1 m^-2].
+    delta_ifo : mapping of int to float
+        Leak of x_1 into o_12 [1], by alignment epoch.
+    lambda_scatter : float
+        Relative standard deviation of lambda_1 and lambda_2 between experiments (in flight some 0.5 %).
     """
 
-    lambda_1: float = PARAMETERS["lambda_1"].value
-    lambda_2: float = PARAMETERS["lambda_2"].value
-    C_1: float = PARAMETERS["C_1"].value
-    C_2: float = PARAMETERS["C_2"].value
-    omega2_1_0: float = PARAMETERS["omega2_1_0"].value
-    omega2_2_0: float = PARAMETERS["omega2_2_0"].value
-    alpha_x_1: float = PARAMETERS["alpha_x_1"].value
-    alpha_x_2: float = PARAMETERS["alpha_x_2"].value
-    alpha_phi_1: float = PARAMETERS["alpha_phi_1"].value
-    alpha_phi_2: float = PARAMETERS["alpha_phi_2"].value
-    delta_ifo: Mapping[int, float] = field(default_factory=_flight_delta_ifo)
+    lambda_1: float = 1.0748
+    lambda_2: float = 1.0776
+    C_1: float = 0.149
+    C_2: float = 0.186
+    omega2_1_0: float = -3.99e-7
+    omega2_2_0: float = -4.19e-7
+    alpha_x_1: float = -345.0
+    alpha_x_2: float = -317.0
+    alpha_phi_1: float = -28.2e3
+    alpha_phi_2: float = -27.4e3
+    delta_ifo: Mapping[int, float] = field(
+        default_factory=lambda: {1: -2.2e-5, 2: -1.40e-5, 3: -2.09e-5, 4: 1.91e-5}
+    )
     lambda_scatter: float = 0.0
 
     def of_experiment(self, name: str, seed: int) -> "Truth":

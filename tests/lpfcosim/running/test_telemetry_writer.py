@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fit.files import atomic
+from fit.paper import FLIGHT
 from lpfcosim.errors import RunError
 from lpfcosim.running import telemetry
-from lpfcosim.spacecraft.parameters import PARAMETERS
 from lpfcosim.spacecraft.run import Sine
 from lpfcosim.worlds import along_x_plant
 
@@ -86,8 +86,8 @@ def test_channels_lie_on_the_dimension_scale_time(path, channels):
 def test_truth_has_every_parameter_and_those_of_the_run(path):
     with h5py.File(path) as file:
         truth = dict(file["truth"].attrs)
-    assert truth.keys() >= PARAMETERS.keys()
-    assert all(truth[name] == parameter.value for name, parameter in PARAMETERS.items())
+    assert truth.keys() >= FLIGHT.keys()
+    assert all(truth[name] == parameter.value for name, parameter in FLIGHT.items())
     assert truth["delta_ifo"] == 1.91e-5
     assert truth["tau_2"] == pytest.approx(0.186 / 1.0776)
     assert truth["omega2_1"] == pytest.approx(-3.99e-7 - 28.2e3 * 10.4e-12)
