@@ -31,7 +31,7 @@ from fit.estimate import is_separated
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.results import Fit, Results, joint_of
 from fit.signal import derivatives
-from fit.telemetry import SCHEMA, Telemetry, Writer, inertial_period, read_stretch, samples
+from fit.telemetry import Telemetry, Writer, inertial_period, read_stretch, samples
 
 Array = NDArray[np.float64]
 
@@ -121,9 +121,7 @@ class _Recipe:
     notes: tuple[str, ...]
 
 
-def write_delta_g(
-    path: Path, out: Path, results: Results, joint: Fit, provenance: Mapping[str, str]
-) -> tuple[str, ...]:
+def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[str, str]) -> tuple[str, ...]:
     """Write Delta g of a telemetry file.
 
     Parameters
@@ -131,9 +129,8 @@ def write_delta_g(
     path, out : Path
         Telemetry file, and the file to write, at 1 to 2 Hz.
     results : Results
-        The calibration. `cross_talk` of the run's epoch and `inertial` of its period are used if it has them.
-    joint : Fit
-        The joint fit of `results`.
+        A calibration with a joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the run's
+        period are used if it has them.
     provenance : mapping
         Further root attributes.
 
@@ -145,20 +142,16 @@ def write_delta_g(
     Raises
     ------
     InputError
-        If the file breaks the contract, or is shorter than the filters.
+        If the file breaks the contract or is shorter than the filters, or if there is no joint fit.
     FitError
         If the product cannot be written.
     """
-    head, size, recipe = _begun(path, results, joint)
+    head, size, recipe = _begun(path, results)
     described = {name: (UNIT, what) for name, what in _described(recipe).items()}
     attributes = {
-        **head.attributes,
-        **{name: getattr(head, name) for name in ("run", "experiment", "kind", "t0", "m_tm")},
-        **{f"{kind}_max_{j}": getattr(head, f"{kind}_max_{j}") for kind in "FN" for j in (1, 2)},
+        **head.root,
         **provenance,
-        "schema": SCHEMA,
         "fs": head.fs / size.factor,
-        "alignment_epoch": head.alignment_epoch,
         "notes": "\n".join(recipe.notes),
     }
     with Writer(out, size.outputs, described, attributes) as writer:
@@ -188,9 +181,9 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     Raises
     ------
     InputError
-        As `write_delta_g`, or if there is no joint fit.
+        As `write_delta_g`.
     """
-    head, size, recipe = _begun(run.path, results, joint_of(results))
+    head, size, recipe = _begun(run.path, results)
     described = _described(recipe)
     pieces = list(_series(run.path, head.fs, recipe))
     return replace(
@@ -204,46 +197,21 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     )
 
 
-def series(path: Path, results: Results, joint: Fit) -> tuple[Array, dict[str, Array]]:
-    """Return time [s] and every channel of Delta g [m s^-2] of a telemetry file, in memory.
-
-    Raises
-    ------
-    InputError
-        As `write_delta_g`.
-    """
-    head = read_stretch(path, 0, 2)
-    pieces = list(_series(path, head.fs, _recipe(head, results, joint)))
-    names = pieces[0][1]
-    return (
-        np.concatenate([time for time, _ in pieces]),
-        {name: np.concatenate([channels[name] for _, channels in pieces]) for name in names},
-    )
-
-
-def _begun(path: Path, results: Results, joint: Fit) -> tuple[Telemetry, Grid, _Recipe]:
+def _begun(path: Path, results: Results) -> tuple[Telemetry, Grid, _Recipe]:
     """Return the first samples of a file, the grid of its Delta g, and the recipe for it."""
     head = read_stretch(path, 0, 2)
     size = grid(samples(path), head.fs)
     if not size.outputs:
         raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")
-    return head, size, _recipe(head, results, joint)
+    return head, size, _recipe(head, results, joint_of(results))
 
 
 def _described(recipe: _Recipe) -> dict[str, str]:
     """Return the channels of Delta g and what they are."""
-    left_out = _missing(recipe)
+    of = {"delta_g_SC": recipe.cross_talk, "g_Omega": recipe.turning, "g_dOmega": recipe.euler}
+    left_out = {name for name, what in of.items() if what is None}
     of_terms = {name: term.description for name, term in TERMS.items()}
     return of_terms | {name: what for name, what in SUMS.items() if name not in left_out}
-
-
-def _missing(recipe: _Recipe) -> set[str]:
-    have = {
-        "delta_g_SC": recipe.cross_talk,
-        "g_Omega": recipe.turning,
-        "g_dOmega": recipe.euler,
-    }
-    return {name for name, what in have.items() if what is None}
 
 
 def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
@@ -251,7 +219,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     notes = [warning.message for warning in known.warnings]
     epoch, period = str(head.alignment_epoch), inertial_period(head)
     fitted = results.cross_talk.get(epoch)
-    cross_talk = {name: e.value for name, e in fitted.parameters.items()} if fitted else {}
+    cross_talk = fitted.values if fitted else {}
     if not cross_talk:
         notes.append(f"delta_g_SC is left out: the calibration has no cross_talk of alignment epoch {epoch}")
     elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):

@@ -122,8 +122,8 @@ ALONG = ("bump", "deltagfull2", "")  # none: what experiments depart by
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
 
-#: Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by inertial period.
-MISALIGNMENT = {
+# Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by inertial period.
+_MISALIGNMENTS = {
     "1": ((-0.47e-3, 0.03e-3), (-0.066e-3, 0.007e-3)),
     "2": ((-0.40e-3, 0.03e-3), (-0.032e-3, 0.003e-3)),
     "3": ((-0.39e-3, 0.02e-3), (-0.137e-3, 0.003e-3)),
@@ -144,7 +144,7 @@ def joint_names(epochs: Iterable[int]) -> tuple[str, ...]:
 
 
 def joint_parameter(name: str) -> Parameter:
-    """Return a parameter of the joint fit.
+    """Return a parameter of the joint fit, or what is fitted along (`cross_talk_parameter`).
 
     For an alignment epoch the flight did not have, the rms of its four values sets the scale.
 
@@ -153,6 +153,8 @@ def joint_parameter(name: str) -> Parameter:
     KeyError
         If `name` is no joint parameter.
     """
+    if name in _CROSS_TALK:
+        return cross_talk_parameter(name)
     match = re.fullmatch(r"delta_ifo_(\d+)", name)
     if name in FLIGHT or match is None:
         return FLIGHT[name]
@@ -175,6 +177,17 @@ def cross_talk_parameter(name: str) -> Parameter:
     symbols = (f"{letter}<sub>{index}</sub>", rf"{letter}_{{\rm {index}}}")
     equation = "bump" if letter == "b" else "deltagfull2"
     return Parameter(name, 0.0, width, unit, width, equation, *symbols, description, flown=False)
+
+
+def misalignments(period: str) -> tuple[Parameter, ...]:
+    """Return delta_phi and delta_eta, with their flight values if the inertial period was flown."""
+    flown = period in _MISALIGNMENTS
+    flight = _MISALIGNMENTS.get(period, ((0.0, 0.0), (0.0, 0.0)))
+    about = (("delta_phi", "δ<sub>φ</sub>", "z"), ("delta_eta", "δ<sub>η</sub>", "y"))
+    return tuple(
+        Parameter(name, *both, "rad", 1e-3, "gomegafinal", html, name, f"misalignment about {axis}", flown)
+        for (name, html, axis), both in zip(about, flight, strict=True)
+    )
 
 
 def stiffness_terms(j: int, F_max: float, N_max: float) -> dict[str, float]:

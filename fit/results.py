@@ -115,6 +115,11 @@ class Fit(Displayed):
             raise InputError(f"{name} {why}, expected one of {', '.join(self.parameters) or 'none'}")
         return self.parameters[name]
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The estimates by name, in their units."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.parameters)
 

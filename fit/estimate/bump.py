@@ -213,11 +213,11 @@ def sums(values: Mapping[str, float], inertial: Fit | None) -> dict[str, float]:
     """Put back what `separate` took off: the coefficients that correct Delta g_x of runs of that period."""
     if inertial is None:
         return dict(values)
-    deltas = {name: e.value for name, e in inertial.parameters.items()}
-    return {
-        name: value + _PARTS[name][1] * BASELINE * deltas[_PARTS[name][0]] if name in _PARTS else value
-        for name, value in values.items()
+    deltas = inertial.values
+    parts = {
+        name: sign * BASELINE * deltas[delta] for name, (delta, sign) in _PARTS.items() if delta in deltas
     }
+    return {name: value + parts.get(name, 0.0) for name, value in values.items()}
 
 
 def joined(cross_talk: Fit) -> Fit:
@@ -250,7 +250,7 @@ def separate(cross_talk: Fit, inertial: Fit, period: str) -> Fit:
     J = np.zeros((len(order), len(deltas)))
     for name, (delta, sign) in parts.items():
         J[order.index(name), deltas.index(delta)] = sign * BASELINE
-    shift = J @ [inertial.parameters[name].value for name in deltas]
+    shift = J @ list(inertial.values.values())
     covariance = cross_talk.covariance + J @ inertial.covariance @ J.T
     sigma = np.sqrt(np.diag(covariance))
     parameters = {

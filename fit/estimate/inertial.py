@@ -26,7 +26,7 @@ from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome
 from fit.estimate.likelihood import weights
 from fit.estimate.runs import LEAST, smooth_noise
 from fit.model import dynamics, dynamics_of, inertial, rate, rotation
-from fit.paper import Parameter, cross_talk_parameter
+from fit.paper import cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
 from fit.telemetry import Telemetry
@@ -35,10 +35,7 @@ from fit.warnings import FitWarning
 Array = NDArray[np.float64]
 
 NAMES = ("delta_phi", "delta_eta")
-PARAMETERS = (
-    *(Parameter(name, 0.0, 0.0, "rad", 1e-3, "gomegafinal", name, name, "misalignment") for name in NAMES),
-    *(replace(cross_talk_parameter(name), value=0.0) for name in ("b_1", "b_2")),
-)
+PARAMETERS = (*misalignments("none flown"), *map(cross_talk_parameter, ("b_1", "b_2")))
 BAND = (30e-6, 2e-3)  # Hz
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
 

@@ -101,8 +101,7 @@ def reconstruction(joint: Fit | None, F_max: float, N_max: float) -> tuple[float
     of_terms = [order.index(name) for name in terms]
     factors = np.array(list(terms.values()))
     variance = factors @ joint.covariance[np.ix_(of_terms, of_terms)] @ factors
-    values = {name: joint.parameters[name].value for name in terms}
-    return stiffness(2, values, F_max, N_max), math.sqrt(max(float(variance), 0.0))
+    return stiffness(2, joint.values, F_max, N_max), math.sqrt(max(float(variance), 0.0))
 
 
 def stiffness_pull(point: StiffnessPoint, joint: Fit | None) -> float | None:

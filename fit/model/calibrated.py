@@ -48,8 +48,8 @@ def dynamics_of(run: Telemetry, joint: Fit) -> Dynamics:
     names = joint_names([run.alignment_epoch])
     known = [name for name in names if name in joint.parameters]
     held = [name for name in names if name not in joint.parameters]
-    values = {name: joint.parameters[name].value for name in known}
-    values |= {name: 0.0 if name.startswith("delta_ifo") else joint_parameter(name).value for name in held}
+    values = {name: 0.0 if name.startswith("delta_ifo") else joint_parameter(name).value for name in held}
+    values |= joint.values
     order = list(joint.parameters)
     covariance = np.diag([joint_parameter(name).prior_sigma ** 2 for name in names])
     at = [names.index(name) for name in known]

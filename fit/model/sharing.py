@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.model import dynamics
-from fit.paper import Parameter, cross_talk_parameter, joint_parameter, stiffness_terms
+from fit.paper import Parameter, joint_parameter, stiffness_terms
 from fit.settings import Group
 from fit.telemetry import Telemetry
 
@@ -60,9 +60,5 @@ class Sharing:
         return np.array([[row.get(name, 0.0) for name in names] for row in rows])
 
     def _parameter(self, base: str, run: Telemetry) -> Parameter:
-        if base in dynamics.CROSS_TALK:
-            parameter = cross_talk_parameter(base)
-        else:
-            of_epoch = f"{base}_{run.alignment_epoch}" if base == "delta_ifo" else base
-            parameter = joint_parameter(of_epoch)
-        return replace(parameter, name=self.name(base, run))
+        of_epoch = f"{base}_{run.alignment_epoch}" if base == "delta_ifo" else base
+        return replace(joint_parameter(of_epoch), name=self.name(base, run))

@@ -150,8 +150,7 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
     """
     known = experiment_parameters(run.authority, run.alignment_epoch)
     values = {name: p.value for name, p in known.items()}
-    values |= {name: e.value for name, e in results.experiments[run.experiment].parameters.items()}
-    return values | _cross_talk(results, run)
+    return values | results.experiments[run.experiment].values | _cross_talk(results, run)
 
 
 def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
@@ -160,9 +159,8 @@ def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
     fit = results.cross_talk.get(epoch)
     if fit is None:
         return {}
-    values = {key: e.value for key, e in fit.parameters.items()}
     period = (results.provenance.cross_talk_periods or {}).get(epoch, "")
-    return sums(values, results.inertial.get(period)) if is_separated(fit) else values
+    return sums(fit.values, results.inertial.get(period)) if is_separated(fit) else fit.values
 
 
 def drawings(

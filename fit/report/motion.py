@@ -7,7 +7,7 @@ from pathlib import Path
 from fit import deltag
 from fit.figures import Drawing, drawing
 from fit.figures import motion as figures_motion
-from fit.paper import MISALIGNMENT, Parameter, cross_talk_parameter
+from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.report.parts import Part
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
@@ -67,29 +67,17 @@ def _inertial(period: str, fit: Fit) -> Part:
 
 def parameters(period: str, fit: Fit) -> list[Parameter]:
     """Return the misalignments of an inertial period, with their flight values where it was flown."""
-    flight = MISALIGNMENT.get(period)
-    known = []
-    for i, (name, axis, html) in enumerate(
-        (("delta_phi", "z", "δ<sub>φ</sub>"), ("delta_eta", "y", "δ<sub>η</sub>"))
-    ):
-        value, sigma = flight[i] if flight else (fit.parameters[name].value, 0.0)
-        what = f"misalignment about {axis}"
-        known.append(
-            Parameter(
-                name, value, sigma, "rad", 0.0, "gomegafinal", html, name, what, flown=flight is not None
-            )
-        )
-    return known
+    return [p if p.flown else _scaled(p, fit) for p in misalignments(period)]
 
 
 def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:
     if results.joint is None or not runs:
         return ()
-    series = [deltag.series(run.path, results, results.joint) for run in runs]
-    rates = [1 / (time[1] - time[0]) for time, _ in series]
+    products = [deltag.delta_g(run, results) for run in runs]
+    rates = [product.fs for product in products]
     if max(rates) - min(rates) > 1e-6:
         return ()  # no common spectrum
-    found = figures_motion.spectra([channels for _, channels in series], rates[0])
+    found = figures_motion.spectra([product.channels for product in products], rates[0])
     ratio, error = figures_motion.gain(found)
     days = sum(run.duration for run in runs) / 86400
     return (

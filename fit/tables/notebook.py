@@ -4,11 +4,12 @@ Importing the module registers it. The HTML leaves colours to the notebook, be i
 """
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 from markupsafe import Markup
 
 from fit.display import html, text
-from fit.paper import Parameter, cross_talk_parameter, joint_parameter
+from fit.paper import Parameter, joint_parameter
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.tables.lines import Lines, digits, estimates
@@ -142,12 +143,8 @@ def _table(fit: Fit) -> Markup:
 def _described(names: Iterable[str]) -> Iterable[Parameter]:
     """Yield what is known of parameters; those of a single experiment depend on its authority."""
     for name in names:
-        for find in (joint_parameter, cross_talk_parameter):
-            try:
-                yield find(name)
-                break
-            except KeyError:
-                continue
+        with suppress(KeyError):
+            yield joint_parameter(name)
 
 
 def _list(lines: Sequence[str]) -> Markup:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from markupsafe import Markup, escape
 
-from fit.paper import Parameter, cross_talk_parameter, experiment_parameters, joint_parameter
+from fit.paper import Parameter, experiment_parameters, joint_parameter
 from fit.results import WITHHELD, Estimate, Fit
 
 LIMIT = 4.0  # sigma: more is called a disagreement
@@ -85,14 +85,10 @@ def unit_text(unit: str, exponent: int = 0) -> str:
 
 def symbol(name: str) -> Markup:
     """Return the symbol of a parameter; of all texts only the parameters' own are trusted as HTML."""
-    for known in (joint_parameter, cross_talk_parameter, _of_an_experiment):
-        with suppress(KeyError):
-            return Markup(known(name).html)
+    of_an_experiment = experiment_parameters(((0.0, 0.0), (0.0, 0.0)), epoch=1)
+    with suppress(KeyError):
+        return Markup((of_an_experiment.get(name) or joint_parameter(name)).html)
     return escape(name)
-
-
-def _of_an_experiment(name: str) -> Parameter:
-    return experiment_parameters(((0.0, 0.0), (0.0, 0.0)), epoch=1)[name]
 
 
 def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:

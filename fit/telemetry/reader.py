@@ -90,6 +90,12 @@ class Telemetry(Displayed):
         """Force [N] and torque [N m] authority of test masses 1 and 2."""
         return (self.F_max_1, self.N_max_1), (self.F_max_2, self.N_max_2)
 
+    @property
+    def root(self) -> dict[str, object]:
+        """All root attributes of a file that holds the run."""
+        named = {name: getattr(self, name) for name in Root.model_fields}
+        return {"schema": SCHEMA, **named, **self.attributes}
+
     def to_xarray(self) -> "xarray.Dataset":
         """Return the run, all of it in memory, as a dataset with units, as xarray would open the file.
 
@@ -107,10 +113,7 @@ class Telemetry(Displayed):
             told = {"units": self.units.get(name), "long_name": self.long_names.get(name)}
             channels[name] = ("time", values, {key: text for key, text in told.items() if text})
         time = ("time", self.time, {"units": "s", "long_name": f"time since {self.t0}"})
-        root = {name: getattr(self, name) for name in Root.model_fields}
-        dataset: xarray.Dataset = xr.Dataset(
-            channels, {"time": time}, {"schema": SCHEMA, **root, **self.attributes}
-        )
+        dataset: xarray.Dataset = xr.Dataset(channels, {"time": time}, self.root)
         return dataset
 
 

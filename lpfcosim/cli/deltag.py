@@ -35,7 +35,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
     }
     for name, path in outputs.items():
         with folder.held(directory), console.stage(str(path)):
-            notes = write_delta_g(path, directory / name, results, joint, {**origin, "source": path.name})
+            notes = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
         for note in notes:
             console.note(f"warning: {note}")
         console.say(str(directory / name))

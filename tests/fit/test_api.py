@@ -230,7 +230,7 @@ def test_without_xarray_one_sentence_says_so(runs, monkeypatch):
 def test_delta_g_is_that_of_the_product_file(runs, results, tmp_path):
     run = runs[-1]
     found = fit.delta_g(run, results)
-    notes = write_delta_g(run.path, tmp_path / "D-deltag.h5", results, results.joint, {})
+    notes = write_delta_g(run.path, tmp_path / "D-deltag.h5", results, {})
     with h5py.File(tmp_path / "D-deltag.h5") as file:
         names = set(file) - {"time"}
         assert set(found.channels) == names

@@ -38,7 +38,7 @@ def calibrated(world, *, cross_talk=True):
 
 
 def product(path, out, results):
-    notes = write_delta_g(path, out, results, results.joint, {"calibration_sha256": "abc"})
+    notes = write_delta_g(path, out, results, {"calibration_sha256": "abc"})
     with xarray.open_dataset(out, engine="h5netcdf") as file:
         return file.load(), notes
 
@@ -141,7 +141,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
     for days in (0.4, 1.6):
         path = write(tmp_path, run(LATE, duration=days * DAY, name="long")[0], LATE)
         tracemalloc.start()
-        write_delta_g(path, tmp_path / "p.h5", calibrated(LATE), calibrated(LATE).joint, {})
+        write_delta_g(path, tmp_path / "p.h5", calibrated(LATE), {})
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.1 * peaks[0]
@@ -200,17 +200,17 @@ def test_nothing_is_left_of_what_fails(recorded, tmp_path):
     with h5py.File(path, "a") as file:
         file["f_x_2"][9_000] = np.inf
     with pytest.raises(InputError, match=r"short\.h5: channel f_x_2: inf at sample 9000"):
-        write_delta_g(path, tmp_path / "p.h5", results, results.joint, {})
+        write_delta_g(path, tmp_path / "p.h5", results, {})
     assert [p.name for p in tmp_path.iterdir()] == ["short.h5"]
     with pytest.raises(FitError, match=r"nowhere/p\.h5: cannot be written"):
-        write_delta_g(recorded[0], tmp_path / "nowhere" / "p.h5", results, results.joint, {})
+        write_delta_g(recorded[0], tmp_path / "nowhere" / "p.h5", results, {})
 
 
 def test_too_short_a_run_is_refused(tmp_path):
     write(tmp_path, run(LATE, duration=20, name="tiny")[0], LATE)
     results = calibrated(LATE)
     with pytest.raises(InputError, match=r"tiny\.h5: 20 samples, expected more than 20"):
-        write_delta_g(tmp_path / "tiny.h5", tmp_path / "p.h5", results, results.joint, {})
+        write_delta_g(tmp_path / "tiny.h5", tmp_path / "p.h5", results, {})
 
 
 def command(monkeypatch, *arguments):
