@@ -4,7 +4,7 @@
 """
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from fit.estimate import pulls
 from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, convert, inside, is_map, read_all, read_truth
+from fit.telemetry import Telemetry, convert, inside, is_map, read_all
 
 PathLike = str | os.PathLike[str]
 
@@ -71,7 +71,8 @@ def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:
     FitError
         If no estimate comes out that can be trusted.
     """
-    return _told(pipeline.calibrate(runs, settings(chosen, "calibrate")), runs)
+    results = pipeline.calibrate(runs, settings(chosen, "calibrate"))
+    return pulls.with_truth(results, runs)  # now that the fit is done: it must not see them
 
 
 def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
@@ -97,15 +98,7 @@ def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
         If no estimate comes out that can be trusted.
     """
     fit_results.joint_of(results)
-    return _told(pipeline.calibrate_inertial(runs, results), runs)
-
-
-def _told(results: Results, runs: Sequence[Telemetry]) -> Results:
-    """Add truth and pull, now that the fit is done: it must not see them."""
-    truths: Mapping[str, Mapping[str, float]] = {
-        run.run: read_truth(run.path) if run.path.is_file() else {} for run in runs
-    }
-    return pulls.with_truth(results, runs, truths)
+    return pulls.with_truth(pipeline.calibrate_inertial(runs, results), runs)
 
 
 def load_results(path: PathLike) -> Results:

@@ -6,7 +6,7 @@
 Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi. The Euler term is then
 d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 
-* If the calibration has told the two apart (`is_separated`), both terms count at all frequencies.
+* If the calibration has told the two apart (`bump.is_separated`), both terms count at all frequencies.
 * If not, b_1 and b_2 contain the Euler term. So that it does not count twice, g_dOmega is then taken below
   `SPLIT`, where delta_phi and delta_eta were fitted, and delta_g_SC above, where b_1 to b_6 were fitted. The
   two filters add up to one. This leaves out the true b_1 and b_2 times phi'' and eta'' below `SPLIT`, some
@@ -26,8 +26,8 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.estimate import bump
 from fit.estimate import inertial as euler_fit
-from fit.estimate import is_separated
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.results import Fit, Results, joint_of
 from fit.signal import derivatives
@@ -236,7 +236,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
             euler = (fit.parameters["delta_phi"].value, fit.parameters["delta_eta"].value)
         else:
             notes.append(f"g_dOmega is left out: the calibration has no inertial period {period}")
-    split = bool(cross_talk and euler and fitted and not is_separated(fitted))
+    split = bool(cross_talk and euler and fitted and not bump.is_separated(fitted))
     return _Recipe(known, cross_talk or None, turning, euler, split, tuple(notes))
 
 

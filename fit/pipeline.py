@@ -9,17 +9,15 @@ from fit.estimate import (
     Known,
     Outcome,
     Prepared,
-    as_fit,
     bump,
-    diagnose,
     divide,
     fit_experiment,
     fit_joint,
     inertial,
-    is_separated,
     known_of,
     pair,
     prepare,
+    residuals,
     verdict,
 )
 from fit.model import Sharing, rotation
@@ -116,7 +114,7 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     """Take the Euler force off the cross-talk of every epoch whose runs lie in one fitted period."""
     found = dict(results.cross_talk)
     for epoch, period in (results.provenance.cross_talk_periods or {}).items():
-        if period in fits and epoch in found and not is_separated(found[epoch]):
+        if period in fits and epoch in found and not bump.is_separated(found[epoch]):
             found[epoch] = bump.separate(found[epoch], fits[period], period)
     return found
 
@@ -206,7 +204,7 @@ def _together(ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Se
         raise FitError(f"{error}{verdict.suspects(alone)}") from error
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in taking_part}, taking_part)
-    return _Together(outcome, as_fit(outcome, taking_part))
+    return _Together(outcome, verdict.as_fit(outcome, taking_part))
 
 
 def _judged(
@@ -259,9 +257,9 @@ def _of_experiment(
             raise own
         # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("not_fitted_alone", (), str(own))
-    fit = as_fit(own, [experiment], from_joint=bool(known and own.tone))
+    fit = verdict.as_fit(own, [experiment], from_joint=bool(known and own.tone))
     more = (*ready.prepared[experiment.name].warnings, *verdict.of_experiment(experiment, own, fit))
-    return _warned(replace(fit, diagnostics=diagnose(experiment, own)), more)
+    return _warned(replace(fit, diagnostics=residuals.diagnose(experiment, own)), more)
 
 
 def _cross_talk(

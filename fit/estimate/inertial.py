@@ -20,11 +20,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import FitError, InputError
+from fit.errors import FitError
 from fit.estimate import linear
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
 from fit.estimate.likelihood import weights
-from fit.estimate.runs import LEAST, smooth_noise
+from fit.estimate.runs import check_left, smooth_noise
 from fit.model import dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
@@ -131,11 +131,7 @@ class _Turning:
         columns = np.column_stack([turned, inertial.euler(motion.dOmega), motion.swing, uncertain])
         # Constants and ramps are projected out below; large ones would cost digits.
         whole = spectra.transform(columns - columns.mean(axis=0), terms.valid & motion.valid, terms.fs)
-        if np.mean(whole.window**2) < LEAST:
-            raise InputError(
-                f"{run.path}: missing samples in read-outs, torques or angles lie so widely scattered that "
-                f"masking leaves less than {100 * LEAST:g} % of the run, expected longer stretches"
-            )
+        check_left(run, whole.window, "missing samples in read-outs, torques or angles")
         self._terms = whole.band(*BAND)
         self._model: NoiseModel | None = None
         self.run, self.correlation, self.missing = run.run, of_run.correlation, channels.missing

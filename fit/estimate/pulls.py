@@ -33,15 +33,16 @@ def with_truth(
     telemetries : sequence of Telemetry
         The runs that were fitted.
     truths : mapping of str to mapping of str to float, optional
-        The true values by run; otherwise the ``/truth`` of each file is read.
+        The true values by run; otherwise the ``/truth`` of each file is read, where there is one.
     """
-    known = {t.run: read_truth(t.path) for t in telemetries} if truths is None else truths
-    runs = [(t, _derived_truth(known[t.run], t)) for t in telemetries]
+    if truths is None:
+        truths = {t.run: read_truth(t.path) if t.path.is_file() else {} for t in telemetries}
+    runs = [(t, _derived_truth(truths[t.run], t)) for t in telemetries]
     driven, noise = ([run for run in runs if run[0].kind == kind] for kind in ("sysid", "noise"))
 
     def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
-        truths = {name: [truth for t, truth in among if key(t) == name] for name in fits}
-        return {name: _fit_with_truth(fit, truths[name]) for name, fit in fits.items()}
+        own = {name: [truth for t, truth in among if key(t) == name] for name in fits}
+        return {name: _fit_with_truth(fit, own[name]) for name, fit in fits.items()}
 
     return replace(
         results,

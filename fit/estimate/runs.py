@@ -84,12 +84,17 @@ class Run:
         if last is None or max(abs(tau[0] - last.tau[0]), abs(tau[1] - last.tau[1])) > CLOSE:
             terms = self.columns(tau)
             self._last = last = spectra.transform(terms.values, terms.valid, terms.fs, tau)
-            if np.mean(last.window**2) < LEAST:
-                raise InputError(
-                    f"{self.telemetry.path}: {self.channels.missing} missing samples lie so widely scattered "
-                    f"that masking leaves less than {100 * LEAST:g} % of the run, expected longer stretches"
-                )
+            check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
         return last
+
+
+def check_left(run: Telemetry, window: Array, missing: str) -> None:
+    """Refuse a run of whose window, shape (N,), too little is left by what is missing."""
+    if np.mean(window**2) < LEAST:
+        raise InputError(
+            f"{run.path}: {missing} lie so widely scattered that masking leaves less than "
+            f"{100 * LEAST:g} % of the run, expected longer stretches"
+        )
 
 
 @dataclass(frozen=True)

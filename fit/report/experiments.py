@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from fit.estimate import is_separated, sums
+from fit.estimate import bump
 from fit.figures import Drawing, Plot, drawing
 from fit.figures import runs as figures
 from fit.paper import experiment_parameters
@@ -160,7 +160,7 @@ def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
     if fit is None:
         return {}
     period = (results.provenance.cross_talk_periods or {}).get(epoch, "")
-    return sums(fit.values, results.inertial.get(period)) if is_separated(fit) else fit.values
+    return bump.sums(fit.values, results.inertial.get(period)) if bump.is_separated(fit) else fit.values
 
 
 def drawings(

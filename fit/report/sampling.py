@@ -6,7 +6,7 @@ from pathlib import Path
 from markupsafe import Markup
 from pydantic import BaseModel
 
-from fit.estimate import SAME, Pulls, pulls, sampling
+from fit.estimate import Pulls, earlier, pulls, sampling
 from fit.figures import Drawing
 from fit.files import documents
 from fit.report.parts import Part
@@ -37,11 +37,16 @@ class _Chain(BaseModel):
     largest_tau: float
 
 
+class _Origin(BaseModel):
+    campaign: str | None = None
+    redraw: bool = False
+
+
 class _Study(BaseModel):
     n: int
     parameters: dict[str, Pulls]
     failed: dict[str, str] = {}
-    provenance: dict[str, object] = {}
+    provenance: _Origin = _Origin()
 
 
 def parts(results: Results, directory: Path) -> list[Part]:
@@ -115,7 +120,7 @@ def _belongs(chain: _Chain, results: Results) -> bool:
     return (
         all(
             abs((chain.parameters[name].mean - e.value) / e.sigma - chain.parameters[name].shift_in_sigma)
-            < SAME
+            < earlier.SAME
             for name, e in joint.items()
             if name in chain.parameters
         )
@@ -136,10 +141,10 @@ def _study(study: _Study, folder: Path) -> Part:
         )
         for name, p in study.parameters.items()
     )
-    campaign, redraw = study.provenance.get("campaign"), study.provenance.get("redraw")
+    origin = study.provenance
     text = (
-        f"{study.n} calibrations{f' of {campaign}' if isinstance(campaign, str) else ''} with new noise"
-        f"{' and new truths' if redraw is True else ''}; {len(study.failed)} failed."
+        f"{study.n} calibrations{f' of {origin.campaign}' if origin.campaign else ''} with new noise"
+        f"{' and new truths' if origin.redraw else ''}; {len(study.failed)} failed."
     )
     about = (
         "Pulls (estimate − truth) / σ of every parameter, each ± the Monte Carlo error: for true sigmas mean "

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup, escape
 
-from fit.estimate import Stationarity, about_mean, independent
+from fit.estimate import residuals
 from fit.figures import Drawing, drawing
 from fit.figures import mission as figures_mission
 from fit.paper import FLIGHT, GAIN_CHI2_RED, GAIN_MEAN, GAIN_SCATTER, Parameter, joint_names, joint_parameter
@@ -153,10 +153,10 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
 
 
 def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
-    estimates = list(independent(results.experiments).values())
+    estimates = list(residuals.independent(results.experiments).values())
     if len(estimates) < 2:
         return None
-    found = about_mean(estimates)
+    found = residuals.about_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
     of_joint = tables.number(joint.value, joint.sigma) if joint else None
@@ -178,7 +178,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
     return Part("gain", "Stationarity of the gain", _gain_verdict(found), (grid,), pictures)
 
 
-def _gain_verdict(found: Stationarity) -> Markup:
+def _gain_verdict(found: residuals.Stationarity) -> Markup:
     if found.p_value >= DOUBTFUL:
         return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
     mean = tables.number(found.mean, found.sigma_with_scatter)
@@ -193,7 +193,7 @@ def _p_value(p: float) -> str:
 
 
 def _gain_figure(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:
-    alone = independent(results.experiments)
+    alone = residuals.independent(results.experiments)
     points = [
         figures_mission.GainPoint(
             np.datetime64(datetime.fromisoformat(run.t0).replace(tzinfo=None)),

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import fit.errors
-from fit.estimate import document, expected_fit
+from fit.estimate import forecast as forecasts
 from fit.paper import FLIGHT
 from fit.results import Fit
 from fit.settings import settings
@@ -25,10 +25,10 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         console.note("FMUs of other origin are taken to behave as ours do")
     try:
         with console.stage("forecast"):
-            expected = expected_fit(planned(plan), chosen)
+            expected = forecasts.expected_fit(planned(plan), chosen)
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
-    text = json.dumps(document(expected), indent=1, allow_nan=False)
+    text = json.dumps(forecasts.document(expected), indent=1, allow_nan=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "forecast.json").write_text(text + "\n", encoding="utf-8")
