@@ -172,7 +172,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
-    prepared = {p.experiment.name: p for p in prepare(found, chosen)}
+    prepared = {e.name: prepare(e, chosen) for e in found}
     taking_part, short, excluded = divide([p.experiment for p in prepared.values()], chosen)
     spoilt = [e for e in taking_part if prepared[e.name].spoilt]
     if len(spoilt) == len(taking_part):

@@ -27,11 +27,6 @@ class Settings(Table):
     shared: dict[str, Group]
 
 
-def _default() -> dict[str, object]:
-    table: dict[str, object] = documents.toml(Path(__file__).with_name("default.toml"), "settings")["fit"]
-    return table
-
-
 def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -> Settings:
     """Return the settings with what is chosen on top of the default.
 
@@ -47,9 +42,10 @@ def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -
     InputError
         If a key or a value is not known.
     """
-    chosen, default = dict(chosen or {}), _default()
+    default = documents.toml(Path(__file__).with_name("default.toml"), "settings")["fit"]
+    chosen = dict(chosen or {})
     shared, known = chosen.pop("shared", {}), default.pop("shared")
-    if not isinstance(shared, Mapping) or not isinstance(known, dict):
+    if not isinstance(shared, Mapping):
         raise InputError(f"{where}.shared: {quote(shared)}, expected a table of parameters")
     for name in shared:
         if name not in known:

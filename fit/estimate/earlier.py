@@ -65,7 +65,7 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
         Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
     ]
     how = settings(chosen, f"{where}: provenance.settings")
-    outcome = fit_joint([p.experiment for p in prepare(experiments, how)], how)
+    outcome = fit_joint([prepare(e, how).experiment for e in experiments], how)
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     for name, estimate in results.joint.parameters.items():
         if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:

@@ -15,7 +15,7 @@ however far the truth is from the flight's. What stands out most is masked first
 coefficients and PSD; then all begins again, until nothing new stands out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -265,7 +265,7 @@ class Prepared:
         return "; ".join(w.message for w in self.warnings if w.code in _SPOILT)
 
 
-def prepare(experiments: Sequence[Experiment], chosen: Settings) -> list[Prepared]:
+def prepare(experiment: Experiment, chosen: Settings) -> Prepared:
     """Mask what the equation does not hold for.
 
     Raises
@@ -273,10 +273,6 @@ def prepare(experiments: Sequence[Experiment], chosen: Settings) -> list[Prepare
     InputError
         If missing samples leave too little of a run.
     """
-    return [_prepare(e, chosen) for e in experiments]
-
-
-def _prepare(experiment: Experiment, chosen: Settings) -> Prepared:
     sysid, told = without_saturation(experiment.sysid)
     noise, told_of_noise = without_saturation(experiment.noise) if experiment.noise else (None, ())
     found = Prepared(Experiment(sysid, noise), (*told, *told_of_noise))

@@ -28,18 +28,18 @@ COLOURS: Mapping[str, str] = {
 }
 WIDTH, WIDE = 3.375, 7.0  # inch: one column and both of a journal's page
 _STYLE: Any = {  # rc parameters; letters are readable in print and on a telephone of the same width
-    "axes.edgecolor": COLOURS["muted"],
+    **dict.fromkeys(("axes.labelcolor", "axes.titlecolor", "text.color"), COLOURS["ink"]),
+    **dict.fromkeys(("axes.edgecolor", "xtick.color", "ytick.color"), COLOURS["muted"]),
+    **dict.fromkeys(("figure.facecolor", "savefig.facecolor"), COLOURS["paper"]),
+    **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2.5),
+    **dict.fromkeys(("xtick.minor.size", "ytick.minor.size"), 1.5),
+    **{f"figure.constrained_layout.{side}_pad": 0.03 for side in "hw"},
     "axes.facecolor": "none",
     "axes.grid": True,
-    "axes.labelcolor": COLOURS["ink"],
     "axes.linewidth": 0.6,
-    "axes.titlecolor": COLOURS["ink"],
     "axes.titlelocation": "left",
     "axes.titlesize": 7.2,
     "axes.unicode_minus": True,
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
-    "figure.facecolor": COLOURS["paper"],
     "font.size": 7.0,
     "grid.color": COLOURS["grid"],
     "grid.linewidth": 0.5,
@@ -49,17 +49,9 @@ _STYLE: Any = {  # rc parameters; letters are readable in print and on a telepho
     "lines.linewidth": 0.9,
     "lines.markersize": 3.0,
     "pdf.fonttype": 42,
-    "savefig.facecolor": COLOURS["paper"],
     "svg.fonttype": "path",
     "svg.hashsalt": "fit",
-    "text.color": COLOURS["ink"],
     "text.usetex": False,
-    "xtick.color": COLOURS["muted"],
-    "xtick.major.size": 2.5,
-    "xtick.minor.size": 1.5,
-    "ytick.color": COLOURS["muted"],
-    "ytick.major.size": 2.5,
-    "ytick.minor.size": 1.5,
 }
 FAMILY = "Figure Sans"
 _BLOCKS = ((0x20, 0x250), (0x2B0, 0x400), (0x2010, 0x2060), (0x2070, 0x20A0), (0x2190, 0x2300))

@@ -43,7 +43,7 @@ def _(fit: Fit) -> str:
 
 @html.register
 def _(fit: Fit) -> str:
-    return Markup("<div>{}{}{}</div>").format(_table(fit), _paragraph(_state(fit)), _list(_messages(fit)))
+    return Markup("<div>{}<p>{}</p>{}</div>").format(_table(fit), _state(fit), _list(_messages(fit)))
 
 
 @text.register
@@ -150,7 +150,3 @@ def _described(names: Iterable[str]) -> Iterable[Parameter]:
 def _list(lines: Sequence[str]) -> Markup:
     items = Markup().join(Markup("<li>{}</li>").format(line) for line in lines)
     return Markup("<ul>{}</ul>").format(items) if items else items
-
-
-def _paragraph(line: str) -> Markup:
-    return Markup("<p>{}</p>").format(line)
