@@ -29,11 +29,8 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 ANSWER = 10  # s that a scheduler has to answer
-_SAME = (
-    "lpfcosim",
-    "numpy",
-    "scipy",
-)  # must be the same on a worker, for the last bits depend on them
+#: Must be the same on a worker, for the last bits depend on them.
+_SAME = ("lpfcosim", "numpy", "scipy")
 
 
 class Cluster:

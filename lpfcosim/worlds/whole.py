@@ -6,15 +6,13 @@ from lpfcosim.network import Component
 from lpfcosim.signals import Source, tail
 from lpfcosim.spacecraft import Run, Spacecraft
 from lpfcosim.worlds import along_x, whole_loops, whole_plant
-from lpfcosim.worlds.whole_rigid import equipment
+from lpfcosim.worlds.whole_loops import THRUST
+from lpfcosim.worlds.whole_rigid import ANGLES, AXES, TILT, equipment
 from lpfcosim.worlds.world import World
 
 _GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
-_POSITIONS, _ANGLES = ("x", "y", "z"), ("theta", "eta", "phi")
-_THRUST = ("F_x_sc", "F_y_sc", "F_z_sc", "N_x_sc", "N_y_sc", "N_z_sc")
-_MOTION = tuple(f"{k}_{j}" for j in (1, 2) for k in (*_POSITIONS, *_ANGLES))
+_MOTION = tuple(f"{k}_{j}" for j in (1, 2) for k in (*AXES, *ANGLES))
 _LATERAL = tuple(f"{k}_{j}" for j in (1, 2) for k in ("y", "z"))
-_TORQUES = tuple(f"{k}_{j}" for j in (1, 2) for k in _ANGLES)
 
 
 def _from(model: str, *variables: str) -> dict[str, str]:
@@ -37,7 +35,7 @@ _CONTROLLED = {  # what is asked of the electrostatic actuation, and by whom
 COMPONENTS = (
     Component(
         "WholeMetrology",
-        _from("WholePlant", *(f"{k}_{j}" for k in (*_POSITIONS, "eta", "phi") for j in (1, 2)))
+        _from("WholePlant", *(f"{k}_{j}" for k in (*AXES, "eta", "phi") for j in (1, 2)))
         | _signals(*(f"n_{k}" for k in ("1", "12", "phi_1", "phi_12", "eta_1", "eta_12"))),
         ("o_1", "o_12", "o_phi_1", "o_phi_12", "o_eta_1", "o_eta_12"),
         truths={**along_x.METROLOGY_TRUTHS, **{f"b_{i}": (f"b_{i}",) for i in (1, 2, 3, 4)}},
@@ -49,15 +47,15 @@ COMPONENTS = (
     ),
     Component(
         "StarTracker",
-        _from("WholePlant", "Theta", "Eta", "Phi") | _signals(*(f"n_ast_{k}" for k in _ANGLES)),
-        tuple(f"ast_{k}" for k in _ANGLES),
+        _from("WholePlant", "Theta", "Eta", "Phi") | _signals(*(f"n_ast_{k}" for k in ANGLES)),
+        tuple(f"ast_{k}" for k in ANGLES),
     ),
     Component(
         "WholeDragFreeControl",
         _from("WholeMetrology", "o_1")
         | _signals("guidance_o_1")
         | _from("InertialSensor", "grs_y_1", "grs_y_2", "grs_z_1", "grs_z_2", "grs_theta_1"),
-        _THRUST,
+        THRUST,
     ),
     Component(
         "WholeSuspensionControl",
@@ -71,8 +69,8 @@ COMPONENTS = (
     ),
     Component(
         "AttitudeControl",
-        _from("StarTracker", *(f"ast_{k}" for k in _ANGLES))
-        | _signals(*(f"attitude_{k}" for k in _ANGLES)),
+        _from("StarTracker", *(f"ast_{k}" for k in ANGLES))
+        | _signals(*(f"attitude_{k}" for k in ANGLES)),
         (*(f"F_control_{k}" for k in _LATERAL), "N_control_theta_1"),
     ),
     Component(
@@ -82,7 +80,7 @@ COMPONENTS = (
         (
             *("f_x_1", "f_x_2", "f_applied_1", "f_applied_2"),
             *(f"{kind}_{k}" for kind in ("F", "F_applied") for k in _LATERAL),
-            *(f"{kind}_{k}" for kind in ("N", "N_applied") for k in _TORQUES),
+            *(f"{kind}_{k}" for kind in ("N", "N_applied") for k in TILT),
         ),
         truths=along_x.ACTUATION_TRUTHS,
     ),
@@ -90,12 +88,12 @@ COMPONENTS = (
         "WholePlant",
         _from(
             "WholeActuation", "f_applied_1", "f_applied_2",
-            *(f"F_applied_{k}" for k in _LATERAL), *(f"N_applied_{k}" for k in _TORQUES),
+            *(f"F_applied_{k}" for k in _LATERAL), *(f"N_applied_{k}" for k in TILT),
         )
-        | _from("WholeDragFreeControl", *_THRUST)
+        | _from("WholeDragFreeControl", *THRUST)
         | _signals(
-            *(f"{kind}_noise_{k}_sc" for kind in ("F", "N") for k in _POSITIONS),
-            "g_1", "g_2", *(f"g_{k}" for k in _LATERAL), *(f"gamma_{k}" for k in _TORQUES),
+            *(f"{kind}_noise_{k}_sc" for kind in ("F", "N") for k in AXES),
+            "g_1", "g_2", *(f"g_{k}" for k in _LATERAL), *(f"gamma_{k}" for k in TILT),
         ),
         (*_MOTION, "Theta", "Eta", "Phi"),
         moves=True,
@@ -111,10 +109,10 @@ RECORD = {
     **_from("WholeMetrology", *COMPONENTS[0].outputs),
     **_from("WholeActuation", "f_x_1", "f_x_2"),
     **_signals("guidance_o_1", "guidance_o_12"),
-    **_from("WholeDragFreeControl", *_THRUST),
+    **_from("WholeDragFreeControl", *THRUST),
     **_from("InertialSensor", *COMPONENTS[1].outputs),
     **_from("StarTracker", *COMPONENTS[2].outputs),
-    **_from("WholeActuation", *(f"F_{k}" for k in _LATERAL), *(f"N_{k}" for k in _TORQUES)),
+    **_from("WholeActuation", *(f"F_{k}" for k in _LATERAL), *(f"N_{k}" for k in TILT)),
 }
 
 
@@ -127,12 +125,12 @@ _NAMES = {
     ),
     "rad": (
         *("Theta", "Eta", "Phi"),
-        *(f"{a}_{k}" for a in ("ast", "n_ast", "attitude") for k in _ANGLES),
-        *(f"{a}{k}_{j}" for a in ("", "n_grs_", "grs_") for k in _ANGLES for j in (1, 2)),
+        *(f"{a}_{k}" for a in ("ast", "n_ast", "attitude") for k in ANGLES),
+        *(f"{a}{k}_{j}" for a in ("", "n_grs_", "grs_") for k in ANGLES for j in (1, 2)),
         *(f"{a}_{k}_{j}" for a in ("o", "n") for k in ("eta", "phi") for j in (1, 12)),
     ),
-    "rad/s": tuple(f"Omega_{k}_start" for k in _ANGLES),
-    "rad/s2": tuple(f"gamma_{k}_{j}" for k in _ANGLES for j in (1, 2)),
+    "rad/s": tuple(f"Omega_{k}_start" for k in ANGLES),
+    "rad/s2": tuple(f"gamma_{k}_{j}" for k in ANGLES for j in (1, 2)),
     "m/s2": tuple(f"g_{k}_{j}" for k in "yz" for j in (1, 2)),
     "N": (
         *("F_y_sc", "F_z_sc", "F_noise_y_sc", "F_noise_z_sc", "F_max_yz"),
@@ -141,12 +139,12 @@ _NAMES = {
     "N.m": (
         *("N_max_theta", "N_max_eta"),
         *(f"N_{a}{k}_sc" for a in ("", "noise_") for k in "xyz"),
-        *(f"{a}_{k}_{j}" for a in ("N", "N_control", "N_applied") for k in _ANGLES for j in (1, 2)),
+        *(f"{a}_{k}_{j}" for a in ("N", "N_control", "N_applied") for k in ANGLES for j in (1, 2)),
     ),
     "s": ("tau_es",),
     "Hz": tuple(f"f_{k}_rot" for k in "uzipr"),
     "kg.m2": ("I_tm", "I_xx_sc", "I_yy_sc", "I_zz_sc"),
-    "s-2": (*(f"omega2_{k}" for k in ("y", "z", *_ANGLES)), "b_5", "b_6"),
+    "s-2": (*(f"omega2_{k}" for k in ("y", "z", *ANGLES)), "b_5", "b_6"),
     "m/rad": ("b_1", "b_2"),
     "1": ("b_3", "b_4", "lambda_N"),
     "m-1": ("leak_phi_1", "kappa_phi", "kappa_eta"),
@@ -163,7 +161,7 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
     inertia = {"I_xx_sc": sc.I_xx_sc, "I_yy_sc": sc.I_yy_sc, "I_zz_sc": sc.I_zz_sc}
     b = {f"b_{i}": value for i, value in enumerate(sc.b, 1)}
     cross_coupling = {name: b[name] for name in ("b_1", "b_2", "b_3", "b_4")}
-    rates = {f"Omega_{k}_start": rate for k, rate in zip(_ANGLES, sc.Omega_DC, strict=True)}
+    rates = {f"Omega_{k}_start": rate for k, rate in zip(ANGLES, sc.Omega_DC, strict=True)}
     return {
         "WholeMetrology": {**x["OpticalMetrology"], **cross_coupling},
         "InertialSensor": {},
@@ -194,14 +192,14 @@ def sources(run: Run) -> tuple[Source, ...]:
     """Streams of noise along x and beyond; a level with a knee rises as 1/f below it."""
     noise = run.noise
     levels = [(f"n_{k}_{j}", noise.dws, 0.0) for k in ("phi", "eta") for j in (1, 12)]
-    levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in _POSITIONS]
-    levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in _ANGLES]
-    levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in _ANGLES]
+    levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in AXES]
+    levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in ANGLES]
+    levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in ANGLES]
     knee = along_x.THRUSTER_KNEE[noise.thrusters]
     levels += [(f"F_noise_{k}_sc", noise.thruster, knee) for k in ("y", "z")]
-    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, knee) for k in _POSITIONS]
+    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, knee) for k in AXES]
     levels += [(f"g_{k}", noise.lateral, 0.0) for k in _LATERAL]
-    levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in _TORQUES]
+    levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in TILT]
     beside = [
         s for name, level, knee in levels for s in (Source(name, name, level), *tail(name, level, knee))
     ]
@@ -210,7 +208,7 @@ def sources(run: Run) -> tuple[Source, ...]:
 
 def turns(run: Run) -> dict[str, float]:
     """Attitude set points, with the rates that they follow."""
-    return {f"attitude_{k}": rate for k, rate in zip(_ANGLES, equipment(run).Omega_DC, strict=True)}
+    return {f"attitude_{k}": rate for k, rate in zip(ANGLES, equipment(run).Omega_DC, strict=True)}
 
 
 def attributes(run: Run) -> dict[str, float]:
