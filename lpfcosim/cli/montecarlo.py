@@ -22,14 +22,14 @@ from fit.files import documents
 from fit.model import dynamics
 from fit.pipeline import calibrate
 from fit.results import Results
-from fit.settings import Settings, settings
+from fit.settings import Settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from lpfcosim.campaign import Campaign, loading
+from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
-from lpfcosim.cli.planned import in_memory
+from lpfcosim.cli.planned import begun, in_memory
 from lpfcosim.cosim import Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.plant import spectral, stability
@@ -80,15 +80,9 @@ def montecarlo(
     scheduler: str | None,
 ) -> None:
     """Repeat a campaign with new noise, fit each, tell pulls and coverage."""
-    if jobs and scheduler:
-        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
-    plan = loading.load(campaign)
-    chosen = settings(plan.fit, f"{campaign}: fit")
+    plan, chosen = begun(campaign, jobs, scheduler)
     directory = out or Path(f"{campaign.stem}-montecarlo")
     check_folder(directory / "figures")
-    with about(campaign):
-        for run in plan.runs if not plan.replacements else ():
-            stability.check(run)
     archives: dict[str, Path] = {}
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)

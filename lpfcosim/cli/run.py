@@ -10,16 +10,16 @@ from pathlib import Path
 
 import fit.errors
 from fit.results import Fit, Results
-from fit.settings import Settings, settings
+from fit.settings import Settings
 from fit.warnings import FitWarning
-from lpfcosim.campaign import Campaign, loading
+from lpfcosim.campaign import Campaign
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated
+from lpfcosim.cli.planned import begun
 from lpfcosim.cosim import Engine, Interface, placement
-from lpfcosim.errors import InputError, RunError
-from lpfcosim.plant import stability
+from lpfcosim.errors import RunError
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, runner
 from lpfcosim.worlds import world_of
@@ -38,15 +38,9 @@ def run(
     trusted: bool,
 ) -> None:
     """Simulate a campaign, fit it, report."""
-    if jobs and scheduler:
-        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
-    plan = loading.load(campaign)
-    chosen = settings(plan.fit, f"{campaign}: fit")
+    plan, chosen = begun(campaign, jobs, scheduler)
     directory = out or Path(campaign.stem)
     check_folder(directory / "telemetry")
-    with about(campaign):
-        for entry in plan.runs if not plan.replacements else ():  # the poles are those of our loop
-            stability.check(entry)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
         found = placement.interfaces(plan.runs[0], fmus)  # the other runs have the same
