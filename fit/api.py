@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fit import pipeline
 from fit import results as fit_results
+from fit.errors import FitError
 from fit.estimate import pulls
 from fit.results import Results
 from fit.settings import settings
@@ -123,12 +124,15 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     Raises
     ------
     FitError
-        If a number in the results is not finite.
+        If a number in the results is not finite, or the folder cannot be made.
     """
     from fit.report import page as report  # what draws takes its time
 
     directory = Path(folder)
-    directory.mkdir(parents=True, exist_ok=True)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FitError(f"{directory}: cannot be made ({error.strerror})") from error
     paths = [os.path.relpath(run.path, directory) for run in runs]
     results = replace(results, provenance=replace(results.provenance, telemetry=paths))
     results.save(directory / "results.json")

@@ -142,7 +142,7 @@ class Fit(Displayed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Provenance:
+class Provenance(Mapping[str, object]):
     """How results came about; None where nothing is recorded.
 
     Attributes
@@ -208,6 +208,12 @@ class Provenance:
     def __getitem__(self, name: str) -> object:
         """Return an entry as JSON has it."""
         return self.entries()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries())
+
+    def __len__(self) -> int:
+        return len(self.entries())
 
 
 _KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "more"}

@@ -19,7 +19,18 @@ from tests import ROOT
 #: The rooms of both packages from the ground to the roof.
 LAYERS = {
     "fit": (
-        *("errors", "display", "warnings", "paper", "files", "telemetry", "signal", "settings", "results"),
+        *(
+            "errors",
+            "display",
+            "units",
+            "warnings",
+            "paper",
+            "files",
+            "telemetry",
+            "signal",
+            "settings",
+            "results",
+        ),
         *("model", "estimate", "deltag", "pipeline", "tables", "figures", "report", "api"),
     ),
     "lpfcosim": (
@@ -28,7 +39,7 @@ LAYERS = {
     ),
 }
 #: What the simulator takes of the estimators outside its command line: how a telemetry file is written.
-LETTERBOX = {"fit.errors", "fit.files", "fit.telemetry"}
+LETTERBOX = {"fit.errors", "fit.files", "fit.telemetry", "fit.units"}
 #: The only users of a tool; whoever else needs it asks them.
 USERS = {
     "corner": {"fit.figures"},
@@ -40,7 +51,7 @@ USERS = {
     "jinja2": {"fit.report"},
     "lmfit": {"fit.estimate"},
     "matplotlib": {"fit.figures"},
-    "pint": {"fit.telemetry"},
+    "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
     "rumoca": {"lpfcosim.modelica"},
     "sympy": {"lpfcosim.modelica"},

@@ -17,7 +17,6 @@ from fit.telemetry.reader import (
     root_attributes,
     samples,
 )
-from fit.telemetry.units import in_base_units
 from fit.telemetry.writer import Writer
 
 __all__ = [
@@ -29,7 +28,6 @@ __all__ = [
     "check_storage",
     "convert",
     "guard",
-    "in_base_units",
     "inertial_period",
     "inside",
     "is_map",
@@ -39,5 +37,4 @@ __all__ = [
     "reader",
     "root_attributes",
     "samples",
-    "units",
 ]

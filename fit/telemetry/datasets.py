@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
-from fit.telemetry.units import same_unit
+from fit.units import same_unit
 
 MAX_MEMBERS = 10_000  # of a file
 MAX_CHUNK = 2**24  # values that are unpacked at a time

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, ValidationError
 from fit.errors import InputError, shown
 from fit.files import Table, documents, is_file, key, told
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED, check_root
-from fit.telemetry.units import factor, to_si
+from fit.units import factor, to_si
 
 _SCHEMA = "lpf-map/1"
 

@@ -231,7 +231,10 @@ def inertial_period(telemetry: Telemetry) -> str:
 def inside(path: Path) -> Path:
     """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
     inner = path / "telemetry"
-    return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+    try:
+        return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
+    except OSError:  # a name that no file can have is told by whoever opens it
+        return path
 
 
 def files(paths: Sequence[Path]) -> list[Path]:

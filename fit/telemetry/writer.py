@@ -79,7 +79,10 @@ class Writer:
             undo.pop_all()
 
     def append(self, time: Array, channels: Mapping[str, Array]) -> None:
-        """Write the next samples."""
+        """Write the next samples of all channels."""
+        if channels.keys() != self._channels.keys() - {"time"} or self._done + time.size > self._size:
+            announced = f"{self._size} samples of {', '.join(self._channels)}"
+            raise FitError(f"{self._path}: other samples came than were announced, expected {announced}")
         for name, values in channels.items():
             if values.shape != time.shape:
                 raise FitError(f"channel {name} has shape {values.shape}, expected {time.shape}")

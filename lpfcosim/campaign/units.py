@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from fit import units
 from fit.errors import quote
 from fit.files import problem
-from fit.telemetry import units
 
 _PER_ROOT_HERTZ = " Hz^-0.5"
 _ROOT_HERTZ = re.compile(r"\s*/\s*(?:sqrt\s*\(?\s*Hz\s*\)?|rt\s*\(?\s*Hz\s*\)?|√\s*\(?\s*Hz\s*\)?)\s*")

@@ -11,8 +11,7 @@ from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import default_folder, joint_of, telemetry
 from lpfcosim.errors import InputError
-from lpfcosim.running import folder
-from lpfcosim.running import ledger as files
+from lpfcosim.running import folder, ledger
 
 
 def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: Console) -> None:
@@ -31,7 +30,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
             raise InputError(f"{path}: a second file of that name, expected different names")
     origin = {
         "lpfcosim_version": metadata.version("lpfcosim"),
-        "calibration_sha256": files.digest(calibration),
+        "calibration_sha256": ledger.digest(calibration),
     }
     for name, path in outputs.items():
         with folder.held(directory), console.stage(str(path)):

@@ -19,7 +19,7 @@ from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError
 from lpfcosim.running import folder as folders
-from lpfcosim.running import ledger as files
+from lpfcosim.running import ledger
 
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
@@ -68,7 +68,7 @@ def calibrated(
     if calibration is not None:
         known = fit_results.load(calibration)
         joint_of(known, calibration)
-        origin = {"calibration": str(calibration), "calibration_sha256": files.digest(calibration)}
+        origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
     with console.stage("fit"):

@@ -33,9 +33,8 @@ from lpfcosim.cli.planned import begun, in_memory
 from lpfcosim.cosim import Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.plant import spectral, stability
-from lpfcosim.running import cluster, folder, runner, telemetry, workers
+from lpfcosim.running import cluster, folder, ledger, runner, telemetry, workers
 from lpfcosim.running import fmus as fmu_archives
-from lpfcosim.running import ledger as files
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
@@ -93,30 +92,30 @@ def montecarlo(
             "campaign_digest": plan.digest,
             "settings": chosen.model_dump(),
             "redraw": redraw,
-            "fmus": {model: files.digest(path) for model, path in held.items()},
+            "fmus": {model: ledger.digest(path) for model, path in held.items()},
             "lpfcosim_version": metadata.version("lpfcosim"),
         }
         log = directory / "campaigns.jsonl"
         lines = _kept(log, header)
         missing = [number for number in range(n) if number not in lines]
-        work = Work(plan, chosen, redraw)
+        work, lost = Work(plan, chosen, redraw), dict[str, str]()
         with (
             console.counted("campaigns", n, n - len(missing)) as progress,
             log.open("a", encoding="utf-8") as file,
-            closing(_done(directory, work, held, missing, jobs, scheduler)) as done,
+            closing(_done(directory, work, held, missing, lost, jobs, scheduler)) as done,
         ):
             for line in done:  # in which order does not matter, each has its own seed
                 lines[line["number"]] = line
                 file.write(json.dumps(line) + "\n")
                 file.flush()
                 progress(len(lines))
-        _tell(
-            console,
-            directory,
-            plan,
-            header,
-            {k: line for k, line in sorted(lines.items()) if k < n},
-        )
+        asked = {k: line for k, line in sorted(lines.items()) if k < n}
+        if not lost or any("estimates" in line for line in asked.values()):
+            _tell(console, directory, plan, header, asked)
+    if lost:
+        first, *others = lost.values()
+        more = f" and {len(others)} more" if others else ""
+        raise RunError(f"{first}{more}; what is finished is kept, the same command continues")
 
 
 def _tell(
@@ -177,18 +176,12 @@ def _done(
     work: Work,
     fmus: Mapping[str, Path],
     numbers: Sequence[int],
+    lost: dict[str, str],
     jobs: int | None,
     scheduler: str | None,
 ) -> Generator[Line]:
-    """Yield the campaigns as they are done.
-
-    Raises
-    ------
-    RunError
-        At the end, if some were lost with their processes: nothing is known of them.
-    """
+    """Yield the campaigns as they are done; say in `lost` which of them nothing is known of, and why."""
     items = {f"campaign {number}": number for number in numbers}
-    lost = {}
     setting = workers.Setting(partial(trial, work), directory, directory / "logs", "{}")
     for name, outcome in _outcomes(setting, work, fmus, items, jobs, scheduler) if items else ():
         if isinstance(outcome, workers.Lost):
@@ -199,10 +192,6 @@ def _done(
             yield outcome
             continue
         setting.note(name, lost[name])
-    if lost:
-        first, *others = lost.values()
-        more = f" and {len(others)} more" if others else ""
-        raise RunError(f"{first}{more}; what is finished is kept, the same command continues")
 
 
 def _outcomes(

@@ -10,8 +10,7 @@ from fit.telemetry import root_attributes
 from lpfcosim.campaign import loading
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.running import folder
-from lpfcosim.running import ledger as files
+from lpfcosim.running import folder, ledger
 
 
 def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: bool, trusted: bool) -> None:
@@ -59,7 +58,7 @@ def _telemetry(old: Path, new: Path) -> str:
     for path, what in ((old, "is missing"), (new, "is not made any more")):
         if not path.is_file():
             return what
-    return "" if files.digest(old) == files.digest(new) else f"differs ({_parts(old, new)})"
+    return "" if ledger.digest(old) == ledger.digest(new) else f"differs ({_parts(old, new)})"
 
 
 def _parts(old: Path, new: Path) -> str:

@@ -8,7 +8,7 @@ from lpfcosim.campaign import schema
 
 
 def print_schema() -> None:
-    """Print the JSON Schema of a campaign file; ``lpf-campaign.json`` beside this file holds the same."""
+    """Print the JSON Schema of a campaign file; ``campaign/lpf-campaign.json`` holds the same."""
     print(json.dumps(json_schema(), indent=1))
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from fit import units
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import prebuilt
 from lpfcosim.modelica.compiler import (
@@ -56,6 +57,7 @@ def cache_directory() -> Path:
 def source_files(package: Path = PACKAGE) -> dict[str, Path]:
     """All that FMUs are made from, by name: Modelica sources, generator and runtime."""
     generator = sorted([*Path(__file__).parent.glob("*.py"), *RUNTIME.iterdir()])
+    generator.append(Path(units.__file__))  # the units of a description
     return {
         **{f.relative_to(package.parent).as_posix(): f for f in package_files(package)},
         **{f.relative_to(Path(__file__).parents[2]).as_posix(): f for f in generator},
@@ -154,7 +156,7 @@ def _explained(unfit: prebuilt.UnfitError) -> Iterator[None]:
 
 
 def engine_library() -> Path:
-    """Return the compiled stepping loop (``lpfcosim/engine.c``), built if it is not there."""
+    """Return the compiled stepping loop (``lpfcosim/cosim/engine.c``), built if it is not there."""
     import fmpy
 
     try:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from fit.telemetry import in_base_units
+from fit.units import in_base_units
 from lpfcosim.modelica.codegen import Layout, settable_until
 from lpfcosim.modelica.flat import FlatModel, UnsupportedError
 from lpfcosim.modelica.system import Scalar, System

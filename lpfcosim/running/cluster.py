@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.running import ledger as files
-from lpfcosim.running import workers
+from lpfcosim.running import ledger, workers
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -185,7 +184,7 @@ def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Pa
         if hashlib.sha256(delivery.file).hexdigest() != delivery.result:
             return RunError(f"run '{name}': what the cluster sent is not what its worker wrote")
         try:
-            files.write(path, delivery.file)
+            ledger.write(path, delivery.file)
         except RunError as error:
             return RunError(f"{name}: {error}")
     return delivery.result

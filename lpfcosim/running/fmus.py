@@ -13,7 +13,7 @@ from pathlib import Path
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.running import ledger as files
+from lpfcosim.running import ledger
 from lpfcosim.worlds import world_of
 
 
@@ -37,7 +37,7 @@ def held(
     InputError
         If one cannot be read, or `check` refuses the copy.
     """
-    with files.scratch(directory) as folder:
+    with ledger.scratch(directory) as folder:
         copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
         for model, copy in copies.items():
             try:
@@ -67,7 +67,7 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
     """
     ours = _ours() if plan.replacements else set()
     for replacement in plan.replacements:
-        found = files.digest(archives[replacement.model])
+        found = ledger.digest(archives[replacement.model])
         place = f"fmus.{replacement.model}.sha256"
         if replacement.sha256 and found != replacement.sha256:
             raise InputError(
@@ -84,4 +84,4 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
 def _ours() -> set[str]:
     """Return the digests of the FMUs that were built here or came with the package."""
     found = [path for fmi in ("2.0", "3.0") for path in build.locations(fmi=fmi).values()]
-    return {files.digest(path) for path in found if path.is_file()}
+    return {ledger.digest(path) for path in found if path.is_file()}

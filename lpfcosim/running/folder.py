@@ -16,7 +16,7 @@ import tomli_w
 from filelock import FileLock, Timeout
 
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.running import ledger as files
+from lpfcosim.running import ledger
 
 CAMPAIGN = "campaign.toml"
 _FMUS = "fmus"
@@ -29,7 +29,7 @@ def held(directory: Path) -> Iterator[None]:
     """Make a folder of results if need be, keep other processes out of it, and clear what dead ones left.
 
     The operating system lets go of the lock when its holder ends, however it ends. Files that a process did
-    not finish have a name of their own (`files.temporary`); once the lock is held, nobody alive writes them.
+    not finish have a name of their own (`atomic.temporary`); once the lock is held, nobody alive writes them.
     Within a process it may be held again while it is held.
 
     Raises
@@ -61,7 +61,7 @@ def held(directory: Path) -> Iterator[None]:
             yield
             return
         for folder in (".", *_FOLDERS):
-            files.discard_all(directory / folder)
+            ledger.discard_all(directory / folder)
         with suppress(OSError):
             holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
         try:
@@ -93,10 +93,10 @@ def keep(
         tables["fmus"] = {**said["fmus"]}
     for model, archive in fmus.items():
         copy = directory / _FMUS / f"{model}.fmu"
-        files.write(copy, archive.read_bytes())
+        ledger.write(copy, archive.read_bytes())
         entry = {"path": f"{_FMUS}/{copy.name}", "sha256": digests[f"fmu_{model}"]}
         tables["fmus"][model] = {**said["fmus"][model], **entry}
-    files.write(directory / CAMPAIGN, tomli_w.dumps(tables))
+    ledger.write(directory / CAMPAIGN, tomli_w.dumps(tables))
 
 
 def campaign_of(directory: Path) -> Path:

@@ -17,7 +17,7 @@ from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
 from lpfcosim.plant import saturation
 from lpfcosim.running import cluster, telemetry, workers
-from lpfcosim.running import ledger as files
+from lpfcosim.running.ledger import Ledger, digest
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -54,7 +54,7 @@ def provenance(campaign: Campaign, fmus: Mapping[str, Path]) -> dict[str, str | 
         "campaign": campaign.name,
         "campaign_digest": campaign.digest,
         "seed": campaign.seed,
-        **{f"fmu_{model}": files.digest(path) for model, path in fmus.items()},
+        **{f"fmu_{model}": digest(path) for model, path in fmus.items()},
     }
 
 
@@ -146,7 +146,7 @@ def simulate(
     except OSError as error:
         raise RunError(f"{directory}: cannot be made: {error.strerror}") from None
     paths = {run.name: directory / f"{run.name}.h5" for run in campaign.runs}
-    ledger = files.Ledger(directory.with_name(f"{directory.name}.sha256"))
+    ledger = Ledger(directory.with_name(f"{directory.name}.sha256"))
     whole = _whole(directory, paths, origin, ledger, rerun=how.rerun)
     for name, path in paths.items():
         if name in whole:
@@ -192,7 +192,7 @@ def _outcomes(
 def _settled(
     runs: Mapping[str, Run],
     outcomes: Iterable[tuple[str, Any]],
-    ledger: files.Ledger,
+    ledger: Ledger,
     paths: Mapping[str, Path],
     progress: Progress,
     setting: workers.Setting,
@@ -226,7 +226,7 @@ def _lost(run: Run, lost: workers.Lost) -> RunError:
 
 
 def _whole(
-    directory: Path, paths: Mapping[str, Path], origin: Origin, ledger: files.Ledger, *, rerun: bool
+    directory: Path, paths: Mapping[str, Path], origin: Origin, ledger: Ledger, *, rerun: bool
 ) -> set[str]:
     """Return the runs that are there; refuse files that must be neither overwritten nor mixed with them."""
     for path in sorted(directory.glob("*.h5")):
@@ -321,4 +321,4 @@ def _simulate(
     run: Run, fmus: Mapping[str, Path], path: Path, origin: Origin, engine: master.Engine, where: master.Where
 ) -> str:
     record(run, fmus, path, origin, engine, where)
-    return files.digest(path)
+    return digest(path)

@@ -23,7 +23,7 @@ from typing import Any, TextIO
 
 from lpfcosim.cosim import Where
 from lpfcosim.errors import LpfcosimError, RunError
-from lpfcosim.running import ledger as files
+from lpfcosim.running import ledger
 
 SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
 
@@ -58,7 +58,7 @@ class Setting:
     function : callable
         Does a task as ``function(*item, where)``. A `LpfcosimError` that it raises is its result.
     folder : Path
-        Where tasks write; what a process that is lost did not finish is removed from there (`files.discard`).
+        Where tasks write; what a lost process did not finish is removed from there (`ledger.discard`).
     logs : Path
         Folder of what tasks say: ``NAME.log`` has what FMUs report, what is written to standard output and
         error, and where a process crashed. Those that say nothing leave none.
@@ -142,7 +142,7 @@ def results(
 @contextmanager
 def _team(setting: Setting, n: int) -> Iterator[tuple[list[_Worker], Callable[[], _Worker]]]:
     """Hire `n` workers; those in the list at the end are ended. Yields it, and how to hire another."""
-    with files.scratch(setting.folder) as scratch:
+    with ledger.scratch(setting.folder) as scratch:
         with suppress(OSError):  # a worker without a log says less
             setting.logs.mkdir(parents=True, exist_ok=True)
         team = [_Worker(setting, scratch) for _ in range(n)]
@@ -216,7 +216,7 @@ class _Worker:
         self._process.join()
         self._pipe.close()
         if self._process.pid is not None:
-            files.discard(self._folder, self._process.pid)
+            ledger.discard(self._folder, self._process.pid)
 
 
 def _told(code: int | None) -> tuple[str, bool]:
@@ -314,7 +314,7 @@ def _end_with_parent(setting: Setting, scratch: Path) -> None:
     parent = mp.parent_process()
     if parent is not None:
         parent.join()
-        files.discard(setting.folder, os.getpid())
+        ledger.discard(setting.folder, os.getpid())
         # This worker may be unpacking just now, and another one removing.
         for _ in range(50):
             shutil.rmtree(scratch, ignore_errors=True)

@@ -69,7 +69,7 @@ class Loop(loops.Loop):
 
 
 def read_outs(run: Run) -> Array:
-    """Give the rows of `READ_OUTS` over `rigid.MOTION`, noise left out, shape (21, 15); eq. bump."""
+    """Give the rows of `READ_OUTS` over `whole_rigid.MOTION`, noise left out, shape (21, 15); eq. bump."""
     sc = equipment(run)
     m = dict(zip(MOTION, np.eye(15), strict=True))
     mean = {k: (m[f"{k}_1"] + m[f"{k}_2"]) / 2 for k in ("phi", "eta", "y", "z")}
@@ -135,7 +135,7 @@ def limits(run: Run) -> dict[str, float]:
 
 
 def applied(run: Run) -> tuple[Array, Array]:
-    """Give what acts after its delay, inputs of `rigid.Plant`, over `COMMANDS` (18, 17) and f_x_1 (18,)."""
+    """Give what acts after its delay, over `COMMANDS` (18, 17) and f_x_1 (18,); see `whole_rigid.Plant`."""
     sc, truth = equipment(run), run.truth
     c = dict(zip(COMMANDS, np.eye(len(COMMANDS)), strict=True))
     gain = {"1": truth.lambda_1 / run.m_tm, "2": truth.lambda_2 / run.m_tm}

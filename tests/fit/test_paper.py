@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fit import units
 from fit.paper import (
     FLIGHT,
     cross_talk_parameter,
@@ -12,7 +13,6 @@ from fit.paper import (
     joint_parameter,
     stiffness,
 )
-from fit.telemetry import units
 
 NOMINAL = ((0.0, 10.4e-12), (2200e-12, 10.4e-12))
 

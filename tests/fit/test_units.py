@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from fit.telemetry.units import UnknownUnitError, factor, same_unit, split
+from fit.units import UnknownUnitError, factor, same_unit, split
 
 
 @pytest.mark.parametrize("text", ["m s-2", "m s^-2", "m/s^2", "m/s2", "m s**-2", "m·s^-2", "m / s / s"])
@@ -18,7 +18,7 @@ def test_others(text):
 
 
 def test_the_spelling_of_the_contract_needs_no_registry(monkeypatch):
-    monkeypatch.setattr("fit.telemetry.units.factor", lambda *_: pytest.fail("asked"))
+    monkeypatch.setattr("fit.units.factor", lambda *_: pytest.fail("asked"))
     assert same_unit("m s-2", "m s-2")
 
 
