@@ -139,6 +139,7 @@ def test_what_is_wrong_is_said_in_one_sentence(act, expected):
 # Results --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_values_are_those_of_the_command_line(lpfcosim, folder, tmp_path):
     files = [folder / "telemetry" / name for name in ("D-noise.h5", "D.h5")]
     status, _, err = lpfcosim("fit", *files, "--out", "by_command", "--quiet")

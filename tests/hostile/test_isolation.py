@@ -73,6 +73,7 @@ def test_a_fault_while_an_fmu_is_loaded(fmus, plan, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_a_run_longer_than_its_time_limit(fmus, plan, tmp_path):
     endless = replace(plan, experiments=(replace(plan.experiments[0], n_samples=65 * 36_000, injections=()),))
     begun = time.monotonic()

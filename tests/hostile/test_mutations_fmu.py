@@ -154,6 +154,7 @@ def test_entries_that_are_not_what_they_say(tmp_path, ours, field):
     assert words in survives(lambda: interface.describe(path), path, field)
 
 
+@pytest.mark.slow
 def test_bombs(tmp_path, ours):
     """A binary that unpacks to more than it says is cut off, one that says so is not unpacked at all."""
     entries = [(n, bytes(2**28) if n.startswith("binaries") else c) for n, c in contents(ours["3.0"][MODEL])]

@@ -79,6 +79,7 @@ def rebuild(folder):
     report.write_report(folder, results, runs)
 
 
+@pytest.mark.slow
 def test_results(copied, cases, monkeypatch):
     monkeypatch.setattr(probe, "check", lambda *_: None)  # the telemetry is sound
     good = (copied / "results.json").read_text()

@@ -205,6 +205,7 @@ def test_columns_keep_delta_ifo_sharp(noisy):
     assert sigma[0] > 2 * sigma[1]
 
 
+@pytest.mark.slow
 def test_attenuated_coefficients_hardly_move_the_dynamics():
     # Thrusters askew by 1 % move y and z with x_1. Same Delta g with and without read-out noise in the
     # regressors: measured over 24 runs, the noise moves no parameter by more than 0.2 sigma on the mean.

@@ -204,7 +204,7 @@ F = np.geomspace(1e-4, 0.2, 9)
 
 def test_noise_along_x_against_the_loop_gain(make_run):
     run = make_run(noise=Noise(oms=35e-15))
-    closed = np.linalg.inv(np.eye(2) + along_x_plant.open_loop(run, F))
+    closed = np.linalg.inv(np.eye(2) + along_x_plant.open_loop(run)(F))
     assert planning.cross_spectra(run, ("o_1", "o_12"), F) == pytest.approx(
         35e-15**2 * closed.conj() @ closed.transpose(0, 2, 1), rel=1e-9
     )

@@ -115,6 +115,7 @@ def estimate(outcome):
     return theta[~outcome.lost], sigma[~outcome.lost]
 
 
+@pytest.mark.slow
 def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
     names, drawn = ("A", "A-noise", "B", "B-noise"), draw(7, 20)
     pulses = {name: drawn[i::4] for i, name in enumerate(names)}
@@ -223,6 +224,7 @@ def test_a_calibration_masks_and_tells(simulated):
     assert plain.joint.chi2 > 2 * results.joint.chi2
 
 
+@pytest.mark.slow
 def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     runs = [simulated("A", *draw(1, 400)), *(simulated(n) for n in ("A-noise", "B", "B-noise"))]
     results = calibrate(runs)

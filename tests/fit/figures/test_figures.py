@@ -101,6 +101,7 @@ def test_files_are_for_a_journal(folder):
     assert {p.suffix for p in folder.iterdir()} == {".csv", ".pdf", ".svg"}
 
 
+@pytest.mark.slow
 def test_bytes_are_the_same_in_another_process(folder, tmp_path):
     code = (
         "import sys; from pathlib import Path; from fit.report import experiments as r;"

@@ -104,6 +104,7 @@ def test_the_command_leaves_what_the_contract_says_and_continues(small, tmp_path
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+@pytest.mark.slow
 def test_a_process_that_is_killed_loses_its_campaign_only(small, tmp_path, lpfcosim):
     log = tmp_path / "out" / "campaigns.jsonl"
 

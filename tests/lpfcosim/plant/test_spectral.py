@@ -65,6 +65,7 @@ def test_glitches_are_there_too(sysid):
         assert np.abs(drawn[name] - x).max() <= 1e-6 * np.ptp(x), name
 
 
+@pytest.mark.slow
 def test_spectra_are_those_of_the_simulation(sysid):
     """Averaged cross-spectra of ten drawn runs against ten simulated ones, in bands of some 100 bins.
 

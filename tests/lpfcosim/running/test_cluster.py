@@ -163,6 +163,7 @@ def kill_workers(address, log, kills, first):
 
 
 @pytest.mark.fmu
+@pytest.mark.slow
 def test_run_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcosim):
     (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
     command = ("run", "two.toml", "--quiet")

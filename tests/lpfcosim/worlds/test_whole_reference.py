@@ -101,6 +101,7 @@ def test_apparent_forces_have_the_sign_of_minus_g_rot(craft, spacecraft, driven,
     assert acceleration == pytest.approx(expected, rel=1e-3, abs=1e-20)
 
 
+@pytest.mark.slow
 def test_attitude_follows_its_set_point(craft):
     """About each axis, settled; Omega then follows a ramp of it."""
     n = 250_000
