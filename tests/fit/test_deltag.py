@@ -96,6 +96,7 @@ def test_delta_g_is_the_true_one(recorded, low, high, gained, left):
     assert level(file.delta_g.values - true, low, high) < left * level(true, low, high)
 
 
+@pytest.mark.slow
 def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
     path = tmp_path / "gaps.h5"
     path.write_bytes(recorded[0].read_bytes())

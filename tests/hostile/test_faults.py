@@ -257,6 +257,7 @@ def test_one_that_nearly_settles_is_not_sound(monkeypatch):
     assert [w.code for w in results.joint.unsound] == ["not_converged"]
 
 
+@pytest.mark.slow
 def test_no_table_shows_sigmas_that_do_not_hold(tmp_path, lpfcosim):
     loud = next(fault for fault in FAULTS if fault.name.startswith("a noise run half as loud"))
     for run in loud.runs():

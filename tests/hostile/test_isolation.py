@@ -12,7 +12,11 @@ from lpfcosim.errors import InputError
 from lpfcosim.running import runner
 from tests.hostile.faulty import FAULTS, SEGFAULT, after, by_value, faulty
 
-pytestmark = [pytest.mark.fmu, pytest.mark.skipif(os.name != "posix", reason="faults are those of POSIX")]
+pytestmark = [
+    pytest.mark.fmu,
+    pytest.mark.skipif(os.name != "posix", reason="faults are those of POSIX"),
+    pytest.mark.slow,
+]
 
 LONG, SHORT = "one", "one-noise"
 MODEL = "OpticalMetrology"

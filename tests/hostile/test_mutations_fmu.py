@@ -24,7 +24,7 @@ from tests.campaign_text import ONE_EXPERIMENT
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, raw_archive, survives
 from tests.lpfcosim.cosim.foreign import edited
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 
 MODEL = "OpticalMetrology"
 XML = "modelDescription.xml"

@@ -22,6 +22,8 @@ from lpfcosim.running import folder as folders
 from tests.hostile.mutations import damaged, hostile, restructured, survives
 from tests.oracles.synthetic import World, pair
 
+pytestmark = pytest.mark.slow
+
 CHANNELS = {"o_1": "m", "o_12": "m", "f_x_1": "m s-2", "f_x_2": "m s-2"}
 ROOT = (
     "run",

@@ -26,6 +26,8 @@ from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 
+pytestmark = pytest.mark.slow
+
 N = 200
 GIGA = 2**30
 PACKED = {"o_1", "f_x_1"}  # channels that `packed` gives checksums

@@ -19,7 +19,11 @@ import pytest
 
 from tests.lpfcosim.cli.test_cli import SHORT, one_sentence
 
-pytestmark = [pytest.mark.fmu, pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL and setrlimit")]
+pytestmark = [
+    pytest.mark.fmu,
+    pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL and setrlimit"),
+    pytest.mark.slow,
+]
 
 PLAN = (
     SHORT.replace("noise_duration", 'sample_rate = "2 Hz"\nnoise_duration')

@@ -163,6 +163,7 @@ def test_what_masks_leave_of_glitches_is_no_bias(simulated):
     assert np.all(np.abs(estimate(fit_experiment(after))[0] - truth) < 0.5 * sigma)
 
 
+@pytest.mark.slow
 def test_many_strong_ones_in_one_experiment(simulated):
     # They hide one another: in the PSD, in the coefficients, and across the two runs.
     pulses = {name: draw(seed, 20, 21000.0) for seed, name in enumerate(("B", "B-noise"))}

@@ -87,6 +87,7 @@ def test_cross_talk_of_rotation_does_not_shift_the_angles(quiet_day):
         assert estimate.sigma < 0.01 * abs(TRUTH[name])
 
 
+@pytest.mark.slow
 def test_another_truth_and_both_rates():
     world = replace(QUIET, phi=Plane(0.13e-3, -1e-7, 1.3e-3), eta=Plane(0.6e-3, 2e-7, 0.5e-3))
     truth = {"delta_phi": 1.3e-3, "delta_eta": 0.5e-3}

@@ -207,6 +207,7 @@ def test_hardly_unsettled_iteration_is_told(monkeypatch):
 
 @pytest.mark.stat
 @pytest.mark.parametrize("bump", [pytest.param(0.0, marks=pytest.mark.slow), 15e-15])
+@pytest.mark.slow
 def test_pulls_are_standard_normal(bump):
     # 30 experiments x 5 parameters of 10,800 s. chi^2 of the pulls per parameter within its 1e-5 quantiles,
     # the mean within 4.5 standard errors: false-positive probability 1.5e-4 per case.

@@ -183,6 +183,7 @@ def test_seed_decides(linear_case, tmp_path):
     assert not np.any(a == c)
 
 
+@pytest.mark.slow
 def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
     posterior = Posterior(linear_case[0])
     monkeypatch.setattr(sampling, "APART", 1e-3)
@@ -202,6 +203,7 @@ def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
     assert np.array_equal(_stored(tmp_path / "a"), _stored(tmp_path / "b"))
 
 
+@pytest.mark.slow
 def test_chains_of_something_else_are_refused(linear_case, tmp_path):
     outcome, path = linear_case[0], tmp_path / "c.h5"
     with pytest.raises(FitError):

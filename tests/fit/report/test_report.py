@@ -205,6 +205,7 @@ def test_the_page_needs_nothing_but_itself(tmp_path, campaign):
         assert page.source.count(colour) == 1  # its definition; the figures follow the scheme
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path, campaign):
     runs = campaign()
     told = results(joint=joint_fit(), experiments={"A1": experiment_fit()})

@@ -82,6 +82,7 @@ def test_every_section_is_there(mission, tmp_path):
     assert names == {"correlation", "gain", "stiffness", "quantiles"}
 
 
+@pytest.mark.slow
 def test_the_page_takes_them_in(mission, tmp_path, monkeypatch):
     results, _ = mission
     monkeypatch.setattr(report_mission.report_stiffness, "fitted_for", lambda *_: iter(()))

@@ -24,6 +24,7 @@ def found(tmp_path_factory):
     return calibrate_inertial(telemetries, synthetic.calibration()), telemetries
 
 
+@pytest.mark.slow
 def test_page_shows_the_period_with_figures(found, tmp_path):
     results, telemetries = found
     page = report.write_report(tmp_path, results, telemetries).read_text()

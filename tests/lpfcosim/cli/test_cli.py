@@ -88,6 +88,7 @@ def test_fit_then_report(lpfcosim, recorded, tmp_path):
     assert (result / "report.html").read_text(encoding="utf-8") == page
 
 
+@pytest.mark.slow
 def test_default_folder_never_covers_the_input(lpfcosim, recorded, tmp_path):
     before = sorted(p.name for p in recorded.iterdir())
     status, _, err = lpfcosim("fit", recorded, "--include-short", "--quiet")
@@ -253,6 +254,7 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
 
 @pytest.mark.fmu
 @pytest.mark.skipif(os.name != "posix", reason="a terminal sends SIGINT to a process group on POSIX")
+@pytest.mark.slow
 def test_interrupt_ends_everything_at_once(short, tmp_path):
     """Ctrl-C in a terminal reaches the workers too; neither they nor their files stay."""
     short.write_text(SHORT.replace("7200 s", "65 h"))

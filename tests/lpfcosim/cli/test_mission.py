@@ -14,6 +14,8 @@ from lpfcosim.running.telemetry import truth
 from lpfcosim.spacecraft.run import Noise
 from tests import ROOT
 
+pytestmark = pytest.mark.slow
+
 CAMPAIGNS = ROOT / "campaigns"
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 

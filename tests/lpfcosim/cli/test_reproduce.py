@@ -16,7 +16,7 @@ from tests.hostile.faulty import SEGFAULT, after, faulty
 from tests.hostile.test_resume import PLAN, content
 from tests.lpfcosim.cli.test_cli import SHORT, one_sentence
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 
 TWO = PLAN.replace("\n[fit]", SHORT[SHORT.index("[[experiments]]") :].replace('"one"', '"two"') + "\n[fit]")
 MODEL = "OpticalMetrology"

@@ -125,6 +125,7 @@ def momenta(simulate, h):
     return P, L, m_sc * V, out(I_sc * Omega)
 
 
+@pytest.mark.slow
 def test_momentum_is_conserved_without_external_forces(simulate):
     P, L, exchanged, turned = momenta(simulate, 0.1)
     half = [np.ptp(x, axis=0).max() for x in momenta(simulate, 0.05)[:2]]

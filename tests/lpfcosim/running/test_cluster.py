@@ -19,6 +19,8 @@ from lpfcosim.running import cluster, runner
 from tests.hostile.faulty import SEGFAULT, after, faulty
 from tests.lpfcosim.cli.test_montecarlo import SMALL
 
+pytestmark = pytest.mark.slow
+
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
 

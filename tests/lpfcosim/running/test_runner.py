@@ -68,6 +68,7 @@ def copied(files, tmp_path):
     return [tmp_path / "telemetry" / f.name for f in files]
 
 
+@pytest.mark.slow
 def test_finished_runs_are_kept_and_others_are_simulated_again(fmus, plan, copied):
     kept, lost = copied
     stamp, content = kept.stat().st_mtime_ns, lost.read_bytes()
@@ -270,6 +271,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+@pytest.mark.slow
 def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
     (tmp_path / "orphans.py").write_text(ORPHANS)
     (tmp_path / "long.toml").write_text(SHORT_PLAN.replace("200 s", "65 h").replace("100 s", "65 h"))

@@ -123,6 +123,7 @@ def test_loop_gains_match_the_continuous_plant(run, f):
             assert abs(got / formula(f) - 1) < rel, name
 
 
+@pytest.mark.slow
 def test_margins_match_the_continuous_plant(run):
     found = {m.loop: m for m in margins.margins(run)}
     assert list(found) == list(whole_loops.LOOPS)
