@@ -1,6 +1,6 @@
 """Damaged and hostile input, made from good input with a random generator, and a guard to try it under.
 
-    pytest tests/hostile/test_mutations_*.py --cases 10000     the long run: so many cases, shared by kinds
+    pytest -m '' tests/hostile/test_mutations_*.py --cases 10000    the long run, shared by kinds
 
 Of whatever it is given, a reader says one sentence (`InputError`, `FitError`, `RunError`, none longer than
 `LONGEST`), or succeeds; it raises nothing else, ends in time, and takes no more memory than allowed.

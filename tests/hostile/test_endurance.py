@@ -1,6 +1,6 @@
 """Many runs in one process, one after the other: nothing may pile up.
 
-    pytest tests/hostile/test_endurance.py -m slow --runs 2000 -s        prints what is in use on the way
+    pytest -m slow tests/hostile/test_endurance.py --runs 2000 -s        prints what is in use on the way
 
 The runs load FMUs of FMI 2.0, of 3.0 and of both. Most of them fail, each in its own way. Once every kind has
 come and gone some times, open files, threads, mapped files and temporary folders must stay as they are, and

@@ -1,6 +1,6 @@
 """A campaign that is killed, or runs out of disk, goes on where it was and ends as if nothing had happened.
 
-    pytest tests/hostile/test_resume.py -m slow --kills 100 -s    kills at times uniform over the whole run
+    pytest -m slow tests/hostile/test_resume.py --kills 100 -s    kills at times uniform over the whole run
 
 Every kill is a SIGKILL of the whole process group: nobody is left to tidy up, as after a power cut (but for
 what the operating system has not written yet, which fsync is for and which is not tested here).
