@@ -17,6 +17,8 @@ from lpfcosim.worlds import along_x_plant
 from tests.fit.estimate.test_joint import OFF, recorded
 from tests.oracles.synthetic import World, pair, without
 
+pytestmark = pytest.mark.slow
+
 RMS = 2.7e-15  # m s^-2, of the quick start's Delta g below 0.1 Hz
 
 

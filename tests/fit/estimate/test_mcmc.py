@@ -24,6 +24,8 @@ from fit.telemetry import reader as telemetry
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("lambda_2", "C_2", "omega2_2_0")
 TAU = (0.1, 0.2)
 

@@ -19,6 +19,8 @@ from fit.results import Diagnostics, Estimate, Fit, Provenance, Results
 from fit.warnings import FitWarning
 from tests.oracles.synthetic import AUTHORITIES, World, telemetry
 
+pytestmark = pytest.mark.slow
+
 WORLD = World()
 
 

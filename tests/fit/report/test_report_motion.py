@@ -13,6 +13,8 @@ from fit.results import Estimate, Fit
 from fit.telemetry.reader import read_all
 from tests.oracles import rotation_synthetic as synthetic
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):

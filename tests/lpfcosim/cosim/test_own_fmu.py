@@ -26,7 +26,7 @@ from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.foreign import edited, renamed
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
 

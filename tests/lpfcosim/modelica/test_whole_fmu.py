@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lpfcosim.cosim import checks
 from lpfcosim.modelica import build
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 
 MODELS = ("WholePlant", "WholeActuation", "WholeMetrology", "InertialSensor", "StarTracker",
           "WholeDragFreeControl", "WholeSuspensionControl", "AttitudeControl")  # fmt: skip
