@@ -7,6 +7,7 @@ from fit.errors import FitError, InputError
 from fit.estimate import (
     Experiment,
     Known,
+    LeftOut,
     Outcome,
     Prepared,
     bump,
@@ -15,6 +16,7 @@ from fit.estimate import (
     fit_joint,
     inertial,
     known_of,
+    leftout,
     pair,
     prepare,
     residuals,
@@ -127,21 +129,40 @@ class _Ready:
     ----------
     prepared : mapping of str to Prepared
         All of them by name.
-    taking_part, spoilt, short, excluded : tuple of Experiment
-        Those in the joint fit, and those that are not: for masks that cost too much, for being short, by the
-        settings.
+    taking_part, short, excluded : tuple of Experiment
+        Those in the joint fit, and those that are not: for being short, by the settings.
+    left_out : tuple of LeftOut
+        Those that are not because something is wrong with them; some cannot even be prepared.
     """
 
     prepared: Mapping[str, Prepared]
     taking_part: tuple[Experiment, ...]
-    spoilt: tuple[Experiment, ...]
     short: tuple[Experiment, ...]
     excluded: tuple[Experiment, ...]
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def experiments(self) -> list[Experiment]:
         """All of them."""
         return [p.experiment for p in self.prepared.values()]
+
+    def without(self, found: Sequence[LeftOut]) -> "_Ready":
+        """Return the same with more experiments left out.
+
+        Raises
+        ------
+        InputError
+            If that leaves nothing for the joint fit of what there was.
+        """
+        names = {f.experiment for f in found}
+        staying = tuple(e for e in self.taking_part if e.name not in names)
+        if found and not staying and (self.taking_part or not self.prepared):
+            raise InputError(leftout.told((*self.left_out, *found)))
+        return replace(self, taking_part=staying, left_out=(*self.left_out, *found))
+
+    def said_of(self, name: str) -> tuple[FitWarning, ...]:
+        """Return what keeps an experiment out of the joint fit, as warnings of its own fit."""
+        return tuple(w for f in self.left_out if f.experiment == name for w in f.of_own)
 
 
 @dataclass(frozen=True)
@@ -172,13 +193,20 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
-    prepared = {e.name: prepare(e, chosen) for e in found}
-    taking_part, short, excluded = divide([p.experiment for p in prepared.values()], chosen)
-    spoilt = [e for e in taking_part if prepared[e.name].spoilt]
-    if len(spoilt) == len(taking_part):
-        spoilt = []  # chi2 will tell
-    taking_part = [e for e in taking_part if e not in spoilt]
-    return _Ready(prepared, tuple(taking_part), tuple(spoilt), tuple(short), tuple(excluded))
+    prepared: dict[str, Prepared] = {}
+    left_out: list[LeftOut] = []
+    for e in found:
+        try:
+            prepared[e.name] = prepare(e, chosen)
+        except InputError as error:  # one bad run must not cost the others their fit
+            left_out.append(LeftOut(e.name, str(error)))
+    together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
+    taking_part, short, excluded = divide(together, chosen)
+    ready = _Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
+    spoilt = [e for e in ready.taking_part if prepared[e.name].spoilt]
+    if len(spoilt) == len(ready.taking_part):
+        return ready  # chi2 will tell
+    return ready.without([LeftOut(e.name, prepared[e.name].spoilt, "excluded", "") for e in spoilt])
 
 
 def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Outcome | FitError:
@@ -219,9 +247,7 @@ def _judged(
             fits[e.name] = found
         else:
             of_joint.append(found)
-    for e in ready.spoilt:
-        message = f"left out of the joint fit: {ready.prepared[e.name].spoilt}"
-        of_joint.append(FitWarning("excluded", (), message))
+    of_joint += [f.of_joint for f in ready.left_out]
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", ready.short),
         ("excluded", "as the settings say", ready.excluded),
@@ -258,7 +284,11 @@ def _of_experiment(
         # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("not_fitted_alone", (), str(own))
     fit = verdict.as_fit(own, [experiment], from_joint=bool(known and own.tone))
-    more = (*ready.prepared[experiment.name].warnings, *verdict.of_experiment(experiment, own, fit))
+    more = (
+        *ready.said_of(experiment.name),
+        *ready.prepared[experiment.name].warnings,
+        *verdict.of_experiment(experiment, own, fit),
+    )
     return _warned(replace(fit, diagnostics=residuals.diagnose(experiment, own)), more)
 
 

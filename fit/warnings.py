@@ -115,6 +115,17 @@ KINDS: Mapping[str, Kind] = {
         words="The experiments contradict each other",
         unsound=True,
     ),
+    "faulty": Kind(
+        "Mend the file, or archive the run anew, and fit again; do not use this experiment by itself.",
+        severity=Severity.FAILURE,
+        words="The data are not what they say",
+        unsound=True,
+    ),
+    "left_out": Kind(
+        "Mend what is named and fit again; the fit of the others is not touched by it.",
+        severity=Severity.DOUBT,
+        words="Experiments are left out, whose data are not what they say",
+    ),
     "missing_run": Kind(
         "Read the log of the run in the folder logs, mend what it names and give the same command again; "
         "what is finished is kept.",

@@ -8,6 +8,7 @@ the pulls of many campaigns rest on the same fit.
 from fit.estimate.forecast import Planned
 from fit.estimate.irls import Known, Outcome
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.leftout import LeftOut
 from fit.estimate.masks import Prepared, prepare
 from fit.estimate.posterior import Posterior
 from fit.estimate.pulls import Pulls
@@ -19,6 +20,7 @@ __all__ = [
     "SHORTEST",
     "Experiment",
     "Known",
+    "LeftOut",
     "Outcome",
     "Planned",
     "Posterior",
@@ -33,6 +35,7 @@ __all__ = [
     "forecast",
     "inertial",
     "known_of",
+    "leftout",
     "pair",
     "prepare",
     "pulls",

@@ -295,3 +295,17 @@ def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
     found = np.array(found)
     assert np.all(np.abs(found.mean(axis=0)) < 4.5 / np.sqrt(20))
     assert np.all((np.sum(found**2, axis=0) > 3.2) & (np.sum(found**2, axis=0) < 60.0))
+
+
+def test_a_run_that_cannot_be_prepared_costs_the_others_nothing():
+    good = campaign_of(World(), (("A", 1), ("E", 1)))
+    # gaps so close that the stencils leave nothing between them
+    gaps = [(i, i + 2) for i in range(20, 3600, 60)]
+    bad = [without(r, *gaps) for r in pair(World(), "B", duration=3600.0)]
+    alone, together = calibrate(good), calibrate([*good, *bad], settings({"include_short": True}))
+    assert together.joint.values == alone.joint.values
+    assert not together.joint.unsound
+    (told,) = (w.message for w in together.joint.warnings if w.code == "left_out")
+    assert told.startswith("left out of the joint fit: B-sysid.h5: ")
+    with pytest.raises(InputError, match=r"B-sysid\.h5: .* masking leaves less"):
+        calibrate(bad, settings({"include_short": True}))

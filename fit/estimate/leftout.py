@@ -1,0 +1,43 @@
+"""Experiments that stay out of the joint fit because something is wrong with them: which, and why."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fit.warnings import FitWarning
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """An experiment that stays out of the joint fit.
+
+    Attributes
+    ----------
+    experiment : str
+        Its name.
+    reason : str
+        One plain sentence that names run, place and size.
+    code : str
+        Of the warning in the joint fit.
+    own : str
+        Of the warning in the fit of the experiment alone; empty where that says so already.
+    """
+
+    experiment: str
+    reason: str
+    code: str = "left_out"
+    own: str = "faulty"
+
+    @property
+    def of_joint(self) -> FitWarning:
+        """What the joint fit says of it."""
+        return FitWarning(self.code, (), f"left out of the joint fit: {self.reason}")
+
+    @property
+    def of_own(self) -> tuple[FitWarning, ...]:
+        """What the fit of the experiment alone says besides what it says already."""
+        return (FitWarning(self.own, (), self.reason),) if self.own else ()
+
+
+def told(found: Iterable[LeftOut]) -> str:
+    """Return all reasons, each once."""
+    return "; ".join(dict.fromkeys(f.reason for f in found))
