@@ -12,6 +12,7 @@ from fit import pipeline
 from fit import results as fit_results
 from fit.errors import FitError
 from fit.estimate import pulls
+from fit.files import refuse_links
 from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
@@ -84,7 +85,7 @@ def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
     runs : sequence of Telemetry
         Noise runs only. Those of 12 h or more with torques take part.
     results : Results
-        The earlier calibration, with a joint fit.
+        The earlier calibration, with a sound joint fit.
 
     Returns
     -------
@@ -94,11 +95,12 @@ def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
     Raises
     ------
     InputError
-        If `results` have no joint fit, if a run has injections, or if no run can tell the inertial forces.
+        If `results` have no joint fit or it is not sound, if a run has injections, or if no run can tell the
+        inertial forces.
     FitError
         If no estimate comes out that can be trusted.
     """
-    fit_results.joint_of(results)
+    fit_results.sound_joint(results)
     return pulls.with_truth(pipeline.calibrate_inertial(runs, results), runs)
 
 
@@ -123,12 +125,15 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
 
     Raises
     ------
+    InputError
+        If the folder is a symbolic link, or its folder ``figures`` is one.
     FitError
         If a number in the results is not finite, or the folder cannot be made.
     """
     from fit.report import page as report  # what draws takes its time
 
     directory = Path(folder)
+    refuse_links(directory)
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -29,7 +29,7 @@ from fit.errors import InputError
 from fit.estimate import bump
 from fit.estimate import inertial as euler_fit
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
-from fit.results import Fit, Results, joint_of
+from fit.results import Fit, Results, sound_joint
 from fit.signal import derivatives
 from fit.telemetry import Telemetry, Writer, inertial_period, read_stretch, samples
 
@@ -129,8 +129,8 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     path, out : Path
         Telemetry file, and the file to write, at 1 to 2 Hz.
     results : Results
-        A calibration with a joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the run's
-        period are used if it has them.
+        A calibration with a sound joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the
+        run's period are used if it has them and they are sound.
     provenance : mapping
         Further root attributes.
 
@@ -142,7 +142,7 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     Raises
     ------
     InputError
-        If the file breaks the contract or is shorter than the filters, or if there is no joint fit.
+        If the file breaks the contract or is shorter than the filters, or if there is no sound joint fit.
     FitError
         If the product cannot be written.
     """
@@ -168,8 +168,8 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     run : Telemetry
         As read from a file.
     results : Results
-        A calibration with a joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the run's
-        period are used if it has them.
+        A calibration with a sound joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the
+        run's period are used if it has them and they are sound.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def _begun(path: Path, results: Results) -> tuple[Telemetry, Grid, _Recipe]:
     size = grid(samples(path), head.fs)
     if not size.outputs:
         raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")
-    return head, size, _recipe(head, results, joint_of(results))
+    return head, size, _recipe(head, results, sound_joint(results))
 
 
 def _described(recipe: _Recipe) -> dict[str, str]:
@@ -219,9 +219,9 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     notes = [warning.message for warning in known.warnings]
     epoch, period = str(head.alignment_epoch), inertial_period(head)
     fitted = results.cross_talk.get(epoch)
-    cross_talk = fitted.values if fitted else {}
+    cross_talk = fitted.values if fitted and not fitted.unsound else {}
     if not cross_talk:
-        notes.append(f"delta_g_SC is left out: the calibration has no cross_talk of alignment epoch {epoch}")
+        notes.append(f"delta_g_SC is left out: {_without(fitted, f'cross_talk of alignment epoch {epoch}')}")
     elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):
         notes.append(f"delta_g_SC is left out: no channel {', '.join(lacking)}")
         cross_talk = {}
@@ -232,12 +232,19 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     else:
         notes += [w.message for w in (*turning.sources.warnings, *turning.slow.warnings)]
         fit = results.inertial.get(period)
-        if fit is not None and fit.parameters.keys() >= set(euler_fit.NAMES):
+        if fit is not None and not fit.unsound and fit.parameters.keys() >= set(euler_fit.NAMES):
             euler = (fit.parameters["delta_phi"].value, fit.parameters["delta_eta"].value)
         else:
-            notes.append(f"g_dOmega is left out: the calibration has no inertial period {period}")
+            notes.append(f"g_dOmega is left out: {_without(fit, f'inertial period {period}')}")
     split = bool(cross_talk and euler and fitted and not bump.is_separated(fitted))
     return _Recipe(known, cross_talk or None, turning, euler, split, tuple(notes))
+
+
+def _without(fit: Fit | None, what: str) -> str:
+    """Say why nothing is taken from a fit."""
+    if fit is not None and fit.unsound:
+        return f"the {what} is not sound ({fit.unsound[0].message})"
+    return f"the calibration has no {what}"
 
 
 def _read_outs(cross_talk: Mapping[str, float]) -> set[str]:

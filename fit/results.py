@@ -254,17 +254,21 @@ class Results(Displayed):
         write(self, Path(path))
 
 
-def joint_of(results: Results) -> Fit:
-    """Return the joint fit.
+def sound_joint(results: Results, where: str = "the results") -> Fit:
+    """Return the joint fit of a calibration, for whatever is built on it; `where` names it in messages.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is none, or its sigmas do not hold.
     """
-    if results.joint is None:
-        raise InputError("the results hold no joint fit, expected those of a calibration")
-    return results.joint
+    joint = results.joint
+    if joint is None:
+        raise InputError(f"{where}: joint: missing, expected the joint fit of a calibration")
+    if joint.unsound:
+        told = "; ".join(dict.fromkeys(w.message for w in joint.unsound))
+        raise InputError(f"{where}: joint: is not sound ({told}); expected a calibration whose sigmas hold")
+    return joint
 
 
 def write(results: Results, path: Path) -> str:
@@ -321,7 +325,7 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     chi2: float
     dof: _Count
     converged: bool
-    sound: bool | None = None  # told to programs; here the warnings tell
+    sound: bool | None = None  # what the warnings do not tell, see `_untold`
     warnings: list[FitWarning]
     masked_samples: _Count | None = None
     diagnostics: Diagnostics | None = None
@@ -378,7 +382,15 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         chi2=fit.chi2,
         dof=fit.dof,
         converged=fit.converged,
-        warnings=tuple(fit.warnings),
+        warnings=(*fit.warnings, *_untold(fit)),
         masked_samples=fit.masked_samples,
         diagnostics=fit.diagnostics,
     )
+
+
+def _untold(fit: _FitJson) -> list[FitWarning]:
+    """Return a warning where a fit is said to be unsound, and no warning of a known kind tells why."""
+    if fit.sound is not False or any(w.kind.unsound for w in fit.warnings):
+        return []
+    reasons = "; ".join(w.message for w in fit.warnings) or "no warning"
+    return [FitWarning("unsound", (), f"its file says sound = false and has as reason: {reasons}")]

@@ -219,6 +219,12 @@ KINDS: Mapping[str, Kind] = {
     "torque_alone": Kind(
         "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques.",
     ),
+    "unsound": Kind(
+        "Fit the telemetry once more with this version.",
+        severity=Severity.FAILURE,
+        words="The file says that it is not sound",
+        unsound=True,
+    ),
     "wrong_sign": Kind(
         "Check sign and unit of the channel in the archive, or of the map that reads it.",
         unsound=True,

@@ -55,7 +55,8 @@ def simulate(
         Number of processes that step the FMUs, by default one per processor. A script needs
         ``if __name__ == "__main__":`` around the call, as with `multiprocessing`.
     trusted : bool
-        Let FMUs run that were not built here, even if the campaign gives no digest. They are native code.
+        Let FMUs run that were not built here and that the user has not approved (``lpfcosim trust``). They
+        are native code.
 
     Returns
     -------

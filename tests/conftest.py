@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 from hypothesis import settings
@@ -20,6 +21,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--runs", type=int, default=80, help="consecutive runs of the endurance test")
     parser.addoption("--cases", type=int, default=0, help="mutated inputs; a few hundred by default")
     parser.addoption("--kills", type=int, default=5, help="times that the test of resuming kills a campaign")
+
+
+@pytest.fixture(autouse=True)
+def configuration(monkeypatch, tmp_path_factory) -> None:
+    """Give every test a configuration of its own: no test sees or changes what the user has approved."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.getbasetemp() / "configuration" / uuid4().hex))
 
 
 @pytest.fixture(scope="session")

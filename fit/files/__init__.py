@@ -6,6 +6,18 @@ file, the error is one sentence that names it and the place in it.
 
 from fit.files.documents import is_file
 from fit.files.faults import closest, key, place, problem, told
+from fit.files.outputs import refuse_links
 from fit.files.tables import Table
 
-__all__ = ["Table", "atomic", "closest", "documents", "is_file", "key", "place", "problem", "told"]
+__all__ = [
+    "Table",
+    "atomic",
+    "closest",
+    "documents",
+    "is_file",
+    "key",
+    "place",
+    "problem",
+    "refuse_links",
+    "told",
+]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.files import key
+from fit.files import key, refuse_links
 from fit.telemetry import guard
 from fit.telemetry.archives import Table, is_text, look, opened
 from fit.telemetry.contract import CHANNELS, REQUIRED, SCHEMA, check_root
@@ -54,14 +54,15 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
     Raises
     ------
     InputError
-        If a map or an archive is at fault, or `folder` holds telemetry that was not converted; nothing is
-        written then.
+        If a map or an archive is at fault, or `folder` is a link or holds telemetry that was not converted;
+        nothing is written then.
     FitError
         If a file cannot be written.
     """
     maps = {path: load(path) for path in dict.fromkeys(paths) if is_map(path)}
     if not maps:
         return list(paths)
+    refuse_links(folder)
     places: dict[str, str] = {}
     for path, found in maps.items():
         for i, source in enumerate(found.runs):

@@ -337,6 +337,33 @@ def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, q
     cli_reproduce.reproduce(directory, Console(quiet=quiet), jobs=jobs, quiet=quiet, trusted=trusted)
 
 
+@app.command(
+    epilog=examples(
+        "lpfcosim trust my_controller.fmu",
+        "lpfcosim trust                         what is approved",
+        "lpfcosim trust --remove 3f5a09c2       by the first digits of its digest",
+    )
+)
+def trust(
+    files: Annotated[
+        list[str] | None, typer.Argument(metavar="FILE.fmu", help="FMUs [default: list what is approved].")
+    ] = None,
+    remove: Annotated[
+        bool, typer.Option("--remove", help="Withdraw the approval of files, or of digests.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Approve FMUs that were not built here; list them.
+
+    An FMU is native code with all your rights. Digest, name and date of what you approve go into your own
+    configuration. An FMU that has changed since is another one, and wants a new approval.
+    """
+    from lpfcosim.cli import trust as cli_trust
+    from lpfcosim.cli.console import Console
+
+    cli_trust.trust(files or [], Console(quiet=quiet), remove=remove)
+
+
 @app.command(epilog=examples("lpfcosim schema > lpf-campaign.json"))
 def schema() -> None:
     """Print the JSON Schema of a campaign file, for editors.

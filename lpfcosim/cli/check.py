@@ -15,7 +15,7 @@ from lpfcosim.cli.forecast import table
 from lpfcosim.cli.planned import planned
 from lpfcosim.errors import InputError
 from lpfcosim.plant import margins, stability
-from lpfcosim.running import runner
+from lpfcosim.running import fmus, runner
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
@@ -37,6 +37,7 @@ def check(campaign: Path, console: Console) -> None:
         _check_durations(plan)
         if plan.replacements:
             warnings.append("FMUs of other origin: no margins and no forecast, which would be those of ours")
+            warnings += fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
         else:
             for run in plan.runs:
                 stability.check(run)

@@ -32,7 +32,9 @@ Scheduler = Annotated[
 ]
 Trust = Annotated[
     bool,
-    typer.Option("--trust", help="Let FMUs run that were not built here, without a digest in the campaign."),
+    typer.Option(
+        "--trust", help="For once, let FMUs run that are not ours and not approved (lpfcosim trust)."
+    ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if asked for.")]
 
@@ -70,8 +72,15 @@ def about(campaign: Path) -> Iterator[None]:
         raise InputError(f"{campaign}: {error}") from None
 
 
-def check_folder(path: Path) -> None:
-    """Refuse a folder that cannot be made because a file has its name, or that of a folder above it."""
+def check_folder(directory: Path, inside: str = "") -> None:
+    """Refuse a folder for results that is a link, or cannot be made because a file is in its way.
+
+    `inside` is a folder that will be made in it.
+    """
+    from fit.files import refuse_links
+
+    refuse_links(directory)
+    path = directory / inside
     existing = next(p for p in (path, *path.parents) if p.exists())
     if not existing.is_dir():
         raise InputError(f"{existing}: is a file, expected a folder for the results; name one with --out")

@@ -9,7 +9,7 @@ from fit.deltag import write_delta_g
 from fit.telemetry import reader
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.fit import default_folder, joint_of, telemetry
+from lpfcosim.cli.fit import default_folder, telemetry
 from lpfcosim.errors import InputError
 from lpfcosim.running import folder, ledger
 
@@ -17,11 +17,9 @@ from lpfcosim.running import folder, ledger
 def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: Console) -> None:
     """Write the calibrated Delta g of telemetry files."""
     directory = out or default_folder(paths[0], "deltag")
-    check_folder(directory / "telemetry")
+    check_folder(directory, "telemetry")
     results = fit_results.load(calibration)
-    joint = joint_of(results, calibration)
-    for warning in joint.unsound:
-        console.note(f"warning: {calibration}: joint: {warning.message}")
+    fit_results.sound_joint(results, str(calibration))
     inputs = reader.files(telemetry(console, paths, directory, any_gaps=True))
     reader.check(inputs)
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}

@@ -17,7 +17,6 @@ from fit.results import Results
 from fit.telemetry import convert, inside, is_map, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.errors import InputError
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger
 
@@ -35,7 +34,7 @@ def fit_files(
 ) -> None:
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
-    check_folder(directory / "telemetry")
+    check_folder(directory, "telemetry")
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
@@ -67,7 +66,7 @@ def calibrated(
     """
     if calibration is not None:
         known = fit_results.load(calibration)
-        joint_of(known, calibration)
+        fit_results.sound_joint(known, str(calibration))
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
@@ -111,10 +110,3 @@ def default_folder(path: Path, suffix: str = "fit") -> Path:
     folder = Path(name)
     # Never beside or over the input.
     return Path(f"{name}-{suffix}") if folder.exists() and folder.resolve() == path.resolve() else folder
-
-
-def joint_of(results: fit_results.Results, path: Path) -> fit_results.Fit:
-    """Return the joint fit of earlier results, which must hold it."""
-    if results.joint is None:
-        raise InputError(f"{path}: joint: missing, expected the joint fit of a calibration")
-    return results.joint

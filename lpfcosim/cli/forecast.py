@@ -10,6 +10,7 @@ from fit.results import Fit
 from fit.settings import settings
 from fit.tables import Lines
 from lpfcosim.campaign import loading
+from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned
 from lpfcosim.errors import InputError
@@ -17,8 +18,8 @@ from lpfcosim.errors import InputError
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     """Tell the sigmas of the joint fit before anything is simulated."""
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file, expected a folder for the forecast")
+    if out is not None:
+        check_folder(out)
     plan = loading.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     if plan.replacements:

@@ -81,7 +81,7 @@ def montecarlo(
     """Repeat a campaign with new noise, fit each, tell pulls and coverage."""
     plan, chosen = begun(campaign, jobs, scheduler)
     directory = out or Path(f"{campaign.stem}-montecarlo")
-    check_folder(directory / "figures")
+    check_folder(directory, "figures")
     archives: dict[str, Path] = {}
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import loading
+from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.running import folder, ledger
+from lpfcosim.running import fmus, folder, ledger
 
 
 def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: bool, trusted: bool) -> None:
@@ -27,12 +28,9 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
     recorded = sorted((directory / "telemetry").glob("*.h5"))
     if not recorded:
         raise InputError(f"{directory / 'telemetry'}: no telemetry, expected the folder of an earlier run")
-    # a digest that the folder gives of its own FMU is the word of whoever made the folder
-    if loading.load(campaign).replacements and not trusted:
-        raise InputError(
-            f"{campaign}: names FMUs of other origin, native code that would run with all your rights: if "
-            "you trust it, add --trust"
-        )
+    plan = loading.load(campaign)
+    with about(campaign):
+        fmus.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
         again = Path(name) / "again"
         command = [sys.executable, "-P", "-m", "lpfcosim", "run", str(campaign), "--out", str(again)]

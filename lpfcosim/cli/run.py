@@ -40,7 +40,7 @@ def run(
     """Simulate a campaign, fit it, report."""
     plan, chosen = begun(campaign, jobs, scheduler)
     directory = out or Path(campaign.stem)
-    check_folder(directory / "telemetry")
+    check_folder(directory, "telemetry")
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
         found = placement.interfaces(plan.runs[0], fmus)  # the other runs have the same

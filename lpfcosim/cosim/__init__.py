@@ -8,4 +8,4 @@ from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.master import Engine, Where
 from lpfcosim.cosim.placement import interfaces
 
-__all__ = ["Engine", "Interface", "Where", "checks", "interfaces", "master", "placement"]
+__all__ = ["Engine", "Interface", "Where", "archive", "checks", "interfaces", "master", "placement"]

@@ -5,6 +5,7 @@ An FMU is native code with all rights of its user: one not built here runs only 
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,7 +14,7 @@ from pathlib import Path
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.running import ledger
+from lpfcosim.running import approvals, ledger
 from lpfcosim.worlds import world_of
 
 
@@ -49,7 +50,7 @@ def held(
 
 
 def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False) -> None:
-    """Refuse FMUs of other origin of which neither the campaign gives the digest nor the user says a word.
+    """Refuse FMUs that are not the ones meant, and those of other origin that the user has not approved.
 
     Parameters
     ----------
@@ -58,27 +59,44 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
     archives : mapping of str to Path
         What is going to be loaded in their places: copies, which nobody changes after this.
     trusted : bool
-        The user vouches for those without a digest.
+        The user vouches for all of them, this once.
 
     Raises
     ------
     InputError
-        If an FMU is unknown, or another than the one that the campaign gives the digest of.
+        If an FMU is not approved, or another than the one that the campaign gives the digest of.
     """
-    ours = _ours() if plan.replacements else set()
+    for sentence in unapproved(plan, archives):
+        if not trusted:
+            raise InputError(f"{sentence}, or add --trust for once")
+
+
+def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
+    """Tell of every FMU of other origin that the user has not approved what there is to do.
+
+    That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
+
+    Raises
+    ------
+    InputError
+        If an FMU is another than the one that the campaign gives the digest of.
+    """
+    told = []
+    known = _ours() | approvals.digests() if plan.replacements else set()
     for replacement in plan.replacements:
-        found = ledger.digest(archives[replacement.model])
-        place = f"fmus.{replacement.model}.sha256"
+        model, found = replacement.model, ledger.digest(archives[replacement.model])
         if replacement.sha256 and found != replacement.sha256:
             raise InputError(
-                f"{place}: {replacement.archive} has the digest {found}; expected {replacement.sha256}, the "
-                "FMU is another one"
+                f"fmus.{model}.sha256: {replacement.archive} has the digest {found}; expected "
+                f"{replacement.sha256}, the FMU is another one"
             )
-        if not (replacement.sha256 or trusted or found in ours):
-            raise InputError(
-                f"{place}: missing; {replacement.archive} is native code that lpfcosim did not build and "
-                f'would run with all your rights: if you trust it, write sha256 = "{found}", or add --trust'
+        if found not in known:
+            told.append(
+                f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
+                f"run with all your rights: if you trust it, give the command lpfcosim trust "
+                f"{shlex.quote(str(replacement.archive))}"
             )
+    return told
 
 
 def _ours() -> set[str]:

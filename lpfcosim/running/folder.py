@@ -15,7 +15,8 @@ from typing import Any
 import tomli_w
 from filelock import FileLock, Timeout
 
-from lpfcosim.errors import InputError, RunError
+from fit.files import refuse_links
+from lpfcosim.errors import InputError, RunError, ours
 from lpfcosim.running import ledger
 
 CAMPAIGN = "campaign.toml"
@@ -35,10 +36,12 @@ def held(directory: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another process works in the folder, which is named, or it is a file.
+        If another process works in the folder, which is named, or it is a file, or a link leads elsewhere.
     RunError
         If the folder cannot be made or locked.
     """
+    with ours():
+        refuse_links(directory)
     holder = directory / _HOLDER
     try:
         directory.mkdir(parents=True, exist_ok=True)

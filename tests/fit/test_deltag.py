@@ -11,11 +11,13 @@ import xarray
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 
+import fit
 from fit import deltag
 from fit import results as fit_results
 from fit.deltag import write_delta_g
 from fit.errors import FitError, InputError
 from fit.results import Estimate, Fit
+from fit.warnings import FitWarning
 from lpfcosim.cli import start as cli
 from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write
 
@@ -247,3 +249,37 @@ def test_command(recorded, tmp_path, monkeypatch, capfd):
         err = capfd.readouterr().err
         assert words in err
         assert len(err.strip().splitlines()) == 1
+
+
+def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.h5").write_bytes(recorded[0].read_bytes())
+    results = calibrated(LATE)
+    reason = FitWarning("contradiction", (), "E2 contradicts the others")
+    unsound = replace(results, joint=replace(results.joint, warnings=(reason,)))
+    with pytest.raises(InputError, match=r"not sound \(E2 contradicts"):
+        write_delta_g(tmp_path / "a.h5", tmp_path / "g.h5", unsound, {})
+    with pytest.raises(InputError, match=r"not sound \(E2 contradicts"):
+        fit.calibrate_inertial([], unsound)
+    fit_results.write(unsound, tmp_path / "R.json")
+    for name in ("deltag", "fit"):
+        assert command(monkeypatch, name, "a.h5", "--calibration", "R.json", "--out", "g") == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        assert "R.json: joint: is not sound (E2 contradicts the others)" in line
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["R.json", "a.h5"]
+
+
+def test_what_is_not_sound_beside_the_joint_fit_is_left_out(recorded, tmp_path):
+    results = calibrated(LATE)
+    reason = FitWarning("wrong_sign", (), "the star tracker turns the other way")
+
+    def doubted(fits):
+        return {name: replace(fit, warnings=(reason,)) for name, fit in fits.items()}
+
+    for part, channel in (("cross_talk", "delta_g_SC"), ("inertial", "g_dOmega")):
+        doubtful = replace(results, **{part: doubted(getattr(results, part))})
+        file, notes = product(recorded[0], tmp_path / f"{part}.h5", doubtful)
+        (note,) = notes
+        assert note.startswith(f"{channel} is left out: ")
+        assert "is not sound (the star tracker turns the other way)" in note
+        assert channel not in file

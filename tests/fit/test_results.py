@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fit.errors import FitError, InputError
 from fit.estimate.pulls import with_truth
-from fit.results import Estimate, Fit, Provenance, Results, load, write
+from fit.results import Estimate, Fit, Provenance, Results, load, sound_joint, write
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, Span
 from tests.oracles.contract_file import write_contract_file
@@ -266,3 +266,35 @@ def test_flight_data_has_no_truth(tmp_path):
     told = with_truth(results, [telemetry(tmp_path, "A1", None)])
     assert told.joint.parameters == results.joint.parameters
     assert told.experiments["A1"].parameters == results.experiments["A1"].parameters
+
+
+UNSOUND = FitWarning("contradiction", ("lambda_2",), "E2 contradicts the others")
+
+
+@pytest.mark.parametrize(
+    ("joint", "sentence"),
+    [
+        (None, "R.json: joint: missing, expected the joint fit of a calibration"),
+        (make_fit([UNSOUND], lambda_2=1.0), r"R.json: joint: is not sound \(E2 contradicts the others\)"),
+    ],
+)
+def test_nothing_is_built_on_a_joint_fit_that_is_not_sound(joint, sentence):
+    sound = make_fit([INDETERMINABLE], lambda_2=1.0)
+    assert sound_joint(make_results(joint=sound)) is sound
+    with pytest.raises(InputError, match=sentence):
+        sound_joint(make_results(joint=joint), "R.json")
+
+
+@pytest.mark.parametrize("warnings", [[], [FitWarning("of_later", (), "a reason of a later version")]])
+def test_what_a_file_says_of_soundness_counts_without_a_known_reason(tmp_path, warnings):
+    path = tmp_path / "results.json"
+    write(make_results(joint=make_fit(warnings, lambda_2=1.0)), path)
+    assert not load(path).joint.unsound
+    said = json.loads(path.read_text())
+    said["joint"]["sound"] = False
+    path.write_text(json.dumps(said))
+    (warning,) = load(path).joint.unsound
+    assert all(w.message in warning.message for w in warnings)
+    write(load(path), path)  # and stays so, told once
+    assert json.loads(path.read_text())["joint"]["sound"] is False
+    assert len(load(path).joint.unsound) == 1

@@ -16,6 +16,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.cosim import archive, checks, interface, placement, slave
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
+from lpfcosim.running import approvals
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import ledger as files
 from lpfcosim.spacecraft.run import Replacement
@@ -286,15 +287,29 @@ def check(plan, **options):
 
 def test_an_fmu_of_other_origin_is_told(plan):
     make, digest = plan
-    with pytest.raises(InputError, match=rf'native code .* write sha256 = "{digest}", or add --trust$'):
-        check(loading.load(make()))
-    check(loading.load(make()), trusted=True)
+    for pin in ("", f'sha256 = "{digest}"'):  # which whoever sends the FMU sends along
+        with pytest.raises(
+            InputError, match=r"native code .* lpfcosim trust \S*theirs\.fmu, or add --trust for once$"
+        ):
+            check(loading.load(make(pin)))
+        check(loading.load(make(pin)), trusted=True)
+
+
+def test_an_approved_fmu_runs_and_another_one_of_its_name_does_not(plan, tmp_path):
+    make, digest = plan
+    approvals.approve([tmp_path / "theirs.fmu"])
+    check(loading.load(make()))
     check(loading.load(make(f'sha256 = "{digest}"')))
+    with (tmp_path / "theirs.fmu").open("ab") as file:
+        file.write(b" ")
+    with pytest.raises(InputError, match="native code"):
+        check(loading.load(make()))
 
 
 def test_another_fmu_than_the_recorded_one_is_refused_whatever_is_said(plan):
     make, digest = plan
     changed = loading.load(make(f'sha256 = "{digest[::-1]}"'))
+    approvals.approve([r.archive for r in changed.replacements])
     for trusted in (False, True):
         with pytest.raises(InputError, match=rf"has the digest {digest}; expected {digest[::-1]}"):
             check(changed, trusted=trusted)
@@ -319,7 +334,23 @@ def test_the_command_line_asks(plan, lpfcosim):
     status, _, err = lpfcosim("run", make())
     assert status == 2
     assert err.splitlines()[-1].startswith("lpfcosim: error: ")
-    assert f'sha256 = "{digest}"' in err
+    command = re.search(r"lpfcosim trust \S+\.fmu", err)[0].split()
     status, _, err = lpfcosim("montecarlo", make(), "-n", 2, "--fmus")
     assert status == 2
-    assert f'sha256 = "{digest}"' in err
+    assert " ".join(command) in err
+    status, _, err = lpfcosim("check", make())
+    assert status == 0
+    assert " ".join(command) in err
+    status, _, err = lpfcosim("check", make(f'sha256 = "{digest[::-1]}"'))
+    assert status == 2
+    assert "the FMU is another one" in err
+    status, out, _ = lpfcosim(*command[1:])
+    assert (status, out.splitlines()[0].split()[2:]) == (0, [digest, "theirs.fmu"])
+    status, out, _ = lpfcosim("trust")
+    assert (status, out.split()[1:]) == (0, [digest, "theirs.fmu"])
+    check(loading.load(make()))
+    status, out, _ = lpfcosim("trust", "--remove", digest[:12])
+    assert (status, digest in out) == (0, True)
+    assert lpfcosim("trust")[:2] == (0, "no FMU of others is approved\n")
+    with pytest.raises(InputError, match="native code"):
+        check(loading.load(make()))

@@ -1,0 +1,31 @@
+"""Folders for results: nothing is written where a link leads.
+
+A folder from elsewhere may hold links in the places where results go; to write there would change files
+that its user never named.
+"""
+
+from pathlib import Path
+
+from fit.errors import InputError
+
+#: What is made in a folder of results and then written into.
+_FOLDERS = ("telemetry", "figures", "fmus", "logs")
+#: Files that are opened as they are; all others are replaced whole, and with them a link of their name.
+_FILES = (".lock", ".lock-holder", "campaigns.jsonl", "mcmc.h5", "forecast.json")
+
+
+def refuse_links(folder: Path) -> None:
+    """Refuse a folder for results that is a link, or holds one where results go; above it there may be some.
+
+    Raises
+    ------
+    InputError
+        Names the link.
+    """
+    inside = [folder / name for name in (*_FOLDERS, *_FILES)]
+    for path in (folder, *inside, *sorted((folder / "logs").glob("*.log"))):
+        if path.is_symlink():
+            raise InputError(
+                f"{path}: is a symbolic link, expected a file or folder of its own for the results; remove "
+                "it or choose another folder"
+            )

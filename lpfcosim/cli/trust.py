@@ -1,0 +1,33 @@
+"""The command ``trust``: which FMUs of others may run."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fit.errors import quote
+from lpfcosim.cli.console import Console
+from lpfcosim.errors import InputError
+from lpfcosim.running import approvals
+
+
+def trust(files: Sequence[str], console: Console, *, remove: bool) -> None:
+    """Approve FMUs, withdraw approvals, or list them."""
+    if remove and not files:
+        raise InputError("--remove: missing what to remove, expected files or digests")
+    if remove:
+        for approval in approvals.withdraw(files):
+            console.say(f"no longer approved: {_told(approval)}")
+    elif files:
+        for approval in approvals.approve([Path(file) for file in files]):
+            console.say(f"approved: {_told(approval)}")
+        console.say(f"kept in {approvals.place()}")
+    else:
+        found = approvals.approvals()
+        for approval in found:
+            console.say(_told(approval))
+        if not found:
+            console.say("no FMU of others is approved")
+
+
+def _told(approval: approvals.Approval) -> str:
+    name = approval.name if approval.name.isprintable() else quote(approval.name)
+    return f"{approval.date}  {approval.sha256}  {name}"
