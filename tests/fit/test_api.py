@@ -247,7 +247,7 @@ def test_delta_g_is_that_of_the_product_file(runs, results, tmp_path):
     pytest.importorskip("h5netcdf")
     with xr.open_dataset(tmp_path / "D-deltag.h5", engine="h5netcdf") as expected:
         xr.testing.assert_identical(found.to_xarray(), expected.load())
-    with pytest.raises(fit.InputError, match="no joint fit"):
+    with pytest.raises(fit.InputError, match="expected the joint fit"):
         fit.delta_g(run, replace(results, joint=None))
 
 
