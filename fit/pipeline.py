@@ -25,11 +25,12 @@ from fit.estimate import (
 from fit.model import Sharing, rotation
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings, settings
-from fit.signal import derivatives, spectra
+from fit.signal import derivatives, one_thread, spectra
 from fit.telemetry import Telemetry, inertial_period
 from fit.warnings import FitWarning
 
 
+@one_thread
 def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:
     """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
@@ -56,6 +57,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
 
 
+@one_thread
 def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -> Results:
     """Calibrate the inertial forces alone; everything else is carried over.
 

@@ -23,7 +23,7 @@ from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
-from fit.signal import derivatives
+from fit.signal import derivatives, one_thread
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -85,6 +85,7 @@ class Expected(linear.Block):
         return np.asarray(super().M + self.jitter * w.size * np.sum(w**4) / np.sum(w**2) ** 2)
 
 
+@one_thread
 def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> Fit:
     """Return the joint fit to expect, its estimates where they are expected.
 

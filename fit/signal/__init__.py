@@ -6,6 +6,7 @@ Nothing here knows what the channels mean.
 from fit.signal.averages import Estimator, LogSpectrum, log_psd
 from fit.signal.noise import NoiseModel, fit_noise
 from fit.signal.spectra import Spectra, Spectrum
+from fit.signal.threads import one_thread
 
 __all__ = [
     "Estimator",
@@ -16,5 +17,6 @@ __all__ = [
     "derivatives",
     "fit_noise",
     "log_psd",
+    "one_thread",
     "spectra",
 ]
