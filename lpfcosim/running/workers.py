@@ -177,7 +177,7 @@ class _Worker:
     def begin(self, task: str, item: tuple[Any, ...]) -> None:
         """Hand out a task."""
         self.task = task
-        self.where.reset()
+        self.where.rest()  # a process that is still starting keeps no FMU silent
         self._seen = (self.where.sample, self.where.slave)
         self._taken = self._silent = 0.0
         with suppress(OSError):  # that the process is gone is noticed by the next look
@@ -256,6 +256,7 @@ def _serve(setting: Setting, pipe: Connection, where: Where, scratch: Path) -> N
     with suppress(EOFError):
         while True:
             name, item = pipe.recv()
+            where.reset()
             with _logged(setting.log(name)):
                 result = _done(setting, name, item, where)
             pipe.send(result)

@@ -26,7 +26,7 @@ TOLD = {  # what is said of a run, and what its log holds
     "exit": (rf"the {MODEL} FMU ended the process with status 3 at 150\.0 s", "no licence"),
     "leave": (rf"the {MODEL} FMU ended the process with status 0 at 150\.0 s", ""),
     "killed": (r"its process was killed \(SIGKILL; out of memory\?\) at 150\.0 s", ""),
-    "hang": (rf"the {MODEL} FMU hangs \(nothing was done for 5 s\) at 150\.0 s", ""),
+    "hang": (rf"the {MODEL} FMU hangs \(nothing was done for 20 s\) at 150\.0 s", ""),
     "error": (rf"the {MODEL} FMU reports 'error' at 150\.0 s \(as asked\)", f"{MODEL}: as asked"),
     "nan": (r"diverges: o_1 is not finite at 150\.\d s", ""),
 }
@@ -36,8 +36,7 @@ def folder_of(path):
     return sorted(p.name for p in path.iterdir())
 
 
-@pytest.mark.parametrize("engine", ["compiled", pytest.param("fmpy", marks=pytest.mark.slow)])
-@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["compiled", "fmpy"])
 def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path, engine):
     """One FMU does it all: which fault it has is told by its parameter delta_ifo."""
     description = fmpy.read_model_description(fmus[MODEL])
@@ -54,7 +53,7 @@ def test_faults_in_the_midst_of_runs_among_sound_ones(fmus, plan, tmp_path, engi
     )
     bad = {**fmus, MODEL: faulty(fmus[MODEL], tmp_path / "bad.fmu", step=step)}
     out = tmp_path / "out"
-    done = runner.simulate(mixed, out / "telemetry", bad, runner.How(jobs=2, engine=engine, silence=5.0))
+    done = runner.simulate(mixed, out / "telemetry", bad, runner.How(jobs=2, engine=engine, silence=20.0))
     assert list(done.files) == ["sound", "sounder"], done.failures
     assert list(done.failures) == list(FAULTS) == list(TOLD)
     assert folder_of(out / "telemetry") == ["sound.h5", "sounder.h5"]
@@ -77,19 +76,17 @@ def test_a_fault_while_an_fmu_is_loaded(fmus, plan, tmp_path):
         )
 
 
-@pytest.mark.slow
 def test_a_run_longer_than_its_time_limit(fmus, plan, tmp_path):
     endless = replace(plan, experiments=(replace(plan.experiments[0], n_samples=65 * 36_000, injections=()),))
     begun = time.monotonic()
-    done = runner.simulate(endless, tmp_path / "telemetry", fmus, runner.How(engine="fmpy", time_limit=6.0))
-    assert time.monotonic() - begun < 20
+    done = runner.simulate(endless, tmp_path / "telemetry", fmus, runner.How(engine="fmpy", time_limit=15.0))
+    assert time.monotonic() - begun < 120
     assert list(done.failures) == [LONG]
     assert re.fullmatch(
-        r"run 'one': its process was ended at its time limit of 6 s at \d+\.\d s", str(done.failures[LONG])
+        r"run 'one': its process was ended at its time limit of 15 s at \d+\.\d s", str(done.failures[LONG])
     )
 
 
-@pytest.mark.slow
 def test_what_failed_is_made_good_and_no_log_is_left(fmus, plan, tmp_path):
     sound = runner.simulate(plan, tmp_path / "sound" / "telemetry", fmus)
     out = tmp_path / "out" / "telemetry"
