@@ -1,0 +1,131 @@
+"""What becomes of a fault, seen from outside: the results, their errors, and what is said of them."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fit.errors import CalibrationError, InputError
+from fit.pipeline import calibrate
+from fit.results import Fit
+from tests.hostile.catalogue import Fault
+from tests.hostile.spoiling import Runs, clean
+from tests.oracles.thirteen import PLANS, TRUTH, plant_of
+
+FAR = 5.0  # sigma
+#: Warnings that are there without any fault.
+USUAL = {"single_tone"}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What becomes of a fault.
+
+    Attributes
+    ----------
+    outcome : str
+        "refused" (exit status 2), "failed" (1), "no sigma" or "sound".
+    pull : float
+        Largest error of the joint fit in its sigmas, 0 without one.
+    worst : str
+        The parameter that has it.
+    left_out : tuple of str
+        Experiments that are not in the joint fit.
+    alone : tuple of str
+        Experiments whose own fit is called sound and is off by more than `FAR`, with the pull.
+    names_run, names_cause : bool
+        Whether what is said of the joint fit names an experiment of the fault, and words for its cause.
+    said : tuple of str
+        Errors and warnings of the joint fit.
+    """
+
+    outcome: str
+    pull: float
+    worst: str
+    left_out: tuple[str, ...]
+    alone: tuple[str, ...]
+    names_run: bool
+    names_cause: bool
+    said: tuple[str, ...]
+
+    def telling(self, fault: Fault) -> str:
+        """Return the first of what is said that names the fault, or else the first of all."""
+        named = [words for words in self.said if _names([words], fault)]
+        return next(iter(named + list(self.said)), "")
+
+    def verdict(self, fault: Fault) -> str:
+        """Judge: "ok", or what is wrong with it, the worst first."""
+        if self.outcome == "sound" and self.pull > FAR:
+            if not fault.blind:
+                return "silent"
+            return "ok" if self.names_run or not fault.run else "silent"
+        if fault.harmless and self.outcome != "sound":
+            return "cries wolf"
+        if self.outcome in ("refused", "failed") and len(fault.run.split()) in (1, 2):
+            return "costs all"
+        if fault.harmless and self.left_out:
+            return "costs a run"
+        if not fault.harmless and not fault.blind and (self.outcome != "sound" or self.left_out):
+            if fault.run and not self.names_run:
+                return "wrong run"
+            if fault.cause and not self.names_cause:
+                return "wrong cause"
+        return "ok"
+
+
+def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
+    """Put a fault into a campaign of the named experiments and see what the fit makes of it."""
+    runs = fault.make(clean(names))
+    try:
+        results = calibrate(list(runs.values()))
+    except InputError as error:
+        return _without_result("refused", str(error), fault)
+    except CalibrationError as error:
+        return _without_result("failed", str(error), fault)
+    joint = results.joint
+    if joint is None:
+        return _without_result("failed", "no joint fit", fault)
+    pull, worst = _pull(joint, TRUTH)
+    taking_part = set(results.provenance.joint_runs or ())
+    said = tuple(w.message for w in (*joint.unsound, *joint.warnings) if w.code not in USUAL)
+    return Judged(
+        outcome="no sigma" if joint.unsound else "sound",
+        pull=pull,
+        worst=worst,
+        left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
+        alone=_alone(results.experiments, runs),
+        names_run=_names(said, fault),
+        names_cause=any(re.search(fault.cause, words) for words in said),
+        said=tuple(dict.fromkeys(said)),
+    )
+
+
+def _without_result(outcome: str, message: str, fault: Fault) -> Judged:
+    named, cause = _names([message], fault), bool(re.search(fault.cause, message))
+    return Judged(outcome, 0.0, "", (), (), named, cause, (message,))
+
+
+def _names(said: Iterable[str], fault: Fault) -> bool:
+    runs = "|".join(fault.run.split())
+    return bool(runs) and any(re.search(rf"\b({runs})(x\d)?\b", words) for words in said)
+
+
+def _pull(fit: Fit, truth: dict[str, float]) -> tuple[float, str]:
+    """Return the largest error in sigmas and whose it is."""
+    errors = {n: abs(e.value - truth[n]) / e.sigma for n, e in fit.parameters.items() if n in truth}
+    worst = max(errors, key=lambda name: errors[name], default="")
+    return errors.get(worst, 0.0), worst
+
+
+def _alone(fits: dict[str, Fit], runs: Runs) -> tuple[str, ...]:
+    """Name the experiments that are called sound by themselves and are off."""
+    found = []
+    for name, fit in fits.items():
+        if fit.unsound or name not in PLANS:
+            continue
+        plant = plant_of(PLANS[name], TRUTH)
+        truth = {n: getattr(plant, n) for n in ("lambda_1", "lambda_2", "omega2_2", "delta_ifo")}
+        truth |= {"C_1": TRUTH["C_1"], "C_2": TRUTH["C_2"], "domega2_12": plant.omega2_2 - plant.omega2_1}
+        pull, worst = _pull(fit, truth)
+        if pull > FAR:
+            found.append(f"{name} {worst} {pull:.0f}")
+    return tuple(found)

@@ -1,0 +1,35 @@
+"""The faults of the campaign of thirteen experiments, and who judges them."""
+
+from dataclasses import replace
+
+from tests.hostile.catalogue import FAULTS
+from tests.hostile.judging import Judged
+
+JUDGED = Judged("sound", 6.0, "lambda_2", (), (), False, False, ("nothing",))
+
+
+def of(name):
+    return next(fault for fault in FAULTS if fault.name == name)
+
+
+def test_the_judge_calls_silent_what_is():
+    harmful, harmless = of("clock off, 1e-3, all, B4"), of("clock off, 1e-5, all, A1")
+    assert JUDGED.verdict(harmful) == "silent"
+    assert replace(JUDGED, pull=4.0).verdict(harmful) == "ok"
+    assert replace(JUDGED, outcome="no sigma").verdict(harmful) == "wrong run"
+    assert replace(JUDGED, outcome="no sigma").verdict(harmless) == "cries wolf"
+    assert replace(JUDGED, outcome="refused").verdict(harmful) == "costs all"
+    assert replace(JUDGED, pull=1.0, left_out=("A1",)).verdict(harmless) == "costs a run"
+    assert (
+        replace(JUDGED, pull=1.0, left_out=("B4",), names_run=True, names_cause=True).verdict(harmful) == "ok"
+    )
+
+
+def test_what_no_data_can_tell_is_told_to_rest_on_one_run():
+    blind = of("scaled, the only run that drives it, 1 %, f_x_1, G3")
+    assert JUDGED.verdict(blind) == "silent"
+    assert replace(JUDGED, names_run=True).verdict(blind) == "ok"
+
+
+def test_there_are_enough_and_each_has_a_name_of_its_own():
+    assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 60
