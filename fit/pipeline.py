@@ -10,6 +10,7 @@ from fit.estimate import (
     LeftOut,
     Outcome,
     Prepared,
+    admission,
     bump,
     divide,
     fit_experiment,
@@ -44,7 +45,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     Raises
     ------
     InputError
-        If there is nothing to fit, or a run and its noise run do not belong together.
+        If there is nothing to fit, or nothing of which the data are what they say.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -196,12 +197,14 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     prepared: dict[str, Prepared] = {}
-    left_out: list[LeftOut] = []
+    left_out = admission.faults([e for e in found if e.name not in chosen.exclude])
+    faulty = {f.experiment for f in left_out}
+    plain = chosen.model_copy(update={"glitches": False})  # what is no good needs no search
     for e in found:
         try:
-            prepared[e.name] = prepare(e, chosen)
+            prepared[e.name] = prepare(e, plain if e.name in faulty else chosen)
         except InputError as error:  # one bad run must not cost the others their fit
-            left_out.append(LeftOut(e.name, str(error)))
+            left_out += [LeftOut(e.name, str(error))] * (e.name not in faulty)
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
     ready = _Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
@@ -249,7 +252,7 @@ def _judged(
             fits[e.name] = found
         else:
             of_joint.append(found)
-    of_joint += [f.of_joint for f in ready.left_out]
+    of_joint += [*admission.notes(ready.experiments), *(f.of_joint for f in ready.left_out)]
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", ready.short),
         ("excluded", "as the settings say", ready.excluded),

@@ -198,6 +198,9 @@ KINDS: Mapping[str, Kind] = {
         "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer "
         "or at more frequencies.",
     ),
+    "same_time": Kind(
+        "Put the start of every run into its attribute t0; the fit does not use it.",
+    ),
     "saturated": Kind(
         "Nothing if little is lost; otherwise lower the injection or give the run more authority.",
     ),

@@ -27,6 +27,7 @@ __all__ = [
     "Prepared",
     "Pulls",
     "Run",
+    "admission",
     "bump",
     "divide",
     "earlier",

@@ -1,6 +1,5 @@
 """Runs in pairs: which belong together, their spectra at any delay, the noise PSD the partner tells."""
 
-import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -175,7 +174,7 @@ def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:
     Raises
     ------
     InputError
-        If a run and its noise run do not belong together, there are two of them, or one is too short.
+        If there are two of a kind, or one is too short.
     """
     _check_names(telemetries)
     return [_experiment(run, telemetries) for run in telemetries if run.kind == "sysid"]
@@ -222,12 +221,4 @@ def _experiment(sysid: Telemetry, telemetries: Sequence[Telemetry]) -> Experimen
     for run in (sysid, noise):
         if run is not None and run.duration < SHORTEST:
             raise InputError(f"{run.path}: lasts {run.duration:.6g} s, expected at least {SHORTEST:g} s")
-    if noise is not None:
-        for key in ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch"):
-            here, there = getattr(noise, key), getattr(sysid, key)
-            if not math.isclose(here, there, rel_tol=1e-6):
-                raise InputError(
-                    f"{noise.path}: attribute {key}: {here:g}, expected {there:g} as in {sysid.path}, "
-                    "whose noise run it is"
-                )
     return Experiment(Run(sysid), None if noise is None else Run(noise))

@@ -4,7 +4,7 @@ A run is a `Telemetry`. A channel is read from the file when it is used. Another
 elsewhere first, since they may crash a library (`guard`).
 """
 
-from fit.telemetry.contract import CHANNELS, SCHEMA
+from fit.telemetry.contract import CHANNELS, SCHEMA, utc
 from fit.telemetry.conversion import convert, is_map
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.reader import (
@@ -37,4 +37,5 @@ __all__ = [
     "reader",
     "root_attributes",
     "samples",
+    "utc",
 ]

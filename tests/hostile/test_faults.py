@@ -106,7 +106,8 @@ FAULTS = [
     Fault(
         "a noise run at another authority",
         lambda: of("A-noise", lambda r: replace(r, F_max_2=50e-12)),
-        "refused",
+        "left out",
+        "left_out",
     ),
     Fault(
         "a noise run half as loud as the experiment",
@@ -171,7 +172,8 @@ def told(fault):
     except CalibrationError as error:
         return "failed", None, [str(error)]
     codes = {w.code for w in results.joint.warnings}
-    what = "no sigma" if results.joint.unsound else "left out" if "excluded" in codes else "sound"
+    out = codes & {"excluded", "left_out"}
+    what = "no sigma" if results.joint.unsound else "left out" if out else "sound"
     named = [*results.joint.unsound, *results.joint.warnings]
     return what, results, [w.message for w in named if fault.code in (w.code, None)]
 

@@ -1,0 +1,147 @@
+"""Which experiments belong into one fit: what their files say of themselves, held against each other.
+
+Nothing is fitted here. What contradicts itself stays out of the joint fit by name; where two runs are one,
+the first stays, if both say the same of it.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from datetime import timedelta
+from itertools import pairwise
+
+import numpy as np
+import scipy
+
+from fit.estimate import authority, copies
+from fit.estimate.leftout import LeftOut
+from fit.estimate.runs import Experiment, Run
+from fit.telemetry import Telemetry, utc
+from fit.warnings import FitWarning
+
+SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
+FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
+ADJACENT = 86400.0  # s
+DRIVEN = 1e4  # power of a bin over the median about it; noise has 15 at most, red noise 200
+
+
+def faults(experiments: Sequence[Experiment]) -> list[LeftOut]:
+    """Return the experiments that do not belong into one fit with the others, each once."""
+    found = [*_other_settings(experiments), *_other_times(experiments)]
+    found += [
+        LeftOut(e.name, reason)
+        for e in experiments
+        for run in _runs(e)
+        for reason in authority.faults(run.telemetry)
+    ]
+    found += _copied(experiments)
+    first: dict[str, LeftOut] = {}
+    for fault in found:
+        first.setdefault(fault.experiment, fault)
+    return list(first.values())
+
+
+def notes(experiments: Sequence[Experiment]) -> list[FitWarning]:
+    """Return what is odd about the experiments and moves no estimate: runs that take place at once."""
+    runs = sorted((r.telemetry for e in experiments for r in _runs(e)), key=lambda t: utc(t.t0))
+    pairs = [(a, b) for a, b in pairwise(runs) if _gap(a, b) < -1.0]
+    if not pairs or 2 * len(pairs) >= len(runs) - 1:
+        return []  # where start times are made up, they tell nothing
+    told = ", ".join(f"{a.run} and {b.run}" for a, b in pairs)
+    return [FitWarning("same_time", (), f"t0 says that these took place at the same time: {told}")]
+
+
+def _runs(e: Experiment) -> list[Run]:
+    return [e.sysid, e.noise] if e.noise else [e.sysid]
+
+
+def _gap(a: Telemetry, b: Telemetry) -> float:
+    """Return the time from the end of the earlier of two runs to the start of the other [s]."""
+    a, b = sorted((a, b), key=lambda t: utc(t.t0))
+    return (utc(b.t0) - utc(a.t0) - timedelta(seconds=a.duration)).total_seconds()
+
+
+def _other_settings(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
+    """Yield the experiments whose noise run has another authority or alignment."""
+    for e in experiments:
+        if e.noise is None:
+            continue
+        noise, sysid = e.noise.telemetry, e.sysid.telemetry
+        for key in SETTINGS:
+            here, there = getattr(noise, key), getattr(sysid, key)
+            if not math.isclose(here, there, rel_tol=1e-6):
+                reason = (
+                    f"{noise.path}: attribute {key}: {here:g}, expected {there:g} as in {sysid.path}, "
+                    "whose noise run it is"
+                )
+                yield LeftOut(e.name, reason)
+                break
+
+
+def _other_times(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
+    """Yield the experiments whose noise run is far away, where most are adjacent."""
+    gaps = {e.name: _gap(e.noise.telemetry, e.sysid.telemetry) for e in experiments if e.noise}
+    if 2 * sum(gap < ADJACENT for gap in gaps.values()) <= len(gaps):
+        return
+    for e in experiments:
+        if e.noise and gaps[e.name] > FAR:
+            noise, sysid = e.noise.telemetry, e.sysid.telemetry
+            yield LeftOut(
+                e.name,
+                f"{noise.path}: attribute t0: {noise.t0}, {gaps[e.name] / 86400:.0f} d away from "
+                f"{sysid.path}, whose noise run it is; expected it next to that, as most are",
+            )
+
+
+def _copied(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
+    """Yield the experiments that hold samples of another run, or of another of their own."""
+    owners = [(e, run) for e in experiments for run in _runs(e)]
+    both: dict[tuple[int, int], list[copies.Match]] = {}
+    for match in copies.matches([run for _, run in owners]):
+        both.setdefault((match.first, match.second), []).append(match)
+    out: set[str] = set()
+    for (first, second), found in sorted(both.items()):
+        (e, a), (other, b) = owners[first], owners[second]
+        if e.name in out or other.name in out:
+            continue
+        reason = _same(a.telemetry, b.telemetry, found)
+        for name in _at_fault(e, a, other, b, whole=len(found) == 2):
+            out.add(name)
+            yield LeftOut(name, reason)
+
+
+def _same(a: Telemetry, b: Telemetry, found: Sequence[copies.Match]) -> str:
+    match = found[0]
+    late = f", {abs(match.lag):g} s {'later' if match.lag > 0 else 'earlier'}" * (abs(match.lag) > 0.5)
+    scaled = f", times {match.gain:.4g}" * (abs(match.gain - 1) > 1e-3)
+    what = " and ".join(m.channel for m in found)
+    return (
+        f"{b.path}: {what} hold{'s' * (len(found) == 1)} the noise of {a.path}{late}{scaled}: "
+        f"{b.run} and {a.run} cannot be two runs"
+    )
+
+
+def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) -> list[str]:
+    """Return the experiments to leave out for two runs that share their noise.
+
+    Which of two that say different things is right, nobody knows: then both go.
+    """
+    kinds = a.telemetry.kind, b.telemetry.kind
+    if e is other:
+        return [e.name]
+    if kinds[0] != kinds[1]:  # noise that is somebody's experiment, or an experiment that is noise
+        sysid, noise = (e, other) if kinds[0] == "sysid" else (other, e)
+        return [noise.name if driven(sysid.sysid) else sysid.name]
+    if whole and all(getattr(a.telemetry, key) == getattr(b.telemetry, key) for key in SETTINGS):
+        return [other.name]
+    return [e.name, other.name]
+
+
+def driven(run: Run) -> bool:
+    """Tell whether a read-out or a command of a run holds sines."""
+    for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
+        x = np.diff(getattr(run.channels, name), 2)
+        power = np.abs(scipy.fft.rfft(x * scipy.signal.windows.hann(x.size))[4:]) ** 2
+        level = scipy.ndimage.median_filter(power, 51, mode="nearest")
+        if np.any(power > DRIVEN * level):
+            return True
+    return False

@@ -1,0 +1,68 @@
+"""Commands against the authority that a file states: what no actuator with it can have been told."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.paper import FLIGHT
+from fit.signal import derivatives
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+BEYOND = 0.02  # over the limit, of a command as it was given; leaks and rounding stay below
+RINGING = 0.1  # the same after a low-pass that makes corners ring
+LEAK = 1e-11  # m s^-2: without authority less than this leaks onto a test mass
+STIFFEST = 1e-4  # s^-2, of what an authority may cost; flight had 1e-6
+FLAT, VISITS = 3, 5  # samples in a row at the extreme value, and how often, that make it a limit
+DISTINCT = 0.2  # of the samples; with fewer values the command is quantised, and extremes repeat by chance
+FULL_RATE = 10.0  # Hz
+
+
+def faults(run: Telemetry) -> Iterator[str]:
+    """Yield what contradicts the authority of a run."""
+    for j in (1, 2):
+        yield from _stiff(run, j)
+        f_x, limit = run.channels[f"f_x_{j}"], getattr(run, f"F_max_{j}") / run.m_tm
+        size = np.abs(f_x)
+        if not np.isfinite(size).any():
+            continue
+        at = int(np.nanargmax(size))
+        most, when = float(size[at]), f"{run.time[at]:.0f} s"
+        slack = BEYOND if run.fs > 0.99 * FULL_RATE else RINGING
+        if limit == 0 and most > LEAK:
+            yield f"{run.path}: f_x_{j} is {most:.3g} m s-2 at {when}, but attribute F_max_{j} is 0"
+        elif limit > 0 and most > (1 + slack) * limit + LEAK / 100:
+            yield (
+                f"{run.path}: f_x_{j} is {most:.3g} m s-2 at {when}, expected at most F_max_{j}/m_tm = "
+                f"{limit:.3g} m s-2: no command is beyond its authority"
+            )
+        elif limit > 0 and most < (1 - BEYOND) * limit and (visits := _flat(f_x)) >= VISITS:
+            yield (
+                f"{run.path}: f_x_{j} stops at {most:.3g} m s-2 in {visits} stretches, expected at "
+                f"F_max_{j}/m_tm = {limit:.3g} m s-2 if anywhere: its authority is another one"
+            )
+
+
+def _stiff(run: Telemetry, j: int) -> Iterator[str]:
+    """Yield an authority that would make a test mass stiffer than anything."""
+    for key, alpha, unit in ((f"F_max_{j}", f"alpha_x_{j}", "N"), (f"N_max_{j}", f"alpha_phi_{j}", "N m")):
+        value = getattr(run, key)
+        stiffness = FLIGHT[alpha].value * value
+        if abs(stiffness) > STIFFEST:
+            yield (
+                f"{run.path}: attribute {key}: {value:g} {unit} would make a stiffness of {stiffness:.2g} "
+                "s-2, expected it in SI units"
+            )
+
+
+def _flat(x: Array) -> int:
+    """Return in how many stretches a command stays at its largest or least value as if it were stopped."""
+    x = x[np.isfinite(x)]
+    found, step = 0, 0.2 * np.ptp(x)
+    for extreme in (x.max(), x.min()):
+        for begin, end in derivatives.stretches(x == extreme):
+            entered = begin > 0 and end < x.size and abs(x[begin - 1] - extreme) < step
+            found += bool(entered and end - begin >= FLAT)
+    return found if found < VISITS or np.unique(x).size > DISTINCT * x.size else 0

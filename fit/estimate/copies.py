@@ -1,0 +1,131 @@
+"""Equal samples under two names, whole or channel by channel; shifted, scaled and lightly changed ones too.
+
+Two runs may share their injections but never their noise. What is compared is the phase of every bin of a
+read-out above the injections, each bin of one weight. First the powers of the bins about their smooth level
+are correlated, which no shift alters; what is alike is looked at lag by lag, and then block by block: what
+edges of the same injection have in common is in a few of these, a copy in nearly all.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.estimate.runs import Run
+
+Array = NDArray[np.float64]
+
+LENGTH = 2**15  # samples that are compared, 9 h at 1 Hz
+BAND = (0.07, 0.2)  # Hz: above what is injected, below where archives at 1 Hz have nothing left
+SMOOTH = 101  # bins, over which the level is a median
+TONE = 10.0  # of that level: what is higher is no noise
+WILD = 10.0  # median deviations; a few wild samples must not hide the rest
+LIKELY = 0.05  # correlation of powers; independent noise gives 0.015, equal edges of injections up to 0.15
+ALIKE = 0.15  # correlation of phases at the best lag; independent noise gives 0.06, such edges up to 0.26
+BLOCK = 512  # samples; a copy is one nearly everywhere
+EVERYWHERE = 0.5  # median correlation of the blocks; independent noise gives 0 within 0.06
+LEAST = 4 * BLOCK  # samples a run must have
+
+
+@dataclass(frozen=True)
+class Match:
+    """A read-out of two runs that holds the same noise.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the runs, in their order.
+    channel : str
+        The read-out.
+    lag : float
+        By which the second is late [s].
+    gain : float
+        Of the second over the first.
+    """
+
+    first: int
+    second: int
+    channel: str
+    lag: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class _Print:
+    """What is kept of a read-out: run, rate, samples, and the bins over their level, with their powers."""
+
+    run: int
+    rate: float
+    size: int
+    level: float
+    bins: NDArray[np.complex64]
+    powers: NDArray[np.float32]
+
+
+def matches(runs: Sequence[Run]) -> list[Match]:
+    """Return every two runs, and the read-out, that hold the same noise."""
+    found: list[Match] = []
+    for channel in ("o_1", "o_12"):
+        prints = [
+            made
+            for n, run in enumerate(runs)
+            if (made := _print(n, getattr(run.channels, channel), run.channels.fs)) is not None
+        ]
+        for rate in sorted({p.rate for p in prints}):
+            same = [p for p in prints if p.rate == rate]
+            powers = np.array([p.powers for p in same])
+            for i, j in np.argwhere(np.triu(powers @ powers.T > LIKELY, 1)):
+                match = _match(same[i], same[j], channel)
+                if match is not None:
+                    found.append(match)
+    return found
+
+
+def _print(n: int, values: Array, rate: float) -> _Print | None:
+    """Return the print of a read-out; None where there is no noise to compare."""
+    x = np.diff(values[:LENGTH], 2)
+    limit = WILD * np.median(np.abs(x - np.median(x)))
+    if x.size < LEAST or limit == 0:
+        return None
+    x = np.clip(x, -limit, limit) * scipy.signal.windows.tukey(x.size, 0.1)
+    X = scipy.fft.rfft(x, LENGTH)
+    f = np.arange(X.size) * rate / LENGTH
+    X = np.where((f > BAND[0]) & (f < BAND[1]), X, 0)
+    inside = slice(*np.flatnonzero(X)[[0, -1]])
+    power = np.abs(X[inside]) ** 2
+    level = scipy.ndimage.median_filter(power, SMOOTH, mode="nearest")
+    if not np.all(level > 0):
+        return None
+    noise = power < TONE * level
+    bins = np.zeros(X.size, dtype=np.complex64)
+    bins[inside] = np.where(noise, X[inside] / np.sqrt(level), 0)
+    powers = np.where(noise, np.sqrt(power / level), 0)
+    powers = np.where(noise, powers - powers[noise].mean(), 0)
+    powers /= np.linalg.norm(powers)
+    root = math.sqrt(float(np.median(level)) / x.size)
+    return _Print(n, rate, x.size, root, bins, powers.astype(np.float32))
+
+
+def _match(a: _Print, b: _Print, channel: str) -> Match | None:
+    """Look at two read-outs lag by lag, and at the best one block by block."""
+    cross = b.bins * a.bins.conj()
+    size = np.abs(cross)
+    by_lag = scipy.fft.irfft(np.where(size > 0, cross / np.where(size > 0, size, 1), 0), LENGTH)
+    by_lag *= LENGTH / 2 / max(int(np.count_nonzero(size)), 1)
+    best = int(np.argmax(np.abs(by_lag)))
+    if abs(by_lag[best]) < ALIKE:
+        return None
+    lag = best if best < LENGTH // 2 else best - LENGTH
+    x, y = scipy.fft.irfft(a.bins, LENGTH), scipy.fft.irfft(b.bins, LENGTH)
+    x, y = x[max(0, -lag) : a.size], y[max(0, lag) : b.size]
+    blocks = min(x.size, y.size) // BLOCK
+    x, y = (z[: blocks * BLOCK].reshape(blocks, BLOCK) for z in (x, y))
+    products = np.sum(x * y, axis=1) / np.sqrt(np.sum(x * x, axis=1) * np.sum(y * y, axis=1))
+    median = float(np.median(products)) if blocks > 1 else 0.0
+    if abs(median) < EVERYWHERE:
+        return None
+    gain = math.copysign(b.level / a.level, median)
+    return Match(a.run, b.run, channel, lag / a.rate, gain)
