@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 
 from fit.errors import CalibrationError, InputError
 from fit.pipeline import calibrate
@@ -12,6 +13,7 @@ from tests.hostile.spoiling import Runs, clean
 from tests.oracles.thirteen import PLANS, TRUTH, plant_of
 
 FAR = 5.0  # sigma
+NARROW = 0.85  # of the sigma without the fault, which no fault can improve upon so far
 #: Warnings that are there without any fault.
 USUAL = {"single_tone"}
 
@@ -28,6 +30,8 @@ class Judged:
         Largest error of the joint fit in its sigmas, 0 without one.
     worst : str
         The parameter that has it.
+    width : float
+        Smallest sigma of the joint fit over that of the campaign without the fault.
     left_out : tuple of str
         Experiments that are not in the joint fit.
     alone : tuple of str
@@ -41,6 +45,7 @@ class Judged:
     outcome: str
     pull: float
     worst: str
+    width: float
     left_out: tuple[str, ...]
     alone: tuple[str, ...]
     names_run: bool
@@ -58,6 +63,8 @@ class Judged:
             if not fault.blind:
                 return "silent"
             return "ok" if self.names_run or not fault.run else "silent"
+        if self.outcome == "sound" and self.width < NARROW:
+            return "too sure"
         if fault.harmless and self.outcome != "sound":
             return "cries wolf"
         if self.outcome in ("refused", "failed") and len(fault.run.split()) in (1, 2):
@@ -85,12 +92,14 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
     if joint is None:
         return _without_result("failed", "no joint fit", fault)
     pull, worst = _pull(joint, TRUTH)
+    sigmas = _sigmas(tuple(names))
     taking_part = set(results.provenance.joint_runs or ())
     said = tuple(w.message for w in (*joint.unsound, *joint.warnings) if w.code not in USUAL)
     return Judged(
         outcome="no sigma" if joint.unsound else "sound",
         pull=pull,
         worst=worst,
+        width=min(e.sigma / sigmas[n] for n, e in joint.parameters.items() if n in sigmas),
         left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
         alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),
@@ -99,9 +108,17 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
     )
 
 
+@cache
+def _sigmas(names: tuple[str, ...]) -> dict[str, float]:
+    """Return the sigmas of the joint fit of the campaign without a fault."""
+    joint = calibrate(list(clean(names).values())).joint
+    assert joint is not None
+    return {name: estimate.sigma for name, estimate in joint.parameters.items()}
+
+
 def _without_result(outcome: str, message: str, fault: Fault) -> Judged:
     named, cause = _names([message], fault), bool(re.search(fault.cause, message))
-    return Judged(outcome, 0.0, "", (), (), named, cause, (message,))
+    return Judged(outcome, 0.0, "", 1.0, (), (), named, cause, (message,))
 
 
 def _names(said: Iterable[str], fault: Fault) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from tests.hostile.catalogue import FAULTS
 from tests.hostile.judging import Judged
 
-JUDGED = Judged("sound", 6.0, "lambda_2", (), (), False, False, ("nothing",))
+JUDGED = Judged("sound", 6.0, "lambda_2", 1.0, (), (), False, False, ("nothing",))
 
 
 def of(name):
@@ -18,6 +18,7 @@ def test_the_judge_calls_silent_what_is():
     assert replace(JUDGED, pull=4.0).verdict(harmful) == "ok"
     assert replace(JUDGED, outcome="no sigma").verdict(harmful) == "wrong run"
     assert replace(JUDGED, outcome="no sigma").verdict(harmless) == "cries wolf"
+    assert replace(JUDGED, pull=1.0, width=0.5).verdict(harmful) == "too sure"
     assert replace(JUDGED, outcome="refused").verdict(harmful) == "costs all"
     assert replace(JUDGED, pull=1.0, left_out=("A1",)).verdict(harmless) == "costs a run"
     assert (

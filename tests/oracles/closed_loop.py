@@ -126,6 +126,46 @@ class _Draw:
         return drawn
 
 
+@dataclass(frozen=True)
+class _Inputs:
+    """Fourier amplitudes of what comes from outside the loops: guidance, forces, noise."""
+
+    guidance_1: Array
+    guidance_12: Array
+    f_1: Array
+    ahead: Array  # on test mass 2, against the ramp
+    g_1: Array
+    g_2: Array
+    n_1: Array
+    n_12: Array
+
+
+def _solve(
+    plant: Plant, q: Array, at: _Inputs, e_1: Array | float, e_2: Array | float, e_12: Array | float
+) -> dict[str, Array]:
+    """Return the amplitudes of the channels; the last three are what is hidden."""
+    drag_free = _controller(q, 0.09, (0.03, 0.006), (0.8, 2.0))
+    suspension = _controller(q, 1e-3, (0.3e-3, 0.06e-3), (6e-3, 30e-3))
+    forced_1 = plant.lambda_1 * _response(q, plant.omega2_1, plant.delay_1 - HOLD / 2)
+    forced_2 = plant.lambda_2 * _response(q, plant.omega2_2, plant.delay_2 - HOLD / 2)
+    thrust_1 = _response(q, plant.omega2_1, THRUSTER_DELAY)
+    thrust_2 = _response(q, plant.omega2_2, THRUSTER_DELAY)
+    x_1 = _response(q, plant.omega2_1, 0) * at.g_1 + forced_1 * (at.f_1 + e_1)
+    x_1 = (x_1 - thrust_1 * drag_free * (at.n_1 - at.guidance_1)) / (1 + thrust_1 * drag_free)
+    thrust = drag_free * (x_1 + at.n_1 - at.guidance_1)
+    error = at.n_12 - at.guidance_12 - (1 - plant.delta_ifo) * x_1  # but for x_2
+    x_2 = _response(q, plant.omega2_2, 0) * (at.g_2 + e_12) - thrust_2 * thrust
+    x_2 = (x_2 + forced_2 * (at.ahead + e_2 - suspension * error)) / (1 + forced_2 * suspension)
+    return {
+        "o_1": x_1 + at.n_1,
+        "o_12": x_2 + error + at.guidance_12,
+        "f_x_1": at.f_1,
+        "f_x_2": at.ahead - suspension * (x_2 + error),
+        "guidance_o_1": at.guidance_1,
+        "guidance_o_12": at.guidance_12,
+    }
+
+
 def record(
     plant: Plant,
     noise: Noise,
@@ -156,44 +196,32 @@ def record(
     def amplitudes(values: Array) -> Array:
         return (np.fft.rfft(values) / values.size)[: f.size]
 
-    guidance_1 = amplitudes(_sines(fine, drive.guidance_1))
-    guidance_12 = amplitudes(_sines(fine, drive.guidance_12))
-    ramp = amplitudes(_ramp(fine, drive.ramp, duration))
     draw = _Draw(f, seconds, seed)
     low = np.maximum(f, 1 / seconds)
     n_1, n_12, n_SC = draw(noise.oms), draw(noise.oms), draw(noise.thruster / SPACECRAFT)
-    f_1 = draw(noise.jitter * np.sqrt(1e-3 / low)) + ramp + amplitudes(_sines(fine, drive.force_1))
+    jitter = draw(noise.jitter * np.sqrt(1e-3 / low))
     each = np.hypot(noise.plateau, 60e-15 * noise.tail * 20e-6 / low) / np.sqrt(2)
     g_1, g_2 = draw(each), draw(each)
     g_2[0] += noise.balance
-    ahead = plant.lambda_1 / plant.lambda_2 * ramp
-
-    drag_free = _controller(q, 0.09, (0.03, 0.006), (0.8, 2.0))
-    suspension = _controller(q, 1e-3, (0.3e-3, 0.06e-3), (6e-3, 30e-3))
-    free_1, free_2 = _response(q, plant.omega2_1, 0), _response(q, plant.omega2_2, 0)
-    forced_1 = plant.lambda_1 * _response(q, plant.omega2_1, plant.delay_1 - HOLD / 2)
-    forced_2 = plant.lambda_2 * _response(q, plant.omega2_2, plant.delay_2 - HOLD / 2)
-    thrust_1 = _response(q, plant.omega2_1, THRUSTER_DELAY)
-    thrust_2 = _response(q, plant.omega2_2, THRUSTER_DELAY)
-    keep = slice(int(BEFORE * fs), int((BEFORE + duration) * fs))
+    ramp = amplitudes(_ramp(fine, drive.ramp, duration))
+    inputs = _Inputs(
+        guidance_1=amplitudes(_sines(fine, drive.guidance_1)),
+        guidance_12=amplitudes(_sines(fine, drive.guidance_12)),
+        f_1=jitter + ramp + amplitudes(_sines(fine, drive.force_1)),
+        ahead=plant.lambda_1 / plant.lambda_2 * ramp,
+        g_1=g_1 - n_SC,
+        g_2=g_2 - n_SC,
+        n_1=n_1,
+        n_12=n_12,
+    )
     flat = 1.0 if fs > 1 else np.cos(np.pi / 2 * np.clip((f - BAND[0]) / (BAND[1] - BAND[0]), 0, 1)) ** 2
 
-    def series(amplitude: Array) -> Array:
-        return np.fft.irfft(amplitude * flat * n, n)
+    def series(e_1: Array | float, e_2: Array | float, e_12: Array | float) -> dict[str, Array]:
+        found = _solve(plant, q, inputs, e_1, e_2, e_12)
+        return {name: np.fft.irfft(amplitude * flat * n, n) for name, amplitude in found.items()}
 
-    def solve(e_1: Array | float, e_2: Array | float, e_12: Array | float) -> dict[str, Array]:
-        x_1 = free_1 * (g_1 - n_SC) + forced_1 * (f_1 + e_1) - thrust_1 * drag_free * (n_1 - guidance_1)
-        x_1 = x_1 / (1 + thrust_1 * drag_free)
-        thrust = drag_free * (x_1 + n_1 - guidance_1)
-        error = n_12 - guidance_12 - (1 - plant.delta_ifo) * x_1  # but for x_2
-        x_2 = free_2 * (g_2 + e_12 - n_SC) - thrust_2 * thrust + forced_2 * (ahead + e_2 - suspension * error)
-        x_2 = x_2 / (1 + forced_2 * suspension)
-        found = {"o_1": x_1 + n_1, "o_12": x_2 + error + guidance_12, "f_x_1": f_1}
-        found |= {"f_x_2": ahead - suspension * (x_2 + error)}
-        found |= {"guidance_o_1": guidance_1, "guidance_o_12": guidance_12}
-        return {name: series(amplitude) for name, amplitude in found.items()}
-
-    channels = solve(0.0, 0.0, 0.0)
+    channels = series(0.0, 0.0, 0.0)
     for _ in range(3 if hidden else 0):
-        channels = solve(*map(amplitudes, hidden(time, channels)))
+        channels = series(*map(amplitudes, hidden(time, channels)))
+    keep = slice(int(BEFORE * fs), int((BEFORE + duration) * fs))
     return {name: values[keep].copy() for name, values in channels.items()}

@@ -130,7 +130,6 @@ COPIES = (
         "run cut short",
         "short",
         ("half", "all", "A2", cut("A2-sysid", 0, 10800)),
-        harmless=True,
     ),
     *faults("noise run cut short", "", ("2 h", "all", "A2", cut("A2-noise", 0, 7200)), harmless=True),
 )
