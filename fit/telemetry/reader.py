@@ -267,7 +267,8 @@ def read_truth(path: Path) -> dict[str, float]:
         If the file cannot be read.
     """
     with _opened(path) as file:
-        group = file.get("truth")
+        inside = isinstance(file.get("truth", getlink=True), h5py.HardLink)  # a link might lead elsewhere
+        group = file["truth"] if inside else None
         if not isinstance(group, h5py.Group):
             return {}
         values = {name: plain(value) for name, value in group.attrs.items()}

@@ -289,3 +289,72 @@ def test_truth(tmp_path):
     path = write_contract_file(tmp_path / "A1.h5", truth=truth)
     assert read_truth(path) == {"lambda_2": 1.0776, "C_2": 0.186}
     assert read_truth(write_contract_file(tmp_path / "flight.h5")) == {}
+
+
+# --- values that are not what they look like ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["o_12", "time", "temperature"])
+@pytest.mark.parametrize(("attribute", "value"), [("scale_factor", 1e-9), ("add_offset", 0.5)])
+def test_packed_values_are_refused(file, name, attribute, value):
+    with h5py.File(file, "a") as h5:
+        if name not in h5:
+            h5[name] = np.arange(N)
+        h5[name].attrs[attribute] = value
+    with pytest.raises(InputError, match=rf"{name}: attribute {attribute}: {value}, expected the values"):
+        read(file)
+
+
+def test_what_packs_nothing_is_no_matter(file):
+    with h5py.File(file, "a") as h5:
+        h5["o_1"].attrs["scale_factor"] = 1.0
+        h5["o_1"].attrs["add_offset"] = np.float32(0)
+        h5["o_1"].attrs["_FillValue"] = np.nan
+        h5["o_12"].attrs["_FillValue"] = np.array([9.96921e36])
+    assert read(file).channels["o_1"].size == N
+
+
+@pytest.mark.parametrize("attribute", ["_FillValue", "missing_value"])
+def test_a_number_for_missing_samples_is_refused(file, attribute):
+    with h5py.File(file, "a") as h5:
+        h5["f_x_2"][17] = -9999.0
+        h5["f_x_2"].attrs[attribute] = -9999.0
+    with pytest.raises(
+        InputError, match=rf"f_x_2: attribute {attribute}: -9999.0 .* number 17, expected NaN"
+    ):
+        read(file)
+
+
+def test_what_xarray_writes_is_read(file, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    with xarray.open_dataset(file, engine="h5netcdf") as dataset:
+        dataset.to_netcdf(tmp_path / "again.h5", engine="h5netcdf")
+    np.testing.assert_array_equal(read(tmp_path / "again.h5").channels["o_1"], read(file).channels["o_1"])
+
+
+@pytest.mark.parametrize("kind", ["soft", "external"])
+def test_links_are_refused_by_name(file, tmp_path, kind):
+    write_contract_file(tmp_path / "other.h5")
+    link = h5py.SoftLink("/o_12") if kind == "soft" else h5py.ExternalLink("other.h5", "/o_1")
+    with h5py.File(file, "a") as h5:
+        del h5["o_1"]
+        h5["o_1"] = link
+        h5["truth"] = h5py.ExternalLink("other.h5", "/")
+    with pytest.raises(InputError, match="channel o_1: a link, expected the dataset itself"):
+        read(file)
+    assert read_truth(file) == {}
+
+
+def test_a_chunk_that_was_never_written_is_no_zeros(tmp_path):
+    path = write_contract_file(tmp_path / "hole.h5")
+    with h5py.File(path, "a") as h5:
+        values = h5["o_1"][...]
+        del h5["o_1"]
+        hole = h5.create_dataset("o_1", shape=(N,), chunks=(N // 4,), dtype="f8")
+        hole[N // 4 :] = values[N // 4 :]
+        hole.attrs["units"] = "m"
+    with pytest.raises(
+        InputError, match=rf"channel o_1: declared but only {N - N // 4} values of {N} written"
+    ):
+        read(path)
