@@ -2,16 +2,18 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import ConfigDict, ValidationError
+from pydantic import BeforeValidator, ConfigDict, ValidationError
 
 from fit.errors import InputError, quote
 from fit.files import Table, closest, documents, key, told
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
-_Scattering = Literal["lambda_1", "lambda_2", "C_1", "C_2"]
+#: What may depart from experiment to experiment; "auto" stands alone: what the data ask for.
+_Scattering = Literal["auto", "lambda_1", "lambda_2", "C_1", "C_2", "slope_1", "slope_2", "bend_1", "bend_2"]
+_AUTO = BeforeValidator(lambda given: ["auto"] if given == "auto" else given)
 
 
 class Settings(Table):
@@ -23,7 +25,7 @@ class Settings(Table):
     include_short: bool
     exclude: list[str]
     glitches: bool
-    scatter: list[_Scattering]
+    scatter: Annotated[list[_Scattering], _AUTO]
     shared: dict[str, Group]
 
 
@@ -56,8 +58,10 @@ def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -
         raise InputError(f"{where}.{told(error)}") from error
     if len(set(found.scatter)) < len(found.scatter):
         raise InputError(f"{where}.scatter: {', '.join(found.scatter)}: expected each parameter once")
+    if "auto" in found.scatter and len(found.scatter) > 1:
+        raise InputError(f'{where}.scatter: {", ".join(found.scatter)}: expected "auto" alone')
     for name in found.scatter:
-        if found.shared[name] != "campaign":
+        if found.shared.get(name, "campaign") != "campaign":
             raise InputError(
                 f"{where}.scatter: {name} has a value for each {found.shared[name]} already, "
                 'expected shared = "campaign"'

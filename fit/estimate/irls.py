@@ -5,8 +5,8 @@ weights here are a smooth PSD, fitted by likelihood to the residual of the adjac
 estimate. The delays about which the commands are expanded move along, until nothing moves.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.estimate import flscov, linear
+from fit.estimate.hierarchy import Width
 from fit.estimate.likelihood import Likelihood
 from fit.estimate.runs import Experiment, noise_model
-from fit.estimate.scatter import Scatter, rows
 from fit.model import dynamics
 from fit.paper import Parameter
 from fit.settings import Estimator
@@ -28,7 +28,7 @@ MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
 _WARM_UP = 1  # iteration up to which the signal may still be in the residual
-SAME_WIDTH = 0.05  # sigma, move of the width of a scatter that does not count
+FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
 
 
@@ -133,6 +133,10 @@ class Outcome:
         What was known beside them.
     scatter : mapping of str to tuple of float
         Width, and its sigma, by which a parameter scatters between experiments.
+    departing : tuple of Width
+        The widths, and which parameters depart by them.
+    by_data : bool
+        Whether the data chose what departs, not the settings.
     """
 
     parameters: tuple[Parameter, ...]
@@ -143,7 +147,9 @@ class Outcome:
     converged: bool
     blocks: tuple[linear.Block, ...]
     prior: linear.Prior
-    scatter: Mapping[str, tuple[float, float]]
+    scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    departing: tuple[Width, ...] = ()
+    by_data: bool = False
 
 
 def reweight(
@@ -153,7 +159,8 @@ def reweight(
     known: Known | None = None,
     *,
     estimator: Estimator = "gaussian",
-    scatter: Sequence[Scatter] = (),
+    departing: Sequence[Width] = (),
+    levels: Container[str] = (),
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -169,8 +176,10 @@ def reweight(
         Used if the runs hold a single tone: then of all parameters of a run only lambda_2 is fitted.
     estimator : str
         ``flscov``, or the likelihood of the residual, see `fit.estimate.likelihood`.
-    scatter : sequence of Scatter
-        Departures of experiments from their common value, whose width is estimated along.
+    departing : sequence of Width
+        Departures of experiments, held so weakly here that the data tell them.
+    levels : container of str
+        Experiments whose noise run does not tell the level of their noise: it is marginalised.
 
     Raises
     ------
@@ -178,8 +187,7 @@ def reweight(
         If it does not settle, or a step of it fails.
     """
     weighings = [
-        _Flscov(e, share) if estimator == "flscov" else _Smooth(e, share, estimator)
-        for e, share in zip(experiments, shares, strict=True)
+        _weighing(e, share, estimator, e.name in levels) for e, share in zip(experiments, shares, strict=True)
     ]
 
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
@@ -190,7 +198,7 @@ def reweight(
         return replace(found, prior=prior, lost=lost)
 
     try:
-        return iterate(weighings, parameters, held, scatter=scatter)
+        return iterate(weighings, parameters, held, departing=departing)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -217,7 +225,7 @@ def iterate(
     parameters: Sequence[Parameter],
     held: Callable[[Sequence[linear.Block], Array, Array], Held],
     rule: Rule | None = None,
-    scatter: Sequence[Scatter] = (),
+    departing: Sequence[Width] = (),
 ) -> Outcome:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
 
@@ -228,11 +236,11 @@ def iterate(
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their values.
     held : callable
-        Tells from blocks, theta and the rows of the scatter what is known beside the data.
+        Tells from blocks, theta and what holds the departures what is known beside the data.
     rule : Rule, optional
         When to stop.
-    scatter : sequence of Scatter
-        Departures of experiments from their common value, whose width is estimated along.
+    departing : sequence of Width
+        Departures of experiments, see `reweight`.
 
     Raises
     ------
@@ -242,28 +250,24 @@ def iterate(
     rule = rule or Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS)
     width = np.array([p.prior_sigma for p in parameters])
     theta, covariance = np.array([p.value for p in parameters]), np.zeros((width.size, width.size))
-    widths = [(s.start, np.inf) for s in scatter]
+    of_departures = np.concatenate([np.empty((0, theta.size)), *(_rows(w, theta.size) for w in departing)])
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(rule.most):
         blocks = [w.block(theta, covariance, iteration) for w in weighings]
-        of_scatter = rows(scatter, theta.size, [s for s, _ in widths])
         if iteration < SETTLED:
-            beside = held(blocks, theta, of_scatter)
+            beside = held(blocks, theta, of_departures)
         determined = ~beside.lost
-        prior = linear.Prior(beside.prior.centre, np.concatenate([beside.prior.rows, of_scatter]))
+        prior = linear.Prior(beside.prior.centre, np.concatenate([beside.prior.rows, of_departures]))
         found = linear.minimise(blocks, prior, theta, width)
         covariance = _spread(blocks, prior, found, width, rule)
         move = (found - theta) / np.sqrt(np.diag(covariance))
         moved = float(np.max(np.abs(move[determined]), initial=0.0))
-        before, widths = widths, _widths(scatter, widths, found, blocks, prior)
-        still = all(abs(a - b) < SAME_WIDTH * e for (a, _), (b, e) in zip(before, widths, strict=True))
-        settled = moved < rule.tolerance and still and all(w.settled for w in weighings)
+        settled = moved < rule.tolerance and all(w.settled for w in weighings)
         put_up_with = iteration == rule.most - 1 and moved < rule.harmless
         if iteration > rule.warm_up and (settled or put_up_with):
-            told = {s.name: of_s for s, of_s in zip(scatter, widths, strict=True)}
             solution = linear.solution(blocks, prior, found, width)
-            state = (beside.lost, beside.directions, beside.tone, settled, tuple(blocks), prior, told)
-            return Outcome(tuple(parameters), solution, *state)
+            state = (beside.lost, beside.directions, beside.tone, settled, tuple(blocks), beside.prior)
+            return Outcome(tuple(parameters), solution, *state, departing=tuple(departing))
         if iteration >= SETTLED and float(move[determined] @ move_before[determined]) < 0:
             step /= 2  # lest weights and parameters swing against each other
         move_before = move
@@ -284,20 +288,15 @@ def _spread(
     return covariance
 
 
-def _widths(
-    scatter: Sequence[Scatter],
-    widths: Sequence[tuple[float, float]],
-    theta: Array,
-    blocks: Sequence[linear.Block],
-    prior: linear.Prior,
-) -> list[tuple[float, float]]:
-    """Estimate the widths anew, each with the others as they were; the prior holds them all."""
-    H = linear.information(blocks, theta) + prior.rows.T @ prior.rows if scatter else prior.rows
-    found = []
-    for s, (width, _) in zip(scatter, widths, strict=True):
-        own = s.rows(theta.size, width)
-        found.append(s.estimate(theta, H - own.T @ own, width))
-    return found
+def _rows(width: Width, size: int) -> Array:
+    """Return what holds the departures of a width while weights settle, as rows of a `linear.Prior`."""
+    return np.eye(size)[list(width.members)] / (FREE * width.scale * width.units[:, None])
+
+
+def _weighing(experiment: Experiment, share: Array, estimator: Estimator, level: bool) -> Weighing:
+    if estimator == "flscov":
+        return _Flscov(experiment, share)
+    return _Smooth(experiment, share, "marginalised" if level else estimator)
 
 
 class _Smooth:
@@ -310,8 +309,13 @@ class _Smooth:
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
         share, of_run, run = self._share, self._share @ theta, self._experiment.sysid
-        self._model = noise_model(self._experiment, of_run, share @ covariance @ share.T, self._model)
-        terms = run.spectra(dynamics.delays(of_run))
+        own = len(self._experiment.parameters)  # what the gains do within the run comes after
+        spread = (share @ covariance @ share.T)[:own, :own]
+        self._model = noise_model(self._experiment, of_run[:own], spread, self._model)
+        tau = dynamics.delays(of_run)
+        terms = run.spectra(tau)
+        if own < len(share):
+            terms = terms.beside(run.wander(tau))
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > _WARM_UP else None
         return linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)

@@ -1,18 +1,17 @@
 """The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fit.errors import InputError
+from fit.estimate import choice, departures
 from fit.estimate.irls import Known, Outcome, reweight
 from fit.estimate.runs import Experiment, Run
-from fit.estimate.scatter import START, Scatter
 from fit.model import Sharing, dynamics
-from fit.paper import FLIGHT, Parameter, cross_talk_parameter, experiment_parameters
+from fit.paper import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, Settings
-from fit.telemetry import Telemetry
 
 
 def fit_experiment(
@@ -42,8 +41,17 @@ def fit_experiment(
     return reweight([experiment], [share], parameters, known, estimator=estimator)
 
 
-def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
+def fit_joint(experiments: Sequence[Experiment], chosen: Settings, levels: Collection[str] = ()) -> Outcome:
     """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        To be fitted.
+    chosen : Settings
+        With ``scatter = "auto"`` the data choose what departs.
+    levels : collection of str
+        Experiments whose noise levels are marginalised, whatever the estimator.
 
     Raises
     ------
@@ -52,38 +60,36 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
     FitError
         If no trustworthy estimate comes out.
     """
-    runs = [experiment.sysid.telemetry for experiment in experiments]
-    sharing = Sharing(chosen.shared)
+    if chosen.scatter == ["auto"]:
+        plain = _fitted(experiments, chosen, levels, ())
+        asked = choice.departing(plain, experiments, Sharing(chosen.shared))
+        return replace(_fitted(experiments, chosen, levels, asked), by_data=True) if asked else plain
+    if chosen.scatter and len(experiments) < 2:
+        raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
+    return _fitted(experiments, chosen, levels, chosen.scatter)
+
+
+def _fitted(
+    experiments: Sequence[Experiment], chosen: Settings, levels: Collection[str], departing: Sequence[str]
+) -> Outcome:
+    """Fit all experiments together, with departures from what is named."""
+    sharing, N = Sharing(chosen.shared), len(experiments)
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in parameters]
-    if chosen.scatter and len(runs) < 2:
-        raise InputError(f"fit.scatter: {runs[0].experiment} is alone, expected two experiments or more")
-    departures, scatter = _departures(chosen.scatter, runs, names)
-    shares = []
-    for n, e in enumerate(experiments):
-        share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
-        own = np.zeros((len(share), len(departures)))
-        for i, name in enumerate(chosen.scatter):
-            own[dynamics.PARAMETERS.index(name), i * len(runs) + n] = 1.0
-        shares.append(np.hstack([share, own]))
-    return reweight(
-        experiments, shares, [*parameters, *departures], estimator=chosen.estimator, scatter=scatter
+    more, widths = departures.parameters(departing, [e.name for e in experiments], len(names))
+    shares = [
+        departures.share(sharing.matrix(e.sysid.telemetry, e.parameters, names), departing, n, N)
+        for n, e in enumerate(experiments)
+    ]
+    outcome = reweight(
+        experiments,
+        shares,
+        [*parameters, *more],
+        estimator=chosen.estimator,
+        departing=widths,
+        levels=levels,
     )
-
-
-def _departures(
-    scattering: Sequence[str], runs: Sequence[Telemetry], names: Sequence[str]
-) -> tuple[list[Parameter], list[Scatter]]:
-    """Return the departures of every run from what scatters, and where they stand among the parameters."""
-    departures: list[Parameter] = []
-    scatter: list[Scatter] = []
-    for name in scattering:
-        start = START * FLIGHT[name].value
-        at = len(names) + len(departures)
-        departure = replace(FLIGHT[name], value=0.0, prior_sigma=start, equation="")
-        departures += [replace(departure, name=f"d{name}_{run.experiment}") for run in runs]
-        scatter.append(Scatter(name, names.index(name), tuple(range(at, at + len(runs))), start))
-    return departures, scatter
+    return departures.integrated(outcome) if widths else outcome
 
 
 def known_of(outcome: Outcome, run: Run, sharing: Sharing) -> Known | None:

@@ -48,6 +48,8 @@ class Block:
         Linear map from the fitted parameters to those of the run.
     first : int
         Number of its first bin in the transform of the whole run.
+    S : ndarray, shape (B,), or None
+        The PSD by which it was whitened, where it was one.
     """
 
     tau: tuple[float, float]
@@ -57,6 +59,7 @@ class Block:
     tone: float | None
     share: Array
     first: int = 1
+    S: Array | None = None
 
     def coefficients(self, theta: Array) -> Array:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
@@ -176,10 +179,11 @@ def block(
     c : ndarray, shape (K,), optional
         Coefficients of the columns at the previous estimate, which make the residual that tells the weights.
     """
-    U, _ = whiten(spectra, noise.expected(spectra.f))
+    S = noise.expected(spectra.f)
+    U, _ = whiten(spectra, S)
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
-    return Block(spectra.tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share)
+    return Block(spectra.tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share, S=S)
 
 
 def single_tone(f: Array, power: Array) -> float | None:

@@ -12,13 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import linear
 from fit.estimate.irls import Outcome
-from fit.model import dynamics
+from fit.estimate.normal import inflation
 
 Array = NDArray[np.float64]
-
-_NULL = 1e-10  # information relative to the largest, below which a run does not see a direction
 
 
 class Posterior:
@@ -92,23 +89,3 @@ class Posterior:
         and it is 1e-8 that such a density may differ by.
         """
         return self(np.eye(len(self.names) + 1, len(self.names), k=-1))
-
-
-def inflation(block: linear.Block, theta: Array) -> float:
-    """Return the mean, over the directions that a run determines, of true variance by claimed variance.
-
-    Parameters
-    ----------
-    block : linear.Block
-        The run.
-    theta : ndarray, shape (P,)
-        The estimate.
-    """
-    c = dynamics.gradient(block.share @ theta, block.tau)
-    H, M = c.T @ block.H @ c, c.T @ block.M @ c
-    diagonal = np.diag(H)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(scale[:, None] * H * scale)
-    seen = values > _NULL * values[-1]
-    V = scale[:, None] * vectors[:, seen] / np.sqrt(values[seen])  # V^T H V = 1
-    return float(np.trace(V.T @ M @ V) / seen.sum())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.estimate import linear
-from fit.model import dynamics
+from fit.model import dynamics, wander
 from fit.settings import Settings
 from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, spectra
 from fit.telemetry import Telemetry
@@ -44,6 +44,7 @@ class Run:
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
         self._last: Spectra | None = None
+        self._wander: Spectra | None = None
 
     def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked besides what is masked already."""
@@ -52,7 +53,7 @@ class Run:
             valid &= (time < begin) | (time > end)
         run.channels = replace(self.channels, valid=valid)
         run.masks = (*self.masks, *stretches)
-        run._last = None
+        run._last = run._wander = None
         return run
 
     @property
@@ -80,11 +81,23 @@ class Run:
             If missing samples leave too little of the run.
         """
         last = self._last  # made anew only when a delay has moved
-        if last is None or max(abs(tau[0] - last.tau[0]), abs(tau[1] - last.tau[1])) > CLOSE:
+        if last is None or _apart(tau, last.tau) > CLOSE:
             terms = self.columns(tau)
             self._last = last = spectra.transform(terms.values, terms.valid, terms.fs, tau)
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
         return last
+
+    def wander(self, tau: tuple[float, float]) -> Spectra:
+        """Return the spectra of `wander.columns`, for delays as close to `tau` as those of `spectra`."""
+        last = self._wander
+        if last is None or _apart(tau, last.tau) > CLOSE:
+            terms = self.columns(tau)
+            self._wander = last = spectra.transform(wander.columns(terms), terms.valid, terms.fs, tau)
+        return last
+
+
+def _apart(tau: tuple[float, float], other: tuple[float, float]) -> float:
+    return max(abs(a - b) for a, b in zip(tau, other, strict=True))
 
 
 def check_left(run: Telemetry, window: Array, missing: str) -> None:

@@ -156,16 +156,25 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None)
 
 
 def _scatter(outcome: Outcome) -> list[FitWarning]:
-    """Say by how much parameters differ between the experiments."""
-    return [
-        FitWarning(
-            "scatter",
-            (name,),
-            f"{name} scatters between the experiments by {width:.2g} ± {sigma:.1g} beyond noise; its sigma "
-            "is that of the mean over such experiments",
+    """Say by how much parameters differ between the experiments, or within them."""
+    chosen = ", as the data ask for" if outcome.by_data else ""
+    told = {
+        "slope": "lambda_{} changes within the runs by {:.2g} ± {:.1g} from start to end{}",
+        "bend": "lambda_{} changes with the force, by {:.2g} ± {:.1g} at the largest of a run{}",
+    }
+    found = []
+    for name, (width, sigma) in outcome.scatter.items():
+        kind, j = name.split("_")
+        text = (
+            told[kind].format(j, width, sigma, chosen)
+            if kind in told
+            else (
+                f"{name} scatters between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
+                "its sigma is that of the mean over such experiments"
+            )
         )
-        for name, (width, sigma) in outcome.scatter.items()
-    ]
+        found.append(FitWarning("scatter", (name,), text))
+    return found
 
 
 def _doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarning]:

@@ -18,4 +18,5 @@ __all__ = [
     "inertial",
     "rate",
     "rotation",
+    "wander",
 ]

@@ -60,6 +60,10 @@ class Spectra:
         first = self.first + int(np.argmax(kept))
         return replace(self, f=f, columns=columns, nuisance=nuisance, first=first)
 
+    def beside(self, other: "Spectra") -> "Spectra":
+        """Return the columns of both, which must be of one run."""
+        return replace(self, columns=np.concatenate([self.columns, other.columns], axis=1))
+
 
 def transform(
     columns: Array, valid: NDArray[np.bool_], fs: float, tau: tuple[float, float] = (0.0, 0.0)

@@ -1,0 +1,166 @@
+"""What differs from experiment to experiment, or within one, more than noise makes it.
+
+A gain or a delay departs from its common value, and a gain may wander within a run (`fit.model.wander`): in
+every experiment by an unknown amount, drawn from a Gaussian about zero. Its width is not known either. The
+two test masses share it, relative to the flight values: their actuators are alike. So a gain that a single
+experiment tells gets the sigma that the scatter of the other implies.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.estimate import hierarchy, linear, normal
+from fit.estimate.hierarchy import Width
+from fit.estimate.irls import FREE, Outcome
+from fit.model import dynamics, wander
+from fit.paper import FLIGHT, Parameter
+from fit.signal import Spectra
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One way to depart.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    parameters : tuple of str
+        What departs, for test masses 1 and 2.
+    units : tuple of str
+        The parameters whose flight values the width is relative to.
+    scale : float
+        Of the half-Cauchy prior of the width.
+    """
+
+    name: str
+    parameters: tuple[str, str]
+    units: tuple[str, str]
+    scale: float
+
+
+_GAINS = ("lambda_1", "lambda_2")
+#: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02; that gains wander
+#: within a run was not seen.
+KINDS = (
+    Kind("gain", _GAINS, _GAINS, 0.005),
+    Kind("delay", ("C_1", "C_2"), ("C_1", "C_2"), 0.02),
+    Kind("slope", ("slope_1", "slope_2"), _GAINS, 0.001),
+    Kind("bend", ("bend_1", "bend_2"), _GAINS, 0.001),
+)
+
+
+def row(name: str, own: int) -> int:
+    """Return where a departure enters among the parameters of a run, of which `own` are not its `wander`."""
+    if name in dynamics.PARAMETERS:
+        return dynamics.PARAMETERS.index(name)
+    return own + wander.NAMES.index(name)
+
+
+def wanders(names: Iterable[str]) -> bool:
+    """Return whether any of these departures is within a run."""
+    return any(name in wander.NAMES for name in names)
+
+
+def parameters(
+    names: Sequence[str], experiments: Sequence[str], first: int
+) -> tuple[list[Parameter], list[Width]]:
+    """Return the departures of every experiment from what is named, and the widths that they share.
+
+    Parameters
+    ----------
+    names, experiments : sequence of str
+        What departs, and where.
+    first : int
+        Where the first of the departures stands among the parameters of the fit.
+    """
+    found: list[Parameter] = []
+    widths: list[Width] = []
+    for kind in KINDS:
+        members: list[int] = []
+        units: list[float] = []
+        for name, unit in zip(kind.parameters, kind.units, strict=True):
+            if name not in names:
+                continue
+            flight = FLIGHT[unit]
+            free = 2 * FREE * kind.scale * flight.value  # wider than what holds it: never indeterminable
+            departure = replace(flight, value=0.0, prior_sigma=free, equation="")
+            members += range(first + len(found), first + len(found) + len(experiments))
+            units += [flight.value] * len(experiments)
+            found += [replace(departure, name=f"d{name}_{experiment}") for experiment in experiments]
+        if members:
+            widths.append(Width(kind.name, tuple(members), np.array(units), kind.scale))
+    return found, widths
+
+
+def share(plain: Array, names: Sequence[str], experiment: int, experiments: int) -> Array:
+    """Return the map to the parameters of a run, shape (K, P), with the departures of `parameters` beside.
+
+    Parameters
+    ----------
+    plain : ndarray, shape (K, P)
+        Without.
+    names : sequence of str
+        What departs.
+    experiment, experiments : int
+        Number of the run, and how many there are.
+    """
+    more = len(wander.NAMES) if wanders(names) else 0
+    ordered = [name for kind in KINDS for name in kind.parameters if name in names]
+    own = np.zeros((len(plain) + more, len(ordered) * experiments))
+    for i, name in enumerate(ordered):
+        own[row(name, len(plain)), i * experiments + experiment] = 1.0
+    return np.hstack([np.vstack([plain, np.zeros((more, plain.shape[1]))]), own])
+
+
+def extended(block: linear.Block, spectra: Spectra) -> linear.Block:
+    """Return a block with the columns of `wander` beside its own; nothing multiplies them yet."""
+    if block.S is None:
+        raise FitError("not weighed by a PSD, expected another estimator than 'flscov' where gains wander")
+    U, _ = linear.whiten(spectra, block.S)
+    more = np.zeros((len(wander.NAMES), block.share.shape[1]))
+    return replace(
+        block, columns=np.concatenate([block.columns, U], axis=1), share=np.vstack([block.share, more])
+    )
+
+
+def integrated(outcome: Outcome) -> Outcome:
+    """Return the outcome of a fit with departures, their widths integrated over.
+
+    Raises
+    ------
+    FitError
+        If the data leave a direction free.
+    """
+    theta, blocks = outcome.solution.theta, outcome.blocks
+    inflations = [normal.inflation(block, theta) for block in blocks]
+    members = [i for width in outcome.departing for i in width.members]
+    joined = normal.about_zero(normal.joined(blocks, outcome.prior, theta, inflations), members)
+    found = hierarchy.integrate(joined, outcome.departing)
+    _, _, covariance = hierarchy.given(joined, outcome.departing, found.log_widths)
+    determined = round(float(np.trace(covariance @ joined.H)))
+    left = [block.plain @ block.coefficients(found.mean) for block in blocks]
+    solution = linear.Solution(
+        found.mean,
+        found.covariance,
+        float(np.sum(np.concatenate(left) ** 2)),
+        sum(block.size for block in blocks) - determined,
+    )
+    told = {}
+    for width, value, sigma in zip(outcome.departing, found.widths, found.sigmas, strict=True):
+        for unit, name in dict(zip(width.units, _names(outcome, width), strict=True)).items():
+            told[name] = (float(value * unit), float(sigma * unit))
+    return replace(outcome, solution=solution, scatter=told)
+
+
+def _names(outcome: Outcome, width: Width) -> list[str]:
+    """Return what each of the departures of a width departs from."""
+    kind = next(kind for kind in KINDS if kind.name == width.name)
+    names = [outcome.parameters[i].name for i in width.members]
+    return [next(p for p in kind.parameters if name.startswith(f"d{p}_")) for name in names]

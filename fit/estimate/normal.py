@@ -1,0 +1,68 @@
+"""A finished fit as a normal distribution: information and score of its runs about the estimate.
+
+The window makes neighbouring bins one noise, so that chi^2 as it stands claims more information than there is
+(see `posterior`); the chi^2 of every run is therefore divided by its mean ratio of the two.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.estimate import linear
+from fit.estimate.hierarchy import Normal
+from fit.model import dynamics
+
+Array = NDArray[np.float64]
+
+_NULL = 1e-10  # information relative to the largest, below which a run does not see a direction
+
+
+def of_runs(blocks: Sequence[linear.Block], theta: Array, inflations: Sequence[float]) -> list[Normal]:
+    """Return what each run alone says of its own K parameters at the joint theta, shape (P,)."""
+    found = []
+    for block, k in zip(blocks, inflations, strict=True):
+        of_run = block.share @ theta
+        to_columns = dynamics.gradient(of_run, block.tau)
+        left = block.R.T @ (block.R @ block.coefficients(theta))
+        found.append(Normal(to_columns.T @ block.H @ to_columns / k, -to_columns.T @ left / k, of_run))
+    return found
+
+
+def joined(
+    blocks: Sequence[linear.Block], prior: linear.Prior, theta: Array, inflations: Sequence[float]
+) -> Normal:
+    """Return what all runs and a prior say of the joint parameters theta, shape (P,)."""
+    H = prior.rows.T @ prior.rows
+    b = -prior.rows.T @ (prior.rows @ (theta - prior.centre))
+    for block, own in zip(blocks, of_runs(blocks, theta, inflations), strict=True):
+        H = H + block.share.T @ own.H @ block.share
+        b = b + block.share.T @ own.b
+    return Normal(H, b, theta)
+
+
+def about_zero(normal: Normal, members: Sequence[int]) -> Normal:
+    """Return the same about a point at which these parameters are zero."""
+    moved = np.zeros_like(normal.at)
+    moved[list(members)] = normal.at[list(members)]
+    return Normal(normal.H, normal.b + normal.H @ moved, normal.at - moved)
+
+
+def inflation(block: linear.Block, theta: Array) -> float:
+    """Return the mean, over the directions that a run determines, of true variance by claimed variance.
+
+    Parameters
+    ----------
+    block : linear.Block
+        The run.
+    theta : ndarray, shape (P,)
+        The estimate.
+    """
+    c = dynamics.gradient(block.share @ theta, block.tau)
+    H, M = c.T @ block.H @ c, c.T @ block.M @ c
+    diagonal = np.diag(H)
+    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
+    values, vectors = np.linalg.eigh(scale[:, None] * H * scale)
+    seen = values > _NULL * values[-1]
+    V = scale[:, None] * vectors[:, seen] / np.sqrt(values[seen])  # V^T H V = 1
+    return float(np.trace(V.T @ M @ V) / seen.sum())

@@ -1,0 +1,92 @@
+"""What the data of a joint fit ask to depart: found where it is, and nothing where it is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate import Experiment, fit_joint
+from fit.estimate.runs import Run
+from fit.settings import settings
+from tests.oracles.synthetic import World, pair
+
+SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2), ("B", 2), ("A", 2))
+PLAIN = settings({"scatter": []})
+
+
+def experiments(factor=lambda n, u, force: 1.0, worlds=None, **options):
+    """Make six experiments; `factor` is what the gain of f_x_2 is multiplied by in the n-th of them."""
+    found = []
+    for n, (authority, epoch) in enumerate(SETS):
+        world = worlds[n] if worlds else World()
+        runs = pair(world, authority, epoch=epoch, experiment=f"{authority}{n}", seed=n, **options)
+        for i, run in enumerate(runs):
+            force = run.channels["f_x_2"]
+            gain = factor(n, run.time / run.time[-1] - 0.5, force)
+            runs[i] = replace(run, channels={**run.channels, "f_x_2": force / gain})
+        found.append(Experiment(*map(Run, runs)))
+    return found
+
+
+def pulls(outcome, truth):
+    found = zip(outcome.parameters, outcome.solution.theta, outcome.solution.sigma, outcome.lost, strict=True)
+    return {p.name: (x - truth[p.name]) / s for p, x, s, lost in found if p.equation and not lost}
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return fit_joint(experiments(), PLAIN)
+
+
+def test_on_clean_data_nothing_departs(clean):
+    auto = fit_joint(experiments(), settings())
+    assert auto.scatter == {}
+    assert np.array_equal(auto.solution.theta, clean.solution.theta)
+    assert np.array_equal(auto.solution.covariance, clean.solution.covariance)
+
+
+def test_gains_that_scatter_are_let_scatter():
+    rng = np.random.default_rng(2)
+    gains = 1 + 0.003 * rng.standard_normal(len(SETS))
+    found = fit_joint(experiments(worlds=[World(lambda_2=1.0776 * g) for g in gains]), settings())
+    assert found.by_data
+    assert set(found.scatter) == {"lambda_1", "lambda_2"}
+    value, sigma = found.scatter["lambda_2"]
+    assert abs(value - 1.0776 * np.std(gains, ddof=1)) < 2 * sigma
+    assert max(abs(p) for p in pulls(found, vars(World())).values()) < 4.5
+    # the departures that were estimated are those that were made
+    at = [p.name for p in found.parameters].index("dlambda_2_A0")
+    departures = found.solution.theta[at : at + len(SETS)]
+    assert departures - departures.mean() == pytest.approx(1.0776 * (gains - gains.mean()), abs=1e-4)
+    assert found.solution.chi2 / found.solution.dof == pytest.approx(1, abs=0.05)
+
+
+def test_a_gain_that_grows_within_the_runs_is_let_grow(clean):
+    slopes = 0.002 * np.array([1.0, -0.5, 1.2, 0.9, -1.4, 0.7])
+    found = fit_joint(experiments(lambda n, u, _: 1 + slopes[n] * u), settings())
+    assert set(found.scatter) == {"slope_1", "slope_2"}
+    at = [p.name for p in found.parameters].index("dslope_2_A0")
+    sigma = found.solution.sigma[at : at + len(SETS)]
+    assert np.abs((found.solution.theta[at : at + len(SETS)] - 1.0776 * slopes) / sigma).max() < 4.5
+    assert max(abs(p) for p in pulls(found, vars(World())).values()) < 4.5
+    assert found.solution.sigma[1] < 2 * clean.solution.sigma[1]
+
+
+def test_what_one_experiment_shows_is_left_to_the_verdict():
+    found = fit_joint(experiments(lambda n, *_: 1.01 if n == 2 else 1.0), settings())
+    assert found.scatter == {}
+
+
+def test_what_is_no_gain_is_not_taken_for_one():
+    # the stiffness of two epochs differs: gains that scatter would explain a part of it
+    worlds = [World(omega2_2_0=-4.19e-7 * (1.4 if epoch == 2 else 1.0)) for _, epoch in SETS]
+    assert fit_joint(experiments(worlds=worlds), settings()).scatter == {}
+
+
+def test_both_gains_share_a_width():
+    chosen = settings({"scatter": ["lambda_1", "lambda_2"]})
+    gains = 1 + 0.003 * np.array([1.0, -0.7, 0.4, -1.1, 0.6, -0.3])
+    runs = experiments(worlds=[World(lambda_2=1.0776 * g) for g in gains], drive_1=1e-12)
+    found = fit_joint(runs, chosen)
+    one, two = found.scatter["lambda_1"], found.scatter["lambda_2"]
+    assert one[0] / two[0] == pytest.approx(1.0748 / 1.0776)
