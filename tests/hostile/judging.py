@@ -89,8 +89,9 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
     except CalibrationError as error:
         return _without_result("failed", str(error), fault)
     joint = results.joint
-    if joint is None:
-        return _without_result("failed", "no joint fit", fault)
+    if joint is None or not joint.parameters:
+        said = joint.warnings[0].message if joint and joint.warnings else "no joint fit"
+        return _without_result("failed", said, fault)
     pull, worst = _pull(joint, TRUTH)
     sigmas = _sigmas(tuple(names))
     taking_part = set(results.provenance.joint_runs or ())
@@ -99,7 +100,7 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
         outcome="no sigma" if joint.unsound else "sound",
         pull=pull,
         worst=worst,
-        width=min(e.sigma / sigmas[n] for n, e in joint.parameters.items() if n in sigmas),
+        width=min((e.sigma / sigmas[n] for n, e in joint.parameters.items() if n in sigmas)),
         left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
         alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),

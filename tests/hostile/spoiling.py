@@ -250,6 +250,11 @@ def all_of(*spoils: Spoil) -> Spoil:
     return spoil
 
 
-def every(spoil: Callable[[str], Spoil], names: Iterable[str] = PLANS, kind: str = "sysid") -> Spoil:
-    """Spoil the run of a kind of many experiments in the same way."""
-    return all_of(*(spoil(f"{name}-{kind}") for name in names))
+def every(spoil: Callable[[str], Spoil], names: Iterable[str] = PLANS) -> Spoil:
+    """Spoil the sysid runs of many experiments in the same way, as far as they are there."""
+
+    def spoiled(runs: Runs) -> Runs:
+        mine = [f"{name}-sysid" for name in names if f"{name}-sysid" in runs]
+        return all_of(*map(spoil, mine))(runs)
+
+    return spoiled

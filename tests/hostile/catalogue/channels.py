@@ -128,8 +128,14 @@ TIMES = (
         ("1 s", "o_12", "B4", delayed(1)),
         ("1 s", "o_1", "C2", delayed(1)),
         ("1 s", "f_x_2", "A1", delayed(1)),
-        ("1 s", "f_x_1", "G3", delayed(1)),
         ("60 s", "f_x_2", "F3", delayed(60)),
+    ),
+    *changes(
+        "late, the only run that drives it",
+        "rest|single|alone",
+        ("1 s", "f_x_1", "G3", delayed(1)),
+        ("0.1 s", "f_x_1", "G3", delayed(0.1)),
+        blind="C_1 rests on G3 alone",
     ),
     *fine_changes(
         "late",
