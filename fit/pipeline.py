@@ -14,8 +14,8 @@ from fit.estimate import (
     bump,
     divide,
     fit_experiment,
-    fit_joint,
     inertial,
+    jury,
     known_of,
     leftout,
     pair,
@@ -170,10 +170,11 @@ class _Ready:
 
 @dataclass(frozen=True)
 class _Together:
-    """The joint fit as it comes out, None where no experiment takes part."""
+    """The joint fit as it comes out, None where no experiment takes part; who was left out of it."""
 
     outcome: Outcome
     fit: Fit
+    left_out: tuple[LeftOut, ...]
 
 
 @dataclass(frozen=True)
@@ -189,6 +190,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     ready = _prepared(found, chosen)
     alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
     together = _together(ready, alone, chosen)
+    ready = ready.without(together.left_out) if together else ready
     judged = _judged(ready, alone, together, chosen)
     cross_talk = _cross_talk(ready, together, judged, chosen)
     return Results(judged.joint, judged.experiments, cross_talk, {}, _provenance(ready, together, chosen))
@@ -223,21 +225,12 @@ def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Out
 
 
 def _together(ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Settings) -> _Together | None:
-    """Fit what takes part jointly, unless a channel has a wrong sign or unit."""
-    taking_part = ready.taking_part
-    for e in taking_part:
-        verdict.check_guidance(e.sysid.telemetry)
-    fitted = {name: own for name, own in alone.items() if isinstance(own, Outcome)}
-    verdict.check_gains(fitted, taking_part)
-    if not taking_part:
+    """Fit what takes part jointly, as far as it agrees."""
+    if not ready.taking_part:
         return None
-    try:
-        outcome = fit_joint(taking_part, chosen)
-    except FitError as error:
-        raise FitError(f"{error}{verdict.suspects(alone)}") from error
-    # what determines a gain only together
-    verdict.check_gains({e.name: outcome for e in taking_part}, taking_part)
-    return _Together(outcome, verdict.as_fit(outcome, taking_part))
+    agreed = jury.convene(ready.taking_part, alone, chosen)
+    fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
+    return _Together(agreed.outcome, fit, agreed.left_out)
 
 
 def _judged(
@@ -266,7 +259,9 @@ def _judged(
     if not together:
         return _Judged(None, fits)
     of_joint += [w for e in ready.taking_part for w in ready.prepared[e.name].warnings]
-    of_joint += verdict.of_joint(together.fit, fits, ready.taking_part)
+    said = {w.code for w in together.fit.warnings}
+    more = verdict.of_joint(together.fit, fits, ready.taking_part)
+    of_joint += [w for w in more if w.code not in said]
     return _Judged(_warned(together.fit, of_joint), fits)
 
 

@@ -198,6 +198,9 @@ KINDS: Mapping[str, Kind] = {
         "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer "
         "or at more frequencies.",
     ),
+    "rests_on_one_run": Kind(
+        "Trust it as far as you trust that run; a second one of its kind would be a check.",
+    ),
     "same_time": Kind(
         "Put the start of every run into its attribute t0; the fit does not use it.",
     ),

@@ -7,7 +7,7 @@ the pulls of many campaigns rest on the same fit.
 
 from fit.estimate.forecast import Planned
 from fit.estimate.irls import Known, Outcome
-from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.joint import fit_experiment, known_of
 from fit.estimate.leftout import LeftOut
 from fit.estimate.masks import Prepared, prepare
 from fit.estimate.posterior import Posterior
@@ -32,9 +32,9 @@ __all__ = [
     "divide",
     "earlier",
     "fit_experiment",
-    "fit_joint",
     "forecast",
     "inertial",
+    "jury",
     "known_of",
     "leftout",
     "pair",

@@ -50,6 +50,8 @@ class Block:
         Number of its first bin in the transform of the whole run.
     S : ndarray, shape (B,), or None
         The PSD by which it was whitened, where it was one.
+    noise : NoiseModel or None
+        By which it was whitened; None where its own residual has told.
     """
 
     tau: tuple[float, float]
@@ -60,6 +62,7 @@ class Block:
     share: Array
     first: int = 1
     S: Array | None = None
+    noise: NoiseModel | None = None
 
     def coefficients(self, theta: Array) -> Array:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
@@ -183,7 +186,8 @@ def block(
     U, _ = whiten(spectra, S)
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
-    return Block(spectra.tau, U, weights(likelihood, spectra.f, u), spectra.window, tone, share, S=S)
+    of_bins = weights(likelihood, spectra.f, u)
+    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, S=S, noise=noise)
 
 
 def single_tone(f: Array, power: Array) -> float | None:

@@ -208,19 +208,13 @@ def _doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarn
     return found
 
 
-def check_guidance(telemetry: Telemetry) -> None:
-    """Refuse a run whose o_1 moves against the guidance that it follows.
-
-    Raises
-    ------
-    InputError
-        If it does.
-    """
+def wrong_guidance(telemetry: Telemetry) -> str:
+    """Return what is wrong with a run whose o_1 moves against the guidance that it follows, or nothing."""
     if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
-        return
+        return ""
     guidance, o_1 = (np.nan_to_num(telemetry.channels[name]) for name in ("guidance_o_1", "o_1"))
     if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
-        return  # constant
+        return ""  # constant
     every = np.ones(o_1.size, dtype=bool)
     pair = np.stack([guidance - guidance.mean(), o_1 - o_1.mean()], axis=1)
     found = spectra.transform(pair, every, telemetry.fs)
@@ -228,13 +222,14 @@ def check_guidance(telemetry: Telemetry) -> None:
     G, answer = found.columns[tones & (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])].T
     power, answered = np.vdot(G, G).real, np.vdot(answer, answer).real
     if not power or abs(np.vdot(G, answer)) ** 2 < 0.9 * power * answered:
-        return  # no tone there, or none that o_1 answers
+        return ""  # no tone there, or none that o_1 answers
     gain = np.vdot(G, answer).real / power
-    if gain < -0.5:
-        raise InputError(
-            f"{telemetry.path}: o_1 moves against guidance_o_1, by {gain:.2f} times; expected it to follow: "
-            "one of the two has the wrong sign"
-        )
+    if gain >= -0.5:
+        return ""
+    return (
+        f"o_1 moves against guidance_o_1, by {gain:.2f} times; expected it to follow: one of the two has the "
+        "wrong sign"
+    )
 
 
 def check_gains(outcomes: Mapping[str, Outcome], experiments: Sequence[Experiment]) -> None:
@@ -276,16 +271,15 @@ def _gains(outcome: Outcome) -> dict[str, float]:
     }
 
 
-def suspects(alone: Mapping[str, Outcome | FitError]) -> str:
-    """Return words on the experiments that could keep a joint fit from settling, empty if there are none."""
-    told = [
-        f"{name} alone does not fit either"
+def suspects(alone: Mapping[str, Outcome | FitError]) -> dict[str, str]:
+    """Return words on the experiments that could keep a joint fit from settling, by name."""
+    return {
+        name: f"{name} alone does not fit either"
         if isinstance(own, FitError)
         else f"{name} alone leaves {own.solution.chi2 / own.solution.dof:.3g} times the power of the noise"
         for name, own in alone.items()
         if isinstance(own, FitError) or own.solution.chi2 > OFF * own.solution.dof
-    ]
-    return f"; {' and '.join(told)}: mend or exclude it ([fit] exclude)" if told else ""
+    }
 
 
 def is_off(fit: Fit) -> bool:

@@ -36,7 +36,11 @@ class NoiseModel:
 
     def __call__(self, f: Array) -> Array:
         """Return S at the frequencies `f`, shape (B,)."""
-        return np.asarray(np.exp(_spline_basis(self.knots, f) @ self.values), dtype=np.float64)
+        return np.asarray(np.exp(self.basis(f) @ self.values), dtype=np.float64)
+
+    def basis(self, f: Array) -> Array:
+        """Return the derivatives of log S at the frequencies `f` by the knots, shape (B, K)."""
+        return _spline_basis(self.knots, f)
 
     def expected(self, f: Array) -> Array:
         """Return the power to expect at the frequencies `f`, shape (B,), knowing S only as well as we do.
@@ -44,7 +48,7 @@ class NoiseModel:
         An estimate of variance v of log S is as often too low by a factor as too high, which makes the mean
         of the true S larger than the estimate by e^v. Hardly known bins lose their weight that way.
         """
-        basis = _spline_basis(self.knots, f)
+        basis = self.basis(f)
         variance = np.sum((basis @ self.covariance) * basis, axis=1)
         return np.asarray(np.exp(basis @ self.values + variance), dtype=np.float64)
 

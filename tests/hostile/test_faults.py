@@ -82,27 +82,39 @@ FAULTS = [
     Fault(
         "`o_12` with the wrong sign, in one experiment",
         lambda: of("A-sysid", lambda r: changed(r, o_12=negative)),
-        "refused",
+        "left out",
+        "left_out",
     ),
     Fault(
         "the same where test mass 1 is driven too",
         lambda: of("E-sysid", lambda r: changed(r, o_12=negative)),
-        "refused",
+        "left out",
+        "left_out",
     ),
     Fault(
-        "`f_x_1` with the wrong sign", lambda: of("E-sysid", lambda r: changed(r, f_x_1=negative)), "refused"
+        "`f_x_1` with the wrong sign",
+        lambda: of("E-sysid", lambda r: changed(r, f_x_1=negative)),
+        "left out",
+        "left_out",
     ),
     Fault(
         "`f_x_2` in N instead of m s-2",
         lambda: of("A-sysid", lambda r: changed(r, f_x_2=lambda f: 1.928 * f)),
-        "refused",
+        "left out",
+        "left_out",
     ),
     Fault(
         "`o_12` in nm, declared as m",
         lambda: of("A-sysid", lambda r: changed(r, o_12=lambda o: 1e9 * o)),
-        "failed",
+        "left out",
+        "left_out",
     ),
-    Fault("`o_1` with the wrong sign, its guidance recorded", lambda: of("A-sysid", guided), "refused"),
+    Fault(
+        "`o_1` with the wrong sign, its guidance recorded",
+        lambda: of("A-sysid", guided),
+        "left out",
+        "left_out",
+    ),
     Fault(
         "a noise run at another authority",
         lambda: of("A-noise", lambda r: replace(r, F_max_2=50e-12)),
@@ -137,7 +149,7 @@ FAULTS = [
     Fault(
         "`f_x_2` at the limit for much of a run", lambda: of("A-sysid", clipped(0.7)), "left out", "excluded"
     ),
-    Fault("a storm of glitches", lambda: of("A-sysid", storm), "failed"),
+    Fault("a storm of glitches", lambda: of("A-sysid", storm), "left out", "left_out"),
     Fault(
         "experiments whose actuators differ by 1 %",
         lambda: [*pair(World(), "A", seed=1), *pair(World(lambda_2=1.0884), "E", seed=2, drive_1=1e-12)],

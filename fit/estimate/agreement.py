@@ -1,0 +1,179 @@
+"""Which runs are left out for the sake of the others, and what is said of those that stay.
+
+Runs agree if no sum of squares of `consistency` is more than noise makes it: T over all runs; what falls away
+from it with one run, with one parameter of one run set free, and with one parameter set free in every run.
+Each of the four kinds may raise one false alarm in 1 / ALARM campaigns, shared evenly among its members.
+
+Where runs do not agree, the fewest are looked for without which the others do. Several choices may do that
+equally well (two runs alone share a parameter, say): then all of them are left out. At least half of the runs
+must remain, and no gain that scatters from run to run may explain the same as well; otherwise nobody can
+tell, and the joint fit is unsound.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.estimate.consistency import Regression, Squares
+from fit.model import dynamics
+
+Array = NDArray[np.float64]
+
+ALARM = 1.5e-4  # of each kind of test; 6e-4 in all
+MARGIN = 12.0  # excess of T by which another choice must be worse: 1 in 400 by likelihood
+SEARCHED = 2  # runs at most that are looked for in every combination; more are found one by one
+PENALTY = 6.0  # by which runs that are odd must explain more than a gain that scatters
+SCATTERING = ("lambda_1", "lambda_2", "C_1", "C_2")
+LEANS = 3.0  # factor by which a sigma grows without a run on which it rests
+
+
+@dataclass(frozen=True)
+class Scattering:
+    """A parameter that differs from run to run, as an explanation.
+
+    Attributes
+    ----------
+    name : str
+        The parameter.
+    width : float
+        Standard deviation among the runs.
+    left : Squares
+        What T is with it.
+    gain : float
+        Twice the logarithm of the likelihood that it gains.
+    """
+
+    name: str
+    width: float
+    left: Squares
+    gain: float
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Runs that contradict the others, by number; without `left_out` these agree.
+
+    Attributes
+    ----------
+    left_out : tuple of int
+        All that may be the odd ones.
+    fewest : int
+        How many of them it takes.
+    """
+
+    left_out: tuple[int, ...]
+    fewest: int
+
+
+def agree(voices: Regression) -> bool:
+    """Return whether nothing but noise is between the runs."""
+    return not any(p < ALARM for p in _shared_out(voices))
+
+
+def _shared_out(voices: Regression) -> Iterable[float]:
+    """Yield the p-value of each kind of test, the least of many taken for what it is."""
+    yield voices.whole.p
+    runs = range(len(voices.voices))
+    yield len(runs) * min(voices.of_run(i).p for i in runs)
+    single, every = [], []
+    for name in dynamics.PARAMETERS:
+        columns = [voices.column(i, v.along(name)) for i, v in enumerate(voices.voices)]
+        tests = [t for t in map(voices.of_columns, columns) if t.dof]
+        single += [t.p for t in tests]
+        if len(tests) > 1:
+            every.append(voices.of_columns(np.hstack(columns)).p)
+    yield max(1, len(single)) * min(single, default=1.0)
+    yield max(1, len(every)) * min(every, default=1.0)
+
+
+def odd_ones(voices: Regression) -> Odd | None:
+    """Find the fewest runs without which the others agree; None if nobody can tell."""
+    most = (len(voices.voices) - 1) // 2
+    for size in range(1, min(most, SEARCHED) + 1):
+        sets = combinations(range(len(voices.voices)), size)
+        excess = {chosen: _excess(voices.without(chosen)) for chosen in sets}
+        found = _equally_good(voices, excess)
+        if found:
+            together = tuple(sorted({i for chosen in found for i in chosen}))
+            return _sane(voices, Odd(together, size), most)
+    chosen: tuple[int, ...] = ()
+    while len(chosen) < most:
+        others = [i for i in range(len(voices.voices)) if i not in chosen]
+        chosen = (*chosen, min(others, key=lambda i: _excess(voices.without((*chosen, i)))))
+        if agree(voices.without(chosen)):
+            return _sane(voices, Odd(tuple(sorted(chosen)), len(chosen)), most)
+    return None
+
+
+def _excess(voices: Regression) -> float:
+    return voices.whole.value - voices.whole.dof
+
+
+def _equally_good(voices: Regression, excess: dict[tuple[int, ...], float]) -> list[tuple[int, ...]]:
+    """Return the choices without which the others agree, as far as they are about as likely as the best."""
+    found: list[tuple[int, ...]] = []
+    for chosen in sorted(excess, key=excess.__getitem__):
+        if found and excess[chosen] > excess[found[0]] + MARGIN:
+            break
+        if agree(voices.without(chosen)):
+            found.append(chosen)
+    return found
+
+
+def _sane(voices: Regression, odd: Odd, most: int) -> Odd | None:
+    """Return the odd ones unless they are too many, or a gain that scatters explains as much."""
+    rest = voices.without(odd.left_out)
+    if len(odd.left_out) > most or not agree(rest):
+        return None
+    told = voices.whole.dof - rest.whole.dof + 2 * odd.fewest * np.log(len(voices.voices))
+    limit = rest.whole.value + told + PENALTY
+    scattered = (voices.whole.value - s.gain for s in scattering(voices) if s.left.p > ALARM)
+    return None if min(scattered, default=np.inf) < limit else odd
+
+
+def scattering(voices: Regression) -> list[Scattering]:
+    """Return the gains and delays that may differ from run to run beyond noise, the likeliest first."""
+    found = [s for name in SCATTERING if (s := _scattering(voices, name)) and s.gain > 0]
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def _scattering(voices: Regression, name: str) -> Scattering | None:
+    """Estimate by restricted maximum likelihood how wide a parameter scatters; None if few runs tell it."""
+    columns = np.hstack([voices.column(i, v.along(name)) for i, v in enumerate(voices.voices)])
+    told = np.linalg.norm(voices.residual_maker @ columns, axis=0)
+    tells = told > 1e-3 * told.max(initial=0.0)
+    if np.count_nonzero(tells) < 3:
+        return None
+    Z = columns[:, tells]
+    scale = float(np.median(told[tells]))  # inverse sigma of a single run
+    u, s, _ = np.linalg.svd(voices.residual_maker)
+    basis = u[:, s > 0.5]
+    y, Z = basis.T @ voices.z, basis.T @ Z  # free of the parameters: restricted likelihood
+
+    def cost(log_width: float) -> float:
+        C = np.eye(y.size) + np.exp(2 * log_width) * Z @ Z.T
+        return float(np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y))
+
+    bounds = np.log(0.03 / scale), np.log(1e5 / scale)
+    best = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded")
+    width = float(np.exp(best.x))
+    left = float(y @ np.linalg.solve(np.eye(y.size) + width**2 * Z @ Z.T, y))
+    whole = voices.whole
+    test = Squares(left, whole.dof - 1, whole.of_noise)
+    return Scattering(name, width, test, whole.value - float(best.fun))
+
+
+def leaning(voices: Regression, lost: NDArray[np.bool_]) -> dict[int, dict[int, float]]:
+    """Return which parameters rest on a single run: by run, by parameter, how its sigma grows without it."""
+    of_all = np.sqrt(np.diag(voices.covariance()))
+    found: dict[int, dict[int, float]] = {}
+    for i in range(len(voices.voices)):
+        growth = np.sqrt(np.diag(voices.without((i,)).covariance())) / of_all
+        grown = np.flatnonzero((growth > LEANS) & ~lost)
+        if grown.size:
+            found[i] = {int(k): float(growth[k]) for k in grown}
+    return found

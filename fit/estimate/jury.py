@@ -1,0 +1,266 @@
+"""The joint fit of those runs that can be fitted together, and what is said of the others.
+
+A run that shows a wrong sign or unit by itself, one that keeps the joint fit from settling, and one that
+contradicts the others is left out by name. Only where nothing is left is everything refused.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fit.errors import FitError, InputError
+from fit.estimate import verdict
+from fit.estimate.agreement import ALARM, LEANS, Odd, agree, leaning, odd_ones, scattering
+from fit.estimate.causes import Case, exchanged, named
+from fit.estimate.consistency import Regression, regression
+from fit.estimate.irls import Outcome
+from fit.estimate.joint import fit_joint
+from fit.estimate.leftout import LeftOut, told
+from fit.estimate.runs import Experiment
+from fit.model import Sharing, dynamics
+from fit.paper import experiment_parameters
+from fit.settings import Settings
+from fit.warnings import FitWarning
+
+UNTOLD = ("flscov",)  # estimators whose sigmas are too small by far to judge by
+
+
+@dataclass(frozen=True)
+class Agreed:
+    """The joint fit, and who takes part in it.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Of the fit.
+    experiments : tuple of Experiment
+        That it was made of.
+    left_out : tuple of LeftOut
+        Others, and why.
+    warnings : tuple of FitWarning
+        What is to be said of the joint fit beside.
+    """
+
+    outcome: Outcome
+    experiments: tuple[Experiment, ...]
+    left_out: tuple[LeftOut, ...]
+    warnings: tuple[FitWarning, ...]
+
+
+def convene(
+    experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError], chosen: Settings
+) -> Agreed:
+    """Fit those experiments jointly that can be.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        That are to take part.
+    alone : mapping of str to Outcome or FitError
+        What each of them yields by itself.
+    chosen : Settings
+        Of the fit.
+
+    Raises
+    ------
+    InputError
+        If every experiment has a wrong sign or unit.
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    left_out = _wrong(experiments, alone)
+    outcome, kept, failed = _settled(_without(experiments, left_out), alone, chosen)
+    left_out = (*left_out, *failed)
+    if chosen.estimator in UNTOLD:
+        verdict.check_gains({e.name: outcome for e in kept}, kept)
+        return Agreed(outcome, tuple(kept), left_out, ())
+    while True:
+        voices = regression(kept, outcome)
+        if agree(voices):
+            break
+        odd = odd_ones(voices)
+        if odd is None:
+            scattered = _scattered(voices, kept, chosen)
+            if scattered is None:
+                return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),))
+            outcome, voices = scattered, regression(kept, scattered)
+            break
+        out = _odd(voices, odd, kept, outcome, Sharing(chosen.shared))
+        left_out = (*left_out, *out)
+        kept = _without(kept, out)
+        outcome = fit_joint(kept, chosen)
+    # what determines a gain only together
+    verdict.check_gains({e.name: outcome for e in kept}, kept)
+    return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)))
+
+
+def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
+    names = {f.experiment for f in left_out}
+    return [e for e in experiments if e.name not in names]
+
+
+def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]) -> tuple[LeftOut, ...]:
+    """Return the experiments that show a wrong sign or unit by themselves.
+
+    Raises
+    ------
+    InputError
+        If all of them do.
+    """
+    found: list[LeftOut] = []
+    for e in experiments:
+        own, run = alone[e.name], e.sysid.telemetry
+        why = verdict.wrong_guidance(run)
+        if why:
+            found.append(LeftOut(e.name, f"{run.path}: {why}"))
+        elif isinstance(own, Outcome) and (why := verdict.wrong_gain(own)):
+            found.append(LeftOut(e.name, f"{run.path}: {why}", own=""))  # of_experiment says it
+    if found and len(found) == len(experiments):
+        raise InputError(told(found))
+    return tuple(found)
+
+
+def _settled(
+    experiments: list[Experiment], alone: Mapping[str, Outcome | FitError], chosen: Settings
+) -> tuple[Outcome, list[Experiment], tuple[LeftOut, ...]]:
+    """Fit jointly; if that does not settle, without those that do not fit by themselves either.
+
+    Raises
+    ------
+    FitError
+        If it does not settle without them, or there are none.
+    """
+    try:
+        return fit_joint(experiments, chosen), experiments, ()
+    except FitError as error:
+        why = verdict.suspects({e.name: alone[e.name] for e in experiments})
+        if not 0 < len(why) < len(experiments):
+            suspects = f"; {' and '.join(why.values())}: mend or exclude it ([fit] exclude)" if why else ""
+            raise FitError(f"{error}{suspects}") from error
+    left_out = tuple(LeftOut(name, f"{words}, and with it nothing settles") for name, words in why.items())
+    kept = _without(experiments, left_out)
+    return fit_joint(kept, chosen), kept, left_out
+
+
+def _scattered(voices: Regression, experiments: Sequence[Experiment], chosen: Settings) -> Outcome | None:
+    """Fit with gains or delays that scatter, if that makes the experiments agree and is left to the data."""
+    likely = next((s for s in scattering(voices) if s.left.p > ALARM), None)
+    if likely is None or chosen.scatter != ["auto"]:
+        return None
+    both = [f"{likely.name[:-1]}{j}" for j in (1, 2)]  # actuators are alike
+    try:
+        outcome = fit_joint(experiments, chosen.model_copy(update={"scatter": both}))
+    except FitError:
+        return None
+    return replace(outcome, by_data=True) if agree(regression(experiments, outcome)) else None
+
+
+def _odd(
+    voices: Regression, odd: Odd, experiments: Sequence[Experiment], outcome: Outcome, sharing: Sharing
+) -> tuple[LeftOut, ...]:
+    """Say of the odd ones why they are left out."""
+    rest = voices.without(odd.left_out)
+    names = [experiments[i].name for i in odd.left_out]
+    who = " and ".join(names)
+    said = (
+        f"{who} contradict{'s' * (len(names) == 1)} the others, which agree without "
+        f"{'them' if len(names) > 1 else 'it'}: chi2 among all is {voices.whole.value:.4g} for "
+        f"{voices.whole.dof} degrees of freedom, among the others {rest.whole.value:.4g} for {rest.whole.dof}"
+    )
+    if odd.fewest < len(names):
+        said += f"; {odd.fewest} of {who} may be right, the data do not tell which"
+    found = []
+    for i in odd.left_out:
+        others = [k for k in odd.left_out if k != i]
+        case = _case(voices, i, others, experiments, outcome, sharing)
+        cause = _exchange(voices, odd, i, experiments, outcome, sharing) or named(case)
+        cause = f"; perhaps {cause}" if cause else "; no single cause that was tried explains it"
+        reason = f"{said}; {experiments[i].name} {_apart(case)}{cause}"
+        found.append(LeftOut(experiments[i].name, reason, own="contradiction"))
+    return tuple(found)
+
+
+def _exchange(
+    voices: Regression,
+    odd: Odd,
+    i: int,
+    experiments: Sequence[Experiment],
+    outcome: Outcome,
+    sharing: Sharing,
+) -> str:
+    """Say whether two odd ones took the place of each other."""
+    if len(odd.left_out) != 2:
+        return ""
+    (other,) = set(odd.left_out) - {i}
+    return exchanged(_case(voices, i, (), experiments, outcome, sharing), other)
+
+
+def _case(
+    voices: Regression,
+    i: int,
+    gone: Sequence[int],
+    experiments: Sequence[Experiment],
+    outcome: Outcome,
+    sharing: Sharing,
+) -> Case:
+    kept = [k for k in range(len(experiments)) if k not in gone]
+    of_kept = tuple(experiments[k] for k in kept)
+    names = tuple(p.name for p in outcome.parameters)
+    return Case(voices.without(gone), kept.index(i), of_kept, sharing, names, outcome.solution.theta)
+
+
+def _apart(case: Case) -> str:
+    """Say which parameter of a run is farthest from where the others put it."""
+    voice, rest = case.voice, case.voices.without((case.at,))
+    moved, covariance = rest.estimate(), rest.covariance()
+    alone, sigmas = voice.alone()
+    best, said = 0.0, ""
+    units = {p.name: p.unit for p in experiment_parameters(case.run.authority, 1).values()}
+    for k, name in enumerate(dynamics.PARAMETERS):
+        row = voice.share[k] * rest.width
+        of_rest = voice.theta[k] + float(voice.share[k] @ moved)
+        sigma = float(np.sqrt(row @ covariance @ row))
+        pull = abs(alone[k] - of_rest) / np.hypot(sigmas[k], sigma)
+        if np.isfinite(pull) and pull > best:
+            best, unit = pull, units.get(name, "1").removesuffix("1")
+            said = (
+                f"alone puts {name} at {alone[k]:.6g} ± {sigmas[k]:.1g}, the others at "
+                f"{of_rest:.6g} ± {sigma:.1g} {unit}".rstrip()
+            )
+    return said
+
+
+def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> FitWarning:
+    """Say that the experiments contradict each other, and as far as it can be told how."""
+    whole = voices.whole
+    message = (
+        f"the experiments contradict each other: chi2 of what they say together is {whole.value:.4g} for "
+        f"{whole.dof} degrees of freedom"
+    )
+    scattered = [s for s in scattering(voices) if s.left.p > ALARM]
+    if scattered:
+        message += (
+            f"; {scattered[0].name} that scatters by {scattered[0].width:.2g} from experiment to experiment "
+            "would explain it"
+        )
+    else:
+        worst = sorted(range(len(experiments)), key=lambda i: -voices.of_run(i).value)
+        names = " or ".join(experiments[i].name for i in worst[:2])
+        message += f"; which of them is wrong the data do not tell, {names} most likely"
+    return FitWarning("contradiction", (), f"{message}; the sigmas do not hold")
+
+
+def _leaning(voices: Regression, outcome: Outcome) -> list[FitWarning]:
+    """Say what rests on a single run."""
+    found = []
+    for i, grown in leaning(voices, outcome.lost).items():
+        names = tuple(outcome.parameters[k].name for k in grown if outcome.parameters[k].equation)
+        if names:
+            run, verb = voices.voices[i].name, "rests" if len(names) == 1 else "rest"
+            message = (
+                f"{', '.join(names)} {verb} on {run}: sigma grows more than {LEANS:g} times without it, "
+                "and no other run can show that it is wrong"
+            )
+            found.append(FitWarning("rests_on_one_run", names, message))
+    return found

@@ -1,0 +1,94 @@
+"""T and what falls away from it, beside least squares by NumPy on voices drawn at random."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest
+
+from fit.estimate import consistency, pair
+from fit.estimate.consistency import Regression, Squares, Voice
+from fit.estimate.joint import fit_joint
+from fit.settings import settings
+from tests.oracles import synthetic
+from tests.oracles.synthetic import World
+
+RUNS, K, P = 5, 7, 6
+
+
+def drawn(rng, moved=None, by=0.0):
+    """Return voices of five runs that share six parameters; of one of them a coefficient is moved."""
+    voices = []
+    for i in range(RUNS):
+        answer = rng.standard_normal((K, K + 1))
+        share = rng.standard_normal((K, P))
+        gradient = np.eye(K + 1, K, k=-1)
+        z = rng.standard_normal(K)
+        if i == moved:
+            z = z - by * answer[:, 3]
+        nothing = np.zeros((0, K, K)), np.zeros((0, 0))
+        voices.append(Voice(f"run {i}", z, answer, gradient, share, np.zeros(K), (0.0, 0.0), *nothing))
+    return Regression(tuple(voices), np.ones(P), np.zeros((0, P)), np.zeros(0))
+
+
+def least(X, z):
+    return float(np.sum((z - X @ np.linalg.lstsq(X, z)[0]) ** 2))
+
+
+def test_sums_of_squares_are_those_of_least_squares():
+    voices = drawn(np.random.default_rng(1))
+    X, z = voices.X, voices.z
+    assert voices.whole.value == pytest.approx(least(X, z))
+    assert voices.whole.dof == RUNS * K - P
+    kept = np.arange(z.size) >= K
+    assert voices.of_run(0).value == pytest.approx(least(X, z) - least(X[kept], z[kept]))
+    assert voices.of_run(0).dof == K
+    assert voices.without([0]).whole.value == pytest.approx(least(X[kept], z[kept]))
+    column = voices.column(2, voices.voices[2].along("lambda_2"))
+    more = np.hstack([X, column])
+    assert voices.of_columns(column).value == pytest.approx(least(X, z) - least(more, z))
+    amount = -np.linalg.lstsq(more, z)[0][-1]
+    assert voices.amount(column)[0] == pytest.approx(amount)
+
+
+def test_a_moved_coefficient_is_measured():
+    voices = drawn(np.random.default_rng(2), moved=3, by=50.0)
+    column = voices.column(3, voices.voices[3].answer[:, 3])
+    amount, sigma = voices.amount(column)
+    assert abs(amount - 50) < 4.5 * sigma
+    assert max(range(RUNS), key=lambda i: voices.of_run(i).value) == 3
+    alone, of_alone = voices.voices[3].alone()
+    assert abs(alone[2] - 50) < 4.5 * of_alone[2]
+
+
+@pytest.mark.stat  # fails once in 10,000
+def test_p_values_are_even():
+    rng = np.random.default_rng(3)
+    regressions = [drawn(rng) for _ in range(300)]
+    for values in ([v.whole.p for v in regressions], [v.of_run(1).p for v in regressions]):
+        assert kstest(values, "uniform").pvalue > 5e-5
+
+
+def test_a_noise_model_of_few_degrees_of_freedom_takes_nothing_for_sure():
+    assert Squares(30.0, 5).p == pytest.approx(chi2.sf(30, 5))
+    assert Squares(30.0, 5, 20.0).p > 50 * Squares(30.0, 5).p
+    # the mean over the errors of the model is its degrees of freedom
+    rng = np.random.default_rng(4)
+    sums = rng.chisquare(5, 20000) / (rng.chisquare(20, 20000) / 20) * 18 / 20
+    assert sums.mean() == pytest.approx(5, rel=0.02)
+    assert np.mean([Squares(s, 5, 20.0).p < 0.05 for s in sums[:4000]]) == pytest.approx(0.05, abs=0.014)
+
+
+@pytest.mark.slow
+@pytest.mark.stat  # fails once in 5,000
+def test_runs_of_one_world_agree():
+    total = dof = 0.0
+    for seed in range(10):
+        runs = [
+            run
+            for authority in "ABCDE"
+            for run in synthetic.pair(World(), authority, seed=seed, drive_1=1e-12 * (authority == "E"))
+        ]
+        experiments = pair(runs)
+        whole = consistency.regression(experiments, fit_joint(experiments, settings())).whole
+        assert whole.dof == 16
+        total, dof = total + whole.value, dof + whole.dof
+    assert 1e-4 < chi2.sf(total, dof) < 1 - 1e-4

@@ -1,0 +1,122 @@
+"""Runs that contradict the others are left out by name, with the quantity and what may be wrong with it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.pipeline import calibrate
+from tests.oracles.synthetic import World, pair
+
+BOTH = ("sysid", "noise")
+
+
+def campaign(seed=5, worlds=None, sets="ABCDE"):
+    """Return the runs of five authorities that tell every parameter; `worlds` has those of other truth."""
+    worlds = worlds or {}
+    return [
+        run
+        for name in sets
+        for run in pair(worlds.get(name, World()), name, seed=seed, drive_1=1e-12 * (name == "E"))
+    ]
+
+
+def of(name, fault, kinds=("sysid",)):
+    return lambda runs: [fault(r) if r.experiment == name and r.kind in kinds else r for r in runs]
+
+
+def channel(name, f):
+    return lambda run: replace(run, channels=run.channels | {name: f(run.channels[name])})
+
+
+def exchanged(first, second):
+    def fault(runs):
+        data = {(r.experiment, r.kind): r.channels for r in runs}
+        other = {first: second, second: first}
+        return [replace(r, channels=data[other.get(r.experiment, r.experiment), r.kind]) for r in runs]
+
+    return fault
+
+
+def hold(joint, but=()):
+    for name, estimate in joint.parameters.items():
+        if name not in but:
+            assert abs(estimate.value - getattr(World(), name)) < 5 * estimate.sigma, name
+
+
+def left_out(results):
+    return [w.message for w in results.joint.warnings if w.code == "left_out"]
+
+
+FAULTS = {
+    "F_max_2": (
+        of("B", lambda r: replace(r, F_max_2=2.2e-9), BOTH),
+        "B",
+        (r"its F_max_2 is 1\.[01]", "omega2_2 differs"),
+    ),
+    "f_x_2": (
+        of("C", channel("f_x_2", lambda f: 1.01 * f)),
+        "C",
+        (r"f_x_2 is 1\.0(10|099)", r"o_12 is 0\.990"),
+    ),
+    "o_1": (of("D", channel("o_1", lambda o: -o)), "D", ("o_1 has the wrong sign",)),
+}
+
+
+def check(name):
+    fault, run, causes = FAULTS[name]
+    results = calibrate(fault(campaign()))
+    assert not results.joint.unsound
+    hold(results.joint)
+    (said,) = left_out(results)
+    assert f": {run} contradicts the others" in said
+    for cause in causes:
+        assert re.search(cause, said.split("; perhaps ")[1]), cause
+    assert "contradiction" in {w.code for w in results.experiments[run].unsound}
+
+
+def test_the_odd_one_is_left_out():
+    check("F_max_2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAULTS.keys() - {"F_max_2"})
+def test_the_cause_is_named(name):
+    check(name)
+
+
+@pytest.mark.slow
+def test_an_exchange_of_two_runs_is_named():
+    results = calibrate(exchanged("B", "E")(campaign(sets="ABCDE")))
+    said = " ".join([*left_out(results), *(w.message for w in results.joint.unsound)])
+    assert said
+    if not results.joint.unsound:
+        hold(results.joint)
+
+
+def test_of_two_nobody_knows_which_is_wrong():
+    results = calibrate(campaign(worlds={"E": World(lambda_2=1.0884)}, sets="AE"))
+    assert [w.code for w in results.joint.unsound] == ["contradiction"]
+
+
+@pytest.mark.slow
+def test_gains_that_scatter_cost_no_run():
+    rng = np.random.default_rng(1)
+    worlds = {name: World(lambda_2=1.0776 * (1 + 1e-3 * rng.standard_normal())) for name in "ABCDE"}
+    results = calibrate(campaign(worlds=worlds))
+    assert not results.joint.unsound
+    assert "lambda_2" in {
+        name for w in results.joint.warnings if w.code == "scatter" for name in w.parameters
+    }
+    assert not left_out(results)
+
+
+@pytest.mark.slow
+def test_what_rests_on_one_run_is_called_so():
+    notes = {
+        w.message.split(" rest")[0]
+        for w in calibrate(campaign()).joint.warnings
+        if w.code == "rests_on_one_run"
+    }
+    assert "lambda_1, C_1, alpha_x_1" in notes
