@@ -182,6 +182,10 @@ KINDS: Mapping[str, Kind] = {
         "Add a run that injects or varies what is named here; `lpfcosim forecast` tells beforehand "
         "whether it suffices.",
     ),
+    "instruments": Kind(
+        "Nothing to do; read these b_i as couplings, and subtract the motion with those of the provenance "
+        "(`subtraction`), as `lpfcosim deltag` does.",
+    ),
     "no_star_tracker": Kind(
         "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run.",
     ),
@@ -207,6 +211,9 @@ KINDS: Mapping[str, Kind] = {
     "saturated": Kind(
         "Nothing if little is lost; otherwise lower the injection or give the run more authority.",
     ),
+    "one_test_mass": Kind(
+        "Archive torques and wavefront angles of both test masses: each then tells the noise of the other.",
+    ),
     "scatter": Kind(
         "Quote the mean with this sigma; to use an experiment on its own, take its own value instead of "
         "the joint one.",
@@ -221,6 +228,11 @@ KINDS: Mapping[str, Kind] = {
     ),
     "star_tracker_reversed": Kind(
         "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last.",
+    ),
+    "torque_noise": Kind(
+        "Take runs with quieter torques, or in which the spacecraft turns more; read the angles as lower "
+        "bounds until then.",
+        biased=True,
     ),
     "torque_alone": Kind(
         "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques.",

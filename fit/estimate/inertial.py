@@ -6,12 +6,15 @@ degree of freedom whatever the fit is worth.
 
 Of delta_g_SC the terms b_1 phibar'' + b_2 etabar'' count even here: near the bandwidth of their suspension
 the test masses lag behind the spacecraft, which would shift the angles by some 3 %, two sigma in nine days.
+These lengths are in the read-out o_12, so that omega2_2 multiplies them too, which is 0.24 % of delta_eta.
 They are fitted along, which widens the sigmas by 5 %. What a calibration knows of b_1 and b_2 is no help: at
 the frequencies where it finds them, the Euler force has their shape (see `fit.deltag`).
 
-Noise in dOmega attenuates: with torque noise q on a test mass (averaged over two: q / sqrt 2) the angles come
-out too small by the share of its power in that of dOmega, 0.1 % at q = 1.5e-12 rad s^-2 Hz^-0.5 and 16 % of
-delta_phi at 1e-11. An error of the torque gain scales both angles, one of lambda_2 likewise (1e-4: nothing).
+Noise in dOmega attenuates what least squares finds by the share of its power in that of dOmega: torque noise
+on a test mass of 1.5e-12 rad s^-2 Hz^-0.5 by 0.1 %, of 1e-11 delta_phi by 6 %, 16 % with one test mass. Two
+test masses tell the same rotation with noises of their own. Each is therefore the instrument for the other:
+only what both tell counts as rotation in the normal equations (`_freed`). Noise common to both does not show.
+An error of the torque gain scales both angles, one of lambda_2 likewise (1e-4: nothing).
 """
 
 from collections.abc import Sequence
@@ -37,6 +40,7 @@ Array = NDArray[np.float64]
 NAMES = ("delta_phi", "delta_eta")
 PARAMETERS = (*misalignments("none flown"), *map(cross_talk_parameter, ("b_1", "b_2")))
 BAND = (30e-6, 2e-3)  # Hz
+DROWNED = 0.5  # share of noise in some combination of the torques, from which nothing is told
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
 
 
@@ -69,34 +73,41 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     )
     outcome = iterate(weighings, PARAMETERS, _held, rule)
     solution = outcome.solution
+    theta, covariance, drowned = _freed(outcome)
     calibration = _of_calibration(outcome, weighings[0].correlation)
-    covariance = (solution.covariance + calibration)[:2, :2]
+    covariance = (covariance + calibration)[:2, :2]
     sigma = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
-    pairs = zip(NAMES, solution.theta[:2], sigma, strict=True)
+    pairs = zip(NAMES, theta[:2], sigma, strict=True)
     return Fit(
         parameters={name: Estimate(float(value), float(s), "rad") for name, value, s in pairs},
         covariance=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.blocks) - len(NAMES),
         converged=outcome.converged,
-        warnings=_warnings([(w.run, warning) for w in weighings for warning in w.warnings]),
+        warnings=(
+            *_warnings([(w.run, warning) for w in weighings for warning in w.warnings]),
+            *([_drowned()] if drowned else []),
+        ),
         masked_samples=sum(w.missing for w in weighings),
     )
 
 
 @dataclass(frozen=True)
 class _Rotation(linear.Straight):
-    """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, phibar'' and etabar''.
+    """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, those of b_1 and b_2.
 
     Attributes
     ----------
     uncertain : ndarray of complex, shape (B, K)
         What 1 sigma of each parameter of the calibration adds to the first column.
+    apart : ndarray of complex, shape (B, 2)
+        Half of what the test masses disagree on the two columns of `inertial.euler`.
     """
 
     uncertain: Spectrum = field(kw_only=True)
+    apart: Spectrum = field(kw_only=True)
 
 
 class _Turning:
@@ -128,7 +139,10 @@ class _Turning:
         delta_g_x = terms.values @ dynamics.coefficients(of_run.theta, terms.tau)
         uncertain = terms.values @ (dynamics.gradient(of_run.theta, terms.tau) @ of_run.share)
         turned = delta_g_x + inertial.g_Omega(Omega)
-        columns = np.column_stack([turned, inertial.euler(motion.dOmega), motion.swing, uncertain])
+        apart = inertial.euler(rotation.apart(run, found))
+        # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
+        length = motion.swing + of_run.theta[dynamics.PARAMETERS.index("omega2_2")] * motion.angle
+        columns = np.column_stack([turned, inertial.euler(motion.dOmega), length, apart, uncertain])
         # Constants and ramps are projected out below; large ones would cost digits.
         whole = spectra.transform(columns - columns.mean(axis=0), terms.valid & motion.valid, terms.fs)
         check_left(run, whole.window, "missing samples in read-outs, torques or angles")
@@ -147,8 +161,9 @@ class _Turning:
         terms = self._terms
         U, _left = linear.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
-        other = U[:, c.size :]
-        return _Rotation(terms.tau, fitted, even, terms.window, None, share, terms.first, uncertain=other)
+        apart, uncertain = np.split(U[:, c.size :], [len(NAMES)], axis=1)
+        placed = (terms.tau, fitted, even, terms.window, None, share, terms.first)
+        return _Rotation(*placed, uncertain=uncertain, apart=apart)
 
 
 def _held(blocks: Sequence[linear.Block], theta: Array, _: Array) -> Held:
@@ -160,6 +175,49 @@ def _held(blocks: Sequence[linear.Block], theta: Array, _: Array) -> Held:
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
     return Held(prior, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
+
+
+def _freed(outcome: Outcome) -> tuple[Array, Array, bool]:
+    """Free least squares of the attenuation by noise in dOmega.
+
+    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
+    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
+
+    Returns
+    -------
+    theta : ndarray, shape (4,)
+        Parameters.
+    covariance : ndarray, shape (4, 4)
+        Theirs, what the power of d happens to be included.
+    drowned : bool
+        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
+    """
+    solution, size = outcome.solution, len(NAMES)
+    width = np.array([p.prior_sigma for p in PARAMETERS])
+    noise, happens = np.zeros((2, width.size, width.size))
+    for block in outcome.blocks:
+        assert isinstance(block, _Rotation) and block.window is not None
+        noise[:size, :size] += (block.apart.conj().T @ block.apart).real
+        power = (block.apart.conj() * (block.apart @ solution.theta[:size])[:, None]).real
+        # half: its square has twice the mean that the square of its mean has
+        happens[:size, :size] += spectra.spread(block.window) * power.T @ power / 2
+    H = linear.information(outcome.blocks, solution.theta)
+    H += outcome.prior.rows.T @ outcome.prior.rows
+    root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
+    if np.linalg.eigvalsh(root @ noise @ root.T)[-1] > DROWNED:
+        return solution.theta, solution.covariance, True
+    free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
+    inverse = free @ np.linalg.inv(H)
+    covariance = free @ solution.covariance @ free.T + inverse @ happens @ inverse.T
+    return free @ solution.theta, covariance, False
+
+
+def _drowned() -> FitWarning:
+    message = (
+        "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "
+        "and delta_eta, by how much cannot be told"
+    )
+    return FitWarning("torque_noise", NAMES, message)
 
 
 def _of_calibration(outcome: Outcome, correlation: Array) -> Array:

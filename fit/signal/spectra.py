@@ -82,3 +82,8 @@ def transform(
         return np.asarray(scipy.fft.rfft(w[:, None] * x[:n], axis=0)[bins] * scale, dtype=np.complex128)
 
     return Spectra(np.arange(n // 2 + 1)[bins] * fs / n, spectrum(columns), spectrum(ramp), w, tau)
+
+
+def spread(window: Array) -> float:
+    """Return by how much a window makes sums of products over bins vary more than of independent bins."""
+    return float(window.size * np.sum(window**4) / np.sum(window**2) ** 2)
