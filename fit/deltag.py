@@ -129,8 +129,8 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     path, out : Path
         Telemetry file, and the file to write, at 1 to 2 Hz.
     results : Results
-        A calibration with a sound joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the
-        run's period are used if it has them and they are sound.
+        A calibration with a sound joint fit. What subtracts best in the run's epoch (`bump.beside_euler`)
+        and the `inertial` of the run's period are used if it has them and they are sound.
     provenance : mapping
         Further root attributes.
 
@@ -168,8 +168,8 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     run : Telemetry
         As read from a file.
     results : Results
-        A calibration with a sound joint fit. Its `cross_talk` of the run's epoch and its `inertial` of the
-        run's period are used if it has them and they are sound.
+        A calibration with a sound joint fit. What subtracts best in the run's epoch (`bump.beside_euler`)
+        and the `inertial` of the run's period are used if it has them and they are sound.
 
     Returns
     -------
@@ -219,7 +219,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     notes = [warning.message for warning in known.warnings]
     epoch, period = str(head.alignment_epoch), inertial_period(head)
     fitted = results.cross_talk.get(epoch)
-    cross_talk = fitted.values if fitted and not fitted.unsound else {}
+    cross_talk = bump.beside_euler(results, epoch) if fitted and not fitted.unsound else {}
     if not cross_talk:
         notes.append(f"delta_g_SC is left out: {_without(fitted, f'cross_talk of alignment epoch {epoch}')}")
     elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):

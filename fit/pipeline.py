@@ -319,12 +319,15 @@ def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> 
         run = e.sysid.telemetry
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
+    sharing = Sharing(chosen.shared)
+    best = bump.subtraction(together.outcome, ready.taking_part, sharing) if together else {}
     return Provenance(
         joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
         noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},
         f_max=derivatives.F_MAX,
         window=f"Tukey {spectra.TAPER:g}",
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
+        subtraction=best or None,
         settings=chosen.model_dump(),
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

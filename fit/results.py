@@ -157,6 +157,9 @@ class Provenance(Mapping[str, object]):
         In words.
     cross_talk_periods : dict of str to str
         By alignment epoch the inertial period in which all its runs lie, if they lie in one.
+    subtraction : dict of str to dict
+        By alignment epoch the coefficients of eq. bump that subtract best, Euler force included; where
+        read-outs are noisy they are smaller than the couplings in `Results.cross_talk`.
     settings : dict of str to object
         What the user chose, see `fit.settings`.
     scatter : dict of str to dict
@@ -178,6 +181,7 @@ class Provenance(Mapping[str, object]):
     f_max: float | None = None
     window: str | None = None
     cross_talk_periods: dict[str, str] | None = None
+    subtraction: dict[str, dict[str, float]] | None = None
     settings: dict[str, object] | None = None
     scatter: dict[str, dict[str, float]] | None = None
     inertial_runs: dict[str, list[str]] | None = None

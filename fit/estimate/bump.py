@@ -2,8 +2,11 @@
 
 The coefficients b_1 to b_6 are fitted along with the dynamics. Their regressors are read-outs and carry noise
 of their own, the capacitive y and z most of all. Least squares then finds what subtracts best: coefficients
-smaller than the couplings, the more so the higher the frequency. They are right for a correction and wrong as
-couplings, and that is said with them.
+smaller than the couplings, the more so the higher the frequency. There are two sets of them for that reason:
+
+* the couplings, which are reported: b_3 to b_6 are freed of the noise by instruments, see `couplings`, where
+  there is a second sensor of the same motion. Where there is none they stay attenuated, and that is said;
+* those that subtract best (`subtraction`), which Delta g is corrected with.
 
 Above some 10 mHz the test masses no longer follow the spacecraft, phi'' = -dOmega_phi, and the Euler force
 has the shape of b_1 and b_2. What the joint fit finds there, where the band is widest, is the sums
@@ -14,23 +17,25 @@ Where the misalignment of the same period is known from low frequencies (`inerti
 with its sigma. Where it is not, the sums stay, and that is said.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import linear
+from fit.estimate import couplings, linear
+from fit.estimate.couplings import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report
 from fit.model import BASELINE, Sharing, dynamics
-from fit.results import Fit
+from fit.results import Fit, Results
 from fit.signal import derivatives, spectra
 from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
+NEGLIGIBLE = 0.1  # sigma, expected shift up to which least squares is kept
 NOTABLE = 1.0  # sigma, expected shift that is warned of
 COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
 DOUBTFUL = 0.5  # share of noise in some combination of the regressors, from which no shift is told
@@ -47,11 +52,12 @@ _PARTS = {"b_1": ("delta_phi", 1.0), "b_2": ("delta_eta", -1.0)}
 
 
 def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> dict[str, Fit]:
-    """Return the coefficients of eq. bump by alignment epoch, as the joint fit found them.
+    """Return the couplings of eq. bump by alignment epoch.
 
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
     are those of the joint fit. Its warnings: ``indeterminable``; ``attenuated``, with the coefficients to
-    expect of read-outs without noise; ``correlation`` of delta_ifo with every b_i.
+    expect of read-outs without noise, where no instruments free them of it; ``instruments`` where they do;
+    ``correlation`` of delta_ifo with every b_i.
 
     Parameters
     ----------
@@ -67,6 +73,73 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sha
     FitError
         If a sigma is no positive number, or a noise PSD cannot be fitted.
     """
+    of_epoch, delta_ifo = _names(experiments, sharing)
+    if not of_epoch:
+        return {}
+    weighed = weigh(outcome, experiments)
+    shift = expected_shift(outcome, weighed)
+    notable = ~(abs(shift) < NEGLIGIBLE * outcome.solution.sigma)
+    off = {p.name for p, told in zip(outcome.parameters, notable, strict=True) if told}
+    freed = couplings.free(outcome, weighed, off)
+    if freed.names:
+        shift = expected_shift(freed.outcome, weighed, freed.names)
+    fits = {}
+    for epoch, names in of_epoch.items():
+        fits[str(epoch)] = report(
+            freed.outcome,
+            experiments,
+            names,
+            [
+                *indeterminable(outcome, experiments, names),
+                *_attenuated(freed.outcome, shift, names, delta_ifo[epoch]),
+                *_freed(outcome, freed, names),
+                _correlation(outcome, names, delta_ifo[epoch]),
+            ],
+        )
+    return fits
+
+
+def subtraction(
+    outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing
+) -> dict[str, dict[str, float]]:
+    """Return the coefficients of eq. bump by alignment epoch that subtract best: those of least squares."""
+    found = [p.name for p in outcome.parameters]
+    values = dict(zip(found, outcome.solution.theta.tolist(), strict=True))
+    lost = dict(zip(found, outcome.lost, strict=True))
+    return {
+        str(epoch): {own: values[name] for name, own in names.items() if not lost[name]}
+        for epoch, names in _names(experiments, sharing)[0].items()
+    }
+
+
+def subtracting(results: Results, epoch: str) -> dict[str, float]:
+    """Return the coefficients that subtract best from runs of an epoch, the Euler force in them included."""
+    fit = results.cross_talk.get(epoch)
+    if fit is None:
+        return {}
+    best = (results.provenance.subtraction or {}).get(epoch)
+    if best is not None:
+        return {name: best[name] for name in COEFFICIENTS if name in best}
+    return sums(fit.values, _inertial_of(results, epoch)) if is_separated(fit) else fit.values
+
+
+def beside_euler(results: Results, epoch: str) -> dict[str, float]:
+    """Return those of `subtracting` without the Euler force, where that has been told apart."""
+    best, fit = subtracting(results, epoch), results.cross_talk.get(epoch)
+    if fit is None or not is_separated(fit):
+        return best
+    euler = sums(dict.fromkeys(best, 0.0), _inertial_of(results, epoch))
+    return {name: value - euler[name] for name, value in best.items()}
+
+
+def _inertial_of(results: Results, epoch: str) -> Fit | None:
+    return results.inertial.get((results.provenance.cross_talk_periods or {}).get(epoch, ""))
+
+
+def _names(
+    experiments: Sequence[Experiment], sharing: Sharing
+) -> tuple[dict[int, dict[str, str]], dict[int, str]]:
+    """Return, by epoch, the coefficients as fitted with their names in reports, and the name of delta_ifo."""
     of_epoch: dict[int, dict[str, str]] = {}
     delta_ifo: dict[int, str] = {}
     for experiment in experiments:
@@ -74,22 +147,19 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sha
         delta_ifo[run.alignment_epoch] = sharing.name("delta_ifo", run)
         for name in (n for n in experiment.parameters if n in COEFFICIENTS):
             of_epoch.setdefault(run.alignment_epoch, {})[sharing.name(name, run)] = name
-    if not of_epoch:
-        return {}
-    shift = expected_shift(outcome, experiments)
-    fits = {}
-    for epoch, names in sorted(of_epoch.items()):
-        fits[str(epoch)] = report(
-            outcome,
-            experiments,
-            names,
-            [
-                *indeterminable(outcome, experiments, names),
-                *_attenuated(outcome, shift, names, delta_ifo[epoch]),
-                _correlation(outcome, names, delta_ifo[epoch]),
-            ],
-        )
-    return fits
+    return dict(sorted(of_epoch.items())), delta_ifo
+
+
+def weigh(outcome: Outcome, experiments: Sequence[Experiment]) -> list[Weighed]:
+    """Return the sysid runs as the last iteration left them."""
+    theta, covariance = outcome.solution.theta, outcome.solution.covariance
+    found = []
+    for experiment, block in zip(experiments, outcome.blocks, strict=True):
+        of_run, share = block.share @ theta, block.share
+        noise = noise_model(experiment, of_run, share @ covariance @ share.T, None)
+        terms = experiment.sysid.spectra(dynamics.delays(of_run))
+        found.append(Weighed(experiment, terms, noise, block))
+    return found
 
 
 def _attenuated(outcome: Outcome, shift: Array, names: Mapping[str, str], delta_ifo: str) -> list[FitWarning]:
@@ -116,6 +186,25 @@ def _attenuated(outcome: Outcome, shift: Array, names: Mapping[str, str], delta_
     return [FitWarning("attenuated", tuple(told), message)]
 
 
+def _freed(outcome: Outcome, freed: couplings.Freed, names: Mapping[str, str]) -> list[FitWarning]:
+    """Say which coefficients instruments tell, and what that costs."""
+    cost = freed.outcome.solution.sigma / outcome.solution.sigma
+    of = {
+        names[p.name]: float(cost[i])
+        for i, p in enumerate(outcome.parameters)
+        if p.name in names and p.name in freed.names and not outcome.lost[i]
+    }
+    if not of:
+        return []
+    told = ", ".join(f"{name} ({factor:.2g})" for name, factor in of.items())
+    message = (
+        "the two inertial sensors, each the instrument for the other, free these of the noise of the "
+        f"read-outs, at so many times the sigma of least squares: {told}; the motion is subtracted with the "
+        "coefficients of least squares, which subtract better"
+    )
+    return [FitWarning("instruments", tuple(of), message)]
+
+
 def _correlation(outcome: Outcome, names: Mapping[str, str], delta_ifo: str) -> FitWarning:
     """Report how the coefficients correlate with the leakage of x_1 in the same epoch."""
     all_names = [p.name for p in outcome.parameters]
@@ -127,7 +216,7 @@ def _correlation(outcome: Outcome, names: Mapping[str, str], delta_ifo: str) -> 
     return FitWarning("correlation", (delta_ifo, *found), f"correlation of {delta_ifo} with b_i: {told}")
 
 
-def expected_shift(outcome: Outcome, experiments: Sequence[Experiment]) -> Array:
+def expected_shift(outcome: Outcome, weighed: Sequence[Weighed], freed: Container[str] = ()) -> Array:
     """Return by how much noise in the read-outs of spacecraft motion is expected to shift a fit.
 
     Noise of PSD S_n in a regressor adds to the normal equations what stands for no signal, so that
@@ -140,28 +229,28 @@ def expected_shift(outcome: Outcome, experiments: Sequence[Experiment]) -> Array
     ----------
     outcome : Outcome
         Of the fit.
-    experiments : sequence of Experiment
+    weighed : sequence of Weighed
         What was fitted.
+    freed : container of str
+        Parameters whose regressors count as free of noise.
 
     Returns
     -------
     ndarray, shape (P,)
         Expected error of the parameters, SI; NaN where the regressors hold too much noise to tell.
     """
-    theta, covariance = outcome.solution.theta, outcome.solution.covariance
+    theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
     H, H_n = np.diag(outcome.lost / width**2), np.zeros((theta.size, theta.size))
-    for experiment, block in zip(experiments, outcome.blocks, strict=True):
-        run, to_run = experiment.sysid, block.share
-        of_run = to_run @ theta
-        noise = noise_model(experiment, of_run, to_run @ covariance @ to_run.T, None)
-        terms = run.spectra(dynamics.delays(of_run))
-        H += linear.information([linear.block(terms, noise, to_run)], theta)
-        weight, floor = 2 / noise.expected(terms.f), read_out_noise(run)
+    clean = np.array([p.name in freed for p in outcome.parameters])
+    for w in weighed:
+        terms, to_run = w.terms, w.block.share
+        H += linear.information([linear.block(terms, w.noise, to_run)], theta)
+        weight, floor = 2 / w.noise.expected(terms.f), read_out_noise(w.experiment.sysid)
         for mean, S_n in floor.items():
             rows = np.zeros((terms.f.size, len(to_run)))
-            for i, name in enumerate(experiment.parameters):
-                if dynamics.CROSS_TALK.get(name, ("", 0))[0] == mean:
+            for i, name in enumerate(w.experiment.parameters):
+                if dynamics.CROSS_TALK.get(name, ("", 0))[0] == mean and not to_run[i, clean].any():
                     rows[:, i] = (-((2 * np.pi * terms.f) ** 2)) ** (dynamics.CROSS_TALK[name][1] // 2)
             H_n += to_run.T @ (rows.T * (S_n * weight)) @ rows @ to_run
     root = np.linalg.inv(np.linalg.cholesky(width[:, None] * H * width))

@@ -150,17 +150,11 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
     """
     known = experiment_parameters(run.authority, run.alignment_epoch)
     values = {name: p.value for name, p in known.items()}
-    return values | results.experiments[run.experiment].values | _cross_talk(results, run)
-
-
-def _cross_talk(results: Results, run: Telemetry) -> dict[str, float]:
-    """Return the coefficients of eq. bump that correct an experiment, with the Euler force of its period."""
-    epoch = str(run.alignment_epoch)
-    fit = results.cross_talk.get(epoch)
-    if fit is None:
-        return {}
-    period = (results.provenance.cross_talk_periods or {}).get(epoch, "")
-    return bump.sums(fit.values, results.inertial.get(period)) if bump.is_separated(fit) else fit.values
+    return (
+        values
+        | results.experiments[run.experiment].values
+        | bump.subtracting(results, str(run.alignment_epoch))
+    )
 
 
 def drawings(

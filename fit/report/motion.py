@@ -36,8 +36,9 @@ def _runs_of(results: Results, period: str) -> Sequence[str]:
 def _cross_talk(epoch: str, fit: Fit) -> Part:
     about = (
         "Cross-talk of the spacecraft's motion (eq. bump), fitted along with the dynamics. Noise in the "
-        "read-outs attenuates the coefficients, b3 to b6 most of all: they subtract best, but are no "
-        "couplings. Those that the warnings say are biased have no pull."
+        "read-outs attenuates what least squares finds, b3 to b6 most of all. That subtracts best, and the "
+        "figures are made with it. The table has the couplings, freed of the noise where two sensors read "
+        "the same motion. Those that the warnings say are biased have no pull."
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
     table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])

@@ -71,6 +71,16 @@ def test_it_is_telemetry_that_others_read(recorded):
     np.testing.assert_array_equal(np.diff(file.time), 1.0)
 
 
+def test_what_subtracts_best_is_subtracted_whatever_the_couplings(recorded, tmp_path):
+    path, _, file, _ = recorded
+    right = calibrated(LATE)
+    couplings = fit_of(b_1=3e-5, b_2=-3e-5)
+    best = replace(right.provenance, subtraction={"1": right.cross_talk["1"].values})
+    other = replace(right, cross_talk={"1": couplings}, provenance=best)
+    found, _ = product(path, tmp_path / "other.h5", other)
+    np.testing.assert_array_equal(found.delta_g_SC, file.delta_g_SC)
+
+
 def test_the_terms_add_up(recorded):
     file = recorded[2]
     whole = file.delta_g_x + file.delta_g_SC + file.g_Omega + file.g_dOmega

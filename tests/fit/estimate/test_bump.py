@@ -13,6 +13,7 @@ from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
 from fit.model import dynamics
 from fit.model.sharing import Sharing
+from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import derivatives
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
@@ -131,20 +132,61 @@ def test_each_epoch_has_its_own_coefficients():
     assert max(abs(p) for p in pulls(joint, vars(LATE)).values()) < 4.5
 
 
-def test_noisy_read_outs_attenuate_and_it_is_said(noisy):
+def test_noisy_read_outs_attenuate_what_subtracts_best(noisy):
     # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
     # weights, that depend little on frequency where the bump is large.
-    runs, outcome, found = noisy
-    shift = dict(zip([p.name for p in outcome.parameters], bump.expected_shift(outcome, runs), strict=True))
-    for epoch, fit in found.items():
-        assert all(abs(pulls(fit, TRUTH)[name]) < 4.5 for name in ("b_1", "b_2"))
-        assert {"b_3", "b_4", "b_5", "b_6"} <= set(warning(fit, "attenuated").parameters)
-        assert "no unbiased couplings" in warning(fit, "attenuated").message
+    runs, outcome, _ = noisy
+    shift = bump.expected_shift(outcome, bump.weigh(outcome, runs))
+    shift = dict(zip([p.name for p in outcome.parameters], shift, strict=True))
+    for epoch, best in bump.subtraction(outcome, runs, SHARING).items():
+        assert list(best) == NAMES
         for name in ("b_3", "b_4"):
-            assert 0.84 < fit.parameters[name].value / TRUTH[name] < 0.94
+            assert 0.84 < best[name] / TRUTH[name] < 0.94
             # what the data tell of their own noise makes good for it, but for the answer of the loop to it
-            corrected = fit.parameters[name].value - shift[f"{name}_{epoch}"]
-            assert corrected == pytest.approx(TRUTH[name], rel=0.04)
+            assert best[name] - shift[f"{name}_{epoch}"] == pytest.approx(TRUTH[name], rel=0.04)
+
+
+def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
+    # 12 pulls beyond 4.5 sigma: false-positive probability 1e-4
+    _, outcome, found = noisy
+    sigma = dict(zip([p.name for p in outcome.parameters], outcome.solution.sigma, strict=True))
+    for epoch, fit in found.items():
+        assert max(map(abs, pulls(fit, TRUTH).values())) < 4.5
+        assert [w.code for w in fit.warnings] == ["instruments", "correlation"]
+        assert warning(fit, "instruments").parameters == ("b_3", "b_4", "b_5", "b_6")
+        cost = {name: e.sigma / sigma[f"{name}_{epoch}"] for name, e in fit.parameters.items()}
+        assert [cost["b_1"], cost["b_2"]] == pytest.approx([1, 1], abs=0.1)
+        assert all(1.7 < cost[name] < 2.8 for name in ("b_3", "b_4"))
+        assert fit.parameters["b_3"].sigma < 0.03 * TRUTH["b_3"]  # least squares is off by a tenth
+        assert np.array_equal(fit.covariance, fit.covariance.T)
+
+
+def test_a_calibration_keeps_what_subtracts_best():
+    results = calibrate(pair(Motion(), LATE))
+    best = results.provenance.subtraction["1"]
+    assert list(best) == NAMES
+    assert best["b_3"] < 0.95 * results.cross_talk["1"].parameters["b_3"].value
+    assert not any(name.startswith("b_") for name in results.joint.parameters)
+
+
+def test_read_outs_that_part_by_more_than_noise_free_nothing():
+    # test mass 2 wanders along y by itself: its read-out tells another motion
+    runs = pair(Motion(), LATE)
+    rng = np.random.default_rng(0)
+    for recorded in runs:
+        own = np.cumsum(rng.standard_normal(recorded.time.size))
+        recorded.channels["grs_y_2"] += 6e-10 * (own - np.linspace(0, own[-1], own.size))
+    told = fitted(experiments(runs))[1]["1"]
+    assert {"b_3"} <= set(warning(told, "attenuated").parameters) <= {"b_3", "b_5"}
+    assert warning(told, "instruments").parameters == ("b_4", "b_6")
+
+
+def test_without_angles_there_is_no_second_sensor():
+    # what the two read-outs differ by is then rotation, for all that is known
+    runs = [blind(r, "o_phi_1", "o_phi_12") for r in pair(Motion(), LATE)]
+    told = fitted(experiments(runs))[1]["1"]
+    assert "b_3" in warning(told, "attenuated").parameters
+    assert warning(told, "instruments").parameters == ("b_4", "b_6")
 
 
 def test_read_out_noise_is_measured(noisy):
@@ -178,8 +220,8 @@ def subtraction(run, parameters, edges):
 
 
 def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
-    runs, _, found = noisy
-    b = {name: e.value for name, e in found["1"].parameters.items()}
+    runs, outcome, _ = noisy
+    b = bump.subtraction(outcome, runs, SHARING)["1"]
     edges = np.array([25, 35, 45, 60]) * 1e-3
     before, after, least = subtraction(runs[0].noise, of_run(LATE, "A") | b, edges)
     assert np.sqrt(before / after)[0] > 3
@@ -282,3 +324,18 @@ def test_read_outs_of_nothing_but_noise_are_told():
     runs = pair(Motion(grs=50e-9), LATE)
     _, found = fitted(experiments(runs))
     assert "b_3 (by how much cannot be told)" in warning(found["1"], "attenuated").message
+
+
+@pytest.mark.slow
+@pytest.mark.stat
+def test_the_pulls_of_couplings_are_standard_normal():
+    # 100 fits of six coefficients; least squares has mean pulls of 7 to 14 sigma for b_3 to b_6. Mean within
+    # 0.45, 4.5 standard errors; sum of squared pulls within the 1e-5 quantiles of chi^2(100): false-positive
+    # probability 2e-4.
+    found = []
+    for seed in range(100):
+        runs = [r for authority in "AB" for r in pair(Motion(), LATE, authority, seed=seed)]
+        found.append(list(pulls(fitted(experiments(runs))[1]["1"], TRUTH).values()))
+    found = np.array(found)
+    assert np.all(np.abs(found.mean(axis=0)) < 0.45)
+    assert np.all((np.sum(found**2, axis=0) > 51.0) & (np.sum(found**2, axis=0) < 170.0))

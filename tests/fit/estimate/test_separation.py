@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fit.estimate import bump
-from fit.results import Estimate, Fit
+from fit.results import Estimate, Fit, Provenance, Results
 
 
 def fit(values, sigmas, correlation=0.0):
@@ -41,3 +41,24 @@ def test_the_sums_are_called_sums():
     assert [w.code for w in sums.warnings] == [bump.JOINED]
     found = bump.separate(sums, MISALIGNED, "1")
     assert [w.code for w in found.warnings] == [bump.SEPARATED]
+
+
+def test_what_subtracts_best_is_kept_apart_from_the_couplings():
+    couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
+    best = {"b_1": 1.1e-5 - 0.376 * 4e-4, "b_3": 1.8e-5}
+    provenance = Provenance(cross_talk_periods={"1": "3"}, subtraction={"1": best})
+    joined = Results(None, {}, {"1": couplings}, {"3": MISALIGNED}, provenance)
+    assert bump.subtracting(joined, "1") == bump.beside_euler(joined, "1") == best
+    assert bump.subtracting(joined, "2") == bump.beside_euler(joined, "2") == {}
+    apart = Results(None, {}, {"1": bump.separate(couplings, MISALIGNED, "3")}, {"3": MISALIGNED}, provenance)
+    assert bump.subtracting(apart, "1") == best
+    assert bump.beside_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
+
+
+def test_results_of_before_have_one_set_of_coefficients():
+    couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
+    separated = bump.separate(couplings, MISALIGNED, "3")
+    provenance = Provenance(cross_talk_periods={"1": "3"})
+    earlier = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
+    assert bump.subtracting(earlier, "1") == pytest.approx(couplings.values)
+    assert bump.beside_euler(earlier, "1") == pytest.approx(separated.values)
