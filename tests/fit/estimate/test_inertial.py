@@ -211,7 +211,7 @@ def test_torsional_stiffness_counts(quiet_day):
     assert warning.parameters == ("delta_phi", "delta_eta")
     for name, estimate in fit.parameters.items():
         ratio = estimate.value / fitted(telemetry, world=QUIET).parameters[name].value
-        assert 0.97 < ratio < 0.985  # the 2 % of the warning
+        assert 0.97 < ratio < 0.987  # the 2 % of the warning
     doubled = replace(telemetry, attributes={**telemetry.attributes, "I_zz": 2 * 1.928 * 0.046**2 / 6})
     twice = fitted(lacking(doubled, "o_phi", "o_eta"), world=QUIET).parameters["delta_phi"].value
     once = fitted(lacking(telemetry, "o_phi", "o_eta"), world=QUIET).parameters["delta_phi"].value
