@@ -170,11 +170,12 @@ class _Ready:
 
 @dataclass(frozen=True)
 class _Together:
-    """The joint fit as it comes out, None where no experiment takes part; who was left out of it."""
+    """The joint fit as it comes out, who was left out of it, and what the others say beside each other."""
 
     outcome: Outcome
     fit: Fit
     left_out: tuple[LeftOut, ...]
+    agreement: dict[str, dict[str, float]] | None
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,7 @@ def _together(ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Se
         return None
     agreed = jury.convene(ready.taking_part, alone, chosen)
     fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
-    return _Together(agreed.outcome, fit, agreed.left_out)
+    return _Together(agreed.outcome, fit, agreed.left_out, agreed.statistics)
 
 
 def _judged(
@@ -329,5 +330,6 @@ def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> 
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=best or None,
         settings=chosen.model_dump(),
+        more={"agreement": together.agreement} if together and together.agreement else {},
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

@@ -23,7 +23,7 @@ from fit.model import dynamics
 
 Array = NDArray[np.float64]
 
-ALARM = 1.5e-4  # of each kind of test; 6e-4 in all
+ALARM = 1e-4  # of each kind of test
 MARGIN = 12.0  # excess of T by which another choice must be worse: 1 in 400 by likelihood
 SEARCHED = 2  # runs at most that are looked for in every combination; more are found one by one
 PENALTY = 6.0  # by which runs that are odd must explain more than a gain that scatters

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.estimate import lags, linear
 from fit.estimate.consistency import Regression, Squares, Voice
 from fit.estimate.runs import Experiment
 from fit.model import Sharing, dynamics
@@ -39,6 +40,8 @@ class Case:
         Its number there.
     experiments : tuple of Experiment
         All of them, in the order of the voices.
+    blocks : tuple of linear.Block
+        As they were weighed.
     sharing : Sharing
         What they share.
     names : tuple of str
@@ -50,6 +53,7 @@ class Case:
     voices: Regression
     at: int
     experiments: tuple[Experiment, ...]
+    blocks: tuple[linear.Block, ...]
     sharing: Sharing
     names: tuple[str, ...]
     theta: Array
@@ -144,6 +148,8 @@ def _causes(case: Case) -> Iterator[_Cause]:
             left = Squares(whole.value - test.value, whole.dof - test.dof, whole.of_noise)
             yield _Cause(direction.words(*case.voices.amount(column), case), left)
     yield from _of_epoch(case)
+    for words, other in lags.voices(case.experiments[case.at], case.blocks[case.at], case.theta):
+        yield _Cause(words, _left(case, {case.at: other}))
     for i in range(len(case.experiments)):
         yield from _of_exchange(case, i)
 
@@ -153,7 +159,7 @@ def _of_epoch(case: Case) -> Iterator[_Cause]:
     mine = case.run.alignment_epoch
     if case.sharing.groups["delta_ifo"] == "alignment_epoch":
         for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in case.experiments} - {mine}):
-            left = otherwise(case, {case.at: replace(case.run, alignment_epoch=epoch)})
+            left = _otherwise(case, {case.at: replace(case.run, alignment_epoch=epoch)})
             yield _Cause(f"its alignment epoch is {epoch} and not {mine}", left)
 
 
@@ -162,7 +168,7 @@ def _of_exchange(case: Case, i: int) -> Iterator[_Cause]:
     other = case.experiments[i].sysid.telemetry
     here, there = ((t.authority, t.alignment_epoch) for t in (case.run, other))
     if here != there:
-        left = otherwise(case, {case.at: _as(case.run, other), i: _as(other, case.run)})
+        left = _otherwise(case, {case.at: _as(case.run, other), i: _as(other, case.run)})
         yield _Cause(f"its data and those of {case.experiments[i].name} are exchanged", left)
 
 
@@ -178,11 +184,11 @@ def _as(run: Telemetry, other: Telemetry) -> Telemetry:
     )
 
 
-def otherwise(case: Case, runs: Mapping[int, Telemetry]) -> Squares:
+def _otherwise(case: Case, runs: Mapping[int, Telemetry]) -> Squares:
     """Return what is left of the contradiction if these runs, by number, had other attributes."""
-    voices = list(case.voices.voices)
+    voices = {}
     for i, run in runs.items():
-        voice, experiment = voices[i], case.experiments[i]
+        voice, experiment = case.voices.voices[i], case.experiments[i]
         before, after = (
             case.sharing.matrix(t, experiment.parameters, case.names)
             for t in (experiment.sysid.telemetry, run)
@@ -194,8 +200,13 @@ def otherwise(case: Case, runs: Mapping[int, Telemetry]) -> Squares:
         gradient = dynamics.gradient(theta, voice.tau)
         z = voice.z + voice.answer @ move
         voices[i] = replace(voice, z=z, share=share, theta=theta, gradient=gradient)
-    whole = replace(case.voices, voices=tuple(voices)).whole
-    rest = case.voices.without(runs).whole
+    return _left(case, voices)
+
+
+def _left(case: Case, voices: Mapping[int, Voice]) -> Squares:
+    """Return what is left of the contradiction if runs, by number, said something else."""
+    said = tuple(voices.get(i, v) for i, v in enumerate(case.voices.voices))
+    whole, rest = replace(case.voices, voices=said).whole, case.voices.without(voices).whole
     return Squares(whole.value - rest.value, whole.dof - rest.dof, case.voices.whole.of_noise)
 
 

@@ -40,12 +40,24 @@ class Agreed:
         Others, and why.
     warnings : tuple of FitWarning
         What is to be said of the joint fit beside.
+    voices : Regression or None
+        What the experiments say, where that was looked at.
     """
 
     outcome: Outcome
     experiments: tuple[Experiment, ...]
     left_out: tuple[LeftOut, ...]
     warnings: tuple[FitWarning, ...]
+    voices: Regression | None = None
+
+    @property
+    def statistics(self) -> dict[str, dict[str, float]] | None:
+        """What each of them says beside the others, and all of them together under an empty name."""
+        if self.voices is None:
+            return None
+        tests = {v.name: self.voices.of_run(i) for i, v in enumerate(self.voices.voices)}
+        tests[""] = self.voices.whole
+        return {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
 
 
 def convene(
@@ -83,7 +95,7 @@ def convene(
         if odd is None:
             scattered = _scattered(voices, kept, chosen)
             if scattered is None:
-                return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),))
+                return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
             outcome, voices = scattered, regression(kept, scattered)
             break
         out = _odd(voices, odd, kept, outcome, Sharing(chosen.shared))
@@ -92,7 +104,7 @@ def convene(
         outcome = fit_joint(kept, chosen)
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
-    return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)))
+    return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)), voices)
 
 
 def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
@@ -206,8 +218,10 @@ def _case(
 ) -> Case:
     kept = [k for k in range(len(experiments)) if k not in gone]
     of_kept = tuple(experiments[k] for k in kept)
+    blocks = tuple(outcome.blocks[k] for k in kept)
     names = tuple(p.name for p in outcome.parameters)
-    return Case(voices.without(gone), kept.index(i), of_kept, sharing, names, outcome.solution.theta)
+    theta = outcome.solution.theta
+    return Case(voices.without(gone), kept.index(i), of_kept, blocks, sharing, names, theta)
 
 
 def _apart(case: Case) -> str:
