@@ -4,9 +4,12 @@ Every run is its noise-free response to the injections and the closed-loop noise
 cross-spectra. The noise in the columns carries information like any signal does (jitter of x_1 tells most of
 delta_ifo), and it makes the residual. Both enter here as expected sums over the bins, in place of those over
 data; everything else is as in the fit: weights, window, weak priors, and where the estimates end up.
+
+A campaign may hold hundreds of runs. One after the other is made and boiled down to its sums over bins; what
+is kept of it is a few kilobytes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -31,10 +34,18 @@ CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
 
 SCHEMA = "lpf-forecast/1"
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
+MOVED = 0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 #: What moves less than 0.01 sigma moves no sigma.
 RULE = Rule(
     most=20, tolerance=0.01, harmless=0.01, warm_up=-1, windowed=True, moving="the expected fit still moves"
 )
+
+
+class NoneTakesPartError(InputError):
+    """No run is long enough for a joint fit, or none is left."""
+
+    def __init__(self) -> None:
+        super().__init__("no sysid run takes part in the joint fit, expected at least one of 6 h or more")
 
 
 @dataclass(frozen=True)
@@ -43,16 +54,19 @@ class Planned:
 
     Attributes
     ----------
-    experiment : Experiment
-        Its run without noise, at 1 to 2 Hz. Of its noise run it only counts that there is one: on average it
-        weighs the bins right, however long it is.
+    make : callable
+        Makes the experiment: its run without noise, at 1 to 2 Hz. Of its noise run it only counts that there
+        is one: on average it weighs the bins right, however long it is.
     cross_spectra : callable
         From names of C channels and frequencies [Hz], shape (n,), to the one-sided cross-spectral matrices
         of their noise, shape (n, C, C): ``<x_i^* x_j>``, products of the units per Hz.
+    truth : mapping of str to float
+        What is known of the parameters of the joint fit. It starts there, and so needs fewer iterations.
     """
 
-    experiment: Experiment
+    make: Callable[[], Experiment]
     cross_spectra: CrossSpectra
+    truth: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,6 +80,15 @@ class Expected(linear.Block):
     """
 
     jitter: Array = field(kw_only=True)
+
+    def boiled_down(self) -> "Sums":
+        """Return what is left of it without its bins."""
+        columns, even = (
+            np.zeros((0, len(self.R)), np.complex128),
+            weights("gaussian", np.zeros(0), np.zeros(0)),
+        )
+        sums, bins = (self.R, self.M), len(self.columns)
+        return Sums(self.tau, columns, even, None, self.tone, self.share, sums=sums, bins=bins)
 
     @cached_property
     def R(self) -> Array:
@@ -85,6 +108,47 @@ class Expected(linear.Block):
         return np.asarray(super().M + self.jitter * w.size * np.sum(w**4) / np.sum(w**2) ** 2)
 
 
+@dataclass(frozen=True)
+class Sums(linear.Block):
+    """A whitened run of which only its sums over bins are left.
+
+    Attributes
+    ----------
+    sums : tuple of ndarray, each of shape (K, K)
+        R and M of `Expected`.
+    bins : int
+        Number of its bins.
+    """
+
+    sums: tuple[Array, Array] = field(kw_only=True)
+    bins: int = field(kw_only=True)
+
+    @property
+    def size(self) -> int:
+        """As that of `linear.Block`."""
+        return 2 * (self.bins - 1)
+
+    @cached_property
+    def R(self) -> Array:
+        """As that of `linear.Block`."""
+        return self.sums[0]
+
+    @cached_property
+    def plain(self) -> Array:
+        """As that of `linear.Block`."""
+        return self.sums[0]
+
+    @cached_property
+    def H(self) -> Array:
+        """As that of `linear.Block`."""
+        return np.asarray(self.R.T @ self.R)
+
+    @cached_property
+    def M(self) -> Array:
+        """As that of `linear.Block`."""
+        return self.sums[1]
+
+
 @one_thread
 def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> Fit:
     """Return the joint fit to expect, its estimates where they are expected.
@@ -98,26 +162,30 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
 
     Raises
     ------
-    InputError
+    NoneTakesPartError
         If no experiment takes part in the joint fit.
     FitError
         If the fit would come to nothing.
     """
     chosen = chosen or settings()
-    chosen_ones = divide([p.experiment for p in planned], chosen)[0]
-    taking_part = [p for p in planned if p.experiment in chosen_ones]
+    everyone = [_Expectation(p, chosen) for p in planned]
+    chosen_ones = divide([e.experiment for e in everyone], chosen)[0]
+    taking_part = [e for e in everyone if e.experiment in chosen_ones]
     if not taking_part:
-        raise InputError("no sysid run takes part in the joint fit, expected at least one of 6 h or more")
+        raise NoneTakesPartError
     sharing = Sharing(chosen.shared)
-    runs = [(p.experiment.sysid.telemetry, p.experiment.parameters) for p in taking_part]
+    runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
     parameters = sharing.parameters(runs)
-    shares = [sharing.matrix(*run, [p.name for p in parameters]) for run in runs]
-    expectations = [_Expectation(p, share) for p, share in zip(taking_part, shares, strict=True)]
+    for e, run in zip(taking_part, runs, strict=True):
+        e.share = sharing.matrix(*run, [p.name for p in parameters])
+    known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
+    begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
-        return weakly_held(blocks, theta, parameters, shares[0], more)
+        return weakly_held(blocks, theta, parameters, taking_part[0].share, more)
 
-    return as_fit(iterate(expectations, parameters, held, RULE), [p.experiment for p in taking_part])
+    outcome = replace(iterate(taking_part, begun, held, RULE), parameters=tuple(parameters))
+    return as_fit(outcome, [e.experiment for e in taking_part])
 
 
 def document(expected: Fit) -> dict[str, object]:
@@ -132,34 +200,60 @@ def document(expected: Fit) -> dict[str, object]:
 
 
 class _Expectation:
-    """Makes the block of a run at the estimate of the parameters."""
+    """Makes the block of a run at the estimate of the parameters, anew only where these have moved.
+
+    Attributes
+    ----------
+    planned : Planned
+        What it is made of.
+    experiment : Experiment
+        The experiment, without its samples.
+    share : ndarray, shape (K, P)
+        See `linear.Block`; to be set once the parameters of the joint fit are known.
+    """
 
     settled = True
 
-    def __init__(self, planned: Planned, share: Array) -> None:
-        self._sysid, self._share = planned.experiment.sysid, share
-        self._names = _channels(self._sysid)
-        lowest = 0.9 / self._sysid.telemetry.duration
-        n = int(GRID * np.log10(derivatives.F_MAX / lowest)) + 2
-        self._f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
-        self._noise = planned.cross_spectra(self._names, self._f)
+    def __init__(self, planned: Planned, chosen: Settings) -> None:
+        self.planned = planned
+        made = planned.make()
+        run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
+        own = sharing.parameters([(run, made.parameters)])
+        self.share = sharing.matrix(run, made.parameters, [p.name for p in own])
+        self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
+        if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
+            self._sums = self._expected(made.sysid, self._at).boiled_down()
+        self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
-    def block(self, theta: Array, _: Array, __: int) -> Expected:
-        of_run, run = self._share @ theta, self._sysid
-        terms = run.spectra(dynamics.delays(of_run))
-        c = dynamics.coefficients(of_run, terms.tau)
-        T = responses(run.channels, terms.tau, self._names, self._f)
-        power = np.einsum("bki,bij,blj->bkl", T.conj(), self._noise, T, optimize=True).real
+    def block(self, theta: Array, _: Array, __: int) -> Sums:
+        of_run, sums = self.share @ theta, self._sums
+        c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
+        if np.linalg.norm(sums.R @ (c - before)) > MOVED:
+            self._at = of_run
+            self._sums = self._expected(self.planned.make().sysid, of_run).boiled_down()
+        return replace(self._sums, share=self.share)
+
+    def _expected(self, run: Run, theta: Array) -> Expected:
+        """Return a run at its own parameters theta, shape (K,), as if it were fitted for these."""
+        names = _channels(run)
+        lowest = 0.9 / run.telemetry.duration
+        n = int(GRID * np.log10(derivatives.F_MAX / lowest)) + 2
+        f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
+        terms = run.spectra(dynamics.delays(theta))
+        c = dynamics.coefficients(theta, terms.tau)
+        T = responses(run.channels, terms.tau, names, f)
+        noise = self.planned.cross_spectra(names, f)
+        power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True).real
         residual = np.einsum("k,bkl,l->b", c, power, c)
-        x, of_x = np.log(terms.f), np.log(self._f)
+        x, of_x = np.log(terms.f), np.log(f)
         # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
         S = np.exp(scipy.interpolate.CubicSpline(of_x, np.log(residual))(x))
         U, left = linear.whiten(terms, S)
         of_bin = scipy.interpolate.CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
         u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
-        tone = linear.single_tone(terms.f, u)
-        even = weights("gaussian", terms.f, u)
-        return Expected(terms.tau, U, even, terms.window, tone, self._share, jitter=of_bin.sum(axis=0))
+        tone, even = linear.single_tone(terms.f, u), weights("gaussian", terms.f, u)
+        share = np.eye(theta.size)
+        return Expected(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
 
 
 def _channels(run: Run) -> tuple[str, ...]:

@@ -57,6 +57,29 @@ class Run:
         run._last = run._wander = None
         return run
 
+    def emptied(self) -> "Run":
+        """Return the run without its samples: every channel is as long, and its largest value throughout."""
+
+        def even(x: Array) -> Array:
+            return np.broadcast_to(np.max(np.abs(x)), x.shape)  # one number, however long
+
+        run, told, kept = copy(self), self.telemetry, self.channels
+        run.telemetry = replace(
+            told, time=even(told.time), channels={name: even(x) for name, x in told.channels.items()}
+        )
+        run.channels = replace(
+            kept,
+            time=even(kept.time),
+            o_1=even(kept.o_1),
+            o_12=even(kept.o_12),
+            f_x_1=even(kept.f_x_1),
+            f_x_2=even(kept.f_x_2),
+            means={name: even(x) for name, x in kept.means.items()},
+            valid=np.broadcast_to(np.True_, kept.valid.shape),
+        )
+        run._last = None
+        return run
+
     def earlier(self, channel: str, by: float) -> "Run":
         """Return the run with one of the `dynamics.CHANNELS` earlier [s], its ends continued."""
         run, x = copy(self), getattr(self.channels, channel)

@@ -5,6 +5,7 @@ windowed data would turn the slope of the window into signal. Window and transfo
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -19,6 +20,7 @@ RIPPLE = 100.0  # dB, what the low-pass leaves of what would alias into the band
 BRIDGE = 1.0  # s, longest stretch of missing samples that is interpolated rather than masked
 
 
+@lru_cache(maxsize=64)
 def stencil(shift: float, order: int) -> Array:
     """Return the weights that give a derivative of the interpolating polynomial, exact to degree 2 HALF.
 
@@ -40,7 +42,9 @@ def stencil(shift: float, order: int) -> Array:
     powers = np.arange(2 * HALF + 1)
     nodes = np.arange(-HALF, HALF + 1) / HALF
     moments = [math.perm(m, order) * (-shift / HALF) ** (m - order) if m >= order else 0.0 for m in powers]
-    return np.linalg.solve(nodes ** powers[:, None], np.array(moments) / HALF**order)
+    found = np.linalg.solve(nodes ** powers[:, None], np.array(moments) / HALF**order)
+    found.flags.writeable = False  # others get the same one
+    return found
 
 
 def apply(weights: Array, x: Array) -> Array:

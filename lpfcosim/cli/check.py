@@ -5,7 +5,7 @@ from pathlib import Path
 
 import fit.errors
 from fit import settings as fit_settings
-from fit.estimate import SHORTEST, divide, forecast
+from fit.estimate import SHORTEST, forecast
 from fit.results import Fit
 from fit.tables import Lines
 from lpfcosim.campaign import Campaign, loading
@@ -39,8 +39,7 @@ def check(campaign: Path, console: Console) -> None:
             warnings.append("FMUs of other origin: no margins and no forecast, which would be those of ours")
             warnings += fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
         else:
-            for run in plan.runs:
-                stability.check(run)
+            stability.check(*plan.runs)
             loops = margins.margins(plan.runs[0])
             with console.stage("forecast"):
                 expected = _forecast(plan, chosen)
@@ -89,9 +88,10 @@ def wall_time(plan: Campaign, jobs: int) -> float:
 
 def _forecast(plan: Campaign, chosen: fit_settings.Settings) -> Fit | None:
     """Return the joint fit to expect, None if no experiment takes part in one."""
-    found = planned(plan)
-    taking_part, _, _ = divide([p.experiment for p in found], chosen)
-    return forecast.expected_fit(found, chosen) if taking_part else None
+    try:
+        return forecast.expected_fit(planned(plan), chosen)
+    except forecast.NoneTakesPartError:
+        return None
 
 
 def _why_none(plan: Campaign) -> str:

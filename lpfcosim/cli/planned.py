@@ -47,14 +47,22 @@ def planned(plan: Campaign) -> list[Planned]:
         If a loop is unstable.
     """
     noisy = {run.experiment for run in plan.runs if run.kind == "noise"}
-    found = []
-    for run in plan.runs:
-        if run.kind == "sysid":
-            stability.check(run)
-            flown = Flown(in_memory(run, planning.response(run)))
-            experiment = Experiment(flown, flown if run.experiment in noisy else None)
-            found.append(Planned(experiment, partial(planning.cross_spectra, run)))
-    return found
+    driven = [run for run in plan.runs if run.kind == "sysid"]
+    stability.check(*driven)
+    return [
+        Planned(
+            partial(_flown, run, noisy=run.experiment in noisy),
+            partial(planning.cross_spectra, run),
+            telemetry.truth(run),
+        )
+        for run in driven
+    ]
+
+
+def _flown(run: Run, *, noisy: bool) -> Experiment:
+    """Return an experiment without noise; `noisy`: whether it has a noise run."""
+    flown = Flown(in_memory(run, planning.response(run)))
+    return Experiment(flown, flown if noisy else None)
 
 
 def in_memory(run: Run, channels: Mapping[str, np.ndarray[tuple[int], np.dtype[np.float64]]]) -> Telemetry:

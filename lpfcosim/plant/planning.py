@@ -17,8 +17,9 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
-_INJECTED = ("guidance_o_1", "guidance_o_12", "f_x_1", "F_x_2")
-BLOCK = 3600  # s, stretch of injections held in memory
+_ENTERS = {"F_x_1": "f_x_1"}  # where an injection enters the system, if not under its own name
+STRETCH = 60  # s, stepped side by side
+BLOCK = STRETCH**2  # s, held in memory
 
 
 def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
@@ -39,19 +40,19 @@ def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
     s = world_of(run).system(run)
     stride = round(run.fs / RATE)
     n = run.n_samples // stride
-    if not run.injections and noise is None:
-        return {name: np.zeros(n) for name in s.channels}
-    driving = (*_INJECTED, *s.inputs) if noise else _INJECTED
-    columns = [i for i, name in enumerate(s.inputs) if name in driving]
+    driving = {_ENTERS.get(injection.into, injection.into) for injection in run.injections}
+    if noise:
+        driving = set(s.inputs)
+    columns = {name: i for i, name in enumerate(s.inputs) if name in driving}
+    found = np.zeros((n, len(s.channels)))
     # one second at a time: its ten samples of injections together
-    ahead = [s.B[:, columns]]
+    ahead = [s.B]
     for _ in range(stride - 1):
         ahead.append(s.A @ ahead[-1])
-    pushes = np.concatenate([push.T for push in reversed(ahead)])
-    A = np.linalg.matrix_power(s.A, stride)
-    found = np.empty((n, len(s.channels)))
-    state = np.zeros(len(A))
-    for begin in range(0, n, BLOCK):
+    pushes = np.stack(ahead[::-1])
+    loop = _Loop(np.linalg.matrix_power(s.A, stride), s.C)
+    state = np.zeros(len(s.A))
+    for begin in range(0, n if columns else 0, BLOCK):
         end = min(begin + BLOCK, n)
         injected = drive.injections(run, begin * stride, end * stride)
         injected["f_x_1"] = injected["F_x_1"] / run.m_tm
@@ -60,18 +61,45 @@ def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
             drawn["g_2"] -= run.dc  # the equilibrium holds it
             injected["f_x_1"] += drawn["f_x_1_jitter"]
             injected |= drawn
-        still = np.zeros((end - begin) * stride)
-        w = np.stack([injected.get(s.inputs[i], still) for i in columns], axis=1)
-        track = np.empty((end - begin + 1, len(A)))
-        track[0] = state
-        for now, following, push in zip(
-            track[:-1], track[1:], w.reshape(end - begin, -1) @ pushes, strict=True
-        ):
-            np.dot(A, now, out=following)
-            following += push
-        state = track[-1]
-        found[begin:end] = track[:-1] @ s.C.T + w[::stride] @ s.D[:, columns].T
+        push = np.zeros((end - begin, len(s.A)))
+        for name, i in columns.items():
+            if name in injected:
+                each = injected[name].reshape(-1, stride)
+                push += each @ pushes[:, :, i]
+                found[begin:end] += np.outer(each[:, 0], s.D[:, i])
+        seen, state = loop.track(state, push)
+        found[begin:end] += seen
     return dict(zip(s.channels, found.T.copy(), strict=True))
+
+
+class _Loop:
+    """Steps ``state+ = A state + push``, many stretches of a run side by side, and looks at ``C state``."""
+
+    def __init__(self, A: Array, C: Array) -> None:
+        self._A, self._C, self._over = A, C, np.linalg.matrix_power(A, STRETCH)
+        later = [C]
+        for _ in range(STRETCH - 1):
+            later.append(later[-1] @ A)
+        self._later = np.concatenate(later)
+
+    def track(self, state: Array, push: Array) -> tuple[Array, Array]:
+        """Return what is seen before each of n pushes, shape (n, S), and the state a whole BLOCK later."""
+        n, size = push.shape
+        rows = -(-n // STRETCH)
+        pushes = np.zeros((rows, STRETCH, size))
+        pushes.reshape(-1, size)[:n] = push
+        resting = np.zeros((STRETCH + 1, rows, size))  # every stretch as if it began at rest
+        for j in range(STRETCH):
+            np.matmul(resting[j], self._A.T, out=resting[j + 1])
+            resting[j + 1] += pushes[:, j]
+        begun = np.empty((rows, size))
+        for row, end in zip(begun, resting[-1], strict=True):
+            row[:] = state
+            state = self._over @ state + end
+        seen = (resting[:-1] @ self._C.T).transpose(1, 0, 2) + (begun @ self._later.T).reshape(
+            rows, STRETCH, -1
+        )
+        return seen.reshape(rows * STRETCH, -1)[:n], state
 
 
 def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Complex:

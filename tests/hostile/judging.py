@@ -14,8 +14,7 @@ from tests.oracles.thirteen import PLANS, TRUTH, plant_of
 
 FAR = 5.0  # sigma
 NARROW = 0.85  # of the sigma without the fault, which no fault can improve upon so far
-#: Warnings that are there without any fault.
-USUAL = {"single_tone"}
+RESTS = "rests_on_one_run"  # said of a clean campaign too
 
 
 @dataclass(frozen=True)
@@ -30,6 +29,8 @@ class Judged:
         Largest error of the joint fit in its sigmas, 0 without one.
     worst : str
         The parameter that has it.
+    checked : float
+        The same over the parameters that are not said to rest on a run of the fault.
     width : float
         Smallest sigma of the joint fit over that of the campaign without the fault.
     left_out : tuple of str
@@ -45,6 +46,7 @@ class Judged:
     outcome: str
     pull: float
     worst: str
+    checked: float
     width: float
     left_out: tuple[str, ...]
     alone: tuple[str, ...]
@@ -60,9 +62,8 @@ class Judged:
     def verdict(self, fault: Fault) -> str:
         """Judge: "ok", or what is wrong with it, the worst first."""
         if self.outcome == "sound" and self.pull > FAR:
-            if not fault.blind:
-                return "silent"
-            return "ok" if self.names_run or not fault.run else "silent"
+            told = fault.blind and (self.checked <= FAR or not fault.run)
+            return "ok" if told else "silent"
         if self.outcome == "sound" and self.width < NARROW:
             return "too sure"
         if fault.harmless and self.outcome != "sound":
@@ -95,12 +96,19 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
     pull, worst = _pull(joint, TRUTH)
     sigmas = _sigmas(tuple(names))
     taking_part = set(results.provenance.joint_runs or ())
-    said = tuple(w.message for w in (*joint.unsound, *joint.warnings) if w.code not in USUAL)
+    said = tuple(w.message for w in (*joint.unsound, *joint.warnings) if w.code != RESTS or fault.blind)
+    resting = {
+        name
+        for w in joint.warnings
+        if w.code == RESTS and _names([w.message], fault)
+        for name in w.parameters
+    }
     return Judged(
         outcome="no sigma" if joint.unsound else "sound",
         pull=pull,
         worst=worst,
-        width=min((e.sigma / sigmas[n] for n, e in joint.parameters.items() if n in sigmas)),
+        checked=_pull(joint, {n: value for n, value in TRUTH.items() if n not in resting})[0],
+        width=min(e.sigma / sigmas[n] for n, e in joint.parameters.items() if n in sigmas),
         left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
         alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),
@@ -119,7 +127,7 @@ def _sigmas(names: tuple[str, ...]) -> dict[str, float]:
 
 def _without_result(outcome: str, message: str, fault: Fault) -> Judged:
     named, cause = _names([message], fault), bool(re.search(fault.cause, message))
-    return Judged(outcome, 0.0, "", 1.0, (), (), named, cause, (message,))
+    return Judged(outcome, 0.0, "", 0.0, 1.0, (), (), named, cause, (message,))
 
 
 def _names(said: Iterable[str], fault: Fault) -> bool:

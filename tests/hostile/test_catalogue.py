@@ -5,7 +5,7 @@ from dataclasses import replace
 from tests.hostile.catalogue import FAULTS
 from tests.hostile.judging import Judged
 
-JUDGED = Judged("sound", 6.0, "lambda_2", 1.0, (), (), False, False, ("nothing",))
+JUDGED = Judged("sound", 6.0, "lambda_2", 6.0, 1.0, (), (), False, False, ("nothing",))
 
 
 def of(name):
@@ -29,7 +29,7 @@ def test_the_judge_calls_silent_what_is():
 def test_what_no_data_can_tell_is_told_to_rest_on_one_run():
     blind = of("scaled, the only run that drives it, 1 %, f_x_1, G3")
     assert JUDGED.verdict(blind) == "silent"
-    assert replace(JUDGED, names_run=True).verdict(blind) == "ok"
+    assert replace(JUDGED, checked=2.0).verdict(blind) == "ok"
 
 
 def test_there_are_enough_and_each_has_a_name_of_its_own():

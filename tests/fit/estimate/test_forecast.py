@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -48,16 +49,13 @@ def cross_spectra(world, authority, epoch):
 
 
 def expected(world, sets=SETS, **options):
-    return [
-        Planned(
-            Experiment(
-                Run(telemetry(world, authority, epoch=epoch, noisy=False, **options)),
-                Run(telemetry(world, authority, "noise", epoch=epoch, noisy=False, **options)),
-            ),
-            cross_spectra(world, authority, epoch),
+    def make(authority, epoch):
+        return Experiment(
+            Run(telemetry(world, authority, epoch=epoch, noisy=False, **options)),
+            Run(telemetry(world, authority, "noise", epoch=epoch, noisy=False, **options)),
         )
-        for authority, epoch in sets
-    ]
+
+    return [Planned(partial(make, *which), cross_spectra(world, *which)) for which in sets]
 
 
 def noisy(world, sets=SETS, **options):
@@ -133,7 +131,7 @@ def test_regressors_without_noise_tell_less_of_delta_ifo(mission):
 
         return matrix
 
-    quiet = [replace(p, cross_spectra=of_residual(noise[p.experiment.name])) for p in mission]
+    quiet = [replace(p, cross_spectra=of_residual(noise[p.make().name])) for p in mission]
     without, told = sigmas(forecast(quiet)), sigmas(forecast(mission))
     names = [f"delta_ifo_{k}" for k in (1, 2, 3, 4)]
     # an independent calculation for the campaign, with regressors free of noise
@@ -248,6 +246,39 @@ def test_turning_against_the_simulation(make_run):
     assert np.array(found) == pytest.approx(moved, abs=2e-3 * np.abs(moved).max())
 
 
+def test_it_ends_where_it_would_wherever_it_starts(quickstart):
+    text = {"lambda_2": 1.13, "C_2": 0.25, "omega2_2_0": -9e-7, "delta_ifo": {1: 3e-5, 2: -4e-5}}
+    plan = loading.load(quickstart)
+    plan = replace(plan, truth=replace(plan.truth, **text))
+    asked: list[str] = []
+
+    def counted(p):
+        def make():
+            asked.append("once")
+            return p.make()
+
+        return replace(p, make=make)
+
+    from_truth = forecast([counted(p) for p in planned(plan)])
+    assert len(asked) == len(plan.experiments)  # a campaign of hundreds has no time for more
+    from_flight = forecast([replace(p, truth={}) for p in planned(plan)])
+    assert sigmas(from_truth) == pytest.approx(sigmas(from_flight), rel=2e-3)
+    for name, value in {"lambda_2": 1.13, "delta_ifo_2": -4e-5}.items():
+        assert from_truth[name].value == pytest.approx(value, abs=0.2 * from_truth[name].sigma)
+    assert [w.message for w in from_truth.warnings] == [w.message for w in from_flight.warnings]
+
+
+def test_hardly_anything_is_kept_of_a_run(quickstart):
+    made = planned(loading.load(quickstart))[0].make()
+    left = made.sysid.emptied()
+    arrays = [left.telemetry.time, *left.telemetry.channels.values(), left.channels.o_1, left.channels.valid]
+    assert all(array.strides == (0,) for array in arrays)  # one number, however long
+    assert left.telemetry.duration == made.sysid.telemetry.duration
+    assert left.channels.parameters == made.sysid.channels.parameters
+    assert np.any(left.telemetry.channels["f_x_2"])
+    assert not np.any(left.telemetry.channels["f_x_1"])
+
+
 def test_short_and_excluded_runs_stay_out(quickstart):
     plan = planned(loading.load(quickstart))
     all_but_b = forecast(plan, settings({"exclude": ["B"]}))
@@ -289,5 +320,5 @@ def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
     status, _, err = lpfcosim("forecast", quickstart, "--out", noise_only)
     assert (status, err) == (
         2,
-        f"lpfcosim: error: {noise_only}: is a file, expected a folder for the forecast\n",
+        f"lpfcosim: error: {noise_only}: is a file, expected a folder for the results; name one with --out\n",
     )

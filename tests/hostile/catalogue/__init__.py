@@ -4,8 +4,9 @@ from tests.hostile.catalogue.channels import CHANNELS
 from tests.hostile.catalogue.fault import Fault
 from tests.hostile.catalogue.labels import LABELS
 from tests.hostile.catalogue.samples import SAMPLES
+from tests.hostile.catalogue.several import SEVERAL
 from tests.hostile.catalogue.world import WORLD
 
-FAULTS = (*LABELS, *CHANNELS, *SAMPLES, *WORLD)
+FAULTS = (*LABELS, *CHANNELS, *SAMPLES, *WORLD, *SEVERAL)
 
 __all__ = ["FAULTS", "Fault"]

@@ -85,3 +85,25 @@ def test_injections_add(still):
         x = together[channel]
         assert np.abs(sum(one[channel] for one in alone) - x).max() <= 1e-10 * np.ptp(x), channel
         assert np.abs(scaled[channel] + 2.5 * x).max() <= 1e-10 * np.ptp(x), channel
+
+
+@pytest.mark.parametrize("stretch", [7, 60, 1000])
+def test_response_is_that_of_one_step_after_the_other(quickstart, monkeypatch, stretch):
+    monkeypatch.setattr(planning, "STRETCH", stretch)
+    monkeypatch.setattr(planning, "BLOCK", stretch**2)
+    run = loading.load(quickstart).runs[1]
+    push = Sine("F_x_1", frequency=5e-3, amplitude=1e-12, cycles=5, start=100.0)
+    run = replace(run, n_samples=17_770, injections=(*run.injections, push))
+    s, w = world_of(run).system(run), drive.injections(run)
+    w["f_x_1"] = w["F_x_1"] / run.m_tm
+    columns = [i for i, name in enumerate(s.inputs) if name in w]
+    inputs = np.stack([w[s.inputs[i]] for i in columns], axis=1)
+    state, seen = np.zeros(len(s.A)), []
+    for now in inputs:
+        seen.append(s.C @ state + s.D[:, columns] @ now)
+        state = s.A @ state + s.B[:, columns] @ now
+    expected = np.array(seen)[::10].T
+    assert np.ptp(expected, axis=1).min() > 0
+    for name, x in zip(s.channels, expected, strict=True):
+        found = planning.response(run)[name]
+        np.testing.assert_allclose(found, x, rtol=0, atol=1e-11 * np.abs(x).max(), err_msg=name)

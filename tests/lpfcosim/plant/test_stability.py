@@ -91,3 +91,11 @@ def test_a_pole_on_the_circle_is_refused_too(make_run, monkeypatch):
     monkeypatch.setattr(stability, "poles", lambda run: np.array([1.0 + 0.0j, 0.5]))
     with pytest.raises(InputError, match="never decays"):
         stability.check(make_run())
+
+
+def test_of_many_runs_the_unstable_one_is_named(make_run):
+    stable = [make_run(name=f"calm{i}", noise=Noise(oms=1e-15 * i), seed=i) for i in range(3)]
+    for change in UNSTABLE.values():
+        with pytest.raises(InputError, match=r"^shaky: "):
+            stability.check(*stable, make_run(name="shaky", **change), *stable)
+    stability.check(*stable)

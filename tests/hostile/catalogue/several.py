@@ -1,0 +1,95 @@
+"""Faults of several experiments at a time, among them some that agree with each other."""
+
+from tests.hostile.catalogue.channels import LATE, SCALE, clock, delayed, times
+from tests.hostile.catalogue.fault import faults
+from tests.hostile.catalogue.labels import AUTHORITY
+from tests.hostile.spoiling import all_of, changed, cut, labelled, recorded, remade, shifted
+
+EPOCH_3, EPOCH_4 = ("E3", "F3", "G3", "D3"), ("B4", "D4", "C4")
+
+
+def each(names, spoil):
+    """Return the experiments in words and what spoils each of them."""
+    return " ".join(names), all_of(*(spoil(name) for name in names))
+
+
+def scaled(factor):
+    return lambda name: changed(f"{name}-sysid", f_x_2=times(factor))
+
+
+def late(samples):
+    return lambda name: changed(f"{name}-sysid", o_12=delayed(samples))
+
+
+SEVERAL = (
+    *faults(
+        "scaled in several runs",
+        SCALE,
+        ("1 %", "f_x_2", *each(("B4", "C2"), scaled(1.01))),
+        ("1 % up, 1 % down", "f_x_2", "B4 C2", all_of(scaled(1.01)("B4"), scaled(0.99)("C2"))),
+        ("0.1 %", "f_x_2", *each(("A1", "A1b", "B2", "C2", "A2", "D2"), scaled(1.001))),
+        ("0.1 %", "f_x_2", *each(EPOCH_4, scaled(1.001))),
+    ),
+    *faults(
+        "late in several runs",
+        LATE,
+        ("1 s", "o_12", *each(EPOCH_4, late(1))),
+        ("1 s", "o_12", *each(("A1", "E3"), late(1))),
+    ),
+    *faults(
+        "clock off in several runs", "clock|time", ("1e-3", "all", *each(EPOCH_4, lambda n: clock(n, 1e-3)))
+    ),
+    *faults(
+        "F_max_2 wrong in several runs",
+        AUTHORITY,
+        ("× 2", "", *each(("A1", "A1b", "A2"), lambda n: labelled(n, F_max_2=4400e-12))),
+        ("× 2", "", *each(("B2", "B4", "C2", "C4"), lambda n: labelled(n, F_max_2=2200e-12))),
+    ),
+    *faults(
+        "N_max_2 wrong in several runs",
+        AUTHORITY,
+        ("10.4 for 1 pN m", "", *each(("C2", "C4"), lambda n: labelled(n, N_max_2=10.4e-12))),
+    ),
+    *faults(
+        "alignment epochs exchanged",
+        "epoch|delta_ifo",
+        (
+            "2 and 4",
+            "",
+            "B2 B4",
+            all_of(labelled("B2", alignment_epoch=4), labelled("B4", alignment_epoch=2)),
+        ),
+    ),
+    *faults(
+        "two faults of one run",
+        "",
+        (
+            "1 %, 1 s",
+            "f_x_2",
+            *each(("B4",), lambda n: changed(f"{n}-sysid", f_x_2=lambda x: delayed(1)(1.01 * x))),
+        ),
+    ),
+    *faults(
+        "faults of different runs",
+        "",
+        (
+            "1 %; 1 s; 5e-8 s-2",
+            "",
+            "B4 C2 A2",
+            all_of(scaled(1.01)("B4"), late(1)("C2"), shifted("A2-sysid", omega2_2=5e-8)),
+        ),
+        (
+            "noise × 3; F_max_2",
+            "",
+            "D4 A1",
+            all_of(remade("D4-sysid", noise={"plateau": 3}), labelled("A1", F_max_2=2e-9)),
+        ),
+    ),
+    *faults("archived at 10 Hz", "", ("sysid and noise", "all", *each(("B4",), recorded)), harmless=True),
+    *faults(
+        "start cut off",
+        "",
+        ("1000 s", "all", *each(("D3",), lambda n: cut(f"{n}-sysid", 1000, 1e9))),
+        harmless=True,
+    ),
+)
