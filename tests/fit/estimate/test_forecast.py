@@ -92,7 +92,8 @@ def test_degenerate_campaigns_are_named_as_the_fit_names_them(sets, options):
         calibrate(noisy(World(), sets, **options)).joint,
     )
     assert told.parameters.keys() == found.parameters.keys()
-    assert [(w.code, w.parameters) for w in told.warnings] == [(w.code, w.parameters) for w in found.warnings]
+    lost = [(w.code, w.parameters) for w in found.warnings if w.code != "rests_on_one_run"]
+    assert [(w.code, w.parameters) for w in told.warnings] == lost
 
 
 @pytest.mark.parametrize("tones", [(3.333e-3,), ()])
@@ -105,7 +106,7 @@ def test_a_single_tone_or_none_tells_as_little_as_in_the_fit(tones):
     )
     assert told.parameters.keys() == found.joint.parameters.keys()
     lost = {name for w in told.warnings for name in w.parameters}
-    assert lost == {name for w in found.joint.warnings for name in w.parameters}
+    assert lost == {n for w in found.joint.warnings if w.code != "rests_on_one_run" for n in w.parameters}
     assert {"lambda_2", "omega2_2_0", "alpha_x_2"} <= lost
     why = "the only signal is a tone at 3.3" if tones else "no injection stands out of the noise"
     assert any(why in w.message for w in told.warnings if "lambda_2" in w.parameters)
@@ -155,7 +156,8 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     runs = [recorded(run, along_x_plant.simulate(run)) for run in plan.runs]
     found, told = calibrate(runs).joint, forecast(planned(plan))
     assert sigmas(told) == pytest.approx(sigmas(found), rel=0.1)
-    assert [w.parameters for w in told.warnings] == [w.parameters for w in found.warnings]
+    lost = [w.parameters for w in found.warnings if w.code == "indeterminable"]
+    assert [w.parameters for w in told.warnings] == lost
 
 
 @pytest.mark.slow
