@@ -18,6 +18,7 @@ from fit.estimate import (
     jury,
     known_of,
     leftout,
+    levels,
     pair,
     prepare,
     residuals,
@@ -163,6 +164,19 @@ class _Ready:
             raise InputError(leftout.told((*self.left_out, *found)))
         return replace(self, taking_part=staying, left_out=(*self.left_out, *found))
 
+    def levelled(self, said: Mapping[str, FitWarning]) -> "_Ready":
+        """Return the same with noise levels marginalised where that is said, and the sayings."""
+        prepared = {
+            name: p.said(said[name], levels=said[name].code == levels.CODE) if name in said else p
+            for name, p in self.prepared.items()
+        }
+
+        def anew(of: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
+            return tuple(prepared[e.name].experiment if e.name in prepared else e for e in of)
+
+        taking_part, short, excluded = map(anew, (self.taking_part, self.short, self.excluded))
+        return _Ready(prepared, taking_part, short, excluded, self.left_out)
+
     def said_of(self, name: str) -> tuple[FitWarning, ...]:
         """Return what keeps an experiment out of the joint fit, as warnings of its own fit."""
         return tuple(w for f in self.left_out if f.experiment == name for w in f.of_own)
@@ -190,6 +204,9 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
     alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
+    said = levels.judged(ready.experiments, alone, chosen)
+    ready = ready.levelled(said)
+    alone |= {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
     together = _together(ready, alone, chosen)
     ready = ready.without(together.left_out) if together else ready
     judged = _judged(ready, alone, together, chosen)
@@ -331,5 +348,6 @@ def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> 
         subtraction=best or None,
         settings=chosen.model_dump(),
         more={"agreement": together.agreement} if together and together.agreement else {},
+        levels=[e.name for e in ready.taking_part if e.levels],
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

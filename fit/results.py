@@ -158,22 +158,21 @@ class Provenance(Mapping[str, object]):
     cross_talk_periods : dict of str to str
         By alignment epoch the inertial period in which all its runs lie, if they lie in one.
     subtraction : dict of str to dict
-        By alignment epoch the coefficients of eq. bump that subtract best, Euler force included; where
-        read-outs are noisy they are smaller than the couplings in `Results.cross_talk`.
+        By alignment epoch the coefficients of eq. bump that subtract best, not those of `Results.cross_talk`.
     settings : dict of str to object
         What the user chose, see `fit.settings`.
     scatter : dict of str to dict
         By parameter ``value`` and ``sigma`` of the width by which it differs between experiments.
+    levels : list of str
+        Experiments whose noise levels were marginalised.
     inertial_runs : dict of str to list of str
         By inertial period the runs it was fitted to.
     inertial_band : list of float
         Ends of its band [Hz].
     more : dict of str to object
         What the command line adds (campaign, digests, seed), and what is not known; whatever JSON holds.
-    versions : dict of str to str
-        Of the software.
-    telemetry : list of str
-        File names, relative to the folder of the results.
+    versions, telemetry : dict of str to str, list of str
+        Of the software; file names, relative to the folder of the results.
     """
 
     joint_runs: list[str] | None = None
@@ -184,6 +183,7 @@ class Provenance(Mapping[str, object]):
     subtraction: dict[str, dict[str, float]] | None = None
     settings: dict[str, object] | None = None
     scatter: dict[str, dict[str, float]] | None = None
+    levels: list[str] | None = None
     inertial_runs: dict[str, list[str]] | None = None
     inertial_band: list[float] | None = None
     more: dict[str, object] = field(default_factory=dict)

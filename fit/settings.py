@@ -26,6 +26,7 @@ class Settings(Table):
     exclude: list[str]
     glitches: bool
     scatter: Annotated[list[_Scattering], _AUTO]
+    levels: Annotated[list[str], _AUTO]
     shared: dict[str, Group]
 
 

@@ -186,6 +186,10 @@ KINDS: Mapping[str, Kind] = {
         "Nothing to do; read these b_i as couplings, and subtract the motion with those of the provenance "
         "(`subtraction`), as `lpfcosim deltag` does.",
     ),
+    "levels": Kind(
+        "Nothing if the noise may have changed since the noise run; with one that matches the sigmas would "
+        "be a little smaller.",
+    ),
     "no_star_tracker": Kind(
         "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run.",
     ),

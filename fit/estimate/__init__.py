@@ -37,6 +37,7 @@ __all__ = [
     "jury",
     "known_of",
     "leftout",
+    "levels",
     "pair",
     "prepare",
     "pulls",

@@ -1,9 +1,10 @@
 """Which departures the data ask for: tested one against the other on the fit without any.
 
 Freed in every experiment, a departure lowers chi^2 by a quantity of known distribution if there is none. It
-is let in where that quantity has a chance below CHANCE even without the experiment that speaks most for it:
-what a single experiment shows may as well be a fault of that experiment, and is left to the verdict. And all
-that is freed must explain what the experiments disagree in; else something other than gains is wrong, and
+counts where that quantity has a chance below CHANCE even without the experiment that speaks most for it: what
+a single experiment shows may as well be a fault of that experiment, and is left to the verdict. Whatever
+counts, gains and delays are let differ between experiments first, and then do within a run what still counts.
+All that is freed must explain what the experiments disagree in; else something other than gains is wrong, and
 departures would only hide it.
 """
 
@@ -19,7 +20,7 @@ from fit.estimate.departures import KINDS
 from fit.estimate.hierarchy import Normal
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment
-from fit.model import Sharing, wander
+from fit.model import Sharing, dynamics, wander
 from fit.paper import FLIGHT
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ def _inverse(H: Array) -> tuple[Array, int]:
 
 def departing(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> tuple[str, ...]:
     """Return what the data of a joint fit without departures ask to depart, nothing where all is well."""
-    if len(experiments) < 3 or any(block.S is None for block in outcome.blocks):
+    if len(experiments) < 3 or any(block.noise is None for block in outcome.blocks):
         return ()
     theta = outcome.solution.theta
     inflations = [normal.inflation(block, theta) for block in outcome.blocks]
@@ -85,18 +86,19 @@ def departing(outcome: Outcome, experiments: Sequence[Experiment], sharing: Shar
     names = [n for kind in KINDS for n in kind.parameters if sharing.groups.get(n, "campaign") == "campaign"]
     alone = normal.of_runs(blocks, theta, inflations)
     free = _free(outcome, alone, blocks, names)
-    chosen: list[str] = []
-    while True:
-        freed = np.isin(free.names, chosen)
-        left = free.given(freed)
-        chances = {k.name: _chance(left, k.parameters) for k in KINDS if not set(k.parameters) & {*chosen}}
-        best = min(chances, key=lambda name: chances[name], default="")
-        if not best or chances[best] > CHANCE:
+    if min(_chance(free, kind.parameters) for kind in KINDS) > CHANCE:
+        return ()
+    # what gains do within a run looks much like what they do from run to run, and that is likelier
+    chosen = [n for n in names if n in dynamics.PARAMETERS]
+    more = [k for k in KINDS if not {*k.parameters} & {*dynamics.PARAMETERS}]
+    while more:
+        left = free.given(np.isin(free.names, chosen))
+        best = min(more, key=lambda kind: _chance(left, kind.parameters))
+        if _chance(left, best.parameters) > CHANCE:
             break
-        chosen += [n for kind in KINDS for n in kind.parameters if kind.name == best and n in names]
-    if chosen and _explained(outcome, alone, blocks, chosen):
-        return tuple(chosen)
-    return ()
+        chosen += best.parameters
+        more.remove(best)
+    return tuple(chosen) if _explained(outcome, alone, blocks, chosen) else ()
 
 
 def _free(
@@ -142,16 +144,15 @@ def _with_departures(
 
 
 def _chance(free: _Free, parameters: Sequence[str]) -> float:
-    """Return how often noise makes as much of some departures, the loudest experiment left out."""
+    """Return how often noise makes as much of some departures, whichever experiment is left out."""
     which = np.isin(free.names, parameters)
-    total, rank = free.gain(which)
-    if not rank:
+    if not which.any():
         return 1.0
-    own = [free.gain(which & (free.runs == n)) for n in range(int(free.runs.max()) + 1)]
-    gain, of_run = max(own)
-    if rank - of_run < 2:
-        return 1.0
-    return float(scipy.stats.chi2.sf(total - gain, rank - of_run))
+    chances = []
+    for run in range(int(free.runs.max()) + 1):
+        total, rank = free.given(free.runs == run).gain(which & (free.runs != run))
+        chances.append(float(scipy.stats.chi2.sf(total, rank)) if rank > 1 else 1.0)
+    return max(chances)
 
 
 def _explained(

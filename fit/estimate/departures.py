@@ -4,6 +4,8 @@ A gain or a delay departs from its common value, and a gain may wander within a 
 every experiment by an unknown amount, drawn from a Gaussian about zero. Its width is not known either. The
 two test masses share it, relative to the flight values: their actuators are alike. So a gain that a single
 experiment tells gets the sigma that the scatter of the other implies.
+
+A gain that departs leaves the force as late as it was: C = lambda tau departs along.
 """
 
 from collections.abc import Iterable, Sequence
@@ -115,15 +117,19 @@ def share(plain: Array, names: Sequence[str], experiment: int, experiments: int)
     ordered = [name for kind in KINDS for name in kind.parameters if name in names]
     own = np.zeros((len(plain) + more, len(ordered) * experiments))
     for i, name in enumerate(ordered):
-        own[row(name, len(plain)), i * experiments + experiment] = 1.0
+        column = i * experiments + experiment
+        own[row(name, len(plain)), column] = 1.0
+        if name in _GAINS:
+            delay = name.replace("lambda", "C")
+            own[row(delay, len(plain)), column] = FLIGHT[delay].value / FLIGHT[name].value
     return np.hstack([np.vstack([plain, np.zeros((more, plain.shape[1]))]), own])
 
 
 def extended(block: linear.Block, spectra: Spectra) -> linear.Block:
     """Return a block with the columns of `wander` beside its own; nothing multiplies them yet."""
-    if block.S is None:
+    if block.noise is None:
         raise FitError("not weighed by a PSD, expected another estimator than 'flscov' where gains wander")
-    U, _ = linear.whiten(spectra, block.S)
+    U, _ = linear.whiten(spectra, block.noise.expected(spectra.f))
     more = np.zeros((len(wander.NAMES), block.share.shape[1]))
     return replace(
         block, columns=np.concatenate([block.columns, U], axis=1), share=np.vstack([block.share, more])

@@ -1,6 +1,7 @@
 """An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fit import results as fit_results
@@ -65,7 +66,9 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
         Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
     ]
     how = settings(chosen, f"{where}: provenance.settings")
-    outcome = fit_joint([prepare(e, how).experiment for e in experiments], how)
+    prepared = [prepare(e, how).experiment for e in experiments]
+    levels = said.levels or []
+    outcome = fit_joint([replace(e, levels=e.name in levels) for e in prepared], how)
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     for name, estimate in results.joint.parameters.items():
         if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:

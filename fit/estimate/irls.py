@@ -5,7 +5,7 @@ weights here are a smooth PSD, fitted by likelihood to the residual of the adjac
 estimate. The delays about which the commands are expanded move along, until nothing moves.
 """
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -160,7 +160,6 @@ def reweight(
     *,
     estimator: Estimator = "gaussian",
     departing: Sequence[Width] = (),
-    levels: Container[str] = (),
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -178,17 +177,13 @@ def reweight(
         ``flscov``, or the likelihood of the residual, see `fit.estimate.likelihood`.
     departing : sequence of Width
         Departures of experiments, held so weakly here that the data tell them.
-    levels : container of str
-        Experiments whose noise run does not tell the level of their noise: it is marginalised.
 
     Raises
     ------
     FitError
         If it does not settle, or a step of it fails.
     """
-    weighings = [
-        _weighing(e, share, estimator, e.name in levels) for e, share in zip(experiments, shares, strict=True)
-    ]
+    weighings = [_weighing(e, share, estimator) for e, share in zip(experiments, shares, strict=True)]
 
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
         found = weakly_held(blocks, theta, parameters, shares[0], more)
@@ -293,10 +288,10 @@ def _rows(width: Width, size: int) -> Array:
     return np.eye(size)[list(width.members)] / (FREE * width.scale * width.units[:, None])
 
 
-def _weighing(experiment: Experiment, share: Array, estimator: Estimator, level: bool) -> Weighing:
+def _weighing(experiment: Experiment, share: Array, estimator: Estimator) -> Weighing:
     if estimator == "flscov":
         return _Flscov(experiment, share)
-    return _Smooth(experiment, share, "marginalised" if level else estimator)
+    return _Smooth(experiment, share, "marginalised" if experiment.levels else estimator)
 
 
 class _Smooth:

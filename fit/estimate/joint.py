@@ -1,6 +1,6 @@
 """The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +41,7 @@ def fit_experiment(
     return reweight([experiment], [share], parameters, known, estimator=estimator)
 
 
-def fit_joint(experiments: Sequence[Experiment], chosen: Settings, levels: Collection[str] = ()) -> Outcome:
+def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
     """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
 
     Parameters
@@ -50,8 +50,6 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings, levels: Colle
         To be fitted.
     chosen : Settings
         With ``scatter = "auto"`` the data choose what departs.
-    levels : collection of str
-        Experiments whose noise levels are marginalised, whatever the estimator.
 
     Raises
     ------
@@ -61,17 +59,15 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings, levels: Colle
         If no trustworthy estimate comes out.
     """
     if chosen.scatter == ["auto"]:
-        plain = _fitted(experiments, chosen, levels, ())
+        plain = _fitted(experiments, chosen, ())
         asked = choice.departing(plain, experiments, Sharing(chosen.shared))
-        return replace(_fitted(experiments, chosen, levels, asked), by_data=True) if asked else plain
+        return replace(_fitted(experiments, chosen, asked), by_data=True) if asked else plain
     if chosen.scatter and len(experiments) < 2:
         raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
-    return _fitted(experiments, chosen, levels, chosen.scatter)
+    return _fitted(experiments, chosen, chosen.scatter)
 
 
-def _fitted(
-    experiments: Sequence[Experiment], chosen: Settings, levels: Collection[str], departing: Sequence[str]
-) -> Outcome:
+def _fitted(experiments: Sequence[Experiment], chosen: Settings, departing: Sequence[str]) -> Outcome:
     """Fit all experiments together, with departures from what is named."""
     sharing, N = Sharing(chosen.shared), len(experiments)
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
@@ -87,7 +83,6 @@ def _fitted(
         [*parameters, *more],
         estimator=chosen.estimator,
         departing=widths,
-        levels=levels,
     )
     return departures.integrated(outcome) if widths else outcome
 

@@ -37,9 +37,9 @@ def voices(experiment: Experiment, block: linear.Block, theta: Array) -> Iterato
             terms = shifted.spectra(block.tau)
             if len(block.columns[0]) > len(terms.columns[0]):
                 terms = terms.beside(shifted.wander(block.tau))
-            if block.S is None:
+            if block.noise is None:
                 return
-            columns, _ = linear.whiten(terms, block.S)
+            columns, _ = linear.whiten(terms, block.noise.expected(terms.f))
             when = "late" if late > 0 else "early"
             words = f"its {name} is {when} by {abs(late)} sample{'s' * (abs(late) > 1)}"
             of_run = replace(experiment, sysid=shifted)

@@ -39,11 +39,14 @@ class Weights:
         Of the information, second derivatives of the likelihood in units of the Gaussian's.
     score : ndarray
         Of the covariance of the scores, in units of the Gaussian's.
+    level : ndarray, optional
+        Of the squares in chi^2, where the noise has levels of its own; without it, all bins count alike.
     """
 
     fit: Array
     curvature: Array
     score: Array
+    level: Array | None = None
 
 
 def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
@@ -64,7 +67,7 @@ def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
         for band in bands(f):
             n[band] = band.stop - band.start
             w[band] = 2 * n[band] / np.sum(u[band])
-        return Weights(w, w * (1 - 1 / n), w)
+        return Weights(w, w * (1 - 1 / n), w, w)
     one = np.ones(u.size)
     return Weights(one, one, one)
 

@@ -48,8 +48,6 @@ class Block:
         Linear map from the fitted parameters to those of the run.
     first : int
         Number of its first bin in the transform of the whole run.
-    S : ndarray, shape (B,), or None
-        The PSD by which it was whitened, where it was one.
     noise : NoiseModel or None
         By which it was whitened; None where its own residual has told.
     """
@@ -61,7 +59,6 @@ class Block:
     tone: float | None
     share: Array
     first: int = 1
-    S: Array | None = None
     noise: NoiseModel | None = None
 
     def coefficients(self, theta: Array) -> Array:
@@ -88,9 +85,9 @@ class Block:
 
     @cached_property
     def plain(self) -> Array:
-        """As `R`, all bins alike."""
-        even = bool(np.all(self.weights.fit == 1))
-        return self.R if even else self._root(np.ones(len(self.columns)))
+        """As `R`, all bins alike but for the level of the noise."""
+        level = np.ones(len(self.columns)) if self.weights.level is None else self.weights.level
+        return self.R if np.array_equal(self.weights.fit, level) else self._root(level)
 
     @cached_property
     def H(self) -> Array:
@@ -182,12 +179,11 @@ def block(
     c : ndarray, shape (K,), optional
         Coefficients of the columns at the previous estimate, which make the residual that tells the weights.
     """
-    S = noise.expected(spectra.f)
-    U, _ = whiten(spectra, S)
+    U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
     of_bins = weights(likelihood, spectra.f, u)
-    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, S=S, noise=noise)
+    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise)
 
 
 def single_tone(f: Array, power: Array) -> float | None:

@@ -17,7 +17,7 @@ coefficients and PSD; then all begins again, until nothing new stands out.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -263,6 +263,10 @@ class Prepared:
     def spoilt(self) -> str:
         """Why it is better left out of what others take part in, empty where there is no reason."""
         return "; ".join(w.message for w in self.warnings if w.code in _SPOILT)
+
+    def said(self, more: FitWarning, *, levels: bool) -> "Prepared":
+        """Return the same with another warning; with `levels` those of its noise are marginalised."""
+        return Prepared(replace(self.experiment, levels=levels), (*self.warnings, more))
 
 
 def prepare(experiment: Experiment, chosen: Settings) -> Prepared:

@@ -145,10 +145,21 @@ def check_left(run: Telemetry, window: Array, missing: str) -> None:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A system identification run and its adjacent noise run, None where there is none."""
+    """A system identification run and its adjacent noise run.
+
+    Attributes
+    ----------
+    sysid : Run
+        With injections.
+    noise : Run or None
+        Without, None where there is none.
+    levels : bool
+        Whether the noise run does not tell the level of the noise: it is marginalised in every band.
+    """
 
     sysid: Run
     noise: Run | None
+    levels: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
