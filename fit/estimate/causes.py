@@ -150,6 +150,7 @@ def _causes(case: Case) -> Iterator[_Cause]:
     yield from _of_epoch(case)
     for words, other in lags.voices(case.experiments[case.at], case.blocks[case.at], case.theta):
         yield _Cause(words, _left(case, {case.at: other}))
+    yield from _of_test_masses(case)
     for i in range(len(case.experiments)):
         yield from _of_exchange(case, i)
 
@@ -161,6 +162,17 @@ def _of_epoch(case: Case) -> Iterator[_Cause]:
         for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in case.experiments} - {mine}):
             left = _otherwise(case, {case.at: replace(case.run, alignment_epoch=epoch)})
             yield _Cause(f"its alignment epoch is {epoch} and not {mine}", left)
+
+
+def _of_test_masses(case: Case) -> Iterator[_Cause]:
+    """Try the authorities of the test masses the other way round."""
+    (F_1, N_1), (F_2, N_2) = case.run.authority
+    if F_1 != F_2:
+        left = _otherwise(case, {case.at: replace(case.run, F_max_1=F_2, F_max_2=F_1)})
+        yield _Cause("its F_max_1 and F_max_2 are exchanged", left)
+    if N_1 != N_2:
+        left = _otherwise(case, {case.at: replace(case.run, N_max_1=N_2, N_max_2=N_1)})
+        yield _Cause("its N_max_1 and N_max_2 are exchanged", left)
 
 
 def _of_exchange(case: Case, i: int) -> Iterator[_Cause]:

@@ -1,4 +1,4 @@
-"""A run as it would speak if one of its channels were late or early by whole samples."""
+"""A run as it would speak if one of its channels were late or early by samples of the file or of the loop."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,7 +13,7 @@ from fit.model import dynamics
 
 Array = NDArray[np.float64]
 
-SAMPLES = (1, -1, 2, -2)  # by which a channel may be late
+SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
 
 
 def voices(experiment: Experiment, block: linear.Block, theta: Array) -> Iterator[tuple[str, Voice]]:
@@ -29,18 +29,27 @@ def voices(experiment: Experiment, block: linear.Block, theta: Array) -> Iterato
         Where the voices of the others were taken.
     """
     run = experiment.sysid
+    if block.noise is None:
+        return
     for name in dynamics.CHANNELS:
         if not np.any(getattr(run.channels, name)):
             continue
-        for late in SAMPLES:
-            shifted = run.earlier(name, late / run.telemetry.fs)
+        for late, told in _lags(run.telemetry.fs):
+            shifted = run.earlier(name, late)
             terms = shifted.spectra(block.tau)
-            if len(block.columns[0]) > len(terms.columns[0]):
+            if block.columns.shape[1] > terms.columns.shape[1]:
                 terms = terms.beside(shifted.wander(block.tau))
-            if block.noise is None:
-                return
             columns, _ = linear.whiten(terms, block.noise.expected(terms.f))
-            when = "late" if late > 0 else "early"
-            words = f"its {name} is {when} by {abs(late)} sample{'s' * (abs(late) > 1)}"
+            words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
             of_run = replace(experiment, sysid=shifted)
             yield words, voice(of_run, replace(block, columns=columns), theta)
+
+
+def _lags(fs: float) -> Iterator[tuple[float, str]]:
+    """Yield lags [s] to be tried, and their words."""
+    for n in SAMPLES:
+        yield n / fs, f"{abs(n)} sample{'s' * (abs(n) > 1)}"
+    if fs * dynamics.LOOP_PERIOD < 1:
+        for n in SAMPLES:
+            lag = n * dynamics.LOOP_PERIOD
+            yield lag, f"{abs(lag):g} s"

@@ -12,7 +12,7 @@ import numpy as np
 from fit.errors import FitError, InputError
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment
-from fit.paper import ALONG
+from fit.paper import ALONG, M_TM
 from fit.results import Estimate, Fit
 from fit.signal import spectra
 from fit.telemetry import Telemetry
@@ -22,6 +22,7 @@ NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is na
 DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
 OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
 PLAUSIBLE = (0.7, 1.5)  # gains between; a wrong sign or unit, N for m s-2 included, is beyond
+_UNITS = (M_TM, 1 / M_TM, *(10.0**n for n in (-12, -9, -6, -3, 3, 6, 9, 12)))  # by which a gain may be off
 FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
 
 
@@ -249,16 +250,26 @@ def check_gains(outcomes: Mapping[str, Outcome], experiments: Sequence[Experimen
 def wrong_gain(outcome: Outcome) -> str:
     """Return what is wrong with a channel, told by a gain that no actuator has; empty if there is none."""
     gains = _gains(outcome)
-    wrong = [name for name, value in gains.items() if not PLAUSIBLE[0] < value < PLAUSIBLE[1]]
+    wrong = [name for name, value in gains.items() if not _plausible(value)]
     if not wrong:
         return ""
-    force = f"f_x_{wrong[0][-1]}"
+    force, value = f"f_x_{wrong[0][-1]}", gains[wrong[0]]
     culprit = "o_12" if len(wrong) == 2 else force if len(gains) == 2 else f"o_12 or {force}"
-    value = gains[wrong[0]]
+    follows = outcome.solution.chi2 < OFF * outcome.solution.dof
+    if follows and _plausible(-value):
+        what = f"{culprit} has the wrong sign"
+    elif follows and any(_plausible(value * unit) for unit in _UNITS):
+        what = f"{culprit} has the wrong unit"
+    else:
+        what = "the channels do not follow the equation"
     return (
-        f"{culprit} has the wrong {'sign' if value < 0 else 'unit'}: {wrong[0]} comes out as {value:.3g}, "
-        "expected about 1 with o_12 = x_2 - x_1 in m and forces along +x in m s-2"
+        f"{what}: {wrong[0]} comes out as {value:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
+        "forces along +x in m s-2"
     )
+
+
+def _plausible(gain: float) -> bool:
+    return PLAUSIBLE[0] < gain < PLAUSIBLE[1]
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:
