@@ -70,13 +70,17 @@ class Judged:
             return "cries wolf"
         if self.outcome in ("refused", "failed") and len(fault.run.split()) in (1, 2):
             return "costs all"
+        innocent = {name.split("x")[0] for name in self.left_out} - set(fault.run.split())
+        if innocent and (fault.run or fault.harmless):
+            return "costs others"
         if fault.harmless and self.left_out:
             return "costs a run"
         if not fault.harmless and not fault.blind and (self.outcome != "sound" or self.left_out):
             if fault.run and not self.names_run:
                 return "wrong run"
             if fault.cause and not self.names_cause:
-                return "wrong cause"
+                unknown = any("no single cause" in words for words in self.said)
+                return "no cause" if unknown else "wrong cause"
         return "ok"
 
 

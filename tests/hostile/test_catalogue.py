@@ -21,6 +21,7 @@ def test_the_judge_calls_silent_what_is():
     assert replace(JUDGED, pull=1.0, width=0.5).verdict(harmful) == "too sure"
     assert replace(JUDGED, outcome="refused").verdict(harmful) == "costs all"
     assert replace(JUDGED, pull=1.0, left_out=("A1",)).verdict(harmless) == "costs a run"
+    assert replace(JUDGED, pull=1.0, left_out=("A1", "B4")).verdict(harmful) == "costs others"
     assert (
         replace(JUDGED, pull=1.0, left_out=("B4",), names_run=True, names_cause=True).verdict(harmful) == "ok"
     )
