@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate import couplings, linear
-from fit.estimate.couplings import Weighed
+from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report

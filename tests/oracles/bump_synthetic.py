@@ -34,6 +34,7 @@ class Motion:
     b: dict[str, float] = field(default_factory=lambda: TRUTH)
     grs: float = 2e-9  # m Hz^-0.5
     dws: float = 150e-12  # rad Hz^-0.5
+    apart: float = 0.0  # m Hz^-0.5 at 6 mHz, falling as 1/f^3: half of what the test masses differ by in y, z
     tilt: float = 0.0  # y motion, and minus z motion, per x_1 motion: misaligned thrusters
 
 
@@ -103,6 +104,8 @@ def run(
         n_1, n_2 = noise(motion.grs), noise(motion.grs)
         bars[position] = noise(jitter(position, f)) + side * motion.tilt * x_1 - loop(s) * (n_1 + n_2) / 2
         apart = side * BASELINE / 2 * bars[angle]
+        if motion.apart:
+            apart = apart + noise(motion.apart * (6e-3 / np.maximum(f, 1e-3)) ** 3)
         read[f"o_{angle}_1"] = bars[angle] + noise(motion.dws)
         read[f"o_{angle}_12"] = noise(motion.dws)
         read[f"grs_{position}_1"] = bars[position] - apart + n_1

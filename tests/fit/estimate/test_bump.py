@@ -169,6 +169,14 @@ def test_a_calibration_keeps_what_subtracts_best():
     assert not any(name.startswith("b_") for name in results.joint.parameters)
 
 
+def test_test_masses_that_move_apart_slowly_do_no_harm():
+    # as the suspension lets them: by 2.5 nm Hz^-0.5 at 6 mHz, as much as all motion of y at 3 mHz
+    told = fitted(experiments(pair(Motion(apart=2.5e-9), LATE)))[1]["1"]
+    assert warning(told, "instruments").parameters == ("b_3", "b_4", "b_5", "b_6")
+    assert max(map(abs, pulls(told, TRUTH).values())) < 4.5
+    assert told.parameters["b_3"].sigma < 0.06 * TRUTH["b_3"]
+
+
 def test_read_outs_that_part_by_more_than_noise_free_nothing():
     # test mass 2 wanders along y by itself: its read-out tells another motion
     runs = pair(Motion(), LATE)
