@@ -13,7 +13,7 @@ from tests.hostile.spoiling import Runs, clean
 from tests.oracles.thirteen import PLANS, TRUTH, plant_of
 
 FAR = 5.0  # sigma
-NARROW = 0.85  # of the sigma without the fault, which no fault can improve upon so far
+NARROW = 0.85  # of the sigma without the fault, upon which no copy may improve
 RESTS = "rests_on_one_run"  # said of a clean campaign too
 
 
@@ -32,7 +32,7 @@ class Judged:
     checked : float
         The same over the parameters that are not said to rest on a run of the fault.
     width : float
-        Smallest sigma of the joint fit over that of the campaign without the fault.
+        Smallest sigma of the joint fit over that of the campaign without the fault; 1 if there are no copies.
     left_out : tuple of str
         Experiments that are not in the joint fit.
     alone : tuple of str
@@ -98,7 +98,6 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
         said = joint.warnings[0].message if joint and joint.warnings else "no joint fit"
         return _without_result("failed", said, fault)
     pull, worst = _pull(joint, TRUTH)
-    sigmas = _sigmas(tuple(names))
     taking_part = set(results.provenance.joint_runs or ())
     said = tuple(w.message for w in (*joint.unsound, *joint.warnings) if w.code != RESTS or fault.blind)
     resting = {
@@ -112,7 +111,7 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
         pull=pull,
         worst=worst,
         checked=_pull(joint, {n: value for n, value in TRUTH.items() if n not in resting})[0],
-        width=min(e.sigma / sigmas[n] for n, e in joint.parameters.items() if n in sigmas),
+        width=1.0 if runs.keys() == clean(names).keys() else _width(joint, _sigmas(tuple(names))),
         left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
         alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),
@@ -127,6 +126,10 @@ def _sigmas(names: tuple[str, ...]) -> dict[str, float]:
     joint = calibrate(list(clean(names).values())).joint
     assert joint is not None
     return {name: estimate.sigma for name, estimate in joint.parameters.items()}
+
+
+def _width(joint: Fit, clean: dict[str, float]) -> float:
+    return min(e.sigma / clean[name] for name, e in joint.parameters.items() if name in clean)
 
 
 def _without_result(outcome: str, message: str, fault: Fault) -> Judged:
