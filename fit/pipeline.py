@@ -22,6 +22,7 @@ from fit.estimate import (
     pair,
     prepare,
     residuals,
+    searches,
     verdict,
 )
 from fit.model import Sharing, rotation
@@ -137,6 +138,8 @@ class _Ready:
         Those in the joint fit, and those that are not: for being short, by the settings.
     left_out : tuple of LeftOut
         Those that are not because something is wrong with them; some cannot even be prepared.
+    notes : tuple of FitWarning
+        What is odd about many of them.
     """
 
     prepared: Mapping[str, Prepared]
@@ -144,6 +147,7 @@ class _Ready:
     short: tuple[Experiment, ...]
     excluded: tuple[Experiment, ...]
     left_out: tuple[LeftOut, ...] = ()
+    notes: tuple[FitWarning, ...] = ()
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -164,6 +168,12 @@ class _Ready:
             raise InputError(leftout.told((*self.left_out, *found)))
         return replace(self, taking_part=staying, left_out=(*self.left_out, *found))
 
+    @property
+    def trusted(self) -> list[Experiment]:
+        """Those that nothing is wrong with, taking part or not: others tell nothing of them."""
+        out = {f.experiment for f in self.left_out}
+        return [e for e in self.experiments if e.name not in out]
+
     def levelled(self, said: Mapping[str, FitWarning]) -> "_Ready":
         """Return the same with noise levels marginalised where that is said, and the sayings."""
         prepared = {
@@ -175,7 +185,7 @@ class _Ready:
             return tuple(prepared[e.name].experiment if e.name in prepared else e for e in of)
 
         taking_part, short, excluded = map(anew, (self.taking_part, self.short, self.excluded))
-        return _Ready(prepared, taking_part, short, excluded, self.left_out)
+        return replace(self, prepared=prepared, taking_part=taking_part, short=short, excluded=excluded)
 
     def said_of(self, name: str) -> tuple[FitWarning, ...]:
         """Return what keeps an experiment out of the joint fit, as warnings of its own fit."""
@@ -204,7 +214,8 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
     alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
-    said = levels.judged(ready.experiments, alone, chosen)
+    of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
+    said = levels.judged(of_levels, alone, chosen)
     ready = ready.levelled(said)
     alone |= {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
     together = _together(ready, alone, chosen)
@@ -217,7 +228,8 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     prepared: dict[str, Prepared] = {}
-    left_out = admission.faults([e for e in found if e.name not in chosen.exclude])
+    first = admission.faults([e for e in found if e.name not in chosen.exclude])
+    left_out = first.left_out
     faulty = {f.experiment for f in left_out}
     plain = chosen.model_copy(update={"glitches": False})  # what is no good needs no search
     for e in found:
@@ -228,6 +240,8 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
     ready = _Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
+    then = admission.changes(ready.taking_part if searches(chosen) else ())  # glitches pass for changes
+    ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.left_out)
     spoilt = [e for e in ready.taking_part if prepared[e.name].spoilt]
     if len(spoilt) == len(ready.taking_part):
         return ready  # chi2 will tell
@@ -263,7 +277,7 @@ def _judged(
             fits[e.name] = found
         else:
             of_joint.append(found)
-    of_joint += [*admission.notes(ready.experiments), *(f.of_joint for f in ready.left_out)]
+    of_joint += [*ready.notes, *(f.of_joint for f in ready.left_out)]
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", ready.short),
         ("excluded", "as the settings say", ready.excluded),

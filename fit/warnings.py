@@ -126,6 +126,17 @@ KINDS: Mapping[str, Kind] = {
         severity=Severity.DOUBT,
         words="Experiments are left out, whose data are not what they say",
     ),
+    "changing": Kind(
+        "Look at gain and delay by parts of the runs; let them scatter, or repeat the runs.",
+        severity=Severity.FAILURE,
+        words="Runs do not obey one equation from begin to end",
+        unsound=True,
+    ),
+    "odd_samples": Kind(
+        "See how the files were made: what most have in common is hardly an accident.",
+        severity=Severity.DOUBT,
+        words="Samples look as no instrument gives them",
+    ),
     "missing_run": Kind(
         "Read the log of the run in the folder logs, mend what it names and give the same command again; "
         "what is finished is kept.",

@@ -9,7 +9,7 @@ from fit.estimate.forecast import Planned
 from fit.estimate.irls import Known, Outcome
 from fit.estimate.joint import fit_experiment, known_of
 from fit.estimate.leftout import LeftOut
-from fit.estimate.masks import Prepared, prepare
+from fit.estimate.masks import Prepared, prepare, searches
 from fit.estimate.posterior import Posterior
 from fit.estimate.pulls import Pulls
 from fit.estimate.residuals import SCORES
@@ -43,5 +43,6 @@ __all__ = [
     "pulls",
     "residuals",
     "sampling",
+    "searches",
     "verdict",
 ]

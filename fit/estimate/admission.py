@@ -5,14 +5,15 @@ the first stays, if both say the same of it.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import timedelta
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from fit.estimate import authority, copies
+from fit.estimate import authority, constancy, copies, samples
 from fit.estimate.leftout import LeftOut
 from fit.estimate.runs import Experiment, Run
 from fit.telemetry import Telemetry, utc
@@ -21,11 +22,28 @@ from fit.warnings import FitWarning
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
+USUAL = 3  # experiments; what more than half of so many have is no fault of one
 DRIVEN = 1e4  # power of a bin over the median about it; noise has 15 at most, red noise 200
 
 
-def faults(experiments: Sequence[Experiment]) -> list[LeftOut]:
-    """Return the experiments that do not belong into one fit with the others, each once."""
+@dataclass(frozen=True)
+class Found:
+    """What is wrong with experiments.
+
+    Attributes
+    ----------
+    left_out : list of LeftOut
+        Those that are no good, each once.
+    notes : list of FitWarning
+        What all of them have in common, so that there is nothing to leave out.
+    """
+
+    left_out: list[LeftOut]
+    notes: list[FitWarning]
+
+
+def faults(experiments: Sequence[Experiment]) -> Found:
+    """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
     found = [*_other_settings(experiments), *_other_times(experiments)]
     found += [
         LeftOut(e.name, reason)
@@ -34,14 +52,46 @@ def faults(experiments: Sequence[Experiment]) -> list[LeftOut]:
         for reason in authority.faults(run.telemetry)
     ]
     found += _copied(experiments)
+    odd = _unless_usual(
+        experiments,
+        {
+            e.name: list(samples.faults(e.sysid.telemetry, e.noise.telemetry if e.noise else None))
+            for e in experiments
+        },
+        "odd_samples",
+    )
+    return Found(_first([*found, *odd.left_out]), [*odd.notes, *_at_once(experiments)])
+
+
+def changes(experiments: Sequence[Experiment]) -> Found:
+    """Return the experiments, glitches masked, of which parts obey different equations."""
+    reasons: dict[str, list[str]] = {}
+    for e in experiments:
+        changed = constancy.change(e)
+        jumping = list(samples.of_commands(e.sysid.telemetry)) if changed else []
+        reasons[e.name] = jumping or [f"{e.sysid.telemetry.path}: {changed}"] * bool(changed)
+    return _unless_usual(experiments, reasons, "changing")
+
+
+def _first(found: Sequence[LeftOut]) -> list[LeftOut]:
+    """Return the first reason of each experiment."""
     first: dict[str, LeftOut] = {}
     for fault in found:
         first.setdefault(fault.experiment, fault)
     return list(first.values())
 
 
-def notes(experiments: Sequence[Experiment]) -> list[FitWarning]:
-    """Return what is odd about the experiments and moves no estimate: runs that take place at once."""
+def _unless_usual(experiments: Sequence[Experiment], reasons: Mapping[str, list[str]], code: str) -> Found:
+    """Leave out what has a reason, unless most have: then it is how these were made, and only told."""
+    struck = {name: told for name, told in reasons.items() if told}
+    if len(struck) >= USUAL and 2 * len(struck) > len(experiments):
+        told = "; ".join(first for first, *_ in struck.values())
+        return Found([], [FitWarning(code, (), f"in most of the experiments something is odd: {told}")])
+    return Found([LeftOut(name, "; ".join(told[:2])) for name, told in struck.items()], [])
+
+
+def _at_once(experiments: Sequence[Experiment]) -> list[FitWarning]:
+    """Return a note on runs that take place at once; it moves no estimate."""
     runs = sorted((r.telemetry for e in experiments for r in _runs(e)), key=lambda t: utc(t.t0))
     pairs = [(a, b) for a, b in pairwise(runs) if _gap(a, b) < -1.0]
     if not pairs or 2 * len(pairs) >= len(runs) - 1:

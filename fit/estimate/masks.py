@@ -269,6 +269,11 @@ class Prepared:
         return Prepared(replace(self.experiment, levels=levels), (*self.warnings, more))
 
 
+def searches(chosen: Settings) -> bool:
+    """Tell whether glitches are looked for: flscov bridges what is masked."""
+    return chosen.glitches and chosen.estimator != "flscov"
+
+
 def prepare(experiment: Experiment, chosen: Settings) -> Prepared:
     """Mask what the equation does not hold for.
 
@@ -280,8 +285,7 @@ def prepare(experiment: Experiment, chosen: Settings) -> Prepared:
     sysid, told = without_saturation(experiment.sysid)
     noise, told_of_noise = without_saturation(experiment.noise) if experiment.noise else (None, ())
     found = Prepared(Experiment(sysid, noise), (*told, *told_of_noise))
-    # flscov bridges what is masked, and what is saturated would pass for glitches
-    if not chosen.glitches or chosen.estimator == "flscov" or found.spoilt:
+    if not searches(chosen) or found.spoilt:  # what is saturated would pass for glitches
         return found
     cleaned, glitched = without_glitches(found.experiment)
     return Prepared(cleaned, (*found.warnings, *glitched))

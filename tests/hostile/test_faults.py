@@ -136,8 +136,8 @@ FAULTS = [
     Fault(
         "a noise run of nothing but zeros",
         lambda: of("A-noise", lambda r: changed(r, o_12=np.zeros_like, f_x_2=np.zeros_like)),
-        "no sigma",
-        "noise_mismatch",
+        "left out",
+        "left_out",
     ),
     Fault("no noise run", lambda: [r for r in runs() if r.run != "A-noise"], "sound", "no_noise_run"),
     Fault(

@@ -1,0 +1,180 @@
+"""Samples of one channel that no instrument gives: stuck, filled in, repeated, rounded, jumping.
+
+All of it is seen in the channel alone, at the rate of its archive. A body does not jump: of a read-out a
+jump or a wild sample is a fault whatever the forces. Commands may jump, and stay the same where nothing feeds
+them back; of these only what noise makes impossible is one.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.model import dynamics
+from fit.signal import derivatives
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+STRAIGHT, LONG = 6, 30  # samples in a row on a straight line, where there is noise; of rounded values
+COARSE = 0.1  # of the increments: where values are rounded so much, equal ones come by themselves
+LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
+SMALLEST = 200  # increments that tell whether values are rounded
+SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
+BLOCK = 500  # samples over which noise is compared
+JUMP, WILD = 20.0, 200.0  # standard deviations of what noise does; wild samples up to here are masked
+ISOLATED = 8.0  # times what is beside it
+_GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """What is odd about a channel.
+
+    Attributes
+    ----------
+    what : str
+        In words that follow the name of the channel.
+    begin, end : float
+        Where, seconds since the start of the run.
+    again : bool
+        Whether it is no more than samples repeated.
+    """
+
+    what: str
+    begin: float
+    end: float
+    again: bool = False
+
+
+def step(x: Array) -> float:
+    """Return the step to which values are rounded, 0 if the smallest increments do not tell one."""
+    d = np.abs(np.diff(x))
+    d = d[d > 0]
+    if d.size > SMALLEST:
+        d = np.partition(d, SMALLEST)[:SMALLEST]
+    if not d.size:
+        return 0.0
+    d.sort()
+    for part in (1, 2, 3, 4):
+        multiples = d * (part / d[0])
+        if np.all(np.abs(multiples - np.round(multiples)) < 0.02):
+            return float(d[0] / part)
+    return 0.0
+
+
+def is_noisy(x: Array) -> bool:
+    """Tell whether a channel changes nearly always, as noise makes it."""
+    return bool(np.mean(np.diff(x) == 0) < 0.5)
+
+
+def stuck(x: Array, fs: float) -> Iterator[Oddity]:
+    """Yield where a channel that should be noise is constant, on a straight line, rounded or repeated."""
+    size, rounded = float(np.nanmedian(np.abs(np.diff(x)))), step(x)
+    if not is_noisy(x):
+        constant = np.nanmax(x) == np.nanmin(x)
+        what = f"is {x[0]:.4g} throughout" if constant else f"is rounded to steps of {rounded:.2g}"
+        yield Oddity(what, 0.0, x.size / fs)
+        return
+    looked = x[:LOOKED]
+    if rounded == 0 and (different := np.unique(looked).size) < FEW * looked.size:
+        yield Oddity(f"is rounded: it has {different} values in {looked.size} samples", 0.0, x.size / fs)
+        return
+    if rounded > COARSE * size:
+        return  # equal values come by themselves
+    second = np.abs(np.diff(x, 2))
+    flat = second <= max(2.1 * rounded, 1e-9 * float(np.nanmedian(second)))
+    found = derivatives.stretches(flat)
+    kept = found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
+    for begin, end in kept:
+        constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
+        what = f"is {x[begin]:.4g}" if constant else "is a straight line"
+        yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
+    if rounded == 0 and not len(kept):
+        yield from _repeated(x, fs)
+
+
+def _repeated(x: Array, fs: float) -> Iterator[Oddity]:
+    edge = int(SETTLED * fs)
+    again = edge + np.flatnonzero(np.diff(x[edge:-edge]) == 0) + 1
+    zero = x[again] == 0
+    for which, what in ((again[zero], "is exactly 0"), (again[~zero], "repeats a sample")):
+        if which.size:
+            often = f" {which.size} times, first" * (which.size > 1)
+            yield Oddity(f"{what}{often}", which[0] / fs, which[-1] / fs, again=True)
+
+
+def jumps(x: Array, fs: float) -> Iterator[Oddity]:
+    """Yield the largest jump or wild sample of a read-out, if noise does not explain it, nor a force."""
+    filled, masked = derivatives.bridge(x, fs)
+    half = max(5, round(1.5 * fs))
+    n = np.arange(-half, half + 1)
+    cubic = (n / half) ** np.arange(4)[:, None]
+    sizes, energies = {}, {}
+    for name, shape in _SHAPES.items():
+        # what the shape leaves once a cubic has been fitted to all, in its own size
+        left = shape(n) - cubic.T @ np.linalg.lstsq(cubic.T, shape(n))[0]
+        sizes[name] = np.correlate(filled, left / (left @ left), mode="valid")
+        energies[name] = np.abs(sizes[name]) * np.linalg.norm(left)
+    unmasked = ~(np.convolve(np.isnan(x) | masked, np.ones(n.size), mode="valid") > 0.5)
+    for name, limit in (("jumps by", JUMP), ("is off by", WILD)):
+        at = _outlier(np.where(unmasked, sizes[name], 0.0), half, limit)
+        if at is None:
+            continue
+        near = slice(max(0, at - half), at + half + 1)
+        if max(energies, key=lambda shape: float(energies[shape][near].max())) == name:
+            yield Oddity(f"{name} {sizes[name][at]:.2g} m", (at + half) / fs, (at + half) / fs)
+
+
+#: A jump, a wild sample, and what no body does without a force of its own, at the sample in the middle.
+_SHAPES: Mapping[str, Callable[[NDArray[np.intp]], Array]] = {
+    "jumps by": lambda n: 0.5 * np.sign(n - 0.5),
+    "is off by": lambda n: 1.0 * (n == 0),
+    "turns": lambda n: np.maximum(n, 0.0),
+}
+
+
+def _outlier(size: Array, half: int, limit: float) -> int | None:
+    """Return where a size is beyond what noise does about it, and stands alone."""
+    count = size.size // BLOCK
+    if count == 0:
+        return None
+    blocks = size[: count * BLOCK].reshape(count, BLOCK)
+    middle = np.median(blocks, axis=1, keepdims=True)
+    sigma = _GAUSSIAN * np.median(np.abs(blocks - middle), axis=1)
+    ratio = np.abs(size[: count * BLOCK]) / np.maximum(np.repeat(sigma, BLOCK), 1e-300)
+    at = int(np.argmax(ratio))
+    beside = np.abs(
+        np.r_[size[max(0, at - 8 * half) : max(0, at - 2 * half)], size[at + 2 * half :][: 6 * half]]
+    )
+    alone = beside.size > 0 and abs(size[at]) > ISOLATED * beside.max()
+    return at if ratio[at] > limit and alone else None
+
+
+def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
+    """Yield what is wrong with the samples of an experiment and of its noise run."""
+    for run in (sysid, noise):
+        if run is not None:
+            found = {name: list(_of(run, name, noise)) for name in dynamics.CHANNELS}
+            begins = [{o.begin for o in oddities if o.again} for oddities in found.values()]
+            common = set.intersection(*begins)  # all channels at once: the archive, and the equation holds
+            for name, oddities in found.items():
+                for o in (o for o in oddities if o.begin not in common):
+                    yield f"{run.path}: {name} {o.what} at {o.begin:.7g} s"
+
+
+def of_commands(run: Telemetry) -> Iterator[str]:
+    """Yield jumps and wild samples of commands, which are only faults where the equation fails."""
+    for name in ("f_x_1", "f_x_2"):
+        for o in jumps(run.channels[name], run.fs):
+            yield f"{run.path}: {name} {o.what} s-2 at {o.begin:.7g} s"
+
+
+def _of(run: Telemetry, name: str, noise: Telemetry | None) -> Iterator[Oddity]:
+    x = run.channels[name]
+    if name in ("o_1", "o_12"):
+        yield from stuck(x, run.fs)
+        yield from jumps(x, run.fs)
+    elif noise is not None and is_noisy(noise.channels[name]):  # then a loop feeds it
+        yield from stuck(x, run.fs)

@@ -1,0 +1,120 @@
+"""Samples that no instrument gives are found, named, and placed; noise, rounding and gaps are left alone."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate import samples
+from tests.oracles import closed_loop, thirteen
+
+N = 20000
+
+
+def noise(seed=1, size=N):
+    """A read-out in m: noise, red below and white above, with a sine."""
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.standard_normal(size)) * 1e-12
+    return walk + 3e-12 * rng.standard_normal(size) + 1e-9 * np.sin(2 * np.pi * 1e-3 * np.arange(size))
+
+
+def run(kind="sysid", **channels):
+    """Return a run in closed loop, whose channels are all noise, some of them changed."""
+    given = {name: 1e-3 * noise(n) for n, name in enumerate(("f_x_1", "f_x_2"))}
+    given |= {"o_1": noise(3), "o_12": noise(4)}
+    made = thirteen.telemetry(_SHORT, fs=1.0)
+    changed = {name: function(given[name].copy()) for name, function in channels.items()}
+    return replace(made, kind=kind, time=np.arange(N) * 1.0, channels=given | changed)
+
+
+_SHORT = replace(thirteen.made("B4", "noise"), duration=600.0)
+
+
+def said(**channels):
+    return list(samples.faults(run(**channels), run("noise")))
+
+
+def held(start, stop):
+    return lambda x: np.where((np.arange(x.size) >= start) & (np.arange(x.size) < stop), x[start], x)
+
+
+def filled(start, stop):
+    def function(x):
+        x[start:stop] = np.linspace(x[start], x[stop], stop - start)
+        return x
+
+    return function
+
+
+def stale(x):
+    x[99::50] = x[98::50]
+    return x
+
+
+def plus(amount, start, stop=N):
+    return lambda x: x + amount * ((np.arange(x.size) >= start) & (np.arange(x.size) < stop))
+
+
+@pytest.mark.parametrize(
+    ("name", "fault", "words"),
+    [
+        ("o_12", held(0, N), "o_12 is .* throughout"),
+        ("o_12", held(5000, 5600), "o_12 is .* for 600 s at 5000 s"),
+        ("f_x_2", held(5000, 5010), "f_x_2 is .* for 10 s at 5000 s"),
+        ("o_1", filled(5000, 5060), "o_1 is a straight line for 60 s at 5000 s"),
+        ("f_x_1", lambda x: 0 * x, "f_x_1 is 0 throughout"),
+        ("f_x_2", lambda x: np.where(np.arange(x.size) // 2 == 3000, 0, x), "f_x_2 is exactly 0 at 6001 s"),
+        ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
+        ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
+        ("f_x_2", lambda x: 1e-12 * np.round(x / 1e-12), "f_x_2 is rounded to steps of 1e-12"),
+        ("o_1", plus(1e-7, 12345), r"o_1 jumps by 1e-07 m at 1234[45] s"),
+        ("o_12", plus(-3e-10, 7000), r"o_12 jumps by -3e-10 m at (6999|7000) s"),
+        ("o_12", plus(1e-6, 7000, 7001), "o_12 is off by 1e-06 m at 7000 s"),
+    ],
+)
+def test_an_odd_channel_is_named(name, fault, words):
+    first, *_ = said(**{name: fault})
+    assert re.search(words, first), first
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [
+        {},
+        {"o_12": lambda x: x.astype(np.float32).astype(float)},
+        {"o_12": lambda x: 1e-16 * np.round(x / 1e-16), "f_x_2": lambda x: 1e-17 * np.round(x / 1e-17)},
+        {"o_12": lambda x: np.array([float(f"{value:.6e}") for value in x])},
+        {"o_12": lambda x: x + 1e-6},
+        {"o_12": lambda x: np.where(np.arange(x.size) % 5000 < 50, np.nan, x)},
+        {"o_12": lambda x: x + 1e-10 * np.maximum(np.arange(x.size) - 7000.0, 0)},
+        {
+            name: lambda x: np.concatenate([x[:8000], x[7999:-1]])
+            for name in ("o_1", "o_12", "f_x_1", "f_x_2")
+        },
+        {"o_1": lambda x: np.concatenate([np.zeros(5), x[5:]])},
+    ],
+    ids=["clean", "single", "rounded", "decimal", "offset", "gaps", "pushed", "all repeated", "from zero"],
+)
+def test_what_is_in_order_is_left_alone(channels):
+    assert not said(**channels)
+
+
+def test_a_command_that_nothing_feeds_back_may_stay_the_same():
+    still = run("noise", f_x_1=lambda x: 0 * x, f_x_2=lambda x: 0 * x)
+    driven = run(f_x_2=lambda x: np.where(np.arange(x.size) % 4000 < 2000, x, 0), f_x_1=lambda x: 0 * x)
+    assert not list(samples.faults(driven, still))
+    assert not list(samples.faults(driven, None))
+
+
+def test_what_is_rounded_in_the_noise_run_is_told_of_the_noise_run():
+    coarse = run("noise", o_12=lambda x: 1e-9 * np.round(x / 1e-9))
+    assert any("o_12 is rounded to steps of 1e-09" in words for words in samples.faults(run(), coarse))
+
+
+def test_sines_that_begin_and_end_are_no_jumps():
+    made = thirteen.telemetry(thirteen.made("B4", "sysid"))
+    assert not list(samples.faults(made, thirteen.telemetry(thirteen.made("B4", "noise"))))
+    quiet = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
+    still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=quiet))
+    assert not [words for words in samples.faults(still, None) if "jumps" in words]
