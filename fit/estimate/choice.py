@@ -78,7 +78,7 @@ def departing(outcome: Outcome, experiments: Sequence[Experiment], sharing: Shar
     if len(experiments) < 3 or any(block.noise is None for block in outcome.blocks):
         return ()
     theta = outcome.solution.theta
-    inflations = [normal.inflation(block, theta) for block in outcome.blocks]
+    inflations = normal.inflations(outcome.blocks, theta)
     blocks = [
         departures.extended(block, e.sysid.wander(block.tau))
         for block, e in zip(outcome.blocks, experiments, strict=True)

@@ -145,7 +145,7 @@ def integrated(outcome: Outcome) -> Outcome:
         If the data leave a direction free.
     """
     theta, blocks = outcome.solution.theta, outcome.blocks
-    inflations = [normal.inflation(block, theta) for block in blocks]
+    inflations = normal.inflations(blocks, theta)
     members = [i for width in outcome.departing for i in width.members]
     joined = normal.about_zero(normal.joined(blocks, outcome.prior, theta, inflations), members)
     found = hierarchy.integrate(joined, outcome.departing)
@@ -162,7 +162,8 @@ def integrated(outcome: Outcome) -> Outcome:
     for width, value, sigma in zip(outcome.departing, found.widths, found.sigmas, strict=True):
         for unit, name in dict(zip(width.units, _names(outcome, width), strict=True)).items():
             told[name] = (float(value * unit), float(sigma * unit))
-    return replace(outcome, solution=solution, scatter=told)
+    log_widths = tuple(zip(found.log_widths.tolist(), found.log_sigmas.tolist(), strict=True))
+    return replace(outcome, solution=solution, scatter=told, log_widths=log_widths)
 
 
 def _names(outcome: Outcome, width: Width) -> list[str]:

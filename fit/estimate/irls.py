@@ -137,6 +137,8 @@ class Outcome:
         The widths, and which parameters depart by them.
     by_data : bool
         Whether the data chose what departs, not the settings.
+    log_widths : tuple of tuple of float
+        Mean and standard deviation of the logarithm of each of the widths.
     """
 
     parameters: tuple[Parameter, ...]
@@ -150,6 +152,12 @@ class Outcome:
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     departing: tuple[Width, ...] = ()
     by_data: bool = False
+    log_widths: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def shared(self) -> int:
+        """Number of the parameters that are no departures; they come first."""
+        return min((min(width.members) for width in self.departing), default=len(self.parameters))
 
 
 def reweight(

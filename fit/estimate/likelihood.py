@@ -41,12 +41,18 @@ class Weights:
         Of the covariance of the scores, in units of the Gaussian's.
     level : ndarray, optional
         Of the squares in chi^2, where the noise has levels of its own; without it, all bins count alike.
+    bands : tuple of slice
+        In which these levels hold.
+    likelihood : str
+        Which it is.
     """
 
     fit: Array
     curvature: Array
     score: Array
     level: Array | None = None
+    bands: tuple[slice, ...] = ()
+    likelihood: Likelihood = "gaussian"
 
 
 def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
@@ -61,13 +67,15 @@ def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
     """
     if likelihood == "student_t":
         w = (NU + 2) / (NU + u)
-        return Weights(w, w * NU / (NU + u), np.full(u.size, float(np.mean(w**2 * u)) / 2))
+        score = np.full(u.size, float(np.mean(w**2 * u)) / 2)
+        return Weights(w, w * NU / (NU + u), score, likelihood=likelihood)
     if likelihood == "marginalised":
         w, n = np.empty(u.size), np.empty(u.size)
-        for band in bands(f):
+        divided = tuple(bands(f))
+        for band in divided:
             n[band] = band.stop - band.start
             w[band] = 2 * n[band] / np.sum(u[band])
-        return Weights(w, w * (1 - 1 / n), w, w)
+        return Weights(w, w * (1 - 1 / n), w, w, divided, likelihood)
     one = np.ones(u.size)
     return Weights(one, one, one)
 

@@ -111,6 +111,10 @@ class Block:
         z = scipy.fft.irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
         return np.asarray(z.T @ z)
 
+    def root(self, bins: slice) -> Array:
+        """Return the same as `plain` for some of the bins."""
+        return np.asarray(np.linalg.qr(_real(self.columns[bins]), mode="r"))
+
     def _root(self, factors: Array) -> Array:
         return np.asarray(np.linalg.qr(_real(self.columns * np.sqrt(factors)[:, None]), mode="r"))
 

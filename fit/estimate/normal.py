@@ -48,6 +48,20 @@ def about_zero(normal: Normal, members: Sequence[int]) -> Normal:
     return Normal(normal.H, normal.b + normal.H @ moved, normal.at - moved)
 
 
+def inflations(blocks: Sequence[linear.Block], theta: Array) -> tuple[float, ...]:
+    """Return by what the likelihood of each run is divided.
+
+    That of a run whose bins are weighed by their own residual hangs on the few bins of its tones: such runs
+    share their mean, lest it weigh them against each other.
+    """
+    found = [inflation(block, theta) for block in blocks]
+    own = [k for k, block in zip(found, blocks, strict=True) if block.weights.likelihood != "gaussian"]
+    mean = float(np.mean(own)) if own else 1.0
+    return tuple(
+        k if block.weights.likelihood == "gaussian" else mean for k, block in zip(found, blocks, strict=True)
+    )
+
+
 def inflation(block: linear.Block, theta: Array) -> float:
     """Return the mean, over the directions that a run determines, of true variance by claimed variance.
 

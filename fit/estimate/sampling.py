@@ -256,13 +256,16 @@ def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    least_squares = outcome.solution.sigma
+    shared = slice(outcome.shared)
+    least_squares, lost = outcome.solution.sigma[shared], outcome.lost[shared]
     flat = chain.theta.reshape(-1, chain.theta.shape[2])
+    widths = np.exp(flat[:, outcome.shared :])
+    flat = flat[:, shared]
     mean, sigma = flat.mean(axis=0), flat.std(axis=0)
     quantiles = np.quantile(flat, (0.16, 0.5, 0.84), axis=0)
-    shift, ratio = (mean - outcome.solution.theta) / least_squares, sigma / least_squares
+    shift, ratio = (mean - outcome.solution.theta[shared]) / least_squares, sigma / least_squares
     found = {}
-    for i in np.flatnonzero(~outcome.lost):
+    for i in np.flatnonzero(~lost):
         name = outcome.parameters[i].name
         entry = {
             "mean": mean[i],
@@ -281,8 +284,12 @@ def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict
     return {
         "schema": SCHEMA,
         "parameters": found,
-        "indeterminable": [p.name for p, lost in zip(outcome.parameters, outcome.lost, strict=True) if lost],
-        "largest_shift_in_sigma": float(np.max(np.abs(shift[~outcome.lost]), initial=0.0)),
+        "widths": {
+            w.name: {"mean": float(x.mean()), "sigma": float(x.std())}
+            for w, x in zip(outcome.departing, widths.T, strict=True)
+        },
+        "indeterminable": [outcome.parameters[i].name for i in np.flatnonzero(lost)],
+        "largest_shift_in_sigma": float(np.max(np.abs(shift[~lost]), initial=0.0)),
         "steps": chain.steps,
         "burn_in": chain.burn_in,
         "walkers": chain.z.shape[1],

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit.errors import InputError
 from fit.estimate import Posterior, earlier
 from fit.estimate import sampling as chains
 from fit.files import atomic
@@ -37,10 +36,7 @@ def _sample(
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     with console.stage("fit"):
         outcome = earlier.refit(results, telemetries, directory / "results.json")
-    try:
-        posterior = Posterior(outcome)
-    except InputError as error:
-        raise InputError(f"{directory / 'results.json'}: {error}") from None
+    posterior = Posterior(outcome)
     with console.counted("steps", steps) as progress:
         chain = chains.sample(posterior, directory / "mcmc.h5", steps=steps, seed=seed, progress=progress)
     joint = results.joint.parameters if results.joint else {}
