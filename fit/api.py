@@ -116,7 +116,7 @@ def load_results(path: PathLike) -> Results:
 
 
 def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -> Path:
-    """Write ``results.json``, ``report.html`` and ``figures/`` to a folder, and make the folder if need be.
+    """Write ``results.json`` and ``report.html`` to a folder, and make the folder if need be.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -
     FitError
         If a number in the results is not finite, or the folder cannot be made.
     """
-    from fit.report import page as report  # what draws takes its time
+    from fit.report import page as report  # takes its time
 
     directory = Path(folder)
     refuse_links(directory)

@@ -31,7 +31,7 @@ LAYERS = {
             "settings",
             "results",
         ),
-        *("model", "estimate", "deltag", "pipeline", "tables", "figures", "report", "api"),
+        *("model", "estimate", "deltag", "pipeline", "tables", "figures", "journal", "report", "api"),
     ),
     "lpfcosim": (
         *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
@@ -42,15 +42,15 @@ LAYERS = {
 LETTERBOX = {"fit.errors", "fit.files", "fit.telemetry", "fit.units"}
 #: The only users of a tool; whoever else needs it asks them.
 USERS = {
-    "corner": {"fit.figures"},
+    "corner": {"fit.journal"},
     "emcee": {"fit.estimate"},
     "filelock": {"lpfcosim.running"},
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
-    "fontTools": {"fit.figures"},
+    "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
     "lmfit": {"fit.estimate"},
-    "matplotlib": {"fit.figures"},
+    "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
     "rumoca": {"lpfcosim.modelica"},

@@ -1,22 +1,23 @@
-"""Figures: what is drawn, each with the numbers it draws, what its axes measure, and its files.
+"""Figures as records: what is drawn, each with the numbers it draws and what its axes measure.
 
-The only user of matplotlib.
+Nothing here draws. `fit.journal` does so for print, `fit.report` for the page.
 """
 
-from fit.figures.files import Drawing, Plot, drawing, drawn, save, svg, write
-from fit.figures.style import COLOURS
+from fit.figures.charts import Axis, Chart, Curve, Figure, Matrix, Note, Panel, Points, Span
+from fit.figures.colours import COLOURS
 
 __all__ = [
     "COLOURS",
-    "Drawing",
-    "Plot",
-    "drawing",
-    "drawn",
+    "Axis",
+    "Chart",
+    "Curve",
+    "Figure",
+    "Matrix",
+    "Note",
+    "Panel",
+    "Points",
+    "Span",
     "mission",
     "motion",
     "runs",
-    "save",
-    "studies",
-    "svg",
-    "write",
 ]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.figures.files import ASD, FREQUENCY, Curve, Plot, column, legend_above, plot
+from fit.figures.charts import ASD, FREQUENCY, Chart, Curve, Panel, chart, limits
 from fit.model import dynamics
 from fit.signal import LogSpectrum, log_psd
 
@@ -17,12 +17,12 @@ _TERMS = {
     term.channel: (_ROLES[term.channel], term.symbol, 0.8)
     for term in dynamics.DELTA_G_X
     if term.channel in _ROLES
-} | {"delta_g_SC": ("orange", r"$\delta g_{SC}$", 0.8), "delta_g": ("ink", r"$\Delta g$", 1.3)}
+} | {"delta_g_SC": ("orange", "δg_SC", 0.8), "delta_g": ("ink", "Δg", 1.3)}
 _ROTATION = {
-    "delta_g_x": ("blue", r"$\Delta g_x$", 0.9),
-    "g_Omega": ("orange", r"$g_\Omega$", 0.7),
-    "g_dOmega": ("green", r"$g_{\dot\Omega}$", 0.7),
-    "delta_g": ("ink", r"$\Delta g$", 1.2),
+    "delta_g_x": ("blue", "Δg_x", 0.9),
+    "g_Omega": ("orange", "g_Ω", 0.7),
+    "g_dOmega": ("green", "g_Ω̇", 0.7),
+    "delta_g": ("ink", "Δg", 1.2),
 }
 AT = 1e-4  # Hz, where the correction for rotation is judged
 
@@ -53,26 +53,25 @@ def gain(found: Mapping[str, LogSpectrum]) -> tuple[float, float]:
     return ratio, float(ratio * np.sqrt(0.25 / before.averages[i] + 0.25 / after.averages[i]))
 
 
-def breakdown(found: Mapping[str, LogSpectrum]) -> Plot:
+def breakdown(found: Mapping[str, LogSpectrum]) -> Chart:
     """Draw the terms of Delta g, and what they leave."""
     return _drawn(found, _TERMS, (1e-4, 1e-1))
 
 
-def rotation(found: Mapping[str, LogSpectrum]) -> Plot:
+def rotation(found: Mapping[str, LogSpectrum]) -> Chart:
     """Draw Delta g before and after the correction for rotation, and the two terms of it."""
     return _drawn(found, _ROTATION, (3e-5, 1e-2))
 
 
 def _drawn(
     found: Mapping[str, LogSpectrum], curves: Mapping[str, tuple[str, str, float]], band: tuple[float, float]
-) -> Plot:
-    figure, (panel,) = column(2.2, FREQUENCY, ASD)
+) -> Chart:
+    drawn = []
     for name, (role, label, width) in curves.items():
         if name in found:
             s = found[name]
             inside = (s.f >= band[0]) & (s.f <= band[1] * 1.01)
-            curve = Curve(name, *(x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5)))
-            panel.draw(curve, role, label=label, linewidth=width)
-    panel.ax.set_xlim(*band)
-    legend_above(panel.ax, columns=6)
-    return plot(figure, [panel])
+            x, y, low, high = (x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))
+            drawn.append(Curve(name=name, label=label, role=role, x=x, y=y, low=low, high=high, width=width))
+    up = limits(ASD, drawn, band)
+    return chart([Panel(FREQUENCY, ASD, tuple(drawn), band, up, 2.2)])

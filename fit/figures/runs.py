@@ -2,16 +2,30 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.figures.files import ASD, FREQUENCY, TIME, Axis, Curve, Panel, Plot, column, legend_above, plot
-from fit.figures.style import COLOURS
+from fit.figures.charts import (
+    ASD,
+    FREQUENCY,
+    TIME,
+    Axis,
+    Chart,
+    Curve,
+    Limits,
+    Mark,
+    Note,
+    Panel,
+    Span,
+    chart,
+    limits,
+)
 from fit.model import dynamics
-from fit.signal import Estimator, derivatives
+from fit.signal import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
@@ -22,7 +36,7 @@ LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "residual Delta g - mean [fm s-2]")
 #: How the terms of Delta g (`dynamics.TERMS`) are drawn.
-_DRAWN: Mapping[str, tuple[str, str]] = {
+_DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
     "ddo_12": ("grey", "-"),
     "lambda_2 f_x_2": ("violet", "-"),
     "lambda_1 f_x_1": ("violet", "--"),
@@ -50,40 +64,38 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
     return np.repeat(time[starts], 2), extremes.ravel()
 
 
-def responses(run: Telemetry) -> Plot:
+def responses(run: Telemetry) -> Chart:
     """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
     shown = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
-    if np.nanmax(np.abs(run.channels["f_x_1"])) > 0:
-        shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
-    ys, scales = [], []
-    for channel, _, unit in shown:
-        there = [run.channels[name] for name in (channel, f"guidance_{channel}") if name in run.channels]
-        scale, prefix = _prefix(max(float(np.nanmax(np.abs(x))) for x in there))
-        ys.append(Axis(channel.translate(_SUBSCRIPTS).replace("_", ""), f"{prefix}{unit}", "value"))
-        scales.append(scale)
-    figure, panels = column(1.05, TIME, *ys)
-    for panel, scale, (channel, title, _) in zip(panels, scales, shown, strict=True):
-        _response(panel, run, channel, scale)
-        panel.ax.set_title(title)
-        legend_above(panel.ax, columns=2)
-    panels[-1].ax.set_xlim(0, run.duration / 3600)
-    found = plot(figure, panels)
-    units = [panel.y.unit for panel in panels for curve, _ in panel.curves for _ in curve.x]
+    shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
+    hours = (run.time - run.time[0]) / 3600
+    panels = []
+    for channel, title, unit in shown:
+        names = [name for name in (channel, f"guidance_{channel}") if name in run.channels]
+        there = {name: envelope(hours, run.channels[name]) for name in names}
+        largest = max(float(np.nanmax(np.abs(y))) for _, y in there.values())
+        if channel == "f_x_1" and not largest > 0:
+            continue
+        scale, prefix = _prefix(largest)
+        y = Axis(channel.translate(_SUBSCRIPTS).replace("_", ""), f"{prefix}{unit}", "value")
+        curves = _response(channel, y.label, there, scale)
+        across = (0.0, run.duration / 3600)
+        panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
+    found = chart(panels)
+    units = [panel.y.unit for panel in panels for curve in panel.lines for _ in curve.x]
     return replace(found, columns={**found.columns, "unit": units})
 
 
-def _response(panel: Panel, run: Telemetry, channel: str, scale: float) -> None:
-    """Draw a channel and its guidance, the one of least ink on top, so that neither hides the other."""
-    hours = (run.time - run.time[0]) / 3600
-    told = [(channel, panel.y.label, "blue"), (f"guidance_{channel}", "guidance", "orange")]
-    curves = [
-        (Curve(name, *envelope(hours, scale * run.channels[name])), label, role)
-        for name, label, role in told
-        if name in run.channels
-    ]
-    ink = [float(np.nansum(np.abs(np.diff(curve.y)))) for curve, _, _ in curves]
-    for (curve, label, role), amount in zip(curves, ink, strict=True):
-        panel.draw(curve, role, label=label, linewidth=0.7, zorder=3 - amount / max(*ink, 1e-300))
+def _response(
+    channel: str, label: str, there: Mapping[str, tuple[Array, Array]], scale: float
+) -> tuple[Curve, ...]:
+    """Return a channel and its guidance, the one of least ink in front, so that neither hides the other."""
+    told = {channel: (label, "blue"), f"guidance_{channel}": ("guidance", "orange")}
+    curves = []
+    for name, (x, y) in there.items():
+        words, role = told[name]
+        curves.append(Curve(name=name, label=words, role=role, x=x, y=scale * y, width=0.7))
+    return tuple(sorted(curves, key=lambda curve: -float(np.nansum(np.abs(np.diff(curve.y))))))
 
 
 def _prefix(largest: float) -> tuple[float, str]:
@@ -96,7 +108,7 @@ def _prefix(largest: float) -> tuple[float, str]:
 
 @dataclass(frozen=True)
 class Terms:
-    """Delta g of a run and what it is made of, at the rate of the file: nothing is filtered.
+    """Delta g of a run and what it is made of, up to the `HIGHEST` frequency that is shown.
 
     Attributes
     ----------
@@ -104,15 +116,14 @@ class Terms:
         Sample rate [Hz].
     estimator : Estimator
         Of their spectra; it knows which samples are missing.
-    signal, delta_g : ndarray, shape (N,)
-        Second derivative of o_12, and the sum of all terms [m s^-2].
+    delta_g : ndarray, shape (N,)
+        The sum of all terms [m s^-2].
     terms : mapping of str to ndarray, each of shape (N,)
         The terms, with their signs, that are not zero throughout [m s^-2].
     """
 
     fs: float
     estimator: Estimator
-    signal: Array
     delta_g: Array
     terms: Mapping[str, Array]
 
@@ -127,76 +138,94 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     parameters : mapping
         Those of `fit.model.dynamics.residual`.
     """
-    run = dynamics.archived(telemetry)
+    run = dynamics.beyond(telemetry, HIGHEST)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
     columns = dynamics.columns(run, dynamics.delays(theta))
     terms = dynamics.terms(columns, theta)
     return Terms(
         columns.fs,
         Estimator(columns.valid, columns.fs, HIGHEST),
-        columns.values[:, 0].copy(),
         dynamics.total(columns, theta),
         {name: term for name, term in terms.items() if np.any(term)},  # not where nothing is commanded
     )
 
 
-def acceleration(run: Terms, noise: Terms | None) -> Plot:
+@dataclass(frozen=True)
+class Spectra:
+    """The spectra of what `Terms` holds; of a noise run only that of Delta g. Zeros have none."""
+
+    fs: float
+    terms: Mapping[str, Binned]
+    delta_g: Binned | None
+
+
+def spectra(telemetry: Telemetry, parameters: Mapping[str, float]) -> Spectra:
+    """Return the spectra of Delta g of a run and, if it is no noise run, of its terms; see `split`."""
+    run = split(telemetry, parameters)
+    terms = {} if telemetry.kind == "noise" else run.terms
+    return Spectra(
+        run.fs,
+        {name: run.estimator.asd(term) for name, term in terms.items()},
+        run.estimator.asd(run.delta_g) if np.any(run.delta_g) else None,  # none of a simulation without noise
+    )
+
+
+def acceleration(run: Spectra, noise: Spectra | None) -> Chart:
     """Draw the ASD of the injected signal o_12'', of the residual Delta g and of the noise run's Delta g.
 
     Parameters
     ----------
-    run, noise : Terms
+    run, noise : Spectra
         Of the experiment and of its noise run, if there is one.
     """
-    figure, (panel,) = column(2.2, FREQUENCY, ASD)
-    told = [("signal ddo_12", "signal ö₁₂", "blue", run, run.signal, 0.9)]
-    if noise is not None:
-        told.append(("noise run Delta g", "Δg of the noise run", "grey", noise, noise.delta_g, 1.4))
-    told.append(("residual Delta g", "residual Δg", "orange", run, run.delta_g, 0.8))
-    for name, label, role, of, series, width in told:
-        if np.any(series):  # not of a simulation without noise
-            panel.draw(_spectrum(name, series, of), role, label=label, linewidth=width)
-    _band(panel, run.fs)
-    legend_above(panel.ax, columns=3)
-    return plot(figure, [panel])
+    told = [
+        ("signal ddo_12", "signal ö₁₂", "blue", run.terms.get("ddo_12"), 0.9),
+        ("noise run Delta g", "Δg of the noise run", "grey", noise and noise.delta_g, 1.4),
+        ("residual Delta g", "residual Δg", "orange", run.delta_g, 0.8),
+    ]
+    curves = [_curve(name, label, role, width, found) for name, label, role, found, width in told if found]
+    across = _shown(run.fs)
+    up = limits(ASD, curves, across)
+    return chart([Panel(FREQUENCY, ASD, (*_beyond(across), *curves), across, up, 2.2)])
 
 
-def breakdown(run: Terms) -> Plot:
+def breakdown(run: Spectra) -> Chart:
     """Draw the ASD of every term of Delta g, and of the residual they add up to."""
-    figure, (panel,) = column(2.35, FREQUENCY, ASD, legend=2)
     styles = {term.name: (term.symbol, *_DRAWN[term.name]) for term in dynamics.TERMS}
+    curves = []
     for name, term in run.terms.items():
-        label, role, line = styles[name]
-        found = _spectrum(name, term, run)
-        curve = Curve(name, found.x, found.y)  # a band for each would hide the others
-        panel.draw(curve, role, label=label, linestyle=line, linewidth=0.8)
-    whole = _spectrum("residual Delta g", run.delta_g, run)
-    panel.draw(whole, "ink", label="residual Δg", linewidth=1.2)
-    _band(panel, run.fs)
-    level = whole.y[(whole.x > LOWEST) & (whole.y > 0)]
-    if level.size:  # what is far below the residual does not matter
-        panel.ax.set_ylim(bottom=10 ** np.floor(np.log10(0.03 * level.min())))
-    legend_above(panel.ax, columns=4)
-    return plot(figure, [panel])
+        label, role, dash = styles[name]
+        curve = _curve(name, label, role, 0.8, term)
+        curves.append(replace(curve, low=None, high=None, dash=dash))  # a band for each would hide the others
+    if run.delta_g:
+        curves.append(_curve("residual Delta g", "residual Δg", "ink", 1.2, run.delta_g))
+    across = _shown(run.fs)
+    low, high = limits(ASD, curves, across)
+    if run.delta_g and (level := run.delta_g.asd[run.delta_g.f > LOWEST]).any():
+        low = float(10 ** np.floor(np.log10(0.03 * level[level > 0].min())))  # far below it nothing matters
+    return chart([Panel(FREQUENCY, ASD, (*_beyond(across), *curves), across, (low, high), 2.35)])
 
 
-def _spectrum(name: str, series: Array, of: Terms) -> Curve:
-    found = of.estimator.asd(series)
-    return Curve(name, found.f, found.asd, found.low, found.high)
+def _curve(name: str, label: str, role: str, width: float, found: Binned) -> Curve:
+    """Return a spectrum with its band as a curve."""
+    return Curve(
+        name=name, label=label, role=role, x=found.f, y=found.asd, low=found.low, high=found.high, width=width
+    )
 
 
-def _band(panel: Panel, fs: float) -> None:
-    """Frame the spectra and mark what is not fitted."""
-    ax = panel.ax
-    ax.set_xlim(LOWEST, min(HIGHEST, fs / 2))
-    beyond = ax.axvspan(derivatives.F_MAX, HIGHEST, color=COLOURS["grid"], alpha=0.6, linewidth=0, zorder=0)
-    text = ax.text(derivatives.F_MAX, 0.02, " not fitted", transform=ax.get_xaxis_transform())
-    text.set(color=COLOURS["muted"], fontsize=6)
-    panel.moving.append(beyond)
-    panel.vanishing.append(text)
+def _shown(fs: float) -> Limits:
+    """Return the frequencies that spectra show [Hz]."""
+    return LOWEST, min(HIGHEST, fs / 2)
 
 
-def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]]) -> Plot:
+def _beyond(across: Limits) -> tuple[Mark, ...]:
+    """Return what marks the frequencies that are not fitted."""
+    end = derivatives.F_MAX
+    shade = Span(low=end, high=max(end, across[1]), role="grid", opacity=0.6)
+    return shade, Note(text="not fitted", x=end)
+
+
+def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]]) -> Chart:
     """Draw the residual Delta g less its mean: slow part, extremes of the fast one, what is missing.
 
     Parameters
@@ -220,26 +249,22 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     fs = (time.size - 1) / (time[-1] - time[0])
     start = float(run.time[0])
     hours = (time - start) / 3600
-    figure, (panel,) = column(1.4, TIME, _RESIDUAL)
     fine, slow = (1e15 * _averaged(delta_g, length * fs) for length in (FAST, SLOW))
-    fast = Curve(f"averaged over {FAST:g} s, extremes", *envelope(hours, fine))
+    x, y = envelope(hours, fine)
+    name = f"averaged over {FAST:g} s, extremes"
+    fast = Curve(name=name, label=f"{FAST:g} s", role="grey", x=x, y=y, width=0.4, opacity=0.7)
     every = slice(None, None, max(1, round(SLOW / 4 * fs)))
-    mean = Curve(f"averaged over {SLOW:g} s", *envelope(hours[every], slow[every]))
-    panel.draw(fast, "grey", label=f"{FAST:g} s", linewidth=0.4, alpha=0.7)
-    panel.draw(mean, "orange", label=f"{SLOW:g} s", linewidth=0.8)
-    spans = {
-        "missing samples": derivatives.stretches(np.isnan(delta_g)) / fs + time[0],
-        "masked": masked,
-    }
-    for (label, places), role in zip(spans.items(), ("blue", "violet"), strict=True):
+    x, y = envelope(hours[every], slow[every])
+    mean = Curve(name=f"averaged over {SLOW:g} s", label=f"{SLOW:g} s", role="orange", x=x, y=y, width=0.8)
+    gaps = derivatives.stretches(np.isnan(delta_g)) / fs + time[0]
+    spans = []
+    for label, places, role in (("missing samples", gaps, "blue"), ("masked", masked, "violet")):
         for begin, end in places:
-            at = [(t - start) / 3600 for t in (begin, end)]
-            span = panel.ax.axvspan(*at, color=COLOURS[role], alpha=0.35, linewidth=0.6, label=label)
-            panel.moving.append(span)
-            label = "_"  # one line of the legend for all
-    panel.ax.set_xlim(0, run.duration / 3600)
-    legend_above(panel.ax, columns=4)
-    return plot(figure, [panel])
+            low, high = ((float(t) - start) / 3600 for t in (begin, end))
+            spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))
+            label = ""  # one line of the legend for all
+    across, up = (0.0, run.duration / 3600), limits(_RESIDUAL, (fast, mean))
+    return chart([Panel(TIME, _RESIDUAL, (fast, mean, *spans), across, up, 1.4)])
 
 
 def _averaged(x: Array, length: float) -> Array:

@@ -103,7 +103,7 @@ _LEAKAGE = Term("delta_ifo ddo_1", ("ddo_1",), -1, "δ ö₁", "leakage of o_1 i
 _MOTION, _TORQUES = (tuple(name for name in CROSS_TALK if name[0] == letter) for letter in "be")
 
 #: Commanded forces (eq. fx2).
-G_C = Term("g_c", ("f_2", "df_2", "f_1", "df_1"), -1, "g$_c$", "commanded forces, calibrated and delayed")
+G_C = Term("g_c", ("f_2", "df_2", "f_1", "df_1"), -1, "g_c", "commanded forces, calibrated and delayed")
 #: The terms of Delta g_x, the commanded forces as one.
 DELTA_G_X = (_READ_OUT, G_C, *_STIFFNESS, _LEAKAGE)
 #: All terms of Delta g.
@@ -188,9 +188,9 @@ def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
     return _channels(telemetry, means(telemetry) if motion else {}, *derivatives.low_pass(telemetry.fs))
 
 
-def archived(telemetry: Telemetry) -> Channels:
-    """Return what the equation needs as it was archived, to look beyond the fitted band."""
-    return _channels(telemetry, means(telemetry), np.ones(1), 1)
+def beyond(telemetry: Telemetry, f_max: float) -> Channels:
+    """Return what the equation needs up to `f_max` [Hz] beyond the fitted band, there right to 0.3 %."""
+    return _channels(telemetry, means(telemetry), *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max))
 
 
 def _channels(telemetry: Telemetry, of_motion: dict[str, Array], taps: Array, factor: int) -> Channels:

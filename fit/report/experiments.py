@@ -3,14 +3,15 @@
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cache, partial
 
 from markupsafe import Markup
 
 from fit.estimate import bump
-from fit.figures import Drawing, Plot, drawing
+from fit.figures import Chart
 from fit.figures import runs as figures
 from fit.paper import experiment_parameters
+from fit.report.parts import Drawing, Shown
 from fit.report.verdict import failing, raised
 from fit.results import Fit, Results
 from fit.tables import Grid, Line, flagged
@@ -60,14 +61,14 @@ class Section:
     name: str
     facts: Mapping[str, str]
     table: tables.Table
-    drawings: tuple[Drawing, ...]
+    drawings: tuple[Drawing | Shown, ...]
     troubled: bool
 
 
-def sections(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Section]:
-    """Return a section for every experiment, their figures written to ``folder``."""
+def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Section]:
+    """Return a section for every experiment."""
     return [
-        _section(folder, i, name, results, {t.kind: t for t in telemetries if t.experiment == name})
+        _section(i, name, results, {t.kind: t for t in telemetries if t.experiment == name})
         for i, name in enumerate(results.experiments, start=1)
     ]
 
@@ -119,7 +120,7 @@ def _symbols(names: Iterable[str]) -> Markup:
     return Markup(", ").join(map(tables.symbol, names))
 
 
-def _section(folder: Path, i: int, name: str, results: Results, runs: Mapping[str, Telemetry]) -> Section:
+def _section(i: int, name: str, results: Results, runs: Mapping[str, Telemetry]) -> Section:
     fit, run, noise = results.experiments[name], runs.get("sysid"), runs.get("noise")
     facts = {"χ² / degrees of freedom": f"{fit.chi2:.1f} / {fit.dof}"}
     if fit.masked_samples is not None:
@@ -139,7 +140,7 @@ def _section(folder: Path, i: int, name: str, results: Results, runs: Mapping[st
     values = parameters(results, run)
     known = list(experiment_parameters(run.authority, run.alignment_epoch).values())
     slug = re.sub(r"[^A-Za-z0-9]+", "_", name)[:60]
-    shown = drawings(folder, f"e{i}", slug, (run, noise), values, fit.warnings)
+    shown = drawings(f"e{i}", slug, (run, noise), values, fit.warnings)
     return Section(name, facts, tables.table(fit, known), shown, troubled)
 
 
@@ -158,21 +159,18 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
 
 
 def drawings(
-    folder: Path,
     stem: str,
     slug: str,
     runs: tuple[Telemetry, Telemetry | None],
     parameters: Mapping[str, float],
     warnings: Iterable[FitWarning],
 ) -> tuple[Drawing, ...]:
-    """Return responses, spectra, breakdown and residual, their files written to ``folder``.
+    """Return responses, spectra, breakdown and residual.
 
     Parameters
     ----------
-    folder : Path
-        An existing one.
     stem, slug : str
-        What makes names of files and ids unique (letters and digits), and what makes them readable.
+        What makes their names unique (letters and digits), and what makes them readable.
     runs : tuple of Telemetry
         The run of the experiment, and its noise run or None.
     parameters : mapping
@@ -181,15 +179,22 @@ def drawings(
         Of the fit; they tell what was taken for glitches.
     """
     run, noise = runs
-    terms = figures.split(run, parameters)
-    beside = figures.split(noise, parameters) if noise else None
-    told: dict[str, tuple[tuple[str, str], Callable[..., Plot], tuple[object, ...]]] = {
-        "responses": (_RESPONSES, figures.responses, (run,)),
-        "spectra": (_SPECTRA[noise is not None], figures.acceleration, (terms, beside)),
-        "breakdown": (_BREAKDOWN, figures.breakdown, (terms,)),
-        "residual": (_RESIDUAL, figures.residual, (run, parameters, masked(warnings, run.run))),
+    spans = masked(warnings, run.run)
+
+    @cache
+    def spectra() -> figures.Spectra:
+        return figures.spectra(run, parameters)
+
+    def acceleration() -> Chart:
+        return figures.acceleration(spectra(), figures.spectra(noise, parameters) if noise else None)
+
+    told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
+        "responses": (_RESPONSES, partial(figures.responses, run)),
+        "spectra": (_SPECTRA[noise is not None], acceleration),
+        "breakdown": (_BREAKDOWN, lambda: figures.breakdown(spectra())),
+        "residual": (_RESIDUAL, partial(figures.residual, run, parameters, spans)),
     }
     return tuple(
-        drawing(folder, (f"{stem}{letter}", f"{slug}-{name}"), *words, draw, *arguments)
-        for letter, (name, (words, draw, arguments)) in zip("rsbt", told.items(), strict=True)
+        Drawing(f"{stem}{letter}-{slug}-{name}", *words, draw)
+        for letter, (name, (words, draw)) in zip("rsbt", told.items(), strict=True)
     )

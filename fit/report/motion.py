@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 from fit import deltag
-from fit.figures import Drawing, drawing
 from fit.figures import motion as figures_motion
 from fit.paper import Parameter, cross_talk_parameter, misalignments
-from fit.report.parts import Part
+from fit.report.parts import Drawing, Part
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
@@ -17,15 +16,13 @@ from fit.telemetry import Telemetry, inertial_period
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
 
-def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
-    """Return the sections, their figures written to ``folder``."""
+def parts(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
+    """Return the sections."""
     found = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
     for period, fit in results.inertial.items():
         runs = [t for t in telemetries if t.kind == "noise" and inertial_period(t) == period]
         taking_part = [t for t in runs if t.run in _runs_of(results, period)]
-        found.append(
-            replace(_inertial(period, fit), drawings=_drawings(results, period, taking_part, folder))
-        )
+        found.append(replace(_inertial(period, fit), drawings=_drawings(results, period, taking_part)))
     return found
 
 
@@ -71,7 +68,7 @@ def parameters(period: str, fit: Fit) -> list[Parameter]:
     return [p if p.flown else _scaled(p, fit) for p in misalignments(period)]
 
 
-def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:
+def _drawings(results: Results, period: str, runs: Sequence[Telemetry]) -> tuple[Drawing, ...]:
     if results.joint is None or not runs:
         return ()
     products = [deltag.delta_g(run, results) for run in runs]
@@ -82,23 +79,19 @@ def _drawings(results: Results, period: str, runs: Sequence[Telemetry], folder: 
     ratio, error = figures_motion.gain(found)
     days = sum(run.duration for run in runs) / 86400
     return (
-        drawing(
-            folder,
-            (f"p{period}i", "inertial"),
+        Drawing(
+            f"p{period}i-inertial",
             "Amplitude spectral densities before and after the correction for rotation",
             f"Correction for rotation, {days:.3g} days in {len(runs)} runs. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
             f"± {error:.2f}. Bands: ±1 σ of the averages.",
-            figures_motion.rotation,
-            found,
+            partial(figures_motion.rotation, found),
         ),
-        drawing(
-            folder,
-            (f"p{period}b", "breakdown"),
+        Drawing(
+            f"p{period}b-breakdown",
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "
             "stiffness terms and the cross-talk of the spacecraft's motion, and what remains.",
-            figures_motion.breakdown,
-            found,
+            partial(figures_motion.breakdown, found),
         ),
     )

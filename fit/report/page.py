@@ -1,11 +1,15 @@
-"""The report of a calibration: a self-contained page and its figures, from telemetry and results alone."""
+"""The report of a calibration: a self-contained page, from telemetry and results alone."""
 
 import base64
 import hashlib
 import json
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from typing import TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -13,22 +17,26 @@ from markupsafe import Markup
 from fit.figures import COLOURS
 from fit.files import atomic
 from fit.paper import joint_names, joint_parameter
+from fit.report import charts
 from fit.report import experiments as report_experiments
 from fit.report import motion as report_motion
 from fit.report import sampling as report_sampling
 from fit.report import together as report_mission
+from fit.report.parts import Drawing, Part
 from fit.report.verdict import matters, verdict
 from fit.results import Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
-_SCRIPTS = ("figure.js", "page.js")
+#: In the order in which the page runs them.
+SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
+_Section = TypeVar("_Section", report_experiments.Section, Part)
 _DIGITS = 12  # of a digest, in short
 _SPREAD = ("settings", "versions")  # tables with a line for each entry
 
 
 def write_report(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> Path:
-    """Write ``report.html`` and ``figures/``; what ``mcmc`` and ``montecarlo`` left there joins the page.
+    """Write ``report.html``; what ``mcmc`` and ``montecarlo`` left in the folder joins the page.
 
     Parameters
     ----------
@@ -49,12 +57,12 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     InputError
         If a telemetry file can no longer be read, or ``mcmc.json`` or ``montecarlo.json`` is none.
     """
-    folder = directory / "figures"
-    folder.mkdir(exist_ok=True)
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
     joint_table = None if joint is None else tables.table(joint, [joint_parameter(name) for name in names])
-    sections = report_experiments.sections(results, telemetries, folder)
+    sections = _drawn(report_experiments.sections(results, telemetries))
+    motion = _drawn(report_motion.parts(results, telemetries))
+    parts = [*report_mission.parts(results, telemetries), *report_sampling.parts(results, directory)]
     page = (
         _environment()
         .get_template("report.html.jinja")
@@ -68,23 +76,40 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
             overview=report_experiments.overview(results, telemetries),
             sections=sections,
             open=len(sections) <= report_experiments.OPEN,
-            motion=report_motion.parts(results, telemetries, folder),
-            parts=[
-                *report_mission.parts(results, telemetries, folder),
-                *report_sampling.parts(results, directory),
-            ],
+            motion=motion,
+            parts=_drawn(parts),
             runs=telemetries,
             provenance=_provenance(results, telemetries),
             colours=COLOURS,
             limit=tables.LIMIT,
             signed=tables.signed,
-            symbol=tables.symbol,
             **_scripts(),
         )
     )
     path = directory / "report.html"
     atomic.write(path, page)
     return path
+
+
+def drawings(results: Results, telemetries: Sequence[Telemetry]) -> list[Drawing]:
+    """Return all figures of the report but those that other commands left, not yet drawn."""
+    sections: list[report_experiments.Section | Part] = [
+        *report_experiments.sections(results, telemetries),
+        *report_motion.parts(results, telemetries),
+        *report_mission.parts(results, telemetries),
+    ]
+    return [d for section in sections for d in section.drawings if isinstance(d, Drawing)]
+
+
+def _drawn(sections: Sequence[_Section]) -> list[_Section]:
+    """Return sections with their figures as elements of the page; threads share the work."""
+
+    def shown(section: _Section) -> _Section:
+        made = [charts.shown(drawing) for drawing in section.drawings if isinstance(drawing, Drawing)]
+        return replace(section, drawings=tuple(made))
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(shown, sections))
 
 
 def _environment() -> Environment:
@@ -98,11 +123,12 @@ def _environment() -> Environment:
 
 
 def _scripts() -> dict[str, object]:
-    """Return the scripts of the page and their digests: of all scripts it runs only these."""
-    templates = resources.files("fit.report") / "templates"
-    texts = [(templates / name).read_text(encoding="utf-8") for name in _SCRIPTS]
+    """Return the scripts of the page, their digests (of all scripts it runs only these), and their style."""
+    files = resources.files("fit.report")
+    texts = [(files / name).read_text(encoding="utf-8").strip() for name in SCRIPTS]
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]
-    return {"scripts": [Markup(text) for text in texts], "digests": digests}
+    style = (files / "uplot" / "uPlot.min.css").read_text(encoding="utf-8")
+    return {"scripts": [Markup(text) for text in texts], "digests": digests, "chart_style": Markup(style)}
 
 
 def _title(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> str:

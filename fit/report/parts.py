@@ -1,9 +1,11 @@
 """Sections of the page: what the rooms of the report fill, and the template shows."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from fit.figures import Drawing
+from markupsafe import Markup
+
+from fit.figures import Figure
 from fit.results import Fit, Results
 from fit.tables import Grid
 from fit.tables import parameters as tables
@@ -11,8 +13,37 @@ from fit.telemetry import Telemetry
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """A figure of the report, not yet drawn.
+
+    Attributes
+    ----------
+    name : str
+        Of its files, unique in the report.
+    description, caption : str
+        What it shows in plain words, for those who cannot see it; and what stands below.
+    draw : callable
+        Returns it, or an image that is there already.
+    """
+
+    name: str
+    description: str
+    caption: str
+    draw: Callable[[], Figure | Markup]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A figure in the page: the element, what to see in it, the name of its files."""
+
+    element: Markup
+    caption: str
+    name: str
+
+
+@dataclass(frozen=True)
 class Part:
-    """A section of the page: words, tables, figures beside or `below` them, correlations of a fit to unfold.
+    """A section of the page: words, tables, figures beside or `below` them.
 
     Over a `table` of parameters the text is what describes it.
     """
@@ -21,9 +52,8 @@ class Part:
     title: str
     text: str = ""
     grids: tuple[Grid, ...] = ()
-    drawings: tuple[Drawing, ...] = ()
+    drawings: tuple[Drawing | Shown, ...] = ()
     below: bool = False
-    correlation: Fit | None = None
     table: tables.Table | None = None
 
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.errors import InputError
-from fit.figures import Plot as Drawn
-from fit.figures import drawn, mission, save, svg
+from fit.figures import Figure, mission
 from fit.figures import runs as figures_runs
+from fit.journal import Plot as Drawn
+from fit.journal import drawn, save, svg
 from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
@@ -49,14 +50,14 @@ def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plo
     run = _fitted(results, runs, experiment)
     noise = next((r for r in runs if r.experiment == experiment and r.kind == "noise"), None)
     values = parameters(results, run)
-    beside = figures_runs.split(noise, values) if noise else None
-    return _drawn(figures_runs.acceleration, figures_runs.split(run, values), beside)
+    beside = figures_runs.spectra(noise, values) if noise else None
+    return _drawn(figures_runs.acceleration, figures_runs.spectra(run, values), beside)
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
     run = _fitted(results, runs, experiment)
-    return _drawn(figures_runs.breakdown, figures_runs.split(run, parameters(results, run)))
+    return _drawn(figures_runs.breakdown, figures_runs.spectra(run, parameters(results, run)))
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
@@ -74,8 +75,8 @@ def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:
     return _drawn(mission.stiffness_against_authority, points, results.joint)
 
 
-def _drawn(draw: Callable[..., Drawn], *arguments: object) -> Plot:
-    return Plot(**vars(drawn(draw, *arguments)))
+def _drawn(draw: Callable[..., Figure], *arguments: object) -> Plot:
+    return Plot(**vars(drawn(draw(*arguments))))
 
 
 def _sysid(runs: Sequence[Telemetry], experiment: str) -> Telemetry:

@@ -7,9 +7,8 @@ from markupsafe import Markup
 from pydantic import BaseModel
 
 from fit.estimate import Pulls, earlier, pulls, sampling
-from fit.figures import Drawing
 from fit.files import documents
-from fit.report.parts import Part
+from fit.report.parts import Drawing, Part
 from fit.results import Results
 from fit.tables import LIMIT, Grid, Line, flagged, name_head
 from fit.tables import parameters as tables
@@ -174,4 +173,7 @@ def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[D
         return ()
     source = base64.b64encode(documents.text(path, "a figure").encode()).decode()
     image = Markup('<img src="data:image/svg+xml;base64,{}" alt="{}">').format(source, description)
-    return (Drawing(image, caption, name),)
+    kinds = [kind for kind in ("pdf", "svg", "csv") if (folder / f"{name}.{kind}").exists()]
+    link = Markup('<a href="figures/{}.{}">{}</a>')
+    links = Markup(" ").join(link.format(name, kind, kind.upper()) for kind in kinds)
+    return (Drawing(name, description, Markup("{} {}").format(caption, links), lambda: image),)

@@ -3,23 +3,22 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 from markupsafe import Markup, escape
 
 from fit import paper
-from fit.figures import drawing
 from fit.figures import mission as figures
 from fit.paper import joint_parameter
-from fit.report.parts import Part, fitted_for
+from fit.report.parts import Drawing, Part, fitted_for
 from fit.results import Estimate, Fit, Results
 from fit.tables import LIMIT, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
 
-def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
+def model(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     """Return the section on eq. stiff_model, where two experiments or more determine omega2_2 alone."""
     points = stiffness_points(results, telemetries)
     if len(points) < 2:
@@ -36,17 +35,14 @@ def model(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
         "experiment's authority in pN and pN m."
     )
     head = ("Experiment", Markup("F, N<sub>max,2</sub>"), "Alone", "Joint fit", "Δ / σ")
-    picture = drawing(
-        folder,
-        ("stiffness",),
+    picture = Drawing(
+        "stiffness",
         "Stiffness of test mass 2 against its force authority, one point per experiment",
         "Stiffness of test mass 2, ±1 σ (the paper's figure stiffauth). Dots: each experiment on its own. "
         "Where the joint fit determines the stiffness model (eq. stiff_model), squares show it at the same "
         "authority, lines in between, one for each torque authority; the lower panel gives the differences "
         "in units of their σ, the correlation of the two fits included.",
-        figures.stiffness_against_authority,
-        list(points.values()),
-        results.joint,
+        partial(figures.stiffness_against_authority, list(points.values()), results.joint),
     )
     return Part("stiffness", "Stiffness model", text, (Grid(about, head, lines),), (picture,))
 
@@ -56,6 +52,7 @@ def stiffness_points(results: Results, telemetries: Sequence[Telemetry]) -> dict
     runs = results.provenance.joint_runs
     return {
         run.experiment: figures.StiffnessPoint(
+            run.experiment,
             run.F_max_2,
             run.N_max_2,
             fit.parameters["omega2_2"],

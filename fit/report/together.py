@@ -4,18 +4,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 from markupsafe import Markup, escape
 
 from fit.estimate import residuals
-from fit.figures import Drawing, drawing
 from fit.figures import mission as figures_mission
 from fit.paper import FLIGHT, GAIN_CHI2_RED, GAIN_MEAN, GAIN_SCATTER, Parameter, joint_names, joint_parameter
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
-from fit.report.parts import Part, fitted_for
+from fit.report.parts import Drawing, Part, fitted_for
 from fit.results import Diagnostics, Fit, Results
 from fit.tables import LIMIT, Cell, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
@@ -27,16 +26,16 @@ DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 NAMED = 10  # strongest correlations
 
 
-def parts(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> list[Part]:
-    """Return the sections that the results give matter for, their figures written to ``folder``."""
+def parts(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
+    """Return the sections that the results give matter for."""
     sound = _sound(results)
     found = [
-        _gain(sound, telemetries, folder),
-        report_stiffness.model(sound, telemetries, folder),
+        _gain(sound, telemetries),
+        report_stiffness.model(sound, telemetries),
         report_stiffness.prediction(sound.joint),
         _side_by_side(sound, telemetries),
-        _residuals(results, folder),
-        _correlation(sound.joint, folder),
+        _residuals(results),
+        _correlation(sound.joint),
     ]
     return [part for part in found if part]
 
@@ -108,19 +107,17 @@ def _beside(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int
     return lines, finer
 
 
-def _correlation(joint: Fit | None, folder: Path) -> Part | None:
+def _correlation(joint: Fit | None) -> Part | None:
     if joint is None or len(joint.parameters) < 2:
         return None
     matrix, symbols = joint.correlation, list(map(tables.symbol, joint))
     pairs = [(i, j) for i in range(len(symbols)) for j in range(i)]
-    picture = drawing(
-        folder,
-        ("correlation",),
+    picture = Drawing(
+        "correlation",
         "Correlation matrix of the joint estimates as a map of colours",
-        "Correlation of the joint estimates, blue positive and orange negative; the value shows where the "
-        "pointer rests. Strong colour marks two parameters whose errors go together.",
-        figures_mission.correlations,
-        joint,
+        "Correlation of the joint estimates in per cent, blue positive and orange negative. Strong colour "
+        "marks two parameters whose errors go together.",
+        partial(figures_mission.correlations, joint),
     )
     strongest = sorted(pairs, key=lambda pair: -abs(matrix[pair]))[:NAMED]
     lines = tuple(
@@ -143,7 +140,6 @@ def _correlation(joint: Fit | None, folder: Path) -> Part | None:
         text,
         (grid,),
         (picture,),
-        correlation=joint,
     )
 
 
@@ -152,7 +148,7 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
     return tables.combination_text(coefficients) if several else tables.symbol(next(iter(coefficients)))
 
 
-def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> Part | None:
+def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     estimates = list(residuals.independent(results.experiments).values())
     if len(estimates) < 2:
         return None
@@ -174,7 +170,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> P
     about = f"λ₂ of {found.dof + 1} experiments, each fitted alone; a run of a single tone does not count."
     lines = tuple(Line(Markup(head), both) for head, both in cells.items())
     grid = Grid(about, ("", "This calibration", "Flight"), lines)
-    pictures = _gain_figure(results, telemetries, folder)
+    pictures = _gain_figure(results, telemetries)
     return Part("gain", "Stationarity of the gain", _gain_verdict(found), (grid,), pictures)
 
 
@@ -192,10 +188,11 @@ def _p_value(p: float) -> str:
     return flagged("< 0.001", True) if p < DOUBTFUL else f"{p:.3f}"
 
 
-def _gain_figure(results: Results, telemetries: Sequence[Telemetry], folder: Path) -> tuple[Drawing, ...]:
+def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Drawing, ...]:
     alone = residuals.independent(results.experiments)
     points = [
         figures_mission.GainPoint(
+            run.experiment,
             np.datetime64(datetime.fromisoformat(run.t0).replace(tzinfo=None)),
             fit.parameters["lambda_2"],
             leaning=run.experiment not in alone,
@@ -205,20 +202,17 @@ def _gain_figure(results: Results, telemetries: Sequence[Telemetry], folder: Pat
     if len(points) < 2:
         return ()
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
-    picture = drawing(
-        folder,
-        ("gain",),
+    picture = Drawing(
+        "gain",
         "Gain of test mass 2 against date, one point per experiment",
         "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
         "gainevolution). An open dot takes its stiffness from the joint fit.",
-        figures_mission.gain_evolution,
-        points,
-        joint,
+        partial(figures_mission.gain_evolution, points, joint),
     )
     return (picture,)
 
 
-def _residuals(results: Results, folder: Path) -> Part | None:
+def _residuals(results: Results) -> Part | None:
     found = {name: fit.diagnostics for name, fit in results.experiments.items() if fit.diagnostics}
     if not found:
         return None
@@ -235,16 +229,13 @@ def _residuals(results: Results, folder: Path) -> Part | None:
         "with as much."
     )
     head = ("Experiment", "χ² / degrees of freedom", "(χ² − 1) / σ", "Whiteness", "Excess kurtosis", "ν")
-    picture = drawing(
-        folder,
-        ("quantiles",),
+    picture = Drawing(
+        "quantiles",
         "Quantiles of the normalised residual of every experiment less those of a normal variable",
         "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
         "normal variable. The band holds 95 % of normal samples at each quantile. A slope means a wrong "
         "level, ends that bend away from it mean tails.",
-        figures_mission.quantiles,
-        found,
-        {n: results.experiments[n].dof for n in found},
+        partial(figures_mission.quantiles, found, {n: results.experiments[n].dof for n in found}),
     )
     return Part("residuals", "Residuals", text, (Grid(about, head, tuple(lines)),), (picture,), below=True)
 

@@ -94,19 +94,19 @@ def stretches(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
 
 
-def low_pass(fs: float) -> tuple[Array, int]:
-    """Return the taps of the common zero-phase filter and the decimation it makes safe, 1 below 2 Hz.
+def low_pass(fs: float, f_max: float = F_MAX, rate: float = RATE) -> tuple[Array, int]:
+    """Return the taps of the common zero-phase filter and the decimation it makes safe, 1 below twice `rate`.
 
-    Flat to 10^(-RIPPLE/20) up to F_MAX; the same filter on every column leaves the equation as it is.
+    Flat to 10^(-RIPPLE/20) up to `f_max`; the same filter on every column leaves the equation as it is.
     """
-    factor = max(1, math.floor(fs / RATE + 1e-9))
+    factor = max(1, math.floor(fs / rate + 1e-9))
     if factor == 1:
         return np.ones(1), 1
-    width = fs / factor - 2 * F_MAX  # from F_MAX to where aliases would reach F_MAX
+    width = fs / factor - 2 * f_max  # from f_max to where aliases would reach f_max
     half = (RIPPLE - 7.95) / (2.285 * 2 * math.pi * width / fs) / 2
     half = factor * math.ceil(half / factor)
     window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
-    taps = scipy.signal.firwin(2 * half + 1, F_MAX + width / 2, window=window, fs=fs)
+    taps = scipy.signal.firwin(2 * half + 1, f_max + width / 2, window=window, fs=fs)
     return np.asarray(taps, dtype=np.float64), factor
 
 

@@ -300,6 +300,9 @@ class _OnDemand(Mapping[str, NDArray[np.float64]]):
         with _opened(self._path) as file:
             return read_channel(file, self._path, name, self._part, self._fs)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
 

@@ -9,6 +9,7 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import (
     CampaignFile,
     Directory,
+    Figures,
     Jobs,
     Out,
     Paths,
@@ -126,8 +127,8 @@ def run(
 ) -> None:
     """Simulate a campaign with the FMUs, fit it, report.
 
-    Afterwards the folder holds telemetry/*.h5, results.json, report.html and figures/. If it is
-    interrupted, the same command continues. A run that fails leaves a log in logs/. Complete experiments
+    Afterwards the folder holds telemetry/*.h5, results.json and report.html. If it is interrupted, the
+    same command continues. A run that fails leaves a log in logs/. Complete experiments
     are fitted all the same, and the exit status is 1.
     """
     from lpfcosim.cli import run as cli_run
@@ -192,6 +193,25 @@ def report(directory: Directory, quiet: Quiet = False) -> None:
     from lpfcosim.cli.console import Console
 
     cli_report.report(directory, Console(quiet=quiet))
+
+
+@app.command(
+    epilog=examples("lpfcosim figures quickstart", "lpfcosim figures quickstart stiffness A1-spectra")
+)
+def figures(
+    directory: Directory,
+    names: Figures = None,
+    jobs: Jobs = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw figures for a journal: PDF, SVG and CSV.
+
+    They go to DIR/figures. The name of a figure stands below it in report.html.
+    """
+    from lpfcosim.cli import figures as cli_figures
+    from lpfcosim.cli.console import Console
+
+    cli_figures.figures(directory, names or [], Console(quiet=quiet), jobs=jobs)
 
 
 @app.command(epilog=examples("lpfcosim deltag quickstart --calibration quickstart/results.json"))

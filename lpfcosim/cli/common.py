@@ -11,6 +11,10 @@ from lpfcosim.errors import InputError
 
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="The campaign.")]
 Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of an earlier run or fit.")]
+Figures = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="NAME", help="Parts of names of figures [default: all figures]."),
+]
 Paths = Annotated[
     list[Path], typer.Argument(metavar="PATH", help="Telemetry, folders of it, maps of archives (.toml).")
 ]

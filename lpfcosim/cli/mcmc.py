@@ -30,7 +30,7 @@ def _sample(
     steps: int,
     seed: int,
 ) -> None:
-    from fit.figures import studies, write
+    from fit.journal import studies, write
 
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")

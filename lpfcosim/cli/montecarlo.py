@@ -126,7 +126,7 @@ def _tell(
     lines: Mapping[int, Line],
 ) -> None:
     """Write and print what the campaigns say together."""
-    from fit.figures import studies, write
+    from fit.journal import studies, write
 
     failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
     drawn = [line["estimates"] for line in lines.values() if "estimates" in line]

@@ -21,8 +21,9 @@ from matplotlib.figure import Figure
 from scipy.stats import binom, norm
 
 from fit.estimate import pulls
-from fit.figures.files import Plot, write
-from fit.figures.style import COLOURS, WIDE
+from fit.figures import COLOURS
+from fit.journal import Plot, write
+from fit.journal.style import WIDE
 
 DOCS = Path(__file__).parents[2] / "docs"
 HEAD = ("campaign", "parameter", "n", "mean", "mean_error", "std", "std_error", "within_1", "within_2")

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from fit import journal
 from fit import results as fit_results
 from fit.errors import InputError
 from fit.estimate import earlier, sampling
@@ -101,6 +102,7 @@ def test_results(copied, cases, monkeypatch):
 def test_names_of_experiments(tmp_path, name):
     folder = tmp_path / "in" / "out"
     (folder / "telemetry").mkdir(parents=True)
+    (folder / "figures").mkdir()
     paths = [
         write(r, folder / "telemetry" / f"{k}.h5", {"run": f"{name}{k}", "experiment": name})
         for k, r in enumerate(pair(World()))
@@ -108,7 +110,10 @@ def test_names_of_experiments(tmp_path, name):
 
     def work():
         runs = earlier.read_all(paths, own=True)
-        report.write_report(folder, calibrate(runs), runs)
+        results = calibrate(runs)
+        report.write_report(folder, results, runs)
+        for drawing in report.drawings(results, runs):
+            journal.write(folder / "figures", drawing.name, journal.drawn, drawing.draw())
 
     said = survives(work, folder / "telemetry" / "x", name)
     assert (said is None) == (name.isprintable() and len(name) <= 100)

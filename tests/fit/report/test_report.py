@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fit import journal
 from fit.estimate.pulls import with_truth
-from fit.figures import files as figure_files
-from fit.figures import mission, runs
+from fit.figures import COLOURS, mission, runs
 from fit.paper import FLIGHT, joint_names
-from fit.report.page import write_report
+from fit.report.page import drawings, write_report
 from fit.results import Estimate, Fit, Provenance, Results
 from fit.tables import parameters as tables
 from fit.telemetry.reader import read
@@ -146,7 +146,9 @@ class Page(HTMLParser):
 def written(folder, results, telemetries):
     path = write_report(folder, with_truth(results, telemetries), telemetries)
     assert path == folder / "report.html"
-    return Page(path.read_text(encoding="utf-8"))
+    page = Page(path.read_text(encoding="utf-8"))
+    page.results = results
+    return page
 
 
 def test_the_whole_report(tmp_path, campaign):
@@ -169,12 +171,12 @@ def test_the_whole_report(tmp_path, campaign):
     assert "0 and 1100 pN" in page.text
     assert "fit_version" in page.text
     assert page.tags.count("figure") == 11
-    names = {p.name for p in (tmp_path / "figures").iterdir()}
     stems = ["correlation", "gain", "stiffness"]
     for experiment in ("1{}-A1", "2{}-B2"):
         for letter, what in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
             stems.append(f"e{experiment.format(letter)}-{what}")
-    assert names == {f"{stem}.{kind}" for stem in stems for kind in ("svg", "pdf", "csv")}
+    assert {d.name for d in drawings(page.results, runs)} == set(stems)
+    assert all(f"<code>{stem}</code></figcaption>" in page.source for stem in stems)
     headings = [page.text.index(text) for text in ORDER]
     assert headings == sorted(headings)
 
@@ -185,11 +187,9 @@ def test_the_page_needs_nothing_but_itself(tmp_path, campaign):
     beside = {link for link in page.links if not link.startswith("#")}
     assert within <= set(page.ids)
     assert len(page.ids) == len(set(page.ids))
-    assert len(beside) == 1 + 3 * page.tags.count("figure")  # offered, but not needed
-    (tmp_path / "results.json").touch()
-    assert all((tmp_path / link).is_file() for link in beside)
+    assert beside == {"results.json"}  # offered, but not needed
     assert not {"link", "iframe", "img", "object"} & set(page.tags)
-    without = re.sub(r"<script>.*?</script>", "", page.source, flags=re.DOTALL).replace("http-equiv", "")
+    without = re.sub(r"<script[^>]*>.*?</script>", "", page.source, flags=re.DOTALL).replace("http-equiv", "")
     for remote in ("http", "@import", "url(h", "//"):
         assert remote not in without
     scripts = re.findall(r"<script>(.*?)</script>", page.source, flags=re.DOTALL)
@@ -197,23 +197,21 @@ def test_the_page_needs_nothing_but_itself(tmp_path, campaign):
     (policy,) = [value for _, name, value in page.attributes if name == "content" and "-src" in value]
     assert "default-src 'none'" in policy
     assert re.findall(r"'sha256-([^']*)'", policy) == digests
-    described = [value for tag, name, value in page.attributes if tag == "svg" and name == "aria-label"]
-    assert len(described) == page.tags.count("svg") > 0
+    described = [value for tag, name, value in page.attributes if tag == "div" and name == "aria-label"]
+    assert len(described) == page.source.count('<script type="application/json">') > 0
     assert page.tags.count("figcaption") == page.tags.count("figure")
     assert "prefers-color-scheme: dark" in page.source
-    for colour in figure_files.COLOURS.values():
+    for colour in COLOURS.values():
         assert page.source.count(colour) == 1  # its definition; the figures follow the scheme
+    assert "(c) 2025, Leon Sorokin" in page.source or "© Leon Sorokin, MIT" in page.text
 
 
 @pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path, campaign):
     runs = campaign()
     told = results(joint=joint_fit(), experiments={"A1": experiment_fit()})
-    files = [tmp_path / "report.html", tmp_path / "figures" / "e1s-A1-spectra.svg"]
-    write_report(tmp_path, told, runs)
-    first = [file.read_bytes() for file in files]
-    write_report(tmp_path, told, runs)
-    assert [file.read_bytes() for file in files] == first
+    first = write_report(tmp_path, told, runs).read_bytes()
+    assert write_report(tmp_path, told, runs).read_bytes() == first
 
 
 def test_every_foreign_text_is_escaped(tmp_path, campaign):
@@ -228,11 +226,12 @@ def test_every_foreign_text_is_escaped(tmp_path, campaign):
         results(joint=odd, experiments={EVIL: fit}, provenance=Provenance.of({EVIL: {EVIL: [EVIL]}})),
         runs,
     )
-    assert page.tags.count("script") == page.source.count("sha256-")  # its own
+    own = [tag for tag, name, value in page.attributes if (name, value) == ("type", "application/json")]
+    assert page.tags.count("script") == page.source.count("sha256-") + len(own)
     assert "img" not in page.tags
     assert not [name for _, name, _ in page.attributes if name.startswith("on")]
     assert EVIL.partition(" & ")[0] in page.text
-    assert all(re.fullmatch(r"[\w.-]+", p.name) for p in (tmp_path / "figures").iterdir())
+    assert all(re.fullmatch(r"[\w.-]+", d.name) for d in drawings(page.results, runs))
 
 
 def test_flight_data_without_noise_run_guidance_or_joint_fit(tmp_path, campaign):
@@ -355,10 +354,10 @@ def test_the_reconstructed_stiffness_carries_the_covariance():
 
 def test_drawing_leaves_no_trace_in_matplotlib():
     before = dict(mpl.rcParams)
-    points = [mission.StiffnessPoint(F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
-    plot = figure_files.drawn(mission.stiffness_against_authority, points, None)
-    assert figure_files.svg(plot).startswith("<?xml")
+    points = [mission.StiffnessPoint("A", F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
+    plot = journal.drawn(mission.stiffness_against_authority(points, None))
+    assert journal.svg(plot).startswith("<?xml")
     assert dict(mpl.rcParams) == before
-    code = "import sys, fit.report; print('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

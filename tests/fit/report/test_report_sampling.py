@@ -57,6 +57,7 @@ def test_a_chain(tmp_path):
 def test_the_figure_another_command_drew_stays_inert(tmp_path):
     (tmp_path / "figures").mkdir()
     (tmp_path / "figures" / "corner.svg").write_text("<svg><script>alert(1)</script></svg>")
+    (tmp_path / "figures" / "corner.pdf").touch()
     (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit())))
     page = write_report(tmp_path, results(joint=joint_fit()), []).read_text()
     assert "alert(1)" not in page

@@ -1,4 +1,4 @@
-"""What figures look like: colours, widths, and letters, DejaVu Sans cut down to the scripts that figures use.
+"""What figures look like: widths, lines, and letters, DejaVu Sans cut down to the scripts that figures use.
 
 A PDF embeds of a font what it needs of it. To pick that out of the whole font, six thousand glyphs and the
 rules of dozens of scripts, takes longer than all the rest of a figure; out of this one it takes little.
@@ -6,7 +6,6 @@ rules of dozens of scripts, takes longer than all the rest of a figure; out of t
 
 import atexit
 import tempfile
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,18 +13,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib import font_manager
 
-#: Colours by role, on white; the report turns them into the variables of its light and dark scheme.
-COLOURS: Mapping[str, str] = {
-    "paper": "#ffffff",
-    "ink": "#1c2530",
-    "muted": "#5d6875",
-    "grid": "#dfe3e8",
-    "grey": "#8b95a1",
-    "blue": "#2f74c0",
-    "orange": "#d2541b",
-    "green": "#1d8a6b",
-    "violet": "#8457b8",
-}
+from fit.figures import COLOURS
+
 WIDTH, WIDE = 3.375, 7.0  # inch: one column and both of a journal's page
 _STYLE: Any = {  # rc parameters; letters are readable in print and on a telephone of the same width
     **dict.fromkeys(("axes.labelcolor", "axes.titlecolor", "text.color"), COLOURS["ink"]),

@@ -8,8 +8,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from fit.estimate import Outcome, Pulls
-from fit.figures.files import Plot
-from fit.figures.style import COLOURS, WIDE
+from fit.figures import COLOURS
+from fit.journal.files import Plot
+from fit.journal.style import WIDE
 from fit.paper import ALONG, joint_parameter
 
 Array = NDArray[np.float64]

@@ -1,0 +1,257 @@
+"""What a figure is made of, whoever draws it: axes, what stands in them, and the numbers in its table.
+
+`fit.journal` draws these records for print, `fit.report` puts them into the page.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Limits = tuple[float, float]
+Shape = Literal["dot", "ring", "square"]
+Columns = dict[str, Sequence[object] | NDArray[np.generic]]
+
+_ROOM = 0.05  # of an axis beyond what it shows, on either side
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What an axis measures.
+
+    Attributes
+    ----------
+    label, unit : str
+        On the figure, the unit in print: ``"ASD"`` and ``"m s⁻²/√Hz"``.
+    head : str
+        Of its column in the table, name and unit as telemetry spells it: ``"asd [m s-2 Hz-1/2]"``.
+    log : bool
+        Whether it is logarithmic.
+    dates : bool
+        Whether its numbers are seconds since 1970, UTC.
+    """
+
+    label: str
+    unit: str
+    head: str
+    log: bool = False
+    dates: bool = False
+
+    @property
+    def title(self) -> str:
+        """Label and unit."""
+        return f"{self.label}  [{self.unit}]" if self.unit else self.label
+
+
+FREQUENCY = Axis("frequency", "Hz", "f [Hz]", log=True)
+ASD = Axis("ASD", "m s⁻²/√Hz", "asd [m s-2 Hz-1/2]", log=True)
+TIME = Axis("time since start of run", "h", "t [h]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """A line.
+
+    Attributes
+    ----------
+    name : str
+        Plain words, for the table.
+    label : str
+        For the legend, with subscripts as in ``Δg_x``; empty for what has no line in it.
+    role : str
+        Of the `COLOURS`.
+    x, y : ndarray, shape (N,)
+        With ascending x; NaN where there is a gap.
+    low, high : ndarray, shape (N,), optional
+        A band about it.
+    width, opacity : float
+        Of the line [pt], and from 0 to 1.
+    dash : str
+        ``"-"``, ``"--"`` or ``":"``.
+    dots : bool
+        Whether its points are marked.
+    """
+
+    name: str
+    label: str
+    role: str
+    x: Array
+    y: Array
+    low: Array | None = None
+    high: Array | None = None
+    width: float = 0.9
+    opacity: float = 1.0
+    dash: Literal["-", "--", ":"] = "-"
+    dots: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points:
+    """Marks with error bars from `low` to `high`, and `names` to tell them by; otherwise as `Curve`.
+
+    A `mark` is a dot, a ring, or a square; `caps` end the bars.
+    """
+
+    name: str
+    label: str
+    role: str
+    x: Array
+    y: Array
+    low: Array
+    high: Array
+    names: Sequence[str] = ()
+    mark: Shape = "dot"
+    caps: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """What lies between two places along x or y, shaded; with a `label` it is in the legend."""
+
+    low: float
+    high: float
+    role: str
+    opacity: float
+    along: Literal["x", "y"] = "x"
+    label: str = ""
+    edge: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """Words beside the place (x, y); y is None at the lower edge."""
+
+    text: str
+    x: float
+    y: float | None = None
+
+
+Mark = Curve | Points | Span | Note
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Axes and what stands in them, from behind to the front.
+
+    Attributes
+    ----------
+    x, y : Axis
+        What they measure.
+    marks : tuple of Mark
+        What is drawn.
+    across, up : tuple of float
+        What the axes show before anybody zooms.
+    height : float
+        Of the panel with its legend, but without what is below the last panel [inch].
+    title : str
+        Above it.
+    """
+
+    x: Axis
+    y: Axis
+    marks: tuple[Mark, ...]
+    across: Limits
+    up: Limits
+    height: float
+    title: str = ""
+
+    @property
+    def lines(self) -> list[Curve | Points]:
+        """What has values that can be read off."""
+        return [mark for mark in self.marks if isinstance(mark, Curve | Points)]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure.
+
+    Attributes
+    ----------
+    panels : tuple of Panel
+        Above each other with a common x axis, unless there is more than one beside each other.
+    columns : mapping of str to sequence
+        The numbers it draws, of equal length, by name and unit: ``"f [Hz]"``.
+    beside : int
+        Panels beside each other; they share both axes.
+    """
+
+    panels: tuple[Panel, ...]
+    columns: Mapping[str, Sequence[object] | NDArray[np.generic]]
+    beside: int = 1
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A correlation matrix as a map of colours.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the P rows and columns.
+    values : ndarray, shape (P, P)
+        From -1 to 1.
+    columns : mapping of str to sequence
+        As those of a `Chart`.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    columns: Mapping[str, Sequence[object] | NDArray[np.generic]] = field(default_factory=dict)
+
+
+Figure = Chart | Matrix
+
+
+def chart(panels: Sequence[Panel]) -> Chart:
+    """Return a figure with the curves of its panels as columns, one curve below the other."""
+    curves = [curve for panel in panels for curve in panel.lines]
+    columns: Columns = {
+        "curve": [curve.name for curve in curves for _ in curve.x],
+        panels[-1].x.head: np.concatenate([curve.x for curve in curves]),
+        panels[-1].y.head: np.concatenate([curve.y for curve in curves]),
+    }
+    if any(curve.low is not None for curve in curves):
+        for key in ("low", "high"):
+            bounds = [getattr(curve, key) for curve in curves]
+            whole = [
+                np.full(c.x.size, np.nan) if b is None else b for c, b in zip(curves, bounds, strict=True)
+            ]
+            columns[key] = np.concatenate(whole)
+    return Chart(tuple(panels), columns)
+
+
+def limits(axis: Axis, marks: Iterable[Mark], across: Limits | None = None, *, key: str = "y") -> Limits:
+    """Return what an axis has to show, with a little room on either side.
+
+    Parameters
+    ----------
+    axis : Axis
+        A logarithmic one passes over what is not positive.
+    marks : iterable of Mark
+        Of the panel.
+    across : tuple of float, optional
+        What the x axis shows: nothing else counts.
+    key : str
+        ``"y"``, with the bands and error bars, or ``"x"``.
+    """
+    values = []
+    for mark in marks:
+        if isinstance(mark, Curve | Points):
+            shown = slice(None) if across is None else (mark.x >= across[0]) & (mark.x <= across[1])
+            told = (mark.x,) if key == "x" else (mark.y, mark.low, mark.high)
+            values += [x[shown] for x in told if x is not None]
+        elif isinstance(mark, Span) and mark.along == key:
+            values.append(np.array([mark.low, mark.high]))
+    known = np.concatenate([np.empty(0), *values])
+    known = known[np.isfinite(known) & ((known > 0) if axis.log else True)]
+    if not known.size:
+        return (0.1, 1.0) if axis.log else (0.0, 1.0)
+    low, high = float(known.min()), float(known.max())
+    if axis.log:
+        room = (high / low) ** _ROOM if high > low else 10.0
+        return low / room, high * room
+    room = _ROOM * (high - low) if high > low else 0.5 * max(abs(high), 1e-30)
+    return low - room, high + room

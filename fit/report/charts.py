@@ -1,0 +1,156 @@
+"""Figures as elements of the page: what the script draws from, and a table for where no scripts run."""
+
+import base64
+import json
+import re
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
+from fit.report import numbers
+from fit.report.parts import Drawing, Shown
+from fit.tables import symbol
+
+Array = NDArray[np.float64]
+
+WIDTH = 3.375  # inch, of which the panels have their heights
+_SHORT = 64  # numbers that are written out
+
+
+def shown(drawing: Drawing) -> Shown:
+    """Return a figure as the page has it."""
+    figure = drawing.draw()
+    if isinstance(figure, Markup):
+        element = figure
+    elif isinstance(figure, Matrix):
+        element = _matrix(figure)
+    else:
+        element = _chart(figure, drawing.description)
+    return Shown(element, drawing.caption, drawing.name)
+
+
+def _chart(chart: Chart, description: str) -> Markup:
+    """Return a place for a chart, with its numbers for the script, and in a table for readers without."""
+    arrays = _Arrays()
+    panels = [_panel(panel, arrays) for panel in chart.panels]
+    told = {"beside": chart.beside, "panels": panels, "arrays": arrays.told}
+    # in a script, only this could end it
+    data = json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    tables = Markup().join(map(numbers.table, chart.panels))
+    return Markup(
+        '<div class="chart{}" role="group" aria-label="{}" style="--shape:{:.3f}">'
+        '<script type="application/json">{}</script></div>\n<noscript>{}</noscript>'
+    ).format(" grid-of" if chart.beside > 1 else "", description, _shape(chart), Markup(data), tables)
+
+
+def _shape(chart: Chart) -> float:
+    """Return height over width, about, so that nothing moves once the chart is there."""
+    rows = -(-len(chart.panels) // chart.beside)
+    if chart.beside > 1:
+        return 0.21 * rows
+    return (sum(panel.height for panel in chart.panels) + 0.3) / WIDTH
+
+
+class _Arrays:
+    """Arrays of a figure, each once: short ones as numbers, long ones as float32 in base64."""
+
+    def __init__(self) -> None:
+        self.told: list[object] = []
+        self._known: dict[bytes, int] = {}
+
+    def add(self, values: Array | None, factor: float = 1.0) -> int | None:
+        """Return where an array is."""
+        if values is None:
+            return None
+        scaled = np.ascontiguousarray(values, dtype=np.float64) * factor
+        key = scaled.tobytes()
+        if key not in self._known:
+            self._known[key] = len(self.told)
+            self.told.append(self._written(scaled))
+        return self._known[key]
+
+    @staticmethod
+    def _written(values: Array) -> object:
+        if values.size <= _SHORT:
+            return [float(f"{v:.12g}") if np.isfinite(v) else None for v in values]
+        return base64.b64encode(values.astype("<f4").tobytes()).decode()
+
+
+def _panel(panel: Panel, arrays: _Arrays) -> dict[str, Any]:
+    """Return what the script has to know of a panel."""
+    up = _factor(panel.y, panel.up)
+    return {
+        "title": panel.title,
+        "height": panel.height,
+        "x": _axis(panel.x, panel.across, 1.0),
+        "y": _axis(panel.y, panel.up, up),
+        "marks": [_mark(mark, arrays, up) for mark in panel.marks],
+    }
+
+
+def _factor(axis: Axis, limits: tuple[float, float]) -> float:
+    """Return by what to multiply so that the smallest or largest number is about 1."""
+    size = limits[0] if axis.log else max(map(abs, limits))
+    return 1.0 if size == 0 or 1e-3 < size < 1e6 else float(10.0 ** -np.floor(np.log10(size)))
+
+
+def _axis(axis: Axis, limits: tuple[float, float], factor: float) -> dict[str, Any]:
+    return {
+        "label": axis.label,
+        "unit": axis.unit,
+        "log": axis.log,
+        "dates": axis.dates,
+        "limits": [float(f"{limit * factor:.12g}") for limit in limits],
+        "factor": factor,
+    }
+
+
+def _mark(mark: Curve | Points | Span | Note, arrays: _Arrays, up: float) -> dict[str, Any]:
+    if isinstance(mark, Note):
+        return {"kind": "note", "text": mark.text, "x": mark.x, "y": mark.y and mark.y * up}
+    told = {"kind": type(mark).__name__.lower(), "label": html(mark.label), "role": mark.role}
+    if isinstance(mark, Span):
+        factor = up if mark.along == "y" else 1.0
+        ends = {"low": mark.low * factor, "high": mark.high * factor}
+        return {**told, **ends, "along": mark.along, "opacity": mark.opacity, "edge": mark.edge}
+    places = {"x": arrays.add(mark.x)} | {k: arrays.add(getattr(mark, k), up) for k in ("y", "low", "high")}
+    if isinstance(mark, Points):
+        return {**told, **places, "names": list(mark.names), "mark": mark.mark, "caps": mark.caps}
+    look = {"width": mark.width, "opacity": mark.opacity, "dash": mark.dash, "dots": mark.dots}
+    return {**told, **places, "name": mark.name, **look}
+
+
+def html(label: str) -> Markup:
+    """Return a label with its subscripts."""
+    return Markup(re.sub(r"_(\S+)", r"<sub>\1</sub>", str(escape(label))))
+
+
+def _matrix(matrix: Matrix) -> Markup:
+    """Return the lower half of a matrix as a table in the colours of its numbers, in per cent."""
+    symbols = list(map(symbol, matrix.names))
+    P = len(symbols)
+    rows = []
+    for i in range(1, P):
+        cells = [_cell(matrix, i, j) for j in range(i)]
+        rows.append(Markup('<tr><th scope="row">{}</th>{}</tr>').format(symbols[i], Markup().join(cells)))
+    head = Markup().join(Markup('<th scope="col">{}</th>').format(name) for name in symbols[:-1])
+    dense = " dense" if P > 10 else ""
+    return Markup(
+        '<div class="scroll" tabindex="0"><table class="matrix{}"><thead><tr><td></td>{}</tr></thead>'
+        "<tbody>\n{}\n</tbody></table></div>"
+    ).format(dense, head, Markup("\n").join(rows))
+
+
+def _cell(matrix: Matrix, i: int, j: int) -> Markup:
+    r = float(matrix.values[i, j])
+    told = f"{r:.4f}".replace("-", "−")
+    percent = f"{100 * r:.0f}".replace("-", "−")
+    return Markup(
+        '<td style="--tone:var(--{});--share:{:.0f}%" title="{}, {}: {}">{}</td>'
+    ).format(
+        "blue" if r > 0 else "orange", 50 * abs(r), matrix.names[j], matrix.names[i], told,
+        "0" if percent == "−0" else percent,
+    )  # fmt: skip

@@ -1,0 +1,60 @@
+"""The command ``figures``: figures for print of what a folder holds."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from fit.errors import InputError
+from fit.estimate import earlier
+from fit.figures import Figure
+from fit.report import page
+from lpfcosim.cli.common import check_folder
+from lpfcosim.cli.console import Console
+from lpfcosim.cosim import Where
+from lpfcosim.errors import LpfcosimError, RunError
+from lpfcosim.running import folder, runner, workers
+
+
+def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
+    """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
+    results, telemetries = earlier.load(directory)
+    place = directory / "figures"
+    check_folder(directory, "figures")
+    known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}
+    for name in names:
+        if not any(name in each for each in known):
+            raise InputError(f"{directory}: no figure is called {name!r}, expected a part of {_told(known)}")
+    chosen = [name for name in known if not names or any(part in name for part in names)]
+    with folder.held(directory):
+        place.mkdir(exist_ok=True)
+        with console.counted("reading", len(chosen)) as progress:
+            items = {}
+            for name in chosen:
+                items[name] = (place, name, known.pop(name).draw())
+                progress(len(items))
+        setting = workers.Setting(_written, directory, directory / "logs", "figure '{}'")
+        with (
+            console.counted("figures", len(items)) as progress,
+            closing(workers.results(setting, items, jobs or runner.processors())) as drawn,
+        ):
+            for done, (name, outcome) in enumerate(drawn, start=1):
+                if isinstance(outcome, workers.Lost):
+                    raise RunError(f"figure {name!r}: its process {outcome.how}")
+                if isinstance(outcome, LpfcosimError):
+                    raise outcome
+                progress(done)
+    console.say(f"{len(chosen)} figures: {place}")
+
+
+def _told(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none, as there is nothing to draw"
+
+
+# In a process of its own -------------------------------------------------------------------------------
+
+
+def _written(place: Path, name: str, figure: Figure, where: Where) -> None:
+    where.rest()  # nothing that hangs
+    from fit.journal import drawn, write  # takes its time
+
+    write(place, name, drawn, figure)

@@ -1,0 +1,236 @@
+"""Charts in a real browser: what is read off is what was drawn, and zoom, keys, wheel, fingers, paper."""
+
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from fit.figures import COLOURS, Axis, Chart, Curve, Panel, Points, Span
+from fit.figures.charts import ASD, FREQUENCY
+from fit.report import charts, page
+from fit.report.parts import Drawing
+from tests.browser import Page, needs_browser
+
+pytestmark = [needs_browser, pytest.mark.slow]
+F = np.geomspace(1e-4, 1, 81)
+HOURS = Axis("time", "h", "t [h]")
+SHIFT = Axis("o₁", "nm", "value [nm]")
+
+
+def curve(name, role, x, y, **more):
+    return Curve(name=name, label=name, role=role, x=x, y=y, **more)
+
+
+def spectra():
+    falling = curve("falling", "blue", F, 1e-15 / F, low=0.5e-15 / F, high=2e-15 / F)
+    flat = curve("flat", "orange", F[::2] * 1.01, np.full(41, 1e-13), dash="--")
+    shade = Span(low=0.1, high=1.0, role="grid", opacity=0.5)
+    return Chart((Panel(FREQUENCY, ASD, (shade, falling, flat), (1e-4, 1.0), (1e-16, 1e-10), 2.2),), {})
+
+
+def series():
+    t = np.linspace(0, 6, 61)
+    gap = np.where((t > 1) & (t < 2), np.nan, t - 3)
+    lower = (Span(low=1, high=2, role="violet", opacity=0.4, label="masked"), curve("down", "blue", t, 3 - t))
+    panels = [Panel(HOURS, SHIFT, m, (0, 6), (-4, 4), 1.0) for m in ((curve("up", "blue", t, gap),), lower)]
+    return Chart(tuple(panels), {})
+
+
+def points():
+    y = np.array([1.0776, 1.0777, 1.0779])
+    dots = Points(
+        name="alone", label="alone", role="ink", x=np.array([1.0, 3.0, 3.0]), y=y, low=y - 1e-4,
+        high=y + 1e-4, names=("A", "B", "C<i>"),
+    )  # fmt: skip
+    return Chart((Panel(HOURS, Axis("λ₂", "1", ""), (dots,), (0, 6), (1.077, 1.078), 2.0),), {})
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    made = [
+        charts.shown(Drawing(f.__name__, f"about {f.__name__}", "", f)) for f in (spectra, series, points)
+    ]
+    colours = "".join(f"--{role}: {colour};" for role, colour in COLOURS.items())
+    files = resources.files("fit.report")
+    style = (files / "uplot" / "uPlot.min.css").read_text(encoding="utf-8")
+    scripts = [(files / name).read_text(encoding="utf-8") for name in page.SCRIPTS]
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(
+        f"<!DOCTYPE html><meta charset=utf-8><style>{style} :root {{{colours}}}"
+        "figure {width: 600px}</style>"
+        + "".join(f"<figure>{shown.element}</figure>" for shown in made)
+        + "".join(f"<script>{script}</script>" for script in scripts),
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.fixture
+def shown(path):
+    with Page(path) as page:
+        page.resize(1280, 2400)  # all in sight
+        page.evaluate("new Promise(done => setTimeout(done, 500))")
+        yield page
+        assert page.console == []
+        assert page.requests == [path.as_uri()]
+
+
+def place(page, n, across, up):
+    """A place in the window, from shares of the n-th plot."""
+    box = f"document.querySelectorAll('.u-over')[{n}].getBoundingClientRect()"
+    x, y, width, height = page.evaluate(f"(b => [b.x, b.y, b.width, b.height])({box})")
+    return x + across * width, y + (1 - up) * height
+
+
+def at(page, n, across, up=0.5):
+    """What is read off at a place: the legend's texts by name, numbers as such."""
+    page.mouse("mouseMoved", *place(page, n, across, up))
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return read(page, n)
+
+
+def read(page, n):
+    rows = f"[...document.querySelectorAll('.uplot')[{n}].querySelectorAll('.u-series')]"
+    told = page.evaluate(
+        rows + ".map(r => [r.querySelector('th').innerText.trim(), r.querySelector('td')?.innerText])"
+    )
+    return {name: text and number(text) for name, text in told}
+
+
+def number(text):
+    text = text.partition(" ")[0]
+    words = text.replace("−", "-").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    if "⁻" in text or "·10" in text:
+        mantissa, _, power = words.rpartition("10") if "·" not in words else words.partition("·10")
+        return float(mantissa or 1) * 10.0 ** int(power)
+    return float(words)
+
+
+def drag(page, n, start, end):
+    page.mouse("mouseMoved", *place(page, n, *start))
+    page.mouse("mousePressed", *place(page, n, *start), button="left", buttons=1, clickCount=1)
+    for share in (0.5, 1.0):
+        via = [a + share * (b - a) for a, b in zip(start, end, strict=True)]
+        page.mouse("mouseMoved", *place(page, n, *via), button="left", buttons=1)
+    page.mouse("mouseReleased", *place(page, n, *end), button="left", clickCount=1)
+
+
+def ink(page, n):
+    """The pixels of the n-th plot."""
+    return page.evaluate(f"document.querySelectorAll('.uplot canvas')[{n}].toDataURL()")
+
+
+def test_the_pointer_reads_what_was_drawn(shown):
+    found = at(shown, 0, 0.25)
+    assert found["frequency"] == pytest.approx(1e-3, rel=0.06)
+    assert found["falling"] == pytest.approx(
+        1e-15 / found["frequency"], rel=0.07
+    )  # the next of its own points
+    assert found["flat"] == pytest.approx(1e-13, rel=1e-3)
+    found = at(shown, 1, 0.25)  # 1.5 h, in the gap
+    assert found["time"] == pytest.approx(1.5, abs=0.06)
+    assert read(shown, 2)["down"] == pytest.approx(1.5, abs=0.06)  # the pointer of one panel is that of all
+
+
+def test_points_tell_their_sigma_and_whose_they_are(shown):
+    at(shown, 3, 1 / 6)
+    text = "document.querySelectorAll('.uplot')[3].querySelector('.points td').innerText"
+    assert shown.evaluate(text).split() == ["1.07760", "±", "0.00010", "(A)"]
+
+
+def test_a_rectangle_zooms_and_a_double_click_goes_back(shown):
+    before = ink(shown, 0)
+    drag(shown, 0, (0.25, 0.3), (0.5, 0.7))  # 1 to 10 mHz, 10^-14.2 to 10^-11.8
+    assert at(shown, 0, 0.5)["frequency"] == pytest.approx(10**-2.5, rel=0.06)
+    assert at(shown, 0, 0.999)["frequency"] == pytest.approx(1e-2, rel=0.07)
+    assert ink(shown, 0) != before
+    for count in (1, 2):
+        where = place(shown, 0, 0.5, 0.5)
+        shown.mouse("mousePressed", *where, button="left", buttons=1, clickCount=count)
+        shown.mouse("mouseReleased", *where, button="left", clickCount=count)
+    shown.mouse("mouseMoved", 1, 1)
+    assert at(shown, 0, 0.25)["frequency"] == pytest.approx(1e-3, rel=0.06)
+    assert ink(shown, 0) == before
+
+
+def test_panels_share_their_time(shown):
+    drag(shown, 2, (0.5, 0.5), (0.75, 0.52))  # of the lower one: 3 to 4.5 h
+    assert at(shown, 1, 0.99)["time"] == pytest.approx(4.45, abs=0.11)
+    assert at(shown, 2, 0.01)["time"] == pytest.approx(3.05, abs=0.11)
+
+
+def test_a_name_hides_its_curve(shown):
+    before = ink(shown, 0)
+    name = "[...document.querySelectorAll('.u-series th')].find(e => e.innerText.trim() === 'falling')"
+    shown.evaluate(f"{name}.click()")
+    hidden = ink(shown, 0)
+    assert hidden != before
+    shown.evaluate(f"{name}.focus()")
+    shown.key("Enter")
+    assert ink(shown, 0) == before
+    assert shown.evaluate(f"[{name}.tabIndex, {name}.role]") == [0, "button"]
+
+
+def test_the_wheel_scrolls_the_page_until_a_figure_is_chosen(shown):
+    before, where = ink(shown, 0), place(shown, 0, 0.5, 0.5)
+    shown.mouse("mouseWheel", *where, deltaX=0, deltaY=-100)
+    assert ink(shown, 0) == before
+    drag(shown, 0, (0.5, 0.5), (0.5, 0.5))  # a click
+    shown.mouse("mouseWheel", *where, deltaX=0, deltaY=-300)
+    shown.evaluate("new Promise(done => setTimeout(done, 200))")
+    assert ink(shown, 0) != before
+
+
+def test_keys_do_the_same(shown):
+    shown.evaluate("document.querySelector('.u-over').focus()")
+    before = ink(shown, 0)
+    shown.key("ArrowRight")
+    first = read(shown, 0)["frequency"]
+    for _ in range(10):
+        shown.key("ArrowRight")
+    assert read(shown, 0)["frequency"] > 1.1 * first
+    shown.key("+")
+    assert ink(shown, 0) != before
+    shown.key("Escape")
+    assert ink(shown, 0) == before
+
+
+def test_two_fingers_zoom(shown):
+    def touch(kind, *shares):
+        where = [
+            dict(zip("xy", place(shown, 0, *share), strict=True), id=i) for i, share in enumerate(shares)
+        ]
+        shown.send("Input.dispatchTouchEvent", type=kind, touchPoints=where)
+
+    before = ink(shown, 0)
+    touch("touchStart", (0.4, 0.5), (0.6, 0.5))
+    for apart in (0.25, 0.35, 0.45):
+        touch("touchMove", (0.5 - apart, 0.5), (0.5 + apart, 0.5))
+    touch("touchEnd")
+    shown.evaluate("new Promise(done => setTimeout(done, 200))")
+    assert ink(shown, 0) != before
+
+
+def test_every_plot_is_drawn_finely(shown):
+    assert shown.evaluate("document.querySelectorAll('.uplot').length") == 4
+    assert shown.evaluate("document.querySelectorAll('.u-legend .shade').length") == 1
+    for n in range(4):
+        canvas = f"document.querySelectorAll('.uplot canvas')[{n}]"
+        assert shown.evaluate(f"{canvas}.width / {canvas}.getBoundingClientRect().width") == pytest.approx(2)
+        assert len(ink(shown, n)) > 10_000
+
+
+def test_paper_takes_all_charts_in_light_colours(path, tmp_path):
+    with Page(path, dark=True) as page:
+        page.resize(1280, 300)
+        page.pdf(tmp_path / "print.pdf")
+        assert page.evaluate("document.querySelectorAll('.chart.drawn').length") == 3
+        assert page.evaluate("document.documentElement.className") == ""
+
+
+def test_without_scripts_the_tables_stand(path):
+    with Page(path, scripts=False) as page:
+        assert page.evaluate("document.querySelectorAll('.uplot').length") == 0
+        heights = "[...document.querySelectorAll('table.numbers')].map(t => t.getBoundingClientRect().height)"
+        assert min(page.evaluate(heights)) > 40
+        assert page.console == []

@@ -1,0 +1,154 @@
+"""Figures in the page: what the script is given is what the figure holds, and what readers without it see."""
+
+import base64
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
+from fit.figures.charts import ASD, FREQUENCY, TIME
+from fit.report import charts, numbers
+from fit.report.parts import Drawing
+
+F = np.geomspace(1e-4, 1, 200)
+DATES = Axis("start of run", "UTC", "start", dates=True)
+GAIN = Axis("λ₂", "1", "lambda_2 [1]")
+EVIL = "</script><script>alert(1)</script>"
+
+
+def line(x, y, **more):
+    return Curve(**{"name": "a line", "label": "Δg_x", "role": "blue", "x": x, "y": y, **more})
+
+
+def shown(chart):
+    drawing = Drawing("name", f"what {EVIL} shows", "caption", lambda: chart)
+    return charts.shown(drawing).element
+
+
+def told(element):
+    """Read back what the script reads."""
+    (data,) = re.findall(r'<script type="application/json">(.*?)</script>', element, re.DOTALL)
+    found = json.loads(data)
+    found["arrays"] = [
+        np.array([np.nan if v is None else v for v in a])
+        if isinstance(a, list)
+        else np.frombuffer(base64.b64decode(a), "<f4")
+        for a in found["arrays"]
+    ]
+    return found
+
+
+def test_the_script_gets_what_the_figure_holds():
+    y = 1e-15 / F
+    y[100] = np.nan
+    spectra = line(F, y, low=0.5 * y, high=2 * y, dash="--")
+    other = line(F, 3 * y, label="")
+    panel = Panel(FREQUENCY, ASD, (spectra, other), (1e-4, 1.0), (1e-16, 1e-10), 2.2)
+    found = told(shown(Chart((panel,), {})))
+    (there,) = found["panels"]
+    factor = there["y"]["factor"]
+    first, second = there["marks"]
+    assert first["x"] == second["x"]  # an array is told once
+    assert len(found["arrays"]) == 5
+    for key, values in (("x", F), ("y", y * factor), ("low", 0.5 * y * factor), ("high", 2 * y * factor)):
+        np.testing.assert_allclose(found["arrays"][first[key]], values, rtol=1e-7)
+    assert np.array(there["y"]["limits"]) / factor == pytest.approx([1e-16, 1e-10])
+    assert (first["label"], first["dash"], second["label"]) == ("Δg<sub>x</sub>", "--", "")
+
+
+def test_dates_and_small_differences_keep_their_digits():
+    when = np.array([1460808000.0, 1460808001.0])
+    dots = Points(
+        name="p", label="alone", role="ink", x=when, y=np.array([1.07760001, 1.0776]),
+        low=np.array([1.0, 1.0]), high=np.array([2.0, 2.0]), names=("A", EVIL),
+    )  # fmt: skip
+    found = told(shown(Chart((Panel(DATES, GAIN, (dots,), (1.46e9, 1.47e9), (1.0, 2.0), 2.0),), {})))
+    (mark,) = found["panels"][0]["marks"]
+    assert found["arrays"][mark["x"]].tolist() == when.tolist()
+    assert found["arrays"][mark["y"]].tolist() == [1.07760001, 1.0776]
+    assert mark["names"] == ["A", EVIL]
+
+
+def test_nothing_ends_the_script_or_becomes_markup():
+    panel = Panel(
+        TIME, TIME, (line(F, F, name=EVIL, label=EVIL), Note(text=EVIL, x=0.1)), (0, 1), (0, 1), 1.0, EVIL
+    )
+    element = shown(Chart((panel, panel), {}, beside=2))
+    assert "<script>" not in element
+    assert element.count("</script>") == 1
+    assert told(element)["panels"][0]["title"] == EVIL
+    assert (
+        told(element)["panels"][0]["marks"][0]["label"]
+        == "&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;"
+    )
+
+
+@given(size=st.floats(1e-25, 1e25), sign=st.sampled_from([-1, 1]))
+def test_numbers_of_any_size_are_told_near_one(size, sign):
+    panel = Panel(TIME, TIME, (line(F, sign * size * F),), (0, 1), (-size, size), 1.0)
+    found = told(shown(Chart((panel,), {})))["panels"][0]["y"]
+    assert 1e-3 < max(np.abs(found["limits"])) < 1e6
+    assert np.array(found["limits"]) / found["factor"] == pytest.approx([-size, size])
+
+
+def test_spans_and_notes_move_with_the_axes():
+    marks = (
+        Span(low=1e-13, high=2e-13, role="grid", opacity=0.5, along="y"),
+        Span(low=0.1, high=1, role="blue", opacity=0.5, label="masked"),
+        Note(text="here", x=0.5, y=1e-13),
+        Note(text="below", x=0.5),
+    )
+    across, along, here, below = told(
+        shown(Chart((Panel(FREQUENCY, ASD, marks, (1e-3, 1), (1e-14, 1e-12), 1.0),), {}))
+    )["panels"][0]["marks"]
+    assert (across["low"], across["high"]) == pytest.approx((10, 20))
+    assert (along["low"], along["high"], along["label"]) == (0.1, 1, "masked")
+    assert (here["y"], below["y"]) == (pytest.approx(10), None)
+
+
+def cells(table):
+    """Texts of a table by row."""
+    rows = re.findall(r"<tr>(.*?)</tr>", table, re.DOTALL)
+    return [[re.sub("<[^>]*>", "", c) for c in re.findall(r"<t[hd][^>]*>.*?</t[hd]>", row)] for row in rows]
+
+
+def test_the_table_of_a_spectrum_has_three_lines_a_decade():
+    panel = Panel(
+        FREQUENCY, ASD, (line(F, 1e-15 / F), line(F[:50], F[:50])), (1e-4, 1.0), (1e-16, 1e-10), 2.2
+    )
+    head, *rows = cells(numbers.table(panel))
+    assert head == ["frequency  [Hz]", "Δg x", "Δg x"]
+    assert [row[0] for row in rows] == [f"{m * 10.0**e:.1g}" for e in range(-4, 0) for m in (1, 2, 5)] + ["1"]
+    near = F[np.argmin(np.abs(np.log(F / 0.01)))]
+    mantissa, exponent = f"{1e-15 / near:.2e}".split("e-")
+    assert rows[6][1] == f"{float(mantissa):g}·10⁻{''.join('⁰¹²³⁴⁵⁶⁷⁸⁹'[int(c)] for c in exponent)}"
+    assert rows[-1][2] == "–"  # the second curve ends before
+
+
+def test_the_table_of_a_time_series_has_least_and_largest():
+    t = np.linspace(0, 10, 2001)
+    _, *rows = cells(numbers.table(Panel(TIME, TIME, (line(t, -t),), (0, 10), (-10, 0), 1.0)))
+    assert len(rows) == 10
+    assert rows[0] == ["0 … 1", "−1 … 0"]
+
+
+def test_the_table_of_points_has_every_one():
+    dots = Points(
+        name="p", label="alone", role="ink", x=np.array([1460808000.0]), y=np.array([1.0776]),
+        low=np.array([1.0773]), high=np.array([1.0779]), names=("A1",),
+    )  # fmt: skip
+    table = numbers.table(Panel(DATES, GAIN, (dots,), (1.46e9, 1.47e9), (1.0, 2.0), 2.0))
+    assert cells(table)[1] == ["A1 2016-04-16 12:00", "1.0776 ± 0.0003"]
+
+
+def test_a_matrix_is_a_table_in_colours():
+    matrix = Matrix(("lambda_2", "C_2", EVIL), np.array([[1.0, -0.951, 0], [-0.951, 1, 1], [0, 1, 1]]))
+    element = shown(matrix)
+    assert 'title="lambda_2, C_2: −0.9510">−95</td>' in element
+    assert "var(--orange)" in element
+    assert EVIL not in element
+    assert element.count("<td style") == 3

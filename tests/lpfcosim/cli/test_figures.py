@@ -1,0 +1,76 @@
+"""The command ``figures``: figures for a journal when they are asked for."""
+
+import json
+import shutil
+
+import pytest
+
+import fit
+from tests.oracles import synthetic
+from tests.oracles.contract_file import write_contract_file
+
+ALL = {"correlation", "e1b-D-breakdown", "e1r-D-responses", "e1s-D-spectra", "e1t-D-residual", "quantiles"}
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """The folder of a fit of one experiment."""
+    folder = tmp_path_factory.mktemp("fitted")
+    (folder / "telemetry").mkdir()
+    for run in synthetic.pair(synthetic.World(), "D"):
+        units = {name: "m" if "o_" in name else "m s-2" for name in run.channels}
+        write_contract_file(
+            folder / "telemetry" / f"{run.kind}.h5",
+            samples=run.time.size,
+            channels={name: (values, units[name]) for name, values in run.channels.items()},
+            **{name: getattr(run, name) for name in ("fs", "kind", "run", "experiment", "t0")},
+            **{f"{kind}_max_{j}": getattr(run, f"{kind}_max_{j}") for kind in "FN" for j in (1, 2)},
+        )
+    runs = fit.load(folder / "telemetry")
+    fit.save_report(fit.calibrate(runs, include_short=True), runs, folder)
+    return folder
+
+
+def stems(folder):
+    return {path.stem for path in (folder / "figures").iterdir()}
+
+
+def test_figures_are_drawn_when_asked_for(lpfcosim, fitted):
+    assert not (fitted / "figures").exists()
+    status, out, err = lpfcosim("figures", fitted, "breakdown", "corr", "--jobs", "1")
+    assert status == 0, err
+    assert stems(fitted) == {"correlation", "e1b-D-breakdown"}
+    assert len([*(fitted / "figures").iterdir()]) == 6
+    assert f"2 figures: {fitted / 'figures'}" in out
+    shutil.rmtree(fitted / "figures")
+
+
+@pytest.mark.slow
+def test_without_names_all_are_drawn(lpfcosim, fitted):
+    status, out, err = lpfcosim("figures", fitted, "--quiet")
+    assert (status, out, err) == (0, "", "")
+    assert stems(fitted) == ALL
+    for name in ALL:
+        assert f"<code>{name}</code>" in (fitted / "report.html").read_text(encoding="utf-8")
+    shutil.rmtree(fitted / "figures")
+
+
+def test_names_that_no_figure_has(lpfcosim, fitted, tmp_path):
+    status, _, err = lpfcosim("figures", fitted, "nonsense")
+    assert status == 2
+    assert "no figure is called 'nonsense', expected a part of e1r-D-responses, e1s-D-spectra" in err
+    assert not (fitted / "figures").exists()
+    status, _, err = lpfcosim("figures", tmp_path)
+    assert status == 2
+    assert "results.json" in err
+
+
+def test_a_file_in_the_way(lpfcosim, fitted, tmp_path):
+    for name in ("telemetry", "results.json"):
+        copy = shutil.copytree if (fitted / name).is_dir() else shutil.copy
+        copy(fitted / name, tmp_path / name)
+    (tmp_path / "figures").touch()
+    status, _, err = lpfcosim("figures", tmp_path, "corr")
+    assert status == 2
+    assert "is a file, expected a folder" in err
+    assert json.loads((tmp_path / "results.json").read_text())["joint"]
