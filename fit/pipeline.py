@@ -290,9 +290,16 @@ def _judged(
                 fits[e.name] = _warned(fits[e.name], [warning])
     if not together:
         return _Judged(None, fits)
-    of_joint += [w for e in ready.taking_part for w in ready.prepared[e.name].warnings]
+    explained = levels.explained(ready.taking_part, together.outcome)
+    doubted = [e for e in ready.taking_part if e.name not in explained]
+    of_joint += [
+        w
+        for e in ready.taking_part
+        for w in ready.prepared[e.name].warnings
+        if e in doubted or w.code != levels.MISMATCH
+    ]
     said = {w.code for w in together.fit.warnings}
-    more = verdict.of_joint(together.fit, fits, ready.taking_part)
+    more = verdict.of_joint(together.fit, fits, doubted)
     of_joint += [w for w in more if w.code not in said]
     return _Judged(_warned(together.fit, of_joint), fits)
 

@@ -24,7 +24,7 @@ from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
-CODE = "levels"
+CODE, MISMATCH = "levels", "noise_mismatch"
 EDGES = np.array([0.0, 1e-3, 3e-3, 1e-2, 3e-2, 1.0])  # Hz, of the bands
 ONE = (
     5.0  # sigma, from which the level of one band of one experiment is off: by chance in 1 of 10^4 campaigns
@@ -86,15 +86,16 @@ class _Residual:
     left: Array
 
     @classmethod
-    def of(cls, experiment: Experiment, outcome: Outcome) -> "_Residual":
-        block, theta = outcome.blocks[0], outcome.solution.theta
+    def of(cls, experiment: Experiment, outcome: Outcome, at: int = 0) -> "_Residual":
+        """Return that of the run `at` among those of a fit."""
+        block, theta = outcome.blocks[at], outcome.solution.theta
         power = np.abs(block.columns @ block.coefficients(theta)) ** 2 / 2
         rows = block.columns @ block.gradient(theta)
         taken = np.einsum("bi,bi->b", rows @ outcome.solution.covariance, rows.conj()).real / 2
         return cls(experiment.sysid.spectra(block.tau).f, power, np.clip(1 - taken, 0.05, 1))
 
 
-def measure(experiment: Experiment, outcome: Outcome, noise: NoiseModel) -> Levels:
+def measure(experiment: Experiment, outcome: Outcome, noise: NoiseModel, at: int = 0) -> Levels:
     """Compare the noise of a run with that of its noise run.
 
     Parameters
@@ -102,11 +103,13 @@ def measure(experiment: Experiment, outcome: Outcome, noise: NoiseModel) -> Leve
     experiment : Experiment
         The runs.
     outcome : Outcome
-        Of a fit to this experiment alone.
+        Of a fit to it.
     noise : NoiseModel
         By which that was weighed.
+    at : int
+        Number of the experiment in that fit.
     """
-    residual = _Residual.of(experiment, outcome)
+    residual = _Residual.of(experiment, outcome, at)
     basis = noise.basis(residual.f)
     variance = np.sum((basis @ noise.covariance) * basis, axis=1)
     found = []
@@ -178,7 +181,21 @@ def judged(
             found[name] = FitWarning(CODE, (), f"{other}; {told}")
         else:
             why = "no noise that has changed: the equation lacks something, or one of the runs is wrong"
-            found[name] = FitWarning("noise_mismatch", (), f"{other}; {why}; the sigmas do not hold")
+            found[name] = FitWarning(MISMATCH, (), f"{other}; {why}; the sigmas do not hold")
+    return found
+
+
+def explained(experiments: Sequence[Experiment], outcome: Outcome) -> set[str]:
+    """Return the experiments whose noise is that of the noise run where gains may wander within a run.
+
+    An experiment by itself does not know that they do: what they make of its forces is no noise.
+    """
+    if not any(width.name in ("slope", "bend") for width in outcome.departing):
+        return set()
+    found = set()
+    for at, (e, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
+        if block.noise and not measure(e, outcome, block.noise, at).off.any():
+            found.add(e.name)
     return found
 
 

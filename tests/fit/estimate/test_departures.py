@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import Experiment
-from fit.estimate.joint import fit_joint
+from fit.estimate import Experiment, levels
+from fit.estimate.joint import fit_experiment, fit_joint
 from fit.estimate.runs import Run
 from fit.settings import settings
 from tests.oracles.synthetic import World, pair
@@ -93,3 +93,14 @@ def test_both_gains_share_a_width():
     found = fit_joint(runs, chosen)
     one, two = found.scatter["lambda_1"], found.scatter["lambda_2"]
     assert one[0] / two[0] == pytest.approx(1.0748 / 1.0776)
+
+
+def test_what_slopes_leave_in_an_experiment_alone_is_no_other_noise():
+    slopes = 0.02 * np.array([1.0, -0.5, 1.2, 0.9, -1.4, 0.7])
+    runs = experiments(lambda n, u, _: 1 + slopes[n] * u)
+    alone = fit_experiment(runs[0])
+    assert alone.blocks[0].noise
+    assert levels.measure(runs[0], alone, alone.blocks[0].noise).off.any()  # it does not know of the slope
+    names = {e.name for e in runs}
+    assert levels.explained(runs, fit_joint(runs, settings())) == names
+    assert levels.explained(runs, fit_joint(runs, PLAIN)) == set()
