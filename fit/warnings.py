@@ -63,7 +63,7 @@ class FitWarning:
     combination : mapping of str to float, optional
         Coefficients of the degenerate combination.
     spans : tuple of Span
-        What was masked.
+        What was masked, or is a glitch that was taken out.
     """
 
     code: str
@@ -79,7 +79,7 @@ class FitWarning:
 
 
 def masked(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
-    """Return begin and end [s] of what was masked in a run."""
+    """Return begin and end [s] of what was masked in a run, or is a glitch that was taken out."""
     return [(span.begin, span.end) for w in warnings for span in w.spans if span.run == run]
 
 

@@ -50,6 +50,8 @@ class Block:
         Number of its first bin in the transform of the whole run.
     noise : NoiseModel or None
         By which it was whitened; None where its own residual has told.
+    taken : int
+        Real numbers that have been projected out of every column.
     """
 
     tau: tuple[float, float]
@@ -60,6 +62,7 @@ class Block:
     share: Array
     first: int = 1
     noise: NoiseModel | None = None
+    taken: int = 2
 
     def coefficients(self, theta: Array) -> Array:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
@@ -75,8 +78,8 @@ class Block:
 
     @property
     def size(self) -> int:
-        """Number of real data, constant and ramp taken off."""
-        return 2 * (len(self.columns) - 1)
+        """Number of real data, what was projected out taken off."""
+        return 2 * len(self.columns) - self.taken
 
     @cached_property
     def R(self) -> Array:
@@ -132,7 +135,7 @@ class Straight(Block):
 
 
 def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
-    """Scale to unit variance of real and imaginary part each and project constant and ramp out.
+    """Scale to unit variance of real and imaginary part each and project constant, ramp and glitches out.
 
     Sums of products of such columns are the products (a | b) of eq. inprod.
 
@@ -186,8 +189,8 @@ def block(
     U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
-    of_bins = weights(likelihood, spectra.f, u)
-    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise)
+    of_bins, taken = weights(likelihood, spectra.f, u), spectra.nuisance.shape[1]
+    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise, taken=taken)
 
 
 def single_tone(f: Array, power: Array) -> float | None:

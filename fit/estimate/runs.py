@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import linear
+from fit.estimate import linear, shapes
+from fit.estimate.shapes import Glitch
 from fit.model import dynamics, wander
 from fit.settings import Settings
 from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, spectra
@@ -38,12 +39,15 @@ class Run:
         What the equation needs of it.
     masks : tuple of tuple of float
         Begin and end [s] of every stretch that is masked though its samples are there.
+    glitches : tuple of Glitch
+        What is taken out of it, each with an amplitude of its own, and nothing masked.
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
         self.telemetry = telemetry
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
+        self.glitches: tuple[Glitch, ...] = ()
         self._last: Spectra | None = None
         self._wander: Spectra | None = None
 
@@ -90,6 +94,13 @@ class Run:
         run._last = run._wander = None
         return run
 
+    def free_of(self, glitches: Sequence[Glitch]) -> "Run":
+        """Return the run with these glitches to be taken out besides those that are already."""
+        run = copy(self)
+        run.glitches = (*self.glitches, *glitches)
+        run._last = run._wander = None
+        return run
+
     @property
     def masked(self) -> int:
         """Number of samples of the file that are missing or masked."""
@@ -117,7 +128,7 @@ class Run:
         last = self._last  # made anew only when a delay has moved
         if last is None or _apart(tau, last.tau) > CLOSE:
             terms = self.columns(tau)
-            self._last = last = spectra.transform(terms.values, terms.valid, terms.fs, tau)
+            self._last = last = self._transformed(terms.values, terms)
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
         return last
 
@@ -126,8 +137,13 @@ class Run:
         last = self._wander
         if last is None or _apart(tau, last.tau) > CLOSE:
             terms = self.columns(tau)
-            self._wander = last = spectra.transform(wander.columns(terms), terms.valid, terms.fs, tau)
+            self._wander = last = self._transformed(wander.columns(terms), terms)
         return last
+
+    def _transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
+        """Return the spectra of columns that lie beside `terms`."""
+        beside = shapes.columns(self.glitches, terms.time, terms.fs) if self.glitches else None
+        return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside)
 
 
 def _apart(tau: tuple[float, float], other: tuple[float, float]) -> float:

@@ -235,7 +235,7 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     parameters : mapping
         Those of `fit.model.dynamics.residual`.
     masked : sequence of tuple of float
-        Begin and end [s] of the stretches that were masked: glitches, saturation.
+        Begin and end [s] of the stretches that were masked or hold a glitch: glitches, saturation.
 
     Raises
     ------
@@ -258,7 +258,8 @@ def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[t
     mean = Curve(name=f"averaged over {SLOW:g} s", label=f"{SLOW:g} s", role="orange", x=x, y=y, width=0.8)
     gaps = derivatives.stretches(np.isnan(delta_g)) / fs + time[0]
     spans = []
-    for label, places, role in (("missing samples", gaps, "blue"), ("masked", masked, "violet")):
+    told = (("missing samples", gaps, "blue"), ("masked, or a glitch", masked, "violet"))
+    for label, places, role in told:
         for begin, end in places:
             low, high = ((float(t) - start) / 3600 for t in (begin, end))
             spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))

@@ -50,7 +50,7 @@ _BREAKDOWN = (
 _RESIDUAL = (
     "Residual differential acceleration against time",
     f"Residual Δg less its mean, averaged with Hann windows of {figures.SLOW:g} s; grey, the extremes of it "
-    f"averaged over {figures.FAST:g} s. What is missing or masked is marked.",
+    f"averaged over {figures.FAST:g} s. What is missing, masked or a glitch is marked.",
 )
 
 

@@ -36,8 +36,8 @@ class Spectra:
         Frequencies [Hz], from the first bin up: the lowest belong to the band, see `linear`.
     columns : ndarray of complex, shape (B, P)
         Transforms of the windowed columns, scaled so that the mean of ``|.|^2`` is the one-sided PSD.
-    nuisance : ndarray of complex, shape (B, 2)
-        Those of a constant and a ramp, to be projected out.
+    nuisance : ndarray of complex, shape (B, 2 + G)
+        Those of a constant, a ramp and G further series, to be projected out.
     window : ndarray, shape (N,)
         The window, zero where samples are masked.
     tau : tuple of float
@@ -66,22 +66,29 @@ class Spectra:
 
 
 def transform(
-    columns: Array, valid: NDArray[np.bool_], fs: float, tau: tuple[float, float] = (0.0, 0.0)
+    columns: Array,
+    valid: NDArray[np.bool_],
+    fs: float,
+    tau: tuple[float, float] = (0.0, 0.0),
+    beside: Array | None = None,
 ) -> Spectra:
     """Window and transform columns, shape (N, P), of sample rate `fs`, expanded about the delays `tau`.
 
-    Of the end of the run up to 0.5 % is left out, for a length that transforms fast.
+    Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in `beside`,
+    shape (N, G), is to be projected out along with constant and ramp.
     """
     n = scipy.fft.prev_fast_len(len(columns))
     w = window(valid[:n], fs)
     bins = slice(1, math.floor(min(F_MAX, fs / 10) * n / fs) + 1)
     scale = math.sqrt(2 / (fs * float(w @ w)))
-    ramp = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
+    nuisance = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
+    if beside is not None:
+        nuisance = np.hstack([nuisance, beside[:n]])
 
     def spectrum(x: Array) -> Spectrum:
         return np.asarray(scipy.fft.rfft(w[:, None] * x[:n], axis=0)[bins] * scale, dtype=np.complex128)
 
-    return Spectra(np.arange(n // 2 + 1)[bins] * fs / n, spectrum(columns), spectrum(ramp), w, tau)
+    return Spectra(np.arange(n // 2 + 1)[bins] * fs / n, spectrum(columns), spectrum(nuisance), w, tau)
 
 
 def spread(window: Array) -> float:

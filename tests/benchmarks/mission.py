@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fit.estimate import masks, pair
+from fit.estimate import glitches, pair
 from fit.estimate.joint import fit_joint
 from fit.pipeline import calibrate
 from fit.settings import settings
@@ -39,7 +39,7 @@ def main(folder: Path) -> None:
         "reading_s": seconds(lambda: telemetry.read_all([folder])),
         "filtering_s": seconds(lambda: pair(runs)),
         # pairs anew each time: a run keeps its spectra
-        "glitches_s": seconds(lambda: [masks.without_glitches(e) for e in pair(runs)]),
+        "glitches_s": seconds(lambda: [glitches.without_glitches(e) for e in pair(runs)]),
         "joint_fit_s": seconds(lambda: fit_joint(pair(runs), chosen)),
         "calibration_s": seconds(lambda: calibrate(runs)),
     }

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import masks
+from fit.estimate import glitches
 from fit.estimate.runs import Experiment, Run
 from fit.figures import Span
 from fit.figures import runs as figures_runs
@@ -144,7 +144,7 @@ def test_a_warning_holds_where_it_masked(runs):
     spoilt = pair(World(), "A", seed=1, drive_1=1e-12)[0]
     kick = np.where((spoilt.time >= 8000) & (spoilt.time < 8010), 1e-12, 0.0)
     spoilt.channels["f_x_2"] = spoilt.channels["f_x_2"] + kick  # a force that was commanded and did not act
-    _, warnings = masks.without_glitches(Experiment(Run(spoilt), Run(runs[1])))
+    _, warnings = glitches.without_glitches(Experiment(Run(spoilt), Run(runs[1])))
     ((begin, end),) = masked(warnings, spoilt.run)
     assert 7980 < begin < end < 8050
 

@@ -1,0 +1,266 @@
+"""Glitches: forces on a test mass, or jumps of a read-out, that last seconds to hours.
+
+In closed loop a force of seconds moves the bodies for hours, but the calibrated Delta g shows the force
+itself and nothing else. The search is that for known shapes in coloured noise. The residual of a run,
+windowed and whitened as the fit does it, is filtered with bell curves of some widths and with the longer
+shapes of `pursuit`, which gives the signal-to-noise ratio of a glitch at every instant.
+
+A short glitch is masked: its own samples go, whatever its shape. To mask a long one would cost hours, so that
+its shape becomes a column of the run with an amplitude of its own, projected out of everything like constant
+and ramp. What a shape leaves of it is found by the next round.
+
+What the search needs of the dynamics it takes from the run itself: the coefficients of the columns, free of
+any model of what experiments share, that leave the least residual. Injected sines are subtracted that way
+however far the truth is from the flight's. What stands out most is dealt with first, because a glitch spoils
+coefficients and PSD; then all begins again, until nothing new stands out.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.estimate import linear
+from fit.estimate.pursuit import View, pursue
+from fit.estimate.runs import Experiment, Run
+from fit.estimate.shapes import Glitch
+from fit.model import dynamics
+from fit.paper import FLIGHT
+from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
+from fit.warnings import FitWarning, Span
+
+Array = NDArray[np.float64]
+
+THRESHOLD = 6.0  # signal-to-noise ratio; noise alone exceeds 5.25 in 0.35 % of runs of 6 h, 6 in some 5e-5
+WIDTHS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)  # s, standard deviations of the bell curves
+REACH = 2.2  # widths on either side of a glitch that are masked along
+LEAST_REACH = 2.0  # s, the same; the stencils add some 10 s, as they do to missing samples
+HIGHEST = 0.3  # of the highest ratio: what is lower may be due to what is higher
+ROUNDS = 60  # to get from the highest ratio to the threshold, in both runs
+LONGER = 1.2  # a mask goes with any shape, so that one must be that much clearer than a bell curve
+MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
+MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
+TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
+_GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
+
+
+def without_glitches(experiment: Experiment) -> tuple[Experiment, tuple[FitWarning, ...]]:
+    """Find the glitches of an experiment, mask the short ones and take the long ones out.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+
+    Returns
+    -------
+    experiment : Experiment
+        The runs without glitches; one that would lose more than `MOST_GLITCHES` to masks, or need more than
+        `MOST_SHAPES`, is left as it was.
+    warnings : tuple of FitWarning
+        ``glitches`` for every run that has some.
+
+    Raises
+    ------
+    InputError
+        If missing samples leave too little of a run.
+    """
+    sysid = _Search(experiment.sysid)
+    noise = _Search(experiment.noise) if experiment.noise else None
+    searches = [sysid, noise] if noise else [sysid]
+    for _ in range(ROUNDS):
+        coefficients = sysid.weigh()
+        if noise:
+            noise.weigh(coefficients)
+        if not any(search.look(noise) for search in reversed(searches)):  # the noise weighs: it goes first
+            break
+    warnings = tuple(search.warning() for search in searches if search.found)
+    return Experiment(sysid.run, noise.run if noise else None), warnings
+
+
+class _Search:
+    """The search for glitches in one run.
+
+    Parameters
+    ----------
+    run : Run
+        As it is.
+
+    Attributes
+    ----------
+    run : Run
+        Without what has been found so far.
+    found, hopeless : bool
+        Whether there was anything, and whether it was too much.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = self._original = run
+        self.found = self.hopeless = False
+        self._flags = np.zeros_like(run.channels.valid)
+        self._shapes: list[Glitch] = []
+        self._names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
+        self._model: NoiseModel | None = None
+        tau_1, tau_2 = (FLIGHT[f"C_{j}"].value / FLIGHT[f"lambda_{j}"].value for j in (1, 2))
+        self._tau = tau_1, tau_2  # where a fit begins: it finds the spectra ready
+
+    def weigh(self, coefficients: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Fit the PSD of the residual and, unless they are given, the coefficients of the columns."""
+        terms = self.run.spectra(self._tau)
+        S = self._S(terms.f)
+        U, left = linear.whiten(terms, S)
+        if coefficients is None:
+            self._c = _least(U)
+        else:  # a noise run may carry other read-outs of spacecraft motion than the sysid run
+            self._c = np.array([coefficients.get(name, 0.0) for name in self._names])
+        with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
+            power = np.abs(U @ self._c) ** 2 * S / 2
+            self._model = fit_noise(terms.f, power, np.maximum(left, 0))
+        return dict(zip(self._names, self._c.tolist(), strict=True))
+
+    def _S(self, f: Array) -> Array:
+        """Return the PSD found before, at first the shape that Delta g had in flight, shape (B,)."""
+        return self._model.expected(f) if self._model else 1 + (1e-3 / f) ** 2 + (f / 0.03) ** 4
+
+    def look(self, noise: "_Search | None") -> bool:
+        """Mask or take out what stands out of the noise most; False if nothing does."""
+        if self.hopeless:
+            return False
+        ratios, sigma = self._ratios(noise)
+        highest = ratios.max(axis=0)
+        bells = (ratios * sigma[:, None]).max(axis=0)
+        long = pursue(self._view(noise))
+        clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, bells)]
+        if clear:
+            self._shapes += clear
+        elif highest.max() > THRESHOLD:
+            self._mask(ratios, highest)
+        elif long:
+            self._shapes += [found.glitch for found in long]
+        else:
+            return False
+        self.found = True
+        time = self.run.channels.time
+        stretches = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.stretches(self._flags)]
+        masked = self._original.without(stretches)
+        self.hopeless = (
+            masked.weight < (1 - MOST_GLITCHES) * self._original.weight or len(self._shapes) > MOST_SHAPES
+        )
+        self.run = self._original if self.hopeless else masked.free_of(self._shapes)
+        return True
+
+    def _about(self, glitch: Glitch, bells: Array) -> float:
+        """Return the highest ratio of a bell curve, of those of shape (N,), where a glitch is notable."""
+        start, fs, (begin, end) = self.run.channels.time[derivatives.HALF], self.run.channels.fs, glitch.span
+        first, last = (round((t - start) * fs) for t in (begin - WIDTHS[-1], end + WIDTHS[-1]))
+        return float(np.max(bells[max(first, 0) : max(last, 0)], initial=0.0))
+
+    def _mask(self, ratios: Array, highest: Array) -> None:
+        """Flag what stands out, from ratios, shape (widths, N), and the highest of them, shape (N,)."""
+        fs = self.run.channels.fs
+        for begin, end in derivatives.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max()))):
+            peak = begin + int(np.argmax(highest[begin:end]))
+            width = WIDTHS[int(np.argmax(ratios[:, peak]))]
+            reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + derivatives.HALF
+            self._flags[max(0, middle - reach) : middle + reach + 1] = True
+        for begin, end in derivatives.stretches(~self._flags):
+            if begin > 0 and end < self._flags.size and end - begin <= 2 * derivatives.HALF:
+                self._flags[begin:end] = True  # the stencils leave nothing of it
+
+    def _view(self, noise: "_Search | None") -> View:
+        """Return the run as the pursuit sees it, against the noise of the noise run, if there is one."""
+        terms, inner = self.run.spectra(self._tau), slice(derivatives.HALF, -derivatives.HALF)
+        S = (noise or self)._S(terms.f)
+        U, _ = linear.whiten(terms, S)
+        taken = [terms.nuisance * np.sqrt(2 / S)[:, None]]
+        if self is not noise:  # the coefficients of a noise run are those of the sysid run
+            taken.append(U[:, 1:][:, np.any(U[:, 1:] != 0, axis=0)])
+        beside = np.hstack(taken)
+        Q = np.linalg.qr(_rows(beside / np.linalg.norm(beside, axis=0)))[0]
+        residual = _rows(U @ self._c)
+        return View(
+            time=self.run.channels.time[inner],
+            fs=self.run.channels.fs,
+            f=terms.f,
+            S=S,
+            window=terms.window,
+            residual=residual - Q @ (Q.T @ residual),
+            Q=Q,
+            own=noise in (self, None),
+            known=tuple(self._shapes),
+        )
+
+    def _ratios(self, noise: "_Search | None") -> tuple[Array, Array]:
+        """Return the signal-to-noise ratio of a glitch of every width at every instant, shape (widths, N).
+
+        Beside it stands the noise of every width, in units of that which S tells. The noise is that of the
+        noise run, if there is one, unless the residual itself shows more. How much it shows is told by a
+        median, which glitches hardly move.
+        """
+        terms = self.run.spectra(self._tau)
+        n, f = terms.window.size, terms.f
+        S = (noise or self)._S(f)
+        residual = linear.whiten(terms, S)[0] @ self._c
+        least = 0.0 if noise in (self, None) else 1.0
+        found, sigmas = [], []
+        for width in WIDTHS:
+            bell = np.exp(-2 * (np.pi * width * f) ** 2) / np.sqrt(S)
+            bell *= n / 2 * np.sqrt(np.mean(terms.window**2)) / np.linalg.norm(bell)  # noise S: variance 1
+            padded = np.concatenate([[0], residual * bell, np.zeros(n // 2 - f.size)])
+            filtered = np.abs(scipy.fft.irfft(padded, n))
+            sigma = max(_GAUSSIAN * float(np.median(filtered[terms.window > 0.5])), least)
+            found.append(filtered / sigma if sigma > 0 else np.zeros(n))
+            sigmas.append(sigma)
+        return np.array(found), np.array(sigmas)
+
+    def warning(self) -> FitWarning:
+        """Say what was found."""
+        name = self.run.telemetry.run
+        if self.hopeless:
+            message = (
+                f"{name}: to mask all that stands out of the noise would cost more than "
+                f"{100 * MOST_GLITCHES:g} % of the run, or take more than {MOST_SHAPES} shapes, which is no "
+                "matter of glitches; nothing is masked"
+            )
+            return FitWarning(TOO_MANY, (), message)
+        masks, end = self.run.masks[len(self._original.masks) :], float(self.run.telemetry.time[-1])
+        taken_out = _merged([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
+        told = [
+            f"{_counted(spans)} {what}, at " + ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in spans)
+            for spans, what in ((masks, "masked"), (taken_out, "fitted along and taken out"))
+            if spans
+        ]
+        spans = tuple(Span(name, *span) for span in sorted([*masks, *taken_out]))
+        return FitWarning("glitches", (), f"{name}: {'; '.join(told)}", spans=spans)
+
+
+def _counted(spans: Sequence[tuple[float, float]]) -> str:
+    return f"{len(spans)} glitch{'es' * (len(spans) > 1)}"
+
+
+def _merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Join spans that overlap: several shapes may make one glitch."""
+    merged: list[tuple[float, float]] = []
+    for begin, end in sorted(spans):
+        if merged and begin <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
+        else:
+            merged.append((begin, end))
+    return merged
+
+
+def _rows(x: Spectrum) -> Array:
+    """Return real parts, then imaginary parts."""
+    return np.concatenate([x.real, x.imag])
+
+
+def _least(U: Spectrum) -> Array:
+    """Return the coefficients of whitened columns, shape (P,), the first of them 1, that leave the least."""
+    rows = _rows(U)
+    norms = np.linalg.norm(rows, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    c = np.linalg.lstsq(rows[:, 1:] / scale[1:], -rows[:, 0])[0] / scale[1:]
+    return np.array([1.0, *c])

@@ -1,0 +1,228 @@
+"""The pursuit of long glitches in one whitened run.
+
+A bank of `shapes` is the matched filter of every glitch that lasts longer than the bell curves of `glitches`.
+What the filters point at is judged as a further column of the run: with an amplitude of its own beside those
+of the other columns, against the noise that is left in its own band once it is subtracted. So neither the
+sines of an injection nor noise louder than the noise run tells, a line, a slow drift pass for a glitch.
+Glitches that hide each other are subtracted one after another, the strongest first, before any is judged.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.estimate import shapes
+from fit.estimate.shapes import Glitch, Shape
+from fit.signal import Spectrum
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-6  # that noise alone makes a glitch of one shape somewhere in a run
+BESIDE = 3.5  # threshold where a glitch has been found
+SHORTER = 0.2  # of its tau, from which on a shape lasts about as long
+SUSPECT = 0.75  # of the threshold, from which what a filter points at is looked at
+MOST = 5  # are subtracted before the first is judged
+BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
+LEAST = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
+LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
+KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
+FINEST = 1e-3  # of tau, to which begin and tau are sought
+
+
+@dataclass(frozen=True)
+class View:
+    """A run as the pursuit sees it.
+
+    Attributes
+    ----------
+    time : ndarray, shape (N,)
+        Instants [s] of the samples of its columns.
+    fs : float
+        Sample rate [Hz].
+    f, S : ndarray, shape (B,)
+        Frequencies [Hz] and PSD of the noise.
+    window : ndarray, shape (n,)
+        Of the transform, n <= N.
+    residual : ndarray, shape (2 B,)
+        Real parts, then imaginary parts of the whitened residual, of variance 1 where there is but noise.
+    Q : ndarray, shape (2 B, K)
+        Orthonormal columns that have been projected out of it.
+    own : bool
+        Whether S was fitted to this very run.
+    known : tuple of Glitch
+        What has been found in it so far.
+    """
+
+    time: Array
+    fs: float
+    f: Array
+    S: Array
+    window: Array
+    residual: Array
+    Q: Array
+    own: bool
+    known: tuple[Glitch, ...]
+
+    @property
+    def duration(self) -> float:
+        """Of what is transformed [s]."""
+        return self.window.size / self.fs
+
+    def column(self, glitch: Glitch) -> Array | None:
+        """Return a glitch as a whitened column of length 1, shape (2 B,), None if little of it is left."""
+        series = glitch.series(self.time[: self.window.size], self.fs)
+        x = scipy.fft.rfft(self.window * series)[1 : self.f.size + 1] / np.sqrt(self.S)
+        whole = np.concatenate([x.real, x.imag])
+        left = whole - self.Q @ (self.Q.T @ whole)
+        norm = float(np.linalg.norm(left))
+        return left / norm if norm > LEAST * float(np.linalg.norm(whole)) else None
+
+    def seen(self, glitch: Glitch) -> float:
+        """Return the share of a glitch that the window leaves, from 0 to 1."""
+        series = glitch.series(self.time[: self.window.size], self.fs)
+        return float(np.linalg.norm(self.window * series) / max(float(np.linalg.norm(series)), 1e-300))
+
+    def without(self, column: Array) -> "View":
+        """Return the run with a further column projected out."""
+        residual = self.residual - column * float(column @ self.residual)
+        return replace(self, residual=residual, Q=np.column_stack([self.Q, column]))
+
+
+@dataclass(frozen=True)
+class Found:
+    """A glitch, and its signal-to-noise ratio if the noise is that of S and all of it is counted.
+
+    What masks and flanks of the window hide of it is counted as nothing, as bell curves do.
+    """
+
+    glitch: Glitch
+    ratio: float
+
+
+def threshold(view: View, shape: Shape, begin: Array) -> Array:
+    """Return the signal-to-noise ratio from which a shape that begins at these instants [s] is a glitch.
+
+    Noise exceeds it somewhere in a run with a probability of CHANCE. Where a glitch has been found that lasts
+    about as long it is BESIDE, for no shape of the bank leaves nothing of it.
+    """
+    chance = CHANCE / max(2 * view.duration / shape.tau, 1.0)
+    found = np.full(begin.shape, -float(scipy.special.ndtri(chance / 2)))
+    for glitch in view.known:
+        if shape.tau > SHORTER * glitch.shape.tau:
+            first, last = glitch.span
+            found[(begin > first - glitch.shape.tau) & (begin < last)] = BESIDE
+    return found
+
+
+def pursue(view: View) -> list[Found]:
+    """Return the long glitches that stand out of the noise, in the order of their subtraction."""
+    filters = _filters(view)
+    left, taken = view, []
+    for _ in range(MOST):
+        pointed_at = _strongest(left, filters)
+        found = _fitted(left, pointed_at) if pointed_at else None
+        if not found:
+            break
+        glitch, column = found
+        taken.append((glitch, column, abs(float(column @ left.residual))))
+        left = left.without(column)
+    return [
+        Found(glitch, amplitude * view.seen(glitch))
+        for glitch, column, amplitude in taken
+        if _significance(left, column, amplitude) > _least(view, glitch)
+    ]
+
+
+def _least(view: View, glitch: Glitch) -> float:
+    return float(threshold(view, glitch.shape, np.array([glitch.begin]))[0])
+
+
+@dataclass(frozen=True)
+class _Filter:
+    """The matched filter of a shape, shape (b,), for noise of variance 1, and how many bins it sees."""
+
+    shape: Shape
+    response: Spectrum
+    dof: float
+
+
+def _filters(view: View) -> list[_Filter]:
+    rms = float(np.sqrt(np.mean(view.window**2)))
+    found = []
+    for shape in shapes.bank(view.duration):
+        bins = max(2, int(np.searchsorted(2 * np.pi * view.f * shape.tau, BAND)))
+        h = shape.transform(view.f[:bins]).conj() / np.sqrt(view.S[:bins])
+        power = np.abs(h) ** 2
+        dof = 2 * float(power.sum()) ** 2 / float(power @ power)
+        found.append(_Filter(shape, np.asarray(h * rms / np.linalg.norm(h)), dof))
+    return found
+
+
+def _strongest(view: View, filters: Sequence[_Filter]) -> Glitch | None:
+    """Return what exceeds its threshold most, if it comes near it."""
+    half = view.f.size
+    whitened = view.residual[:half] + 1j * view.residual[half:]
+    best, most = None, SUSPECT
+    for of in filters:
+        bins = of.response.size
+        n = scipy.fft.next_fast_len(2 * bins + 2, real=True)
+        padded = np.zeros(n // 2 + 1, dtype=np.complex128)
+        padded[1 : bins + 1] = of.response * whitened[:bins]
+        ratios = np.abs(scipy.fft.irfft(padded, n)) * (n / 2)
+        if view.own:  # a glitch has raised the PSD that it is seen against
+            ratios = np.sqrt(-of.dof * np.log(np.maximum(1 - ratios**2 / of.dof, 1e-9)))
+        begin = float(view.time[0]) + np.arange(n, dtype=np.float64) * (view.duration / n)
+        excess = ratios / threshold(view, of.shape, begin)
+        at = int(np.argmax(excess))
+        if excess[at] > most:
+            best, most = Glitch(of.shape, float(begin[at])), float(excess[at])
+    return best
+
+
+def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
+    """Move begin and tau of a glitch to where it takes most; None if that is too little."""
+    best, column = start, view.column(start)
+    if column is None:
+        return None
+    most, step = abs(float(column @ view.residual)), 0.4
+    shortest, longest = shapes.bounds(view.duration)
+    likely = _significance(view.without(column), column, most)
+    if likely < SUSPECT * _least(view, start):
+        return None
+    while step > max(1 / most**2, FINEST) and most > 1:
+        tau = best.shape.tau
+        near = [
+            *(replace(best, begin=best.begin + s * step * tau) for s in (-1, 1)),
+            *(replace(best, shape=replace(best.shape, tau=tau * np.exp(s * step))) for s in (-1, 1)),
+        ]
+        columns = [
+            (view.column(glitch), glitch) for glitch in near if shortest <= glitch.shape.tau <= longest
+        ]
+        moved = [(abs(float(c @ view.residual)), c, glitch) for c, glitch in columns if c is not None]
+        farther = max(moved, key=lambda m: m[0], default=(0.0, column, best))
+        if farther[0] > most:
+            most, column, best = farther
+        else:
+            step /= 2
+    return best, column
+
+
+def _significance(left: View, column: Array, amplitude: float) -> float:
+    """Return how many sigma of a normal variable are as unlikely as the amplitude.
+
+    Sigma is that of the residual which is left in the band of the glitch. It counts for as many degrees of
+    freedom as the band has bins, and is joined by what the noise run tells unless the two contradict.
+    """
+    half = column.size // 2
+    weight = column[:half] ** 2 + column[half:] ** 2
+    power = left.residual[:half] ** 2 + left.residual[half:] ** 2
+    dof = max(2 / float(weight @ weight), 1.0)
+    variance = float(weight @ power) / 2
+    if not left.own and dof * variance < scipy.stats.chi2.isf(LOUDER, dof):
+        variance = max(1.0, (dof * variance + KNOWN) / (dof + KNOWN))
+        dof += KNOWN
+    squared = np.mean(left.window**2) * amplitude**2 / max(variance, 1e-300)
+    return float(np.sqrt(dof * np.log1p(squared / dof)))

@@ -1,0 +1,94 @@
+"""Glitches of seconds to hours, as in flight: found and taken out, or too weak to move anything."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate import glitches, shapes
+from fit.estimate.joint import fit_experiment, fit_joint
+from fit.estimate.runs import Experiment, Run
+from fit.settings import settings
+from tests.oracles import thirteen
+from tests.oracles.glitches import Glitch, draw, struck
+
+NONE = ((), ())
+
+
+def experiment(name, found=NONE, seed=0):
+    """Return an experiment struck by glitches in its sysid run and in its noise run."""
+    kinds = zip(("sysid", "noise"), found, strict=True)
+    return Experiment(*(Run(struck(thirteen.made(name, kind, seed), which)) for kind, which in kinds))
+
+
+def shifts(outcome, clean):
+    """Return by how many sigma of a clean fit its parameters moved."""
+    told = ~clean.lost
+    return ((outcome.solution.theta - clean.solution.theta) / clean.solution.sigma)[told]
+
+
+def test_long_glitches_are_taken_out_and_cost_nothing():
+    sysid = [Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
+    noise = [Glitch(9000.0, 50.0, 300.0, "none", 100.0, 2)]
+    struck_by = experiment("B4", (sysid, noise))
+    after, warnings = glitches.without_glitches(struck_by)
+    assert [w.code for w in warnings] == ["glitches"] * 2
+    assert after.sysid.weight > 0.97 * struck_by.sysid.weight
+    spans = [(s.begin, s.end) for s in warnings[0].spans]
+    for glitch in sysid:
+        assert any(begin - 60 <= glitch.begin <= end for begin, end in spans)
+    clean, before, found = (fit_experiment(e) for e in (experiment("B4"), struck_by, after))
+    assert np.max(np.abs(shifts(before, clean))) > 3  # something was at stake
+    assert np.max(np.abs(shifts(found, clean))) < 0.5
+    assert found.solution.chi2 / found.solution.dof == pytest.approx(1, abs=0.1)
+    whole, left = (sum(b.size for b in outcome.blocks) for outcome in (before, found))
+    assert whole - left == len(after.sysid.glitches) > 0
+
+
+def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
+    # five times the noise at low frequencies: a matter of chi2, not of glitches
+    rng, sysid = np.random.default_rng(1), experiment("B4").sysid.telemetry
+    f = np.fft.rfftfreq(sysid.time.size)
+    S = (60e-15 * 5 * 20e-6 / np.maximum(f, f[1])) ** 2
+    draws = rng.standard_normal((2, f.size))
+    push = np.sqrt(S * sysid.time.size / 4) * (draws[0] + 1j * draws[1]) * (f > 0) * (f < 0.1)
+    o_12 = np.fft.irfft(push / (-4e-7 - (2 * np.pi * f) ** 2), sysid.time.size)
+    channels = {**sysid.channels, "o_12": sysid.channels["o_12"] + o_12}
+    loud = Run(replace(sysid, channels=channels))
+    after, _ = glitches.without_glitches(Experiment(loud, experiment("B4").noise))
+    assert len(after.sysid.glitches) <= 1
+
+
+def test_a_glitch_is_made_between_samples_and_goes_out_whole():
+    time = np.arange(5000.0)
+    shape = shapes.Shape("sharp", 300.0)
+    series = shapes.Glitch(shape, 1000.25).series(time, 1.0)
+    after = time > 1010
+    np.testing.assert_allclose(series[after], np.exp(-(time[after] - 1000.25) / 300), atol=1e-3)
+    assert np.max(np.abs(series[time < 990])) < 1e-2
+
+
+def campaign(seed, most=4):
+    """Return the thirteen experiments clean and struck, and how many glitches there are."""
+    rng, clean, hit, n = np.random.default_rng(seed), [], [], 0
+    for name in thirteen.PLANS:
+        drawn = [draw(rng, most, thirteen.made(name, kind).duration) for kind in ("sysid", "noise")]
+        n += sum(map(len, drawn))
+        clean.append(experiment(name, seed=seed))
+        hit.append(experiment(name, drawn, seed=seed))
+    return clean, hit, n
+
+
+@pytest.mark.slow
+@pytest.mark.stat
+@pytest.mark.parametrize("seed", range(7000, 7005))
+def test_glitches_of_seconds_to_hours_leave_the_joint_estimates(seed):
+    chosen = settings({"scatter": []})
+    clean, hit, n = campaign(seed)
+    assert n > 30
+    after = [glitches.without_glitches(e)[0] for e in hit]
+    before = fit_joint(clean, chosen)
+    moved = np.abs(shifts(fit_joint(after, chosen), before))
+    assert np.max(np.abs(shifts(fit_joint(hit, chosen), before))) > 2
+    assert np.max(moved) < 1
+    assert np.sqrt(np.mean(moved**2)) < 0.5
