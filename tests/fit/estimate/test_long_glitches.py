@@ -70,7 +70,7 @@ def test_a_glitch_is_made_between_samples_and_goes_out_whole():
 
 def campaign(seed, most=4):
     """Return the thirteen experiments clean and struck, and how many glitches there are."""
-    rng, clean, hit, n = np.random.default_rng(seed), [], [], 0
+    rng, clean, hit, n = np.random.default_rng(7000 + seed), [], [], 0
     for name in thirteen.PLANS:
         drawn = [draw(rng, most, thirteen.made(name, kind).duration) for kind in ("sysid", "noise")]
         n += sum(map(len, drawn))
@@ -81,7 +81,7 @@ def campaign(seed, most=4):
 
 @pytest.mark.slow
 @pytest.mark.stat
-@pytest.mark.parametrize("seed", range(7000, 7005))
+@pytest.mark.parametrize("seed", range(5))
 def test_glitches_of_seconds_to_hours_leave_the_joint_estimates(seed):
     chosen = settings({"scatter": []})
     clean, hit, n = campaign(seed)

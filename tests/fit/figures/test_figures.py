@@ -132,7 +132,7 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     assert told == [(100.0, 112.0), (900.0, 907.0)]
     chart = figures_runs.residual(gone, TRUTH, told)
     shades = [mark for mark in chart.panels[0].marks if isinstance(mark, Span)]
-    assert [mark.label for mark in shades] == ["missing samples", "", "masked", ""]
+    assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
     assert not any(isinstance(mark, Span) for mark in charts["residual"].panels[0].marks)
     slow = curves(chart)["averaged over 200 s"]
