@@ -23,6 +23,7 @@ SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
 USUAL = 3  # experiments; what more than half of so many have is no fault of one
+INJECTED = 0.06  # Hz: up to here sines are looked for
 DRIVEN = 1e4  # power of a bin over the median about it; noise has 15 at most, red noise 200
 
 
@@ -51,7 +52,7 @@ def faults(experiments: Sequence[Experiment]) -> Found:
         for run in _runs(e)
         for reason in authority.faults(run.telemetry)
     ]
-    found += _copied(experiments)
+    found += [*_copied(experiments), *_noise_with_sines(experiments)]
     odd = _unless_usual(
         experiments,
         {
@@ -186,12 +187,23 @@ def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) 
     return [e.name, other.name]
 
 
-def driven(run: Run) -> bool:
-    """Tell whether a read-out or a command of a run holds sines."""
-    for name in ("o_1", "o_12", "f_x_1", "f_x_2"):
+def driven(run: Run, channels: Sequence[str] = ("o_1", "o_12", "f_x_1", "f_x_2")) -> str:
+    """Return a read-out or a command of a run that holds sines, empty if none does."""
+    for name in channels:
         x = np.diff(getattr(run.channels, name), 2)
-        power = np.abs(scipy.fft.rfft(x * scipy.signal.windows.hann(x.size))[4:]) ** 2
-        level = scipy.ndimage.median_filter(power, 51, mode="nearest")
-        if np.any(power > DRIVEN * level):
-            return True
-    return False
+        power = np.abs(scipy.fft.rfft(x * scipy.signal.windows.hann(x.size))) ** 2
+        power = power[4 : int(INJECTED * x.size / run.channels.fs)]
+        if np.any(power > DRIVEN * scipy.ndimage.median_filter(power, 51, mode="nearest")):
+            return name
+    return ""
+
+
+def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
+    """Yield the experiments whose noise run holds injections."""
+    for e in experiments:
+        name = driven(e.noise, ("o_1", "o_12")) if e.noise else ""
+        if e.noise and name:
+            path = e.noise.telemetry.path
+            yield LeftOut(
+                e.name, f"{path}: a noise run, but {name} holds injected sines, expected noise alone"
+            )

@@ -25,6 +25,7 @@ SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive
 BLOCK = 500  # samples over which noise is compared
 JUMP, WILD = 20.0, 200.0  # standard deviations of what noise does; wild samples up to here are masked
 ISOLATED = 8.0  # times what is beside it
+SUSPECT = 5.5  # standard deviations of second differences, which are 15 of those of a jump
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
 
@@ -71,7 +72,7 @@ def is_noisy(x: Array) -> bool:
 
 def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     """Yield where a channel that should be noise is constant, on a straight line, rounded or repeated."""
-    size, rounded = float(np.nanmedian(np.abs(np.diff(x)))), step(x)
+    size, rounded = float(np.nanmedian(np.abs(np.diff(x[:LOOKED])))), step(x)
     if not is_noisy(x):
         constant = np.nanmax(x) == np.nanmin(x)
         what = f"is {x[0]:.4g} throughout" if constant else f"is rounded to steps of {rounded:.2g}"
@@ -84,7 +85,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     if rounded > COARSE * size:
         return  # equal values come by themselves
     second = np.abs(np.diff(x, 2))
-    flat = second <= max(2.1 * rounded, 1e-9 * float(np.nanmedian(second)))
+    flat = second <= max(2.1 * rounded, 1e-9 * float(np.nanmedian(second[:LOOKED])))
     found = derivatives.stretches(flat)
     kept = found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
     for begin, end in kept:
@@ -109,22 +110,26 @@ def jumps(x: Array, fs: float) -> Iterator[Oddity]:
     """Yield the largest jump or wild sample of a read-out, if noise does not explain it, nor a force."""
     filled, masked = derivatives.bridge(x, fs)
     half = max(5, round(1.5 * fs))
+    if _largest(np.diff(filled, 2), SUSPECT) is None:
+        return
     n = np.arange(-half, half + 1)
     cubic = (n / half) ** np.arange(4)[:, None]
-    sizes, energies = {}, {}
-    for name, shape in _SHAPES.items():
-        # what the shape leaves once a cubic has been fitted to all, in its own size
-        left = shape(n) - cubic.T @ np.linalg.lstsq(cubic.T, shape(n))[0]
-        sizes[name] = np.correlate(filled, left / (left @ left), mode="valid")
-        energies[name] = np.abs(sizes[name]) * np.linalg.norm(left)
-    unmasked = ~(np.convolve(np.isnan(x) | masked, np.ones(n.size), mode="valid") > 0.5)
+    # what a shape leaves once a cubic has been fitted to all
+    left = {k: shape(n) - cubic.T @ np.linalg.lstsq(cubic.T, shape(n))[0] for k, shape in _SHAPES.items()}
+    bad = np.isnan(x) | masked
+    reached = np.convolve(bad, np.ones(n.size), mode="valid") > 0.5 if bad.any() else None
     for name, limit in (("jumps by", JUMP), ("is off by", WILD)):
-        at = _outlier(np.where(unmasked, sizes[name], 0.0), half, limit)
-        if at is None:
+        size = np.correlate(filled, left[name] / (left[name] @ left[name]), mode="valid")
+        size = size if reached is None else np.where(reached, 0.0, size)
+        at = _largest(size, limit)
+        if at is None or not _stands_alone(size, at, half):
             continue
-        near = slice(max(0, at - half), at + half + 1)
-        if max(energies, key=lambda shape: float(energies[shape][near].max())) == name:
-            yield Oddity(f"{name} {sizes[name][at]:.2g} m", (at + half) / fs, (at + half) / fs)
+        near = filled[max(0, at - half) : at + 3 * half + 1]
+        found = {
+            k: np.abs(np.correlate(near, w, mode="valid")).max() / np.linalg.norm(w) for k, w in left.items()
+        }
+        if max(found, key=lambda k: float(found[k])) == name:
+            yield Oddity(f"{name} {size[at]:.2g} m", (at + half) / fs, (at + half) / fs)
 
 
 #: A jump, a wild sample, and what no body does without a force of its own, at the sample in the middle.
@@ -135,21 +140,22 @@ _SHAPES: Mapping[str, Callable[[NDArray[np.intp]], Array]] = {
 }
 
 
-def _outlier(size: Array, half: int, limit: float) -> int | None:
-    """Return where a size is beyond what noise does about it, and stands alone."""
-    count = size.size // BLOCK
-    if count == 0:
+def _largest(size: Array, limit: float) -> int | None:
+    """Return where a size is farthest beyond what noise does about it; None if that is within the limit."""
+    if size.size < BLOCK:
         return None
-    blocks = size[: count * BLOCK].reshape(count, BLOCK)
-    middle = np.median(blocks, axis=1, keepdims=True)
-    sigma = _GAUSSIAN * np.median(np.abs(blocks - middle), axis=1)
-    ratio = np.abs(size[: count * BLOCK]) / np.maximum(np.repeat(sigma, BLOCK), 1e-300)
-    at = int(np.argmax(ratio))
-    beside = np.abs(
-        np.r_[size[max(0, at - 8 * half) : max(0, at - 2 * half)], size[at + 2 * half :][: 6 * half]]
-    )
-    alone = beside.size > 0 and abs(size[at]) > ISOLATED * beside.max()
-    return at if ratio[at] > limit and alone else None
+    blocks = np.abs(np.pad(size, (0, -size.size % BLOCK), mode="reflect")).reshape(-1, BLOCK)
+    # about zero, as a cubic has been taken off; every fifth tells as much
+    most = blocks.max(axis=1) / np.maximum(_GAUSSIAN * np.median(blocks[:, ::5], axis=1), 1e-300)
+    block = int(np.argmax(most))
+    at = block * BLOCK + int(np.argmax(blocks[block]))
+    return min(at, 2 * (size.size - 1) - at) if most[block] > limit else None
+
+
+def _stands_alone(size: Array, at: int, half: int) -> bool:
+    beside = (size[max(0, at - 8 * half) : max(0, at - 2 * half)], size[at + 2 * half :][: 6 * half])
+    most = max((float(np.abs(x).max()) for x in beside if x.size), default=np.inf)
+    return bool(abs(size[at]) > ISOLATED * most)
 
 
 def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:

@@ -89,6 +89,16 @@ def test_a_noise_run_that_is_an_experiment():
     assert list(faults(others)) == ["A"]
 
 
+def test_kinds_that_are_exchanged():
+    found = runs("A", "B")
+    found |= {f"A-{kind}": replace(found[f"A-{other}"], kind=kind) for kind, other in _EXCHANGED}
+    assert list(faults(found)) == ["A"]
+    assert "a noise run, but o_1 holds injected sines" in faults(found)["A"]
+
+
+_EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))
+
+
 def test_an_experiment_that_is_a_noise_run():
     found = runs("A", "B")
     found["A-sysid"] = replace(found["A-sysid"], channels=found["B-noise"].channels)
