@@ -9,7 +9,7 @@ A campaign may hold hundreds of runs. One after the other is made and boiled dow
 is kept of it is a few kilobytes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,9 +18,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import linear
-from fit.estimate.irls import Held, Rule, iterate, weakly_held
-from fit.estimate.likelihood import weights
+from fit.estimate import departures, linear
+from fit.estimate.irls import FREE, Held, Rule, iterate, weakly_held
+from fit.estimate.likelihood import Likelihood, expected_weights, weights
 from fit.estimate.runs import Experiment, Run, divide
 from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
@@ -33,6 +33,7 @@ Spectrum = NDArray[np.complex128]
 CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
 
 SCHEMA = "lpf-forecast/1"
+ENOUGH = 4  # experiments that tell a scatter, and more
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
 MOVED = 0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 #: What moves less than 0.01 sigma moves no sigma.
@@ -87,17 +88,24 @@ class Expected(linear.Block):
             np.zeros((0, len(self.R)), np.complex128),
             weights("gaussian", np.zeros(0), np.zeros(0)),
         )
-        sums, bins = (self.R, self.M), len(self.columns)
+        sums, bins = (self.R, self.H, self.M), len(self.columns)
         return Sums(self.tau, columns, even, None, self.tone, self.share, sums=sums, bins=bins)
 
     @cached_property
     def R(self) -> Array:
         """As that of `linear.Block`."""
-        scale = np.sqrt(np.diag(self.jitter))
+        jitter = self.jitter * np.mean(self.weights.fit)
+        scale = np.sqrt(np.diag(jitter))
         scale[scale == 0] = 1.0  # a column without noise
-        values, vectors = np.linalg.eigh(self.jitter / np.outer(scale, scale))
+        values, vectors = np.linalg.eigh(jitter / np.outer(scale, scale))
         rows = (vectors * np.sqrt(np.maximum(values, 0))).T * scale
         return np.asarray(np.linalg.qr(np.concatenate([super().R, rows]), mode="r"))
+
+    @cached_property
+    def H(self) -> Array:
+        """As that of `linear.Block`."""
+        U = self.columns * np.sqrt(self.weights.curvature)[:, None]
+        return np.asarray((U.conj().T @ U).real + self.jitter * np.mean(self.weights.curvature))
 
     @cached_property
     def M(self) -> Array:
@@ -105,7 +113,8 @@ class Expected(linear.Block):
         # Noise runs through the whole window: where the scores of a signal weigh w^2 where it is, these
         # weigh the mean of it.
         w = np.ones(1) if self.window is None else self.window
-        return np.asarray(super().M + self.jitter * w.size * np.sum(w**4) / np.sum(w**2) ** 2)
+        of_window = w.size * np.sum(w**4) / np.sum(w**2) ** 2
+        return np.asarray(super().M + self.jitter * np.mean(self.weights.score) * of_window)
 
 
 @dataclass(frozen=True)
@@ -115,12 +124,12 @@ class Sums(linear.Block):
     Attributes
     ----------
     sums : tuple of ndarray, each of shape (K, K)
-        R and M of `Expected`.
+        R, H and M of `Expected`.
     bins : int
         Number of its bins.
     """
 
-    sums: tuple[Array, Array] = field(kw_only=True)
+    sums: tuple[Array, Array, Array] = field(kw_only=True)
     bins: int = field(kw_only=True)
 
     @property
@@ -141,16 +150,18 @@ class Sums(linear.Block):
     @cached_property
     def H(self) -> Array:
         """As that of `linear.Block`."""
-        return np.asarray(self.R.T @ self.R)
+        return self.sums[1]
 
     @cached_property
     def M(self) -> Array:
         """As that of `linear.Block`."""
-        return self.sums[1]
+        return self.sums[2]
 
 
 @one_thread
-def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> Fit:
+def expected_fit(
+    planned: Sequence[Planned], chosen: Settings | None = None, scatter: Mapping[str, float] | None = None
+) -> Fit:
     """Return the joint fit to expect, its estimates where they are expected.
 
     Parameters
@@ -158,7 +169,9 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
     planned : sequence of Planned
         The experiments.
     chosen : Settings, optional
-        Of the fit; what they say of the estimator and of scatter does not count.
+        Of the fit. Of what departs, gains and delays count; `flscov` counts as the default estimator.
+    scatter : mapping of str to float, optional
+        Relative widths by which gains will scatter, by parameter.
 
     Raises
     ------
@@ -175,17 +188,42 @@ def expected_fit(planned: Sequence[Planned], chosen: Settings | None = None) -> 
         raise NoneTakesPartError
     sharing = Sharing(chosen.shared)
     runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
-    parameters = sharing.parameters(runs)
-    for e, run in zip(taking_part, runs, strict=True):
-        e.share = sharing.matrix(*run, [p.name for p in parameters])
+    parameters, N = sharing.parameters(runs), len(taking_part)
+    names = [p.name for p in parameters]
+    departing = _departing(chosen, scatter or {}, N)
+    more, widths = departures.parameters([*departing], [e.experiment.name for e in taking_part], len(names))
+    widths = [replace(w, scale=max(departing[n] for n in _of(w.name, departing)) / FREE) for w in widths]
+    for n, (e, run) in enumerate(zip(taking_part, runs, strict=True)):
+        e.share = departures.share(sharing.matrix(*run, names), [*departing], n, N)
+    parameters += more
     known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
     begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
         return weakly_held(blocks, theta, parameters, taking_part[0].share, more)
 
-    outcome = replace(iterate(taking_part, begun, held, RULE), parameters=tuple(parameters))
+    found = iterate(taking_part, begun, held, RULE, widths)
+    outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
+
+
+def _departing(chosen: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
+    """Return what departs in a fit of N experiments, and the relative width that it will be given there.
+
+    A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
+    """
+    scales = {name: kind.scale for kind in departures.KINDS for name in kind.parameters}
+    auto = chosen.scatter == ["auto"]
+    asked = [name for name in dynamics.PARAMETERS if (scatter.get(name) if auto else name in chosen.scatter)]
+    if auto and N <= ENOUGH:
+        return {}
+    unsure = np.sqrt((N - 1) / (N - 3)) if N > ENOUGH else 1.0
+    return {name: unsure * (scatter.get(name) or scales[name]) for name in asked}
+
+
+def _of(kind: str, departing: Iterable[str]) -> list[str]:
+    (found,) = (k for k in departures.KINDS if k.name == kind)
+    return [name for name in departing if name in found.parameters]
 
 
 def document(expected: Fit) -> dict[str, object]:
@@ -219,6 +257,9 @@ class _Expectation:
         made = planned.make()
         run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
         own = sharing.parameters([(run, made.parameters)])
+        self._likelihood: Likelihood = "gaussian" if chosen.estimator == "flscov" else chosen.estimator
+        if made.sysid.telemetry.experiment in chosen.levels:
+            self._likelihood = "marginalised"
         self.share = sharing.matrix(run, made.parameters, [p.name for p in own])
         self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
         if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
@@ -251,7 +292,7 @@ class _Expectation:
         U, left = linear.whiten(terms, S)
         of_bin = scipy.interpolate.CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
         u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
-        tone, even = linear.single_tone(terms.f, u), weights("gaussian", terms.f, u)
+        tone, even = linear.single_tone(terms.f, u), expected_weights(self._likelihood, terms.f)
         share = np.eye(theta.size)
         return Expected(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
 

@@ -80,6 +80,26 @@ def weights(likelihood: Likelihood, f: Array, u: Array) -> Weights:
     return Weights(one, one, one)
 
 
+def expected_weights(likelihood: Likelihood, f: Array) -> Weights:
+    """Return the weights to expect where the noise is Gaussian and of the level known.
+
+    Parameters
+    ----------
+    likelihood : str
+        Which.
+    f : ndarray, shape (B,)
+        Frequencies [Hz].
+    """
+    if likelihood == "student_t":
+        half, chance = np.polynomial.laguerre.laggauss(40)  # u / 2 is distributed exponentially
+        w = (NU + 2) / (NU + 2 * half)
+        # what a bin adds to curvature and scores is a mean over where its residual points
+        factors = chance @ w, chance @ (w * NU / (NU + 2 * half)), chance @ (w**2 * half)
+        fit, curvature, score = (np.full(f.size, float(factor)) for factor in factors)
+        return Weights(fit, curvature, score, likelihood=likelihood)
+    return weights(likelihood, f, np.full(f.size, 2.0))
+
+
 def bands(f: Array) -> list[slice]:
     """Divide the bins into bands of at least BAND bins and of BAND_WIDTH relative width."""
     edges = [0]

@@ -248,9 +248,10 @@ def forecast(
     """Tell the expected sigmas of the joint fit; needs no FMU.
 
     They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
-    noise of the channels, which carries information too. They hold for the default estimator without
-    scatter between experiments. They are means over many campaigns: those of one fit differ by up to 10 %,
-    because it estimates the noise PSDs. The angles of the inertial calibration are not forecast.
+    noise of the channels, which carries information too. They are those of the estimator and of the scatter
+    between experiments that the campaign asks for; flscov counts as the default estimator. They are means
+    over many campaigns: those of one fit differ by up to 10 %, because it estimates the noise PSDs. The
+    angles of the inertial calibration are not forecast.
     """
     from lpfcosim.cli import forecast as cli_forecast
     from lpfcosim.cli.console import Console

@@ -26,7 +26,8 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         console.note("FMUs of other origin are taken to behave as ours do")
     try:
         with console.stage("forecast"):
-            expected = forecasts.expected_fit(planned(plan), chosen)
+            gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
+            expected = forecasts.expected_fit(planned(plan), chosen, gains)
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
     text = json.dumps(forecasts.document(expected), indent=1, allow_nan=False)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
+from fit.estimate import likelihood
 from fit.estimate.forecast import Planned
 from fit.estimate.forecast import expected_fit as forecast
 from fit.estimate.runs import Experiment, Run
@@ -323,4 +324,41 @@ def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
     assert (status, err) == (
         2,
         f"lpfcosim: error: {noise_only}: is a file, expected a folder for the results; name one with --out\n",
+    )
+
+
+@pytest.mark.parametrize("kind", ["student_t", "marginalised"])
+def test_expected_weights_are_the_mean_of_those_of_noise(kind):
+    f = np.arange(1, 200001) * 1e-6
+    u = np.random.default_rng(0).chisquare(2, f.size)
+    told, drawn = likelihood.expected_weights(kind, f), likelihood.weights(kind, f, u)
+    # marginalised levels of n bins have the mean n / (n - 1): n is 24 at the lowest frequencies
+    assert np.mean(told.fit) == pytest.approx(np.mean(drawn.fit), rel=0.01)
+    assert np.mean(told.curvature) == pytest.approx(np.mean(drawn.curvature), rel=0.01)
+    assert np.mean(told.score) == pytest.approx(np.mean(drawn.score), rel=0.01)
+
+
+def test_other_estimators_cost_what_they_cost():
+    plain = sigmas(forecast(expected(World(), SETS[:4])))
+    student = sigmas(forecast(expected(World(), SETS[:4]), settings({"estimator": "student_t"})))
+    levels = sigmas(forecast(expected(World(), SETS[:4]), settings({"estimator": "marginalised"})))
+    for name, sigma in plain.items():
+        # of a Student-t with 5 degrees of freedom on two Gaussian variables: 4 % by numerical integration
+        x = np.linspace(0, 60, 200001)
+        density = np.exp(-x) * (x[1] - x[0])
+        w = 7 / (5 + 2 * x)
+        efficiency = np.sum(density * w * 5 / (5 + 2 * x)) ** 2 / np.sum(density * w**2 * x)
+        assert student[name] == pytest.approx(sigma / efficiency**0.5, rel=1e-3)
+        assert sigma < levels[name] < 1.05 * sigma
+
+
+def test_gains_that_will_scatter_widen_the_forecast():
+    sets = [*SETS[:4], *SETS[:4]]
+    plain, told = (forecast(expected(World(), sets), settings(), w) for w in ({}, {"lambda_2": 0.003}))
+    # the mean of 8 gains, whose width is estimated with 7 degrees of freedom
+    assert told.parameters["lambda_2"].sigma == pytest.approx(1.0776 * 0.003 * np.sqrt(7 / 5 / 8), rel=0.02)
+    assert plain.parameters["lambda_2"].sigma < 1e-4
+    insisted = forecast(expected(World(), sets), settings({"scatter": ["lambda_2"]}))
+    assert insisted.parameters["lambda_2"].sigma == pytest.approx(
+        1.0776 * 0.005 * np.sqrt(7 / 5 / 8), rel=0.02
     )
