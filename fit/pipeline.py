@@ -218,7 +218,8 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     said = levels.judged(of_levels, alone, chosen)
     ready = ready.levelled(said)
     alone |= {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
-    together = _together(ready, alone, chosen)
+    misfits = {name: w.message for name, w in said.items() if w.code != levels.CODE}
+    together = _together(ready, alone, chosen, misfits)
     ready = ready.without(together.left_out) if together else ready
     judged = _judged(ready, alone, together, chosen)
     cross_talk = _cross_talk(ready, together, judged, chosen)
@@ -256,11 +257,13 @@ def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Out
         return error
 
 
-def _together(ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Settings) -> _Together | None:
+def _together(
+    ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Settings, misfits: Mapping[str, str]
+) -> _Together | None:
     """Fit what takes part jointly, as far as it agrees."""
     if not ready.taking_part:
         return None
-    agreed = jury.convene(ready.taking_part, alone, chosen)
+    agreed = jury.convene(ready.taking_part, alone, chosen, misfits)
     fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
     return _Together(agreed.outcome, fit, agreed.left_out, agreed.statistics)
 

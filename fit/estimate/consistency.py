@@ -93,6 +93,8 @@ class Voice:
         How every knot of the noise model adds to the covariance of z.
     of_knots : ndarray, shape (S, S)
         Covariance of the knots.
+    level : float
+        How much louder than its model the noise was taken to be: 1 where the model holds.
     """
 
     name: str
@@ -104,6 +106,7 @@ class Voice:
     tau: tuple[float, float]
     knots: Array
     of_knots: Array
+    level: float = 1.0
 
     @property
     def X(self) -> Array:
@@ -145,7 +148,8 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
     R, H, c = block.R, block.H, block.coefficients(theta)
     score = R.T[1:] @ (R @ c)
     gradient = dynamics.gradient(of_run, block.tau)
-    W = _whitening(H[1:, 1:], block.M[1:, 1:] * _level(block, c))
+    level = _level(block, c)
+    W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
     W = _without_signal(block, of_run, W @ H[1:] @ gradient) @ W
     knots, of_knots = _knots(experiment, block, W)
     return Voice(
@@ -158,6 +162,7 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
         tau=block.tau,
         knots=knots,
         of_knots=of_knots,
+        level=level,
     )
 
 
@@ -334,13 +339,18 @@ def _range(columns: Array) -> Array:
 
 
 def regression(experiments: Sequence[Experiment], outcome: Outcome) -> Regression:
-    """Return what the experiments of a joint fit say, about its estimate.
+    """Return what the experiments of a joint fit say, about its estimate."""
+    return voiced(experiments, outcome.blocks, outcome)
+
+
+def voiced(experiments: Sequence[Experiment], blocks: Sequence[linear.Block], outcome: Outcome) -> Regression:
+    """Return what experiments say, in the joint fit or not, about its estimate.
 
     Weak priors hold what the data do not tell, which is no knowledge to contradict; departures of experiments
     (`departures`) count with the width that was found for them.
     """
     theta, parameters = outcome.solution.theta, outcome.parameters
-    voices = tuple(voice(e, b, theta) for e, b in zip(experiments, outcome.blocks, strict=True))
+    voices = tuple(voice(e, b, theta) for e, b in zip(experiments, blocks, strict=True))
     departs = {
         i: outcome.scatter[name][0]
         for width in outcome.departing

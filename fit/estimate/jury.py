@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.errors import FitError, InputError
-from fit.estimate import verdict
+from fit.estimate import linear, verdict
 from fit.estimate.agreement import ALARM, LEANS, Odd, agree, leaning, odd_ones, scattering
 from fit.estimate.causes import Case, exchanged, named
-from fit.estimate.consistency import Regression, regression
+from fit.estimate.consistency import Regression, regression, voice, voiced
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.leftout import LeftOut, told
@@ -61,7 +61,10 @@ class Agreed:
 
 
 def convene(
-    experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError], chosen: Settings
+    experiments: Sequence[Experiment],
+    alone: Mapping[str, Outcome | FitError],
+    chosen: Settings,
+    misfits: Mapping[str, str],
 ) -> Agreed:
     """Fit those experiments jointly that can be.
 
@@ -73,6 +76,8 @@ def convene(
         What each of them yields by itself.
     chosen : Settings
         Of the fit.
+    misfits : mapping of str to str
+        Experiments that do not follow the equation by themselves, and what is said of them.
 
     Raises
     ------
@@ -82,6 +87,7 @@ def convene(
         If no trustworthy estimate comes out.
     """
     left_out = _wrong(experiments, alone)
+    left_out = (*left_out, *_misfits(_without(experiments, left_out), misfits))
     outcome, kept, failed = _settled(_without(experiments, left_out), alone, chosen)
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
@@ -91,6 +97,8 @@ def convene(
         voices = regression(kept, outcome)
         if agree(voices):
             break
+        blocks = _centred(kept, alone, outcome)
+        voices = voiced(kept, blocks, outcome)
         odd = odd_ones(voices)
         if odd is None:
             scattered = _scattered(voices, kept, chosen)
@@ -98,13 +106,14 @@ def convene(
                 return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
             outcome, voices = scattered, regression(kept, scattered)
             break
-        out = _odd(voices, odd, kept, outcome, Sharing(chosen.shared))
+        out = _odd(voices, odd, Court(tuple(kept), blocks, outcome, Sharing(chosen.shared)))
         left_out = (*left_out, *out)
         kept = _without(kept, out)
         outcome = fit_joint(kept, chosen)
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
-    return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)), voices)
+    told_of = tuple(_explained(f, experiments, alone, kept, outcome, chosen) for f in left_out)
+    return Agreed(outcome, tuple(kept), told_of, tuple(_leaning(voices, outcome)), voices)
 
 
 def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
@@ -133,6 +142,35 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
     return tuple(found)
 
 
+def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tuple[LeftOut, ...]:
+    """Return the experiments that do not follow the equation, if that is no matter of the equation itself."""
+    found = [LeftOut(e.name, said[e.name], own="") for e in experiments if e.name in said]
+    return tuple(found) if 2 * len(found) <= len(experiments) and len(found) < len(experiments) else ()
+
+
+def _explained(
+    found: LeftOut,
+    experiments: Sequence[Experiment],
+    alone: Mapping[str, Outcome | FitError],
+    kept: Sequence[Experiment],
+    outcome: Outcome,
+    chosen: Settings,
+) -> LeftOut:
+    """Return what was left out for its own sake with what would make it say what the others say."""
+    own, sharing = alone[found.experiment], Sharing(chosen.shared)
+    if found.own == "contradiction" or isinstance(own, FitError) or outcome.departing:
+        return found
+    (experiment,) = (e for e in experiments if e.name == found.experiment)
+    names = tuple(p.name for p in outcome.parameters)
+    share = sharing.matrix(experiment.sysid.telemetry, experiment.parameters, names)
+    if not share.any(axis=1).all():
+        return found
+    blocks = (*outcome.blocks, replace(own.blocks[0], share=share))
+    court = Court((*kept, experiment), blocks, outcome, sharing)
+    cause = named(court.case(voiced(court.experiments, blocks, outcome), len(kept)))
+    return replace(found, reason=f"{found.reason}; perhaps {cause}") if cause else found
+
+
 def _settled(
     experiments: list[Experiment], alone: Mapping[str, Outcome | FitError], chosen: Settings
 ) -> tuple[Outcome, list[Experiment], tuple[LeftOut, ...]]:
@@ -147,12 +185,30 @@ def _settled(
         return fit_joint(experiments, chosen), experiments, ()
     except FitError as error:
         why = verdict.suspects({e.name: alone[e.name] for e in experiments})
+        why = why or _contradicting(experiments, alone, Sharing(chosen.shared))
         if not 0 < len(why) < len(experiments):
             suspects = f"; {' and '.join(why.values())}: mend or exclude it ([fit] exclude)" if why else ""
             raise FitError(f"{error}{suspects}") from error
     left_out = tuple(LeftOut(name, f"{words}, and with it nothing settles") for name, words in why.items())
     kept = _without(experiments, left_out)
     return fit_joint(kept, chosen), kept, left_out
+
+
+def _contradicting(
+    experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError], sharing: Sharing
+) -> dict[str, str]:
+    """Return words on the experiments that contradict the others, by name, where there is no joint fit."""
+    parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
+    names = [p.name for p in parameters]
+    theta, width = (np.array([getattr(p, of) for p in parameters]) for of in ("value", "prior_sigma"))
+    voices = []
+    for e in experiments:
+        own = alone[e.name]
+        if isinstance(own, Outcome):
+            share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
+            voices.append(voice(e, replace(own.blocks[0], share=share), theta))
+    odd = odd_ones(Regression(tuple(voices), width, np.zeros((0, theta.size)), np.zeros(0)))
+    return {voices[i].name: f"{voices[i].name} contradicts the others" for i in odd.left_out} if odd else {}
 
 
 def _scattered(voices: Regression, experiments: Sequence[Experiment], chosen: Settings) -> Outcome | None:
@@ -168,60 +224,65 @@ def _scattered(voices: Regression, experiments: Sequence[Experiment], chosen: Se
     return replace(outcome, by_data=True) if agree(regression(experiments, outcome)) else None
 
 
-def _odd(
-    voices: Regression, odd: Odd, experiments: Sequence[Experiment], outcome: Outcome, sharing: Sharing
-) -> tuple[LeftOut, ...]:
-    """Say of the odd ones why they are left out."""
-    rest = voices.without(odd.left_out)
-    names = [experiments[i].name for i in odd.left_out]
-    who = " and ".join(names)
-    said = (
-        f"{who} contradict{'s' * (len(names) == 1)} the others, which agree without "
-        f"{'them' if len(names) > 1 else 'it'}: chi2 among all is {voices.whole.value:.4g} for "
-        f"{voices.whole.dof} degrees of freedom, among the others {rest.whole.value:.4g} for {rest.whole.dof}"
-    )
-    if odd.fewest < len(names):
-        said += f"; {odd.fewest} of {who} may be right, the data do not tell which"
+def _centred(
+    experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError], outcome: Outcome
+) -> tuple[linear.Block, ...]:
+    """Return the runs weighed about delays of their own: one that is far off has moved the common ones."""
     found = []
-    for i in odd.left_out:
-        others = [k for k in odd.left_out if k != i]
-        case = _case(voices, i, others, experiments, outcome, sharing)
-        cause = _exchange(voices, odd, i, experiments, outcome, sharing) or named(case)
-        cause = f"; perhaps {cause}" if cause else "; no single cause that was tried explains it"
-        reason = f"{said}; {experiments[i].name} {_apart(case)}{cause}"
-        found.append(LeftOut(experiments[i].name, reason, own="contradiction"))
+    for e, block in zip(experiments, outcome.blocks, strict=True):
+        own = alone[e.name]
+        if isinstance(own, FitError) or outcome.departing:  # which their own blocks have no columns for
+            found.append(block)
+        else:
+            found.append(replace(own.blocks[0], share=block.share))
     return tuple(found)
 
 
-def _exchange(
-    voices: Regression,
-    odd: Odd,
-    i: int,
-    experiments: Sequence[Experiment],
-    outcome: Outcome,
-    sharing: Sharing,
-) -> str:
-    """Say whether two odd ones took the place of each other."""
-    if len(odd.left_out) != 2:
-        return ""
-    (other,) = set(odd.left_out) - {i}
-    return exchanged(_case(voices, i, (), experiments, outcome, sharing), other)
+@dataclass(frozen=True)
+class Court:
+    """Experiments that do not agree, their blocks, the joint fit they were part of, and what they share."""
+
+    experiments: tuple[Experiment, ...]
+    blocks: tuple[linear.Block, ...]
+    outcome: Outcome
+    sharing: Sharing
+
+    def case(self, voices: Regression, i: int, gone: Iterable[int] = ()) -> Case:
+        """Return the case of one of them, by number, without some others."""
+        kept = [k for k in range(len(self.experiments)) if k not in gone]
+        return Case(
+            voices=voices.without(gone),
+            at=kept.index(i),
+            experiments=tuple(self.experiments[k] for k in kept),
+            blocks=tuple(self.blocks[k] for k in kept),
+            sharing=self.sharing,
+            names=tuple(p.name for p in self.outcome.parameters),
+            theta=self.outcome.solution.theta,
+        )
 
 
-def _case(
-    voices: Regression,
-    i: int,
-    gone: Sequence[int],
-    experiments: Sequence[Experiment],
-    outcome: Outcome,
-    sharing: Sharing,
-) -> Case:
-    kept = [k for k in range(len(experiments)) if k not in gone]
-    of_kept = tuple(experiments[k] for k in kept)
-    blocks = tuple(outcome.blocks[k] for k in kept)
-    names = tuple(p.name for p in outcome.parameters)
-    theta = outcome.solution.theta
-    return Case(voices.without(gone), kept.index(i), of_kept, blocks, sharing, names, theta)
+def _odd(voices: Regression, odd: Odd, court: Court) -> tuple[LeftOut, ...]:
+    """Say of the odd ones why they are left out."""
+    rest = voices.without(odd.left_out)
+    names = [court.experiments[i].name for i in odd.left_out]
+    who, them = " and ".join(names), "them" if len(names) > 1 else "it"
+    said = (
+        f"{who} contradict{'s' * (len(names) == 1)} the others, which agree without {them}: chi2 among all "
+        f"is {voices.whole.value:.4g} for {voices.whole.dof} degrees of freedom, among the others "
+        f"{rest.whole.value:.4g} for {rest.whole.dof}"
+    )
+    if odd.fewest < len(names):
+        said += f"; {odd.fewest} of {who} may be wrong and the rest right, the data do not tell which"
+    found = []
+    for i in odd.left_out:
+        others = [k for k in odd.left_out if k != i]
+        case = court.case(voices, i, others)
+        cause = exchanged(court.case(voices, i), others[0]) if len(others) == 1 else ""
+        cause = cause or named(case)
+        cause = f"; perhaps {cause}" if cause else "; no single cause that was tried explains it"
+        reason = f"{said}; {names[odd.left_out.index(i)]} {_apart(case)}{cause}"
+        found.append(LeftOut(court.experiments[i].name, reason, own="contradiction"))
+    return tuple(found)
 
 
 def _apart(case: Case) -> str:

@@ -16,7 +16,9 @@ Array = NDArray[np.float64]
 SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
 
 
-def voices(experiment: Experiment, block: linear.Block, theta: Array) -> Iterator[tuple[str, Voice]]:
+def voices(
+    experiment: Experiment, block: linear.Block, theta: Array, tau: tuple[float, float]
+) -> Iterator[tuple[str, Voice]]:
     """Yield in words which channel is late by how much, and what the run then says.
 
     Parameters
@@ -27,6 +29,8 @@ def voices(experiment: Experiment, block: linear.Block, theta: Array) -> Iterato
         The sysid run as it was weighed.
     theta : ndarray, shape (P,)
         Where the voices of the others were taken.
+    tau : tuple of float
+        The delays [s] that the others have.
     """
     run = experiment.sysid
     if block.noise is None:
@@ -36,13 +40,13 @@ def voices(experiment: Experiment, block: linear.Block, theta: Array) -> Iterato
             continue
         for late, told in _lags(run.telemetry.fs):
             shifted = run.earlier(name, late)
-            terms = shifted.spectra(block.tau)
+            terms = shifted.spectra(tau)
             if block.columns.shape[1] > terms.columns.shape[1]:
-                terms = terms.beside(shifted.wander(block.tau))
+                terms = terms.beside(shifted.wander(tau))
             columns, _ = linear.whiten(terms, block.noise.expected(terms.f))
             words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
             of_run = replace(experiment, sysid=shifted)
-            yield words, voice(of_run, replace(block, columns=columns), theta)
+            yield words, voice(of_run, replace(block, columns=columns, tau=terms.tau), theta)
 
 
 def _lags(fs: float) -> Iterator[tuple[float, str]]:
