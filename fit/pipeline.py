@@ -220,7 +220,8 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     alone |= {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
     misfits = {name: w.message for name, w in said.items() if w.code != levels.CODE}
     together = _together(ready, alone, chosen, misfits)
-    ready = ready.without(together.left_out) if together else ready
+    if together:
+        ready = replace(ready.without(together.left_out), left_out=together.left_out)
     judged = _judged(ready, alone, together, chosen)
     cross_talk = _cross_talk(ready, together, judged, chosen)
     return Results(judged.joint, judged.experiments, cross_talk, {}, _provenance(ready, together, chosen))
@@ -265,7 +266,10 @@ def _together(
         return None
     agreed = jury.convene(ready.taking_part, alone, chosen, misfits)
     fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
-    return _Together(agreed.outcome, fit, agreed.left_out, agreed.statistics)
+    left_out = jury.explained(
+        (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
+    )
+    return _Together(agreed.outcome, fit, left_out, agreed.statistics)
 
 
 def _judged(

@@ -112,8 +112,7 @@ def convene(
         outcome = fit_joint(kept, chosen)
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
-    told_of = tuple(_explained(f, experiments, alone, kept, outcome, chosen) for f in left_out)
-    return Agreed(outcome, tuple(kept), told_of, tuple(_leaning(voices, outcome)), voices)
+    return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)), voices)
 
 
 def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
@@ -134,9 +133,10 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
         own, run = alone[e.name], e.sysid.telemetry
         why = verdict.wrong_guidance(run)
         if why:
-            found.append(LeftOut(e.name, f"{run.path}: {why}"))
+            found.append(LeftOut(e.name, f"{run.path}: {why}", sure=True))
         elif isinstance(own, Outcome) and (why := verdict.wrong_gain(own)):
-            found.append(LeftOut(e.name, f"{run.path}: {why}", own=""))  # of_experiment says it
+            sure = not why.startswith(verdict.UNLIKE)
+            found.append(LeftOut(e.name, f"{run.path}: {why}", own="", sure=sure))  # of_experiment says it
     if found and len(found) == len(experiments):
         raise InputError(told(found))
     return tuple(found)
@@ -148,27 +148,53 @@ def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tupl
     return tuple(found) if 2 * len(found) <= len(experiments) and len(found) < len(experiments) else ()
 
 
-def _explained(
-    found: LeftOut,
+def explained(
+    left_out: Iterable[LeftOut],
     experiments: Sequence[Experiment],
     alone: Mapping[str, Outcome | FitError],
-    kept: Sequence[Experiment],
-    outcome: Outcome,
-    chosen: Settings,
-) -> LeftOut:
-    """Return what was left out for its own sake with what would make it say what the others say."""
-    own, sharing = alone[found.experiment], Sharing(chosen.shared)
-    if found.own == "contradiction" or isinstance(own, FitError) or outcome.departing:
-        return found
-    (experiment,) = (e for e in experiments if e.name == found.experiment)
+    agreed: Agreed,
+    sharing: Sharing,
+) -> tuple[LeftOut, ...]:
+    """Return what was left out for its own sake with what would make it say what the others say.
+
+    Parameters
+    ----------
+    left_out : iterable of LeftOut
+        Experiments and reasons.
+    experiments : sequence of Experiment
+        All that could be prepared.
+    alone : mapping of str to Outcome or FitError
+        What each of them yields by itself.
+    agreed : Agreed
+        The joint fit of the others.
+    sharing : Sharing
+        What experiments share.
+    """
+    known = {e.name: e for e in experiments}
+    found = []
+    for f in left_out:
+        own = alone.get(f.experiment)
+        if not f.sure and isinstance(own, Outcome) and not agreed.outcome.departing:
+            cause = _cause(known[f.experiment], own.blocks[0], agreed, sharing)
+            f = replace(f, reason=f"{f.reason}; perhaps {cause}") if cause else f
+        found.append(f)
+    return tuple(found)
+
+
+def _cause(experiment: Experiment, block: linear.Block, agreed: Agreed, sharing: Sharing) -> str:
+    """Return what would make an experiment say what the others say; empty if it does, or nothing would."""
+    outcome = agreed.outcome
     names = tuple(p.name for p in outcome.parameters)
     share = sharing.matrix(experiment.sysid.telemetry, experiment.parameters, names)
     if not share.any(axis=1).all():
-        return found
-    blocks = (*outcome.blocks, replace(own.blocks[0], share=share))
-    court = Court((*kept, experiment), blocks, outcome, sharing)
-    cause = named(court.case(voiced(court.experiments, blocks, outcome), len(kept)))
-    return replace(found, reason=f"{found.reason}; perhaps {cause}") if cause else found
+        return ""
+    court = Court(
+        (*agreed.experiments, experiment), (*outcome.blocks, replace(block, share=share)), outcome, sharing
+    )
+    voices, last = voiced(court.experiments, court.blocks, outcome), len(agreed.experiments)
+    if voices.of_run(last).p > ALARM and voices.voices[last].level == 1:
+        return ""
+    return named(court.case(voices, last))
 
 
 def _settled(
@@ -281,7 +307,7 @@ def _odd(voices: Regression, odd: Odd, court: Court) -> tuple[LeftOut, ...]:
         cause = cause or named(case)
         cause = f"; perhaps {cause}" if cause else "; no single cause that was tried explains it"
         reason = f"{said}; {names[odd.left_out.index(i)]} {_apart(case)}{cause}"
-        found.append(LeftOut(court.experiments[i].name, reason, own="contradiction"))
+        found.append(LeftOut(court.experiments[i].name, reason, own="contradiction", sure=True))
     return tuple(found)
 
 
@@ -320,7 +346,8 @@ def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> Fit
             "would explain it"
         )
     else:
-        worst = sorted(range(len(experiments)), key=lambda i: -voices.of_run(i).value)
+        # of runs that contradict alike, the first: the last digits are those of a machine
+        worst = sorted(range(len(experiments)), key=lambda i: -float(f"{voices.of_run(i).value:.3g}"))
         names = " or ".join(experiments[i].name for i in worst[:2])
         message += f"; which of them is wrong the data do not tell, {names} most likely"
     return FitWarning("contradiction", (), f"{message}; the sigmas do not hold")

@@ -20,12 +20,15 @@ class LeftOut:
         Of the warning in the joint fit.
     own : str
         Of the warning in the fit of the experiment alone; empty where that says so already.
+    sure : bool
+        Whether the reason names the cause.
     """
 
     experiment: str
     reason: str
     code: str = "left_out"
     own: str = "faulty"
+    sure: bool = False
 
     @property
     def of_joint(self) -> FitWarning:

@@ -23,6 +23,7 @@ DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
 OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
 PLAUSIBLE = (0.7, 1.5)  # gains between; a wrong sign or unit, N for m s-2 included, is beyond
 _UNITS = (M_TM, 1 / M_TM, *(10.0**n for n in (-12, -9, -6, -3, 3, 6, 9, 12)))  # by which a gain may be off
+UNLIKE = "the channels do not follow the equation"
 FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
 
 
@@ -261,7 +262,7 @@ def wrong_gain(outcome: Outcome) -> str:
     elif follows and any(_plausible(value * unit) for unit in _UNITS):
         what = f"{culprit} has the wrong unit"
     else:
-        what = "the channels do not follow the equation"
+        what = UNLIKE
     return (
         f"{what}: {wrong[0]} comes out as {value:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
         "forces along +x in m s-2"
