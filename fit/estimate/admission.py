@@ -23,8 +23,9 @@ SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
 USUAL = 3  # experiments; what more than half of so many have is no fault of one
-INJECTED = 0.06  # Hz: up to here sines are looked for
-DRIVEN = 1e4  # power of a bin over the median about it; noise has 15 at most, red noise 200
+INJECTED = 0.06  # Hz: up to here injections are looked for
+SEGMENT = 2048.0  # s
+DRIVEN = 300.0  # ratio of power in such a segment; noise that differs makes 25, an injected sine 1e4
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def _same(a: Telemetry, b: Telemetry, found: Sequence[copies.Match]) -> str:
     scaled = f", times {match.gain:.4g}" * (abs(match.gain - 1) > 1e-3)
     what = " and ".join(m.channel for m in found)
     return (
-        f"{b.path}: {what} hold{'s' * (len(found) == 1)} the noise of {a.path}{late}{scaled}: "
+        f"{b.path}: {what} hold{'s' * (len(found) == 1)} the same noise as {a.path}{late}{scaled}: "
         f"{b.run} and {a.run} cannot be two runs"
     )
 
@@ -181,19 +182,25 @@ def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) 
         return [e.name]
     if kinds[0] != kinds[1]:  # noise that is somebody's experiment, or an experiment that is noise
         sysid, noise = (e, other) if kinds[0] == "sysid" else (other, e)
-        return [noise.name if driven(sysid.sysid) else sysid.name]
+        is_sysid = sysid.noise is None or _louder(sysid.sysid, sysid.noise)
+        return [noise.name if is_sysid else sysid.name]
     if whole and all(getattr(a.telemetry, key) == getattr(b.telemetry, key) for key in SETTINGS):
         return [other.name]
     return [e.name, other.name]
 
 
-def driven(run: Run, channels: Sequence[str] = ("o_1", "o_12", "f_x_1", "f_x_2")) -> str:
-    """Return a read-out or a command of a run that holds sines, empty if none does."""
-    for name in channels:
-        x = np.diff(getattr(run.channels, name), 2)
-        power = np.abs(scipy.fft.rfft(x * scipy.signal.windows.hann(x.size))) ** 2
-        power = power[4 : int(INJECTED * x.size / run.channels.fs)]
-        if np.any(power > DRIVEN * scipy.ndimage.median_filter(power, 51, mode="nearest")):
+def _louder(run: Run, other: Run) -> str:
+    """Return the read-out in which a run is louder than another as only injections make it, or nothing."""
+    for name in ("o_1", "o_12"):
+        spectra = []
+        for r in (run, other):
+            x, fs = np.diff(getattr(r.channels, name), 2), r.channels.fs
+            f, power = scipy.signal.welch(x, fs, nperseg=min(x.size, int(SEGMENT * fs)))
+            spectra.append((f, power))
+        (f, power), (of_other, other_power) = spectra
+        inside = (f > 2 / SEGMENT) & (f < INJECTED)
+        least = np.interp(f[inside], of_other, other_power)
+        if np.all(least > 0) and np.any(power[inside] > DRIVEN * least):
             return name
     return ""
 
@@ -201,9 +208,7 @@ def driven(run: Run, channels: Sequence[str] = ("o_1", "o_12", "f_x_1", "f_x_2")
 def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
     """Yield the experiments whose noise run holds injections."""
     for e in experiments:
-        name = driven(e.noise, ("o_1", "o_12")) if e.noise else ""
+        name = _louder(e.noise, e.sysid) if e.noise else ""
         if e.noise and name:
             path = e.noise.telemetry.path
-            yield LeftOut(
-                e.name, f"{path}: a noise run, but {name} holds injected sines, expected noise alone"
-            )
+            yield LeftOut(e.name, f"{path}: a noise run, but {name} holds injections, expected noise alone")

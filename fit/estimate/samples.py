@@ -26,6 +26,7 @@ BLOCK = 500  # samples over which noise is compared
 JUMP, WILD = 20.0, 200.0  # standard deviations of what noise does; wild samples up to here are masked
 ISOLATED = 8.0  # times what is beside it
 SUSPECT = 5.5  # standard deviations of second differences, which are 15 of those of a jump
+TURNED = 0.05  # of a jump: so little its ends may differ in size where only the sign changes
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
 
@@ -129,7 +130,10 @@ def jumps(x: Array, fs: float) -> Iterator[Oddity]:
             k: np.abs(np.correlate(near, w, mode="valid")).max() / np.linalg.norm(w) for k, w in left.items()
         }
         if max(found, key=lambda k: float(found[k])) == name:
-            yield Oddity(f"{name} {size[at]:.2g} m", (at + half) / fs, (at + half) / fs)
+            before, after = (float(filled[part].mean()) for part in _beside(at + half))
+            turned = name == "jumps by" and abs(before + after) < TURNED * abs(before - after)
+            what = f"{'changes its sign and ' * turned}{name} {size[at]:.2g} m"
+            yield Oddity(what, (at + half) / fs, (at + half) / fs)
 
 
 #: A jump, a wild sample, and what no body does without a force of its own, at the sample in the middle.
@@ -138,6 +142,11 @@ _SHAPES: Mapping[str, Callable[[NDArray[np.intp]], Array]] = {
     "is off by": lambda n: 1.0 * (n == 0),
     "turns": lambda n: np.maximum(n, 0.0),
 }
+
+
+def _beside(at: int) -> tuple[slice, slice]:
+    """Return the few samples up to one, and those after it."""
+    return slice(at - 2, at + 1), slice(at + 1, at + 4)
 
 
 def _largest(size: Array, limit: float) -> int | None:

@@ -50,11 +50,14 @@ def cut(run, part):
 @pytest.mark.parametrize(
     ("disguise", "said"),
     [
-        (lambda r: r, "hold the noise of A-sysid.h5:"),
+        (lambda r: r, "hold the same noise as A-sysid.h5:"),
         (lambda r: changed(r, o_1=lambda x: 1.1 * x, o_12=lambda x: 1.1 * x), "times 1.1"),
         (lambda r: changed(r, o_1=lambda x: -x, o_12=lambda x: -x), "times -1"),
         (lambda r: cut(r, slice(1800, None)), "1800 s earlier"),
-        (lambda r: changed(r, o_12=lambda x: np.where(np.arange(x.size) % 500, x, 1e-6)), "hold the noise"),
+        (
+            lambda r: changed(r, o_12=lambda x: np.where(np.arange(x.size) % 500, x, 1e-6)),
+            "hold the same noise",
+        ),
     ],
     ids=["equal", "scaled", "turned", "cut", "spoilt here and there"],
 )
@@ -93,7 +96,7 @@ def test_kinds_that_are_exchanged():
     found = runs("A", "B")
     found |= {f"A-{kind}": replace(found[f"A-{other}"], kind=kind) for kind, other in _EXCHANGED}
     assert list(faults(found)) == ["A"]
-    assert "a noise run, but o_1 holds injected sines" in faults(found)["A"]
+    assert "a noise run, but o_1 holds injections" in faults(found)["A"]
 
 
 _EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))

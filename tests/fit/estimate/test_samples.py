@@ -70,6 +70,11 @@ def plus(amount, start, stop=N):
         ("f_x_2", lambda x: 1e-12 * np.round(x / 1e-12), "f_x_2 is rounded to steps of 1e-12"),
         ("o_1", plus(1e-7, 12345), r"o_1 jumps by 1e-07 m at 1234[45] s"),
         ("o_12", plus(-3e-10, 7000), r"o_12 jumps by -3e-10 m at (6999|7000) s"),
+        (
+            "o_12",
+            lambda x: np.where(np.arange(N) < 7250, x, -x),
+            r"o_12 changes its sign and jumps by -2.2e-09 m",
+        ),
         ("o_12", plus(1e-6, 7000, 7001), "o_12 is off by 1e-06 m at 7000 s"),
     ],
 )
