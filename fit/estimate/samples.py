@@ -76,7 +76,11 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     size, rounded = float(np.nanmedian(np.abs(np.diff(x[:LOOKED])))), step(x)
     if not is_noisy(x):
         constant = np.nanmax(x) == np.nanmin(x)
-        what = f"is {x[0]:.4g} throughout" if constant else f"is rounded to steps of {rounded:.2g}"
+        what = (
+            f"is stuck at {x[0] + 0.0:.4g} throughout"
+            if constant
+            else f"is rounded to steps of {rounded:.2g}"
+        )
         yield Oddity(what, 0.0, x.size / fs)
         return
     looked = x[:LOOKED]
@@ -91,7 +95,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     kept = found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
     for begin, end in kept:
         constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
-        what = f"is {x[begin]:.4g}" if constant else "is a straight line"
+        what = f"is stuck at {x[begin] + 0.0:.4g}" if constant else "is a straight line"
         yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
     if rounded == 0 and not len(kept):
         yield from _repeated(x, fs)

@@ -63,7 +63,7 @@ def plus(amount, start, stop=N):
         ("o_12", held(5000, 5600), "o_12 is .* for 600 s at 5000 s"),
         ("f_x_2", held(5000, 5010), "f_x_2 is .* for 10 s at 5000 s"),
         ("o_1", filled(5000, 5060), "o_1 is a straight line for 60 s at 5000 s"),
-        ("f_x_1", lambda x: 0 * x, "f_x_1 is 0 throughout"),
+        ("f_x_1", lambda x: 0 * x, "f_x_1 is stuck at 0 throughout"),
         ("f_x_2", lambda x: np.where(np.arange(x.size) // 2 == 3000, 0, x), "f_x_2 is exactly 0 at 6001 s"),
         ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
         ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
