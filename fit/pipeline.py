@@ -23,6 +23,7 @@ from fit.estimate import (
     prepare,
     residuals,
     searches,
+    steadiness,
     verdict,
 )
 from fit.model import Sharing, rotation
@@ -174,12 +175,9 @@ class _Ready:
         out = {f.experiment for f in self.left_out}
         return [e for e in self.experiments if e.name not in out]
 
-    def levelled(self, said: Mapping[str, FitWarning]) -> "_Ready":
-        """Return the same with noise levels marginalised where that is said, and the sayings."""
-        prepared = {
-            name: p.said(said[name], levels=said[name].code == levels.CODE) if name in said else p
-            for name, p in self.prepared.items()
-        }
+    def noted(self, said: Mapping[str, tuple[FitWarning, Experiment]]) -> "_Ready":
+        """Return the same with what is said of experiments, and these as they are to be fitted now."""
+        prepared = {n: p.said(*said[n]) if n in said else p for n, p in self.prepared.items()}
 
         def anew(of: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
             return tuple(prepared[e.name].experiment if e.name in prepared else e for e in of)
@@ -214,11 +212,9 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
     alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
-    of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
-    said = levels.judged(of_levels, alone, chosen)
-    ready = ready.levelled(said)
-    alone |= {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
-    misfits = {name: w.message for name, w in said.items() if w.code != levels.CODE}
+    ready, alone = _noises(ready, alone, chosen)
+    warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
+    misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
     together = _together(ready, alone, chosen, misfits)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
@@ -248,6 +244,23 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     if len(spoilt) == len(ready.taking_part):
         return ready  # chi2 will tell
     return ready.without([LeftOut(e.name, prepared[e.name].spoilt, "excluded", "") for e in spoilt])
+
+
+def _noises(
+    ready: _Ready, alone: dict[str, Outcome | FitError], chosen: Settings
+) -> tuple[_Ready, dict[str, Outcome | FitError]]:
+    """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
+    by_name = {e.name: e for e in ready.experiments}
+    of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
+    said = levels.judged(of_levels, alone, chosen)
+    ready = ready.noted(
+        {name: (w, replace(by_name[name], levels=w.code == levels.CODE)) for name, w in said.items()}
+    )
+    alone = alone | {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
+    by_name = {e.name: e for e in ready.experiments}
+    loud = steadiness.judged(ready.trusted, alone)
+    ready = ready.noted({n: (w, replace(by_name[n], unsteady=steps)) for n, (w, steps) in loud.items()})
+    return ready, alone | {e.name: _alone(e, None, chosen) for e in ready.experiments if e.unsteady}
 
 
 def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Outcome | FitError:

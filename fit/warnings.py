@@ -258,6 +258,9 @@ KINDS: Mapping[str, Kind] = {
         words="The file says that it is not sound",
         unsound=True,
     ),
+    "unsteady": Kind(
+        "Nothing if the noise may have changed; look at the residual of the run if it should not have.",
+    ),
     "wrong_sign": Kind(
         "Check sign and unit of the channel in the archive, or of the map that reads it.",
         unsound=True,

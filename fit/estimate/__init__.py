@@ -44,5 +44,6 @@ __all__ = [
     "residuals",
     "sampling",
     "searches",
+    "steadiness",
     "verdict",
 ]

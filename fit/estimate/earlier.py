@@ -10,6 +10,7 @@ from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.masks import prepare
 from fit.estimate.runs import Experiment, Run
+from fit.estimate.steadiness import measure
 from fit.results import Results
 from fit.settings import settings
 from fit.telemetry import Telemetry, read_all
@@ -68,7 +69,12 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
     how = settings(chosen, f"{where}: provenance.settings")
     prepared = [prepare(e, how).experiment for e in experiments]
     levels = said.levels or []
-    outcome = fit_joint([replace(e, levels=e.name in levels) for e in prepared], how)
+    again = [replace(e, levels=e.name in levels) for e in prepared]
+    outcome = fit_joint(again, how)
+    steps = [measure(e, outcome, at) for at, e in enumerate(again)]
+    if any(steps):
+        again = [replace(e, unsteady=of_run) for e, of_run in zip(again, steps, strict=True)]
+        outcome = fit_joint(again, how)
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     for name, estimate in results.joint.parameters.items():
         if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import flscov, linear
+from fit.estimate import flscov, linear, unsteady
 from fit.estimate.hierarchy import Width
 from fit.estimate.likelihood import Likelihood
 from fit.estimate.runs import Experiment, noise_model
@@ -321,7 +321,9 @@ class _Smooth:
             terms = terms.beside(run.wander(tau))
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > _WARM_UP else None
-        return linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)
+        block = linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)
+        steps = self._experiment.unsteady
+        return unsteady.block(block, terms.f, steps) if steps else block
 
 
 class _Flscov:

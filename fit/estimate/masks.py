@@ -4,7 +4,7 @@ Where a commanded force is at the limit of its authority, nobody knows which for
 sample by sample: what is masked takes nothing else with it but the reach of low-pass and stencils.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,9 +92,9 @@ class Prepared:
         """Why it is better left out of what others take part in, empty where there is no reason."""
         return "; ".join(w.message for w in self.warnings if w.code in _SPOILT)
 
-    def said(self, more: FitWarning, *, levels: bool) -> "Prepared":
-        """Return the same with another warning; with `levels` those of its noise are marginalised."""
-        return Prepared(replace(self.experiment, levels=levels), (*self.warnings, more))
+    def said(self, more: FitWarning, experiment: Experiment) -> "Prepared":
+        """Return the same with another warning, and the experiment as it is to be fitted now."""
+        return Prepared(experiment, (*self.warnings, more))
 
 
 def searches(chosen: Settings) -> bool:

@@ -171,11 +171,14 @@ class Experiment:
         Without, None where there is none.
     levels : bool
         Whether the noise run does not tell the level of the noise: it is marginalised in every band.
+    unsteady : tuple
+        Bands in which the noise changes within the run, see `steadiness.measure`.
     """
 
     sysid: Run
     noise: Run | None
     levels: bool = False
+    unsteady: tuple[tuple[float, float, Array], ...] = ()
 
     @property
     def parameters(self) -> tuple[str, ...]:

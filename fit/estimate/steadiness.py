@@ -1,0 +1,79 @@
+"""Noise that is louder in one part of a run than in another.
+
+The weights know one PSD for the whole run. An estimate from them is unbiased still, but its sigma is not: a
+signal that falls into a loud part is known less well than one in a quiet part. The residual of an experiment
+by itself tells, for low and for high frequencies, how its power is spread over the run. Where chance does not
+spread it so, the covariance of the scores is that of noise of this power.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.estimate.irls import Outcome
+from fit.estimate.runs import Experiment
+from fit.estimate.unsteady import Steps, parts
+from fit.warnings import FitWarning
+
+Array = NDArray[np.float64]
+
+BANDS = ((0.0, 3e-3), (3e-3, 1.0))  # Hz
+PARTS = 4
+FEW = 16.0  # degrees of freedom in a part, below which nothing is told
+CHANCE = 1e-6  # of one band of one run, below which it is not steady
+
+
+def measure(experiment: Experiment, outcome: Outcome, at: int = 0) -> Steps:
+    """Return the bands in which the noise of a run is not steady, and how it is spread there.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+    outcome : Outcome
+        Of a fit to it.
+    at : int
+        Number of the experiment in that fit.
+    """
+    block, theta = outcome.blocks[at], outcome.solution.theta
+    if block.window is None:
+        return ()
+    n, f = block.window.size, experiment.sysid.spectra(block.tau).f
+    residual = block.columns @ block.coefficients(theta) * np.sqrt(block.weights.fit)
+    found = []
+    for low, high in BANDS:
+        bins = (f > low) & (f <= high)
+        padded = np.zeros(n // 2 + 1, dtype=np.complex128)
+        padded[block.first : block.first + f.size] = residual * bins
+        part = parts(block.window, PARTS)
+        power = np.bincount(part, scipy.fft.irfft(padded, n) ** 2)
+        weight = np.bincount(part, block.window**2)
+        relative = power / weight / (power.sum() / weight.sum())
+        freedom = 2 * np.count_nonzero(bins) * weight / weight.sum()
+        if np.min(freedom) < FEW or not np.all(relative > 0):
+            continue
+        # likelihood ratio of as many variances as there are parts against one
+        if scipy.stats.chi2.sf(-float(freedom @ np.log(relative)), PARTS - 1) < CHANCE:
+            found.append((low, high, relative))
+    return tuple(found)
+
+
+def judged(
+    experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]
+) -> dict[str, tuple[FitWarning, Steps]]:
+    """Return by name the experiments whose noise is not steady, what to say of it, and how it is spread."""
+    found = {}
+    for e in experiments:
+        own = alone[e.name]
+        steps = measure(e, own) if isinstance(own, Outcome) else ()
+        if steps:
+            least, most = (pick(float(pick(power)) for _, _, power in steps) for pick in (min, max))
+            message = (
+                f"{e.name}: the power of its noise changes within the run, from {least:.2g} to {most:.2g} "
+                "times its mean in quarters of it; the sigmas allow for that"
+            )
+            found[e.name] = FitWarning("unsteady", (), message), steps
+    return found

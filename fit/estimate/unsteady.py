@@ -1,0 +1,51 @@
+"""A run whose noise is louder in some parts than in others, as `steadiness` finds it."""
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.estimate import linear
+
+Array = NDArray[np.float64]
+Steps = tuple[tuple[float, float, Array], ...]  # ends of a band [Hz], and its power in equal parts of the run
+
+
+@dataclass(frozen=True)
+class Unsteady(linear.Block):
+    """A whitened run whose noise is louder in some parts than in others.
+
+    Attributes
+    ----------
+    loud : tuple of tuple
+        Bins of each band in which it is, as booleans, shape (B,), and the power in each of the equal parts of
+        the run, by its mean under the window.
+    """
+
+    loud: tuple[tuple[NDArray[np.bool_], Array], ...] = field(kw_only=True)
+
+    @cached_property
+    def M(self) -> Array:
+        """As that of `linear.Block`."""
+        assert self.window is not None
+        steady = ~np.any([bins for bins, _ in self.loud], axis=0)
+        found = self._of_band(steady, self.window)
+        for bins, power in self.loud:
+            found = found + self._of_band(bins, self.window * np.sqrt(power[parts(self.window, power.size)]))
+        return found
+
+    def _of_band(self, bins: NDArray[np.bool_], window: Array) -> Array:
+        weights = replace(self.weights, score=self.weights.score * bins)
+        return linear.Block(self.tau, self.columns, weights, window, self.tone, self.share, self.first).M
+
+
+def parts(window: Array, count: int) -> NDArray[np.intp]:
+    """Return to which of `count` equal parts of a run each sample belongs."""
+    return np.arange(window.size) * count // window.size
+
+
+def block(run: linear.Block, f: Array, steps: Steps) -> Unsteady:
+    """Return a run with noise that is not steady, as `steadiness` has it; f [Hz] has shape (B,)."""
+    own = {x.name: getattr(run, x.name) for x in fields(linear.Block)}
+    return Unsteady(**own, loud=tuple(((f > low) & (f <= high), power) for low, high, power in steps))
