@@ -114,8 +114,10 @@ class Terms:
     ----------
     fs : float
         Sample rate [Hz].
-    estimator : Estimator
-        Of their spectra; it knows which samples are missing.
+    time : ndarray, shape (N,)
+        Seconds since the start of the run.
+    valid : ndarray of bool, shape (N,)
+        False where samples are missing.
     delta_g : ndarray, shape (N,)
         The sum of all terms [m s^-2].
     terms : mapping of str to ndarray, each of shape (N,)
@@ -123,13 +125,14 @@ class Terms:
     """
 
     fs: float
-    estimator: Estimator
+    time: Array
+    valid: NDArray[np.bool_]
     delta_g: Array
     terms: Mapping[str, Array]
 
 
 def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
-    """Return the terms of Delta g.
+    """Return the terms of Delta g; of a noise run only their sum.
 
     Parameters
     ----------
@@ -140,48 +143,60 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     """
     run = dynamics.beyond(telemetry, HIGHEST)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
-    columns = dynamics.columns(run, dynamics.delays(theta))
-    terms = dynamics.terms(columns, theta)
-    return Terms(
-        columns.fs,
-        Estimator(columns.valid, columns.fs, HIGHEST),
-        dynamics.total(columns, theta),
-        {name: term for name, term in terms.items() if np.any(term)},  # not where nothing is commanded
-    )
+    found = dynamics.columns(run, dynamics.delays(theta))
+    terms = {} if telemetry.kind == "noise" else dynamics.terms(found, theta)
+    known = {name: term for name, term in terms.items() if np.any(term)}  # not where nothing is commanded
+    return Terms(found.fs, found.time, found.valid, dynamics.total(found, theta), known)
 
 
 @dataclass(frozen=True)
-class Spectra:
-    """The spectra of what `Terms` holds; of a noise run only that of Delta g. Zeros have none."""
+class Analysis:
+    """What the figures of a run show: its residual over time, and spectra. What is zero throughout has none.
+
+    Attributes
+    ----------
+    fs : float
+        Sample rate [Hz].
+    time, delta_g : ndarray, shape (N,)
+        Seconds since the start of the run, and Delta g [m s^-2], NaN where samples are missing.
+    asd : Binned or None
+        Of Delta g; None of a simulation without noise.
+    terms : mapping of str to Binned
+        Of its terms; none of a noise run.
+    """
 
     fs: float
+    time: Array
+    delta_g: Array
+    asd: Binned | None
     terms: Mapping[str, Binned]
-    delta_g: Binned | None
 
 
-def spectra(telemetry: Telemetry, parameters: Mapping[str, float]) -> Spectra:
-    """Return the spectra of Delta g of a run and, if it is no noise run, of its terms; see `split`."""
+def analysed(telemetry: Telemetry, parameters: Mapping[str, float]) -> Analysis:
+    """Return what the figures of a run show; see `split`."""
     run = split(telemetry, parameters)
-    terms = {} if telemetry.kind == "noise" else run.terms
-    return Spectra(
+    estimator = Estimator(run.valid, run.fs, HIGHEST)
+    return Analysis(
         run.fs,
-        {name: run.estimator.asd(term) for name, term in terms.items()},
-        run.estimator.asd(run.delta_g) if np.any(run.delta_g) else None,  # none of a simulation without noise
+        run.time,
+        np.where(run.valid, run.delta_g, np.nan),
+        estimator.asd(run.delta_g) if np.any(run.delta_g) else None,
+        {name: estimator.asd(term) for name, term in run.terms.items()},
     )
 
 
-def acceleration(run: Spectra, noise: Spectra | None) -> Chart:
+def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
     """Draw the ASD of the injected signal o_12'', of the residual Delta g and of the noise run's Delta g.
 
     Parameters
     ----------
-    run, noise : Spectra
+    run, noise : Analysis
         Of the experiment and of its noise run, if there is one.
     """
     told = [
         ("signal ddo_12", "signal ö₁₂", "blue", run.terms.get("ddo_12"), 0.9),
-        ("noise run Delta g", "Δg of the noise run", "grey", noise and noise.delta_g, 1.4),
-        ("residual Delta g", "residual Δg", "orange", run.delta_g, 0.8),
+        ("noise run Delta g", "Δg of the noise run", "grey", noise and noise.asd, 1.4),
+        ("residual Delta g", "residual Δg", "orange", run.asd, 0.8),
     ]
     curves = [_curve(name, label, role, width, found) for name, label, role, found, width in told if found]
     across = _shown(run.fs)
@@ -189,7 +204,7 @@ def acceleration(run: Spectra, noise: Spectra | None) -> Chart:
     return chart([Panel(FREQUENCY, ASD, (*_beyond(across), *curves), across, up, 2.2)])
 
 
-def breakdown(run: Spectra) -> Chart:
+def breakdown(run: Analysis) -> Chart:
     """Draw the ASD of every term of Delta g, and of the residual they add up to."""
     styles = {term.name: (term.symbol, *_DRAWN[term.name]) for term in dynamics.TERMS}
     curves = []
@@ -197,11 +212,11 @@ def breakdown(run: Spectra) -> Chart:
         label, role, dash = styles[name]
         curve = _curve(name, label, role, 0.8, term)
         curves.append(replace(curve, low=None, high=None, dash=dash))  # a band for each would hide the others
-    if run.delta_g:
-        curves.append(_curve("residual Delta g", "residual Δg", "ink", 1.2, run.delta_g))
+    if run.asd:
+        curves.append(_curve("residual Delta g", "residual Δg", "ink", 1.2, run.asd))
     across = _shown(run.fs)
     low, high = limits(ASD, curves, across)
-    if run.delta_g and (level := run.delta_g.asd[run.delta_g.f > LOWEST]).any():
+    if run.asd and (level := run.asd.asd[run.asd.f > LOWEST]).any():
         low = float(10 ** np.floor(np.log10(0.03 * level[level > 0].min())))  # far below it nothing matters
     return chart([Panel(FREQUENCY, ASD, (*_beyond(across), *curves), across, (low, high), 2.35)])
 
@@ -225,28 +240,27 @@ def _beyond(across: Limits) -> tuple[Mark, ...]:
     return shade, Note(text="not fitted", x=end)
 
 
-def residual(run: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]]) -> Chart:
+def residual(run: Telemetry, found: Analysis, masked: Sequence[tuple[float, float]]) -> Chart:
     """Draw the residual Delta g less its mean: slow part, extremes of the fast one, what is missing.
 
     Parameters
     ----------
     run : Telemetry
         Of the experiment.
-    parameters : mapping
-        Those of `fit.model.dynamics.residual`.
+    found : Analysis
+        Of the same run.
     masked : sequence of tuple of float
-        Begin and end [s] of the stretches that were masked or hold a glitch: glitches, saturation.
+        Begin and end [s] of the stretches that were masked: glitches, saturation.
 
     Raises
     ------
     InputError
         If the parameters leave nothing of the run, such as a delay that is longer.
     """
-    time, delta_g = dynamics.residual(run, parameters)
+    time, delta_g, fs = found.time, found.delta_g, found.fs
     if not np.isfinite(delta_g).any():
         raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
-    delta_g -= np.nanmean(delta_g)
-    fs = (time.size - 1) / (time[-1] - time[0])
+    delta_g = delta_g - np.nanmean(delta_g)
     start = float(run.time[0])
     hours = (time - start) / 3600
     fine, slow = (1e15 * _averaged(delta_g, length * fs) for length in (FAST, SLOW))
@@ -277,4 +291,4 @@ def _averaged(x: Array, length: float) -> Array:
     known = np.isfinite(x)
     weight = scipy.signal.oaconvolve(known.astype(float), w, mode="same")
     total = scipy.signal.oaconvolve(np.where(known, x, 0.0), w, mode="same")
-    return np.where(weight > 0.99 * w.sum(), total / w.sum(), np.nan)
+    return np.where(weight > 0.9999 * w.sum(), total / w.sum(), np.nan)

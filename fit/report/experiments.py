@@ -182,17 +182,17 @@ def drawings(
     spans = masked(warnings, run.run)
 
     @cache
-    def spectra() -> figures.Spectra:
-        return figures.spectra(run, parameters)
+    def found() -> figures.Analysis:
+        return figures.analysed(run, parameters)
 
     def acceleration() -> Chart:
-        return figures.acceleration(spectra(), figures.spectra(noise, parameters) if noise else None)
+        return figures.acceleration(found(), figures.analysed(noise, parameters) if noise else None)
 
     told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),
         "spectra": (_SPECTRA[noise is not None], acceleration),
-        "breakdown": (_BREAKDOWN, lambda: figures.breakdown(spectra())),
-        "residual": (_RESIDUAL, partial(figures.residual, run, parameters, spans)),
+        "breakdown": (_BREAKDOWN, lambda: figures.breakdown(found())),
+        "residual": (_RESIDUAL, lambda: figures.residual(run, found(), spans)),
     }
     return tuple(
         Drawing(f"{stem}{letter}-{slug}-{name}", *words, draw)

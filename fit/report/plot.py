@@ -50,21 +50,21 @@ def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plo
     run = _fitted(results, runs, experiment)
     noise = next((r for r in runs if r.experiment == experiment and r.kind == "noise"), None)
     values = parameters(results, run)
-    beside = figures_runs.spectra(noise, values) if noise else None
-    return _drawn(figures_runs.acceleration, figures_runs.spectra(run, values), beside)
+    beside = figures_runs.analysed(noise, values) if noise else None
+    return _drawn(figures_runs.acceleration, figures_runs.analysed(run, values), beside)
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
     run = _fitted(results, runs, experiment)
-    return _drawn(figures_runs.breakdown, figures_runs.spectra(run, parameters(results, run)))
+    return _drawn(figures_runs.breakdown, figures_runs.analysed(run, parameters(results, run)))
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the residual Delta g of an experiment against time."""
     run = _fitted(results, runs, experiment)
     spans = masked(results.experiments[experiment].warnings, run.run)
-    return _drawn(figures_runs.residual, run, parameters(results, run), spans)
+    return _drawn(figures_runs.residual, run, figures_runs.analysed(run, parameters(results, run)), spans)
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:

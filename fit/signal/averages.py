@@ -75,6 +75,8 @@ class Estimator:
         self._window = window(self._valid, fs)
         w2 = self._window**2
         self._scale = 2 / (fs * float(w2.sum()))
+        ramp = np.where(self._valid, np.linspace(-1, 1, n), 0.0)
+        self._ramp = ramp - self._valid * (ramp.sum() / np.count_nonzero(self._valid))
         self._f = np.arange(1, min(math.floor(highest * n / fs), (n - 1) // 2) + 1) * fs / n
         spectrum = scipy.fft.rfft(w2)[: CORRELATED + 1]
         self._correlation = np.abs(spectrum) ** 2 / float(w2.sum()) ** 2
@@ -82,8 +84,7 @@ class Estimator:
     def asd(self, values: Array) -> Binned:
         """Return the ASD of a series, shape (N,), less mean and slope; what is not valid may be anything."""
         x = np.where(self._valid, values[: self._valid.size], 0.0)
-        u = np.where(self._valid, np.linspace(-1, 1, x.size), 0.0)
-        u -= self._valid * (u.sum() / np.count_nonzero(self._valid))
+        u = self._ramp
         x -= self._valid * (x.sum() / np.count_nonzero(self._valid))
         x -= u * float(np.sum(u * x)) / float(np.sum(u * u))  # no @: its last bits depend on threads
         power = np.abs(scipy.fft.rfft(self._window * x)[1 : self._f.size + 1]) ** 2 * self._scale

@@ -10,7 +10,6 @@ from fit.estimate.runs import Experiment, Run
 from fit.figures import Span
 from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, TIME, Curve, limits
-from fit.model import dynamics
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, masked
 from fit.warnings import Span as Stretch
@@ -77,7 +76,7 @@ def test_terms_are_those_of_newton():
     wave = {name: np.sin(2 * np.pi * f[name] * t) for name in f}
     run = type(run)(**{**vars(run), "fs": fs, "time": t, "channels": wave})
     found = figures_runs.split(run, {**TRUTH, "delta_ifo": 2e-5})
-    inner = dynamics.columns(dynamics.beyond(run, figures_runs.HIGHEST), (0.0, 0.0)).time
+    inner = found.time
     assert np.diff(inner) == pytest.approx(0.3)
 
     def tone(name, order=0, late=0.0):
@@ -119,10 +118,18 @@ def test_what_was_decimated_for_the_eye_is_flat_up_to_the_edge():
     quiet = {name: np.zeros(n) for name in ("o_1", "f_x_1", "f_x_2")}
     channels = {**quiet, "o_12": 1e-12 * rng.standard_normal(n)}
     run = type(run)(**{**vars(run), "fs": 10.0, "time": np.arange(n) / 10, "channels": channels})
-    found = figures_runs.spectra(run, {"lambda_2": 1.0}).terms["ddo_12"]
+    found = figures_runs.analysed(run, {"lambda_2": 1.0}).terms["ddo_12"]
     level = found.asd / (2 * np.pi * found.f) ** 2 / (1e-12 * np.sqrt(2 / 10))
     for low, high in ((0.03, 0.1), (0.1, 0.4), (0.4, 0.99)):
         assert np.median(level[(found.f > low) & (found.f < high)]) == pytest.approx(1, abs=0.06)
+
+
+def test_an_average_lets_no_high_frequency_through_at_an_edge():
+    t = np.arange(0, 3600, 0.3)
+    x = np.where((t > 1000) & (t < 1030), np.nan, np.sin(2 * np.pi * t))
+    found = figures_runs._averaged(x, 20 / 0.3)
+    assert np.nanmax(np.abs(found)) < 5e-4
+    assert np.isfinite(found).mean() > 0.97
 
 
 def test_gaps_and_glitches_are_marked(runs, charts):
@@ -130,7 +137,7 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     spans = (Stretch(gone.run, 100.0, 112.0), Stretch("another", 5.0, 6.0), Stretch(gone.run, 900.0, 907.0))
     told = masked([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert told == [(100.0, 112.0), (900.0, 907.0)]
-    chart = figures_runs.residual(gone, TRUTH, told)
+    chart = figures_runs.residual(gone, figures_runs.analysed(gone, TRUTH), told)
     shades = [mark for mark in chart.panels[0].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
