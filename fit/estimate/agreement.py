@@ -10,7 +10,8 @@ must remain, and no gain that scatters from run to run may explain the same as w
 tell, and the joint fit is unsound.
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -18,14 +19,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate.consistency import Regression, Squares
+from fit.estimate.consistency import HELD, Regression, Squares
 from fit.model import dynamics
 
 Array = NDArray[np.float64]
 
 ALARM = 1e-4  # of each kind of test
 MARGIN = 12.0  # excess of T by which another choice must be worse: 1 in 400 by likelihood
-SEARCHED = 2  # runs at most that are looked for in every combination; more are found one by one
+SEARCHED = 3000  # combinations of one size that are looked through at most
+HOPELESS = 1e-7  # p-value of T by an exact noise model, below which nothing else need be looked at
 PENALTY = 6.0  # by which runs that are odd must explain more than a gain that scatters
 SCATTERING = ("lambda_1", "lambda_2", "C_1", "C_2")
 LEANS = 3.0  # factor by which a sigma grows without a run on which it rests
@@ -90,38 +92,64 @@ def _shared_out(voices: Regression) -> Iterable[float]:
     yield max(1, len(every)) * min(every, default=1.0)
 
 
-def odd_ones(voices: Regression) -> Odd | None:
-    """Find the fewest runs without which the others agree; None if nobody can tell."""
-    most = (len(voices.voices) - 1) // 2
-    for size in range(1, min(most, SEARCHED) + 1):
-        sets = combinations(range(len(voices.voices)), size)
-        excess = {chosen: _excess(voices.without(chosen)) for chosen in sets}
-        found = _equally_good(voices, excess)
+def odd_ones(voices: Regression, groups: Iterable[tuple[int, ...]] = ()) -> Odd | None:
+    """Find the fewest runs without which the others agree; None if nobody can tell.
+
+    Parameters
+    ----------
+    voices : Regression
+        Of all runs.
+    groups : iterable of tuple of int
+        Runs that may be wrong for one reason, and so count as one: those of one authority, or of one epoch.
+    """
+    runs = range(len(voices.voices))
+    most = (len(runs) - 1) // 2
+    sums = _Sums(voices)
+    for size in range(1, most + 1):
+        if math.comb(len(runs), size) > SEARCHED:
+            return None
+        sets = {*combinations(runs, size), *(g for g in groups if size == 1 and len(g) <= most)}
+        found = _equally_good(voices, {chosen: sums.without(chosen) for chosen in sets})
         if found:
             together = tuple(sorted({i for chosen in found for i in chosen}))
-            return _sane(voices, Odd(together, size), most)
-    chosen: tuple[int, ...] = ()
-    while len(chosen) < most:
-        others = [i for i in range(len(voices.voices)) if i not in chosen]
-        chosen = (*chosen, min(others, key=lambda i: _excess(voices.without((*chosen, i)))))
-        if agree(voices.without(chosen)):
-            return _sane(voices, Odd(tuple(sorted(chosen)), len(chosen)), most)
+            return _sane(voices, Odd(together, len(found[0])), most)
     return None
 
 
-def _excess(voices: Regression) -> float:
-    return voices.whole.value - voices.whole.dof
+class _Sums:
+    """T without some of the runs, from sums over each of them."""
+
+    def __init__(self, voices: Regression) -> None:
+        parts = [*voices.rows, slice(voices.rows[-1].stop, voices.z.size)]
+        self._H = np.array([voices.X[rows].T @ voices.X[rows] for rows in parts])
+        self._b = np.array([voices.X[rows].T @ voices.z[rows] for rows in parts])
+        self._squares = np.array([voices.z[rows] @ voices.z[rows] for rows in parts])
+        self._sizes = np.array([rows.stop - rows.start for rows in parts])
+
+    def without(self, gone: Sequence[int]) -> Squares:
+        """Return T without the runs of these numbers."""
+        kept = np.delete(np.arange(self._sizes.size), list(gone))
+        values, vectors = np.linalg.eigh(self._H[kept].sum(axis=0))
+        told = values > HELD**2
+        b = vectors[:, told].T @ self._b[kept].sum(axis=0)
+        taken = float(np.sum(b**2 / values[told]))
+        dof = int(self._sizes[kept].sum()) - int(np.count_nonzero(told))
+        return Squares(float(self._squares[kept].sum()) - taken, dof)
 
 
-def _equally_good(voices: Regression, excess: dict[tuple[int, ...], float]) -> list[tuple[int, ...]]:
-    """Return the choices without which the others agree, as far as they are about as likely as the best."""
+def _equally_good(voices: Regression, rest: Mapping[tuple[int, ...], Squares]) -> list[tuple[int, ...]]:
+    """Return the choices without which the others agree, as far as they are about as likely as the best.
+
+    `rest` has what T is without them.
+    """
+    excess = {chosen: t.value - t.dof for chosen, t in rest.items() if t.p > HOPELESS}
     found: list[tuple[int, ...]] = []
     for chosen in sorted(excess, key=excess.__getitem__):
         if found and excess[chosen] > excess[found[0]] + MARGIN:
             break
         if agree(voices.without(chosen)):
             found.append(chosen)
-    return found
+    return [chosen for chosen in found if not any({*fewer} < {*chosen} for fewer in found)]
 
 
 def _sane(voices: Regression, odd: Odd, most: int) -> Odd | None:

@@ -36,7 +36,7 @@ Flags = NDArray[np.bool_]
 
 OFF = 1.5  # factor between noise and its model from which one is no measure of the other
 _NULL = 1e-10  # information relative to the largest, below which a run does not see a direction
-_HELD = 1e-3  # root of the information, in units of the weak prior's, below which a direction counts as held
+HELD = 1e-3  # root of the information, in units of the weak prior's, below which a direction counts as held
 
 
 @dataclass(frozen=True)
@@ -305,20 +305,20 @@ class Regression:
         What the data do not determine has a variance beyond 1.
         """
         values, vectors = np.linalg.eigh(self.X.T @ self.X)
-        return np.asarray((vectors / np.maximum(values, _HELD**2)) @ vectors.T)
+        return np.asarray((vectors / np.maximum(values, HELD**2)) @ vectors.T)
 
     def estimate(self) -> Array:
         """Return by how much the parameters differ from where the voices were taken, shape (P,), SI."""
         u, s, vt = np.linalg.svd(self.X, full_matrices=False)
-        seen = s > _HELD
+        seen = s > HELD
         return np.asarray(-(vt[seen].T @ ((u[:, seen].T @ self.z) / s[seen])) * self.width)
 
     def _beyond(self, kept: Flags) -> Array:
         """Return the projection on what the parameters leave of some rows, shape (N, N)."""
         found = np.diag(kept.astype(float))
         u, s, _ = np.linalg.svd(self.X[kept], full_matrices=False)
-        Q = np.zeros((self.z.size, int(np.count_nonzero(s > _HELD))))
-        Q[kept] = u[:, s > _HELD]
+        Q = np.zeros((self.z.size, int(np.count_nonzero(s > HELD))))
+        Q[kept] = u[:, s > HELD]
         return np.asarray(found - Q @ Q.T)
 
     def _test(self, projection: Array) -> Squares:

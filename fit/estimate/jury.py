@@ -94,25 +94,35 @@ def convene(
         verdict.check_gains({e.name: outcome for e in kept}, kept)
         return Agreed(outcome, tuple(kept), left_out, ())
     while True:
-        voices = regression(kept, outcome)
-        if agree(voices):
+        # a few that are wrong must not pass for gains that scatter
+        plain = _plainly(outcome, kept, chosen)
+        voices = regression(kept, plain)
+        if plain is outcome and agree(voices):
             break
-        blocks = _centred(kept, alone, outcome)
-        voices = voiced(kept, blocks, outcome)
-        odd = odd_ones(voices)
+        blocks = _centred(kept, alone, plain)
+        voices = voiced(kept, blocks, plain)
+        odd = odd_ones(voices, _groups(kept))
         if odd is None:
-            scattered = _scattered(voices, kept, chosen)
-            if scattered is None:
+            scattered = _scattered(voices, kept, chosen) if plain is outcome else outcome
+            voices = regression(kept, scattered or plain)
+            if scattered is None or not agree(voices):
                 return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
-            outcome, voices = scattered, regression(kept, scattered)
+            outcome = scattered
             break
-        out = _odd(voices, odd, Court(tuple(kept), blocks, outcome, Sharing(chosen.shared)))
+        out = _odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
         left_out = (*left_out, *out)
         kept = _without(kept, out)
         outcome = fit_joint(kept, chosen)
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
     return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)), voices)
+
+
+def _plainly(outcome: Outcome, experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
+    """Return the fit without departures that the data chose; as it is if there are none."""
+    if not outcome.by_data:
+        return outcome
+    return fit_joint(experiments, chosen.model_copy(update={"scatter": []}))
 
 
 def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
@@ -218,6 +228,16 @@ def _settled(
     left_out = tuple(LeftOut(name, f"{words}, and with it nothing settles") for name, words in why.items())
     kept = _without(experiments, left_out)
     return fit_joint(kept, chosen), kept, left_out
+
+
+def _groups(experiments: Sequence[Experiment]) -> list[tuple[int, ...]]:
+    """Return the numbers of the runs of each authority and of each alignment epoch."""
+    found: dict[object, list[int]] = {}
+    for i, e in enumerate(experiments):
+        run = e.sysid.telemetry
+        for key in (run.authority, run.alignment_epoch):
+            found.setdefault(key, []).append(i)
+    return [tuple(group) for group in found.values()]
 
 
 def _contradicting(

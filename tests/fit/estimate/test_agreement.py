@@ -1,0 +1,70 @@
+"""Which runs are left out, on voices drawn at random: the fewest, groups as one, none if nobody can tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate.agreement import agree, leaning, odd_ones
+from fit.estimate.consistency import Regression, Voice
+
+K, P = 7, 6  # coefficients that a run determines, parameters that runs share
+
+
+def campaign(seed, runs, wrong=(), by=50.0):
+    """Return the voices of some runs; in those that are wrong the coefficient of lambda_2 is another."""
+    rng = np.random.default_rng(seed)
+    voices = []
+    for i in range(runs):
+        answer, share = rng.standard_normal((K, K + 1)), rng.standard_normal((K, P))
+        z = rng.standard_normal(K) - (by * answer[:, 2] if i in wrong else 0.0)
+        gradient, nothing = np.eye(K + 1, K, k=-1), (np.zeros((0, K, K)), np.zeros((0, 0)))
+        voices.append(Voice(f"run {i}", z, answer, gradient, share, np.zeros(K), (0.0, 0.0), *nothing))
+    return Regression(tuple(voices), np.ones(P), np.zeros((0, P)), np.zeros(0))
+
+
+@pytest.mark.parametrize("wrong", [(3,), (1, 6), (0, 2, 8)])
+def test_the_fewest_are_left_out(wrong):
+    found = odd_ones(campaign(1, 9, wrong))
+    assert found.left_out == wrong
+    assert found.fewest == len(wrong)
+
+
+def test_a_group_counts_as_one():
+    # without the second group nothing is left but what is wrong alike
+    wrong = (0, 1, 2)
+    voices = campaign(2, 7, wrong)
+    assert odd_ones(voices, [wrong]).left_out == wrong
+    # and none of it goes for the sake of the others in it
+    assert odd_ones(campaign(2, 7, (1,)), [wrong]).left_out == (1,)
+
+
+def test_half_of_the_runs_are_too_many():
+    assert odd_ones(campaign(3, 6, (0, 1, 2))) is None
+    assert odd_ones(campaign(4, 2, (0,))) is None
+
+
+def test_what_scatters_leaves_no_run_out():
+    rng = np.random.default_rng(5)
+    voices = campaign(5, 9)
+    voices = replace(
+        voices,
+        voices=tuple(replace(v, z=v.z - 60 * rng.standard_normal() * v.answer[:, 2]) for v in voices.voices),
+    )
+    assert not agree(voices)
+    assert odd_ones(voices) is None
+
+
+@pytest.mark.stat  # 100 campaigns, false alarms 4e-4 each: three by chance in 1e-5
+def test_noise_is_no_contradiction():
+    assert sum(not agree(campaign(seed, 5)) for seed in range(100, 200)) < 3
+
+
+def test_what_one_run_tells_rests_on_it():
+    voices = campaign(6, 5)
+    own = tuple(
+        replace(v, share=v.share * (np.arange(P) > 0)) if i else v for i, v in enumerate(voices.voices)
+    )
+    found = leaning(replace(voices, voices=own), np.zeros(P, dtype=bool))
+    assert 0 in found[0]
+    assert not any(0 in of_run for i, of_run in found.items() if i)
