@@ -194,17 +194,19 @@ def beyond(telemetry: Telemetry, f_max: float) -> Channels:
 
 
 def _channels(telemetry: Telemetry, of_motion: dict[str, Array], taps: Array, factor: int) -> Channels:
-    raw = {name: telemetry.channels[name] for name in CHANNELS} | of_motion
-    found = {name: derivatives.reduced(x, telemetry.fs, taps, factor) for name, x in raw.items()}
-    kept = {name: x for name, (x, _) in found.items()}
-    touched = np.any([masked for _, masked in found.values()], axis=0)
+    kept = {}
+    touched, gone = np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
+    for name in (*CHANNELS, *of_motion):  # one by one: as archived, all of them fill the memory
+        raw = of_motion.pop(name) if name in of_motion else telemetry.channels[name]
+        kept[name], masked = derivatives.reduced(raw, telemetry.fs, taps, factor)
+        touched, gone = touched | masked, gone | np.isnan(raw)
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.time[taps.size // 2 :: factor][: touched.size],
         **{name: kept.pop(name) for name in CHANNELS},
         means=kept,
         valid=~touched,
-        missing=int(np.any(np.isnan(list(raw.values())), axis=0).sum()),
+        missing=int(np.count_nonzero(gone)),
     )
 
 

@@ -241,7 +241,7 @@ def test_nothing_to_say():
 
 def test_the_pulls_stand_side_by_side_over_their_authority(mission):
     results, _ = mission
-    points = [StiffnessPoint(n, 1.1e-9, 1e-12, Estimate(-8e-7, 3e-9, "s-2")) for n in "AB"]
+    points = [StiffnessPoint(n, 1.1e-9, 1e-12, Estimate(-8e-7, 9e-9, "s-2")) for n in "AB"]
     above, below = figures_mission.stiffness_against_authority(points, results.joint).panels
     (stems,) = (line for line in below.lines if isinstance(line, Points))
     assert np.diff(stems.x) > 0
