@@ -5,33 +5,26 @@ from dataclasses import dataclass, replace
 
 from fit.errors import FitError, InputError
 from fit.estimate import (
-    Experiment,
     Known,
-    LeftOut,
     Outcome,
-    Prepared,
-    admission,
     bump,
-    divide,
     fit_experiment,
     inertial,
-    jury,
     known_of,
-    leftout,
     levels,
-    pair,
-    prepare,
     residuals,
-    searches,
     steadiness,
     verdict,
 )
+from fit.inspection import LeftOut, Prepared, admission, leftout, prepare, searches
+from fit.judgement import jury
 from fit.model import Sharing, rotation
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings, settings
 from fit.signal import derivatives, one_thread, spectra
 from fit.telemetry import Telemetry, inertial_period
 from fit.warnings import FitWarning
+from fit.weighing import Experiment, divide, pair
 
 
 @one_thread

@@ -31,7 +31,8 @@ LAYERS = {
             "settings",
             "results",
         ),
-        *("model", "estimate", "deltag", "pipeline", "tables", "figures", "journal", "report", "api"),
+        *("model", "weighing", "inspection", "estimate", "judgement", "deltag", "pipeline"),
+        *("tables", "figures", "journal", "report", "api"),
     ),
     "lpfcosim": (
         *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
@@ -49,7 +50,7 @@ USERS = {
     "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
-    "lmfit": {"fit.estimate"},
+    "lmfit": {"fit.weighing"},
     "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},

@@ -39,10 +39,10 @@ HOMES = {
     "deltastiff_model": "fit/model/sharing.py",
     "fx2": "fit/model/dynamics.py",
     "gomegafinal": "fit/model/inertial.py",
-    "inprod": "fit/estimate/linear.py",
+    "inprod": "fit/weighing/linear.py",
     "irls": "fit/estimate/irls.py",
-    "jointlh": "fit/estimate/linear.py",
-    "llhgaussian": "fit/estimate/likelihood.py",
+    "jointlh": "fit/weighing/linear.py",
+    "llhgaussian": "fit/weighing/likelihood.py",
     "stiff_model": "fit/paper.py",
 }
 FOLDERS = ("fit", "lpfcosim", "fmus", "docs")

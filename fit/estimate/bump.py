@@ -23,15 +23,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import couplings, linear
+from fit.estimate import couplings
 from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment, Run, noise_model
 from fit.estimate.verdict import indeterminable, report
 from fit.model import BASELINE, Sharing, dynamics
 from fit.results import Fit, Results
 from fit.signal import derivatives, spectra
 from fit.warnings import FitWarning
+from fit.weighing import Experiment, Run, linear, noise_model
 
 Array = NDArray[np.float64]
 

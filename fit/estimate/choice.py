@@ -15,13 +15,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import departures, linear, normal
+from fit.estimate import departures, normal
 from fit.estimate.departures import KINDS
 from fit.estimate.hierarchy import Normal
 from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment
 from fit.model import Sharing, dynamics, wander
 from fit.paper import FLIGHT
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 

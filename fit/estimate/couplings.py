@@ -27,11 +27,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import instruments, linear
+from fit.estimate import instruments
 from fit.estimate.instruments import OF, ORDER, Mean, Moments, Weighed
 from fit.estimate.irls import Outcome
 from fit.model import dynamics
 from fit.signal import Spectrum, spectra
+from fit.weighing import linear
 
 Array = NDArray[np.float64]
 

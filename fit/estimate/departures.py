@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import hierarchy, linear, normal
+from fit.estimate import hierarchy, normal
 from fit.estimate.hierarchy import Width
 from fit.estimate.irls import FREE, Outcome
 from fit.model import dynamics, wander
 from fit.paper import FLIGHT, Parameter
 from fit.signal import Spectra
+from fit.weighing import linear
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from fit import results as fit_results
 from fit.errors import InputError
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
-from fit.estimate.masks import prepare
-from fit.estimate.runs import Experiment, Run
 from fit.estimate.steadiness import measure
+from fit.inspection import prepare
 from fit.results import Results
 from fit.settings import settings
 from fit.telemetry import Telemetry, read_all
+from fit.weighing import Experiment, Run
 
 SAME = 0.05  # sigma: a fit that moves by more is of something else
 

@@ -13,10 +13,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate.likelihood import Weights
-from fit.estimate.linear import Block, single_tone
 from fit.model import Columns
 from fit.signal import Spectrum, derivatives
+from fit.weighing import Block, Weights, single_tone
 
 Array = NDArray[np.float64]
 

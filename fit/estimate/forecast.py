@@ -18,15 +18,14 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import departures, linear
+from fit.estimate import departures
 from fit.estimate.irls import FREE, Held, Rule, iterate, weakly_held
-from fit.estimate.likelihood import Likelihood, expected_weights, weights
-from fit.estimate.runs import Experiment, Run, divide
 from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.signal import derivatives, one_thread
+from fit.weighing import Experiment, Likelihood, Run, divide, expected_weights, linear, weights
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]

@@ -24,16 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import linear
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
-from fit.estimate.likelihood import weights
-from fit.estimate.runs import check_left, smooth_noise
 from fit.model import dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
+from fit.weighing import check_left, linear, smooth_noise, weights
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import linear
-from fit.estimate.runs import Experiment, Run
 from fit.model import BASELINE
 from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, spectra
+from fit.weighing import Experiment, Run, linear
 
 Array = NDArray[np.float64]
 

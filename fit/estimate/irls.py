@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import flscov, linear, unsteady
+from fit.estimate import flscov, unsteady
 from fit.estimate.hierarchy import Width
-from fit.estimate.likelihood import Likelihood
-from fit.estimate.runs import Experiment, noise_model
 from fit.model import dynamics
 from fit.paper import Parameter
 from fit.settings import Estimator
 from fit.signal import NoiseModel
+from fit.weighing import Experiment, Likelihood, linear, noise_model
 
 Array = NDArray[np.float64]
 
@@ -182,7 +181,7 @@ def reweight(
     known : Known, optional
         Used if the runs hold a single tone: then of all parameters of a run only lambda_2 is fitted.
     estimator : str
-        ``flscov``, or the likelihood of the residual, see `fit.estimate.likelihood`.
+        ``flscov``, or the likelihood of the residual, see `fit.weighing.likelihood`.
     departing : sequence of Width
         Departures of experiments, held so weakly here that the data tell them.
 

@@ -8,10 +8,10 @@ import numpy as np
 from fit.errors import InputError
 from fit.estimate import choice, departures
 from fit.estimate.irls import Known, Outcome, reweight
-from fit.estimate.runs import Experiment, Run
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, Settings
+from fit.weighing import Experiment, Run
 
 
 def fit_experiment(

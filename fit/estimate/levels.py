@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment
 from fit.settings import Settings
 from fit.signal import NoiseModel, fit_noise
 from fit.warnings import FitWarning
+from fit.weighing import Experiment
 
 Array = NDArray[np.float64]
 

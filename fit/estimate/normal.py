@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import linear
 from fit.estimate.hierarchy import Normal
 from fit.model import dynamics
+from fit.weighing import linear
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,10 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import linear
 from fit.estimate.hierarchy import Width
 from fit.estimate.irls import Outcome
-from fit.estimate.likelihood import NU
 from fit.estimate.normal import inflations
+from fit.weighing import NU, linear
 
 Array = NDArray[np.float64]
 

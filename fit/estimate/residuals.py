@@ -22,12 +22,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import linear
 from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment, noise_model
 from fit.model import dynamics
 from fit.results import QUANTILES, Diagnostics, Estimate, Fit
 from fit.signal import NoiseModel
+from fit.weighing import Experiment, linear, noise_model
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment
 from fit.estimate.unsteady import Steps, parts
 from fit.warnings import FitWarning
+from fit.weighing import Experiment
 
 Array = NDArray[np.float64]
 

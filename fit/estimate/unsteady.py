@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import linear
+from fit.weighing import linear
 
 Array = NDArray[np.float64]
 Steps = tuple[tuple[float, float, Array], ...]  # ends of a band [Hz], and its power in equal parts of the run

@@ -11,12 +11,12 @@ import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment
 from fit.paper import ALONG, M_TM
 from fit.results import Estimate, Fit
 from fit.signal import spectra
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
+from fit.weighing import Experiment
 
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
 DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import fit.errors
 from fit import settings as fit_settings
-from fit.estimate import SHORTEST, forecast
+from fit.estimate import forecast
 from fit.results import Fit
 from fit.tables import Lines
+from fit.weighing import SHORTEST
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
 from lpfcosim.cli.console import Console

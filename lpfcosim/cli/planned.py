@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from fit.estimate import Experiment, Planned
-from fit.estimate import Run as Flown
+from fit.estimate import Planned
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry
+from fit.weighing import Experiment
+from fit.weighing import Run as Flown
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli.common import about
 from lpfcosim.errors import InputError

@@ -12,11 +12,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fit.estimate import glitches, pair
 from fit.estimate.joint import fit_joint
+from fit.inspection import glitches
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry import reader as telemetry
+from fit.weighing import pair
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -9,13 +9,13 @@ import pytest
 from fit.estimate import bump
 from fit.estimate.bump import cross_talk
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
-from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import derivatives
+from fit.weighing.runs import Experiment, Run
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
 

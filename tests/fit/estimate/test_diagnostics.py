@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import linear
 from fit.estimate.joint import fit_experiment
 from fit.estimate.residuals import SCORES, Residual, diagnose, judge, residual
-from fit.estimate.runs import Experiment, Run
 from fit.estimate.verdict import as_fit
 from fit.results import Provenance, Results, load, write
 from fit.signal import fit_noise, spectra
+from fit.weighing import linear
+from fit.weighing.runs import Experiment, Run
 from tests.oracles.synthetic import World, pair, telemetry
 
 HOURS = 3600

@@ -7,12 +7,13 @@ from scipy.signal import get_window
 
 from fit import pipeline
 from fit.errors import FitError, InputError
-from fit.estimate import flscov, likelihood
+from fit.estimate import flscov
 from fit.estimate.joint import fit_experiment
-from fit.estimate.runs import Run
 from fit.model import dynamics
 from fit.pipeline import calibrate
 from fit.settings import read, settings
+from fit.weighing import likelihood
+from fit.weighing.runs import Run
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.estimate import likelihood
 from fit.estimate.forecast import Planned
 from fit.estimate.forecast import expected_fit as forecast
-from fit.estimate.runs import Experiment, Run
 from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.weighing import likelihood
+from fit.weighing.runs import Experiment, Run
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from lpfcosim.plant import planning

@@ -8,10 +8,11 @@ from hypothesis.extra.numpy import arrays
 from scipy.fft import prev_fast_len
 
 from fit.errors import FitError
-from fit.estimate import irls, linear
+from fit.estimate import irls
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import NoiseModel, derivatives, spectra
+from fit.weighing import linear
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 NAMES = ["lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo"]

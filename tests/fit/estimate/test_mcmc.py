@@ -11,17 +11,18 @@ import pytest
 
 from fit import results
 from fit.errors import FitError, InputError
-from fit.estimate import linear, pulls, sampling
+from fit.estimate import pulls, sampling
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
-from fit.estimate.likelihood import weights
 from fit.estimate.normal import inflation
 from fit.estimate.posterior import Posterior
-from fit.estimate.runs import Experiment, Run
 from fit.paper import FLIGHT
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry import reader as telemetry
+from fit.weighing import linear
+from fit.weighing.likelihood import weights
+from fit.weighing.runs import Experiment, Run
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import Experiment, linear, steadiness, unsteady
+from fit.estimate import steadiness, unsteady
 from fit.estimate.joint import fit_experiment
-from fit.estimate.likelihood import weights
-from fit.estimate.runs import Run
 from fit.signal import spectra
+from fit.weighing import Experiment, linear
+from fit.weighing.likelihood import weights
+from fit.weighing.runs import Run
 from tests.oracles.synthetic import World, telemetry
 
 

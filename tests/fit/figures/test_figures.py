@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import glitches
-from fit.estimate.runs import Experiment, Run
 from fit.figures import Span
 from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, TIME, Curve, limits
+from fit.inspection import glitches
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, masked
 from fit.warnings import Span as Stretch
+from fit.weighing.runs import Experiment, Run
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")

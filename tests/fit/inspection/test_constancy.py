@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fit.estimate import Experiment, Run, constancy, masks
+from fit.inspection import constancy, masks
 from fit.pipeline import calibrate
+from fit.weighing import Experiment, Run
 from tests.oracles import thirteen
 from tests.oracles.synthetic import World
 from tests.oracles.synthetic import pair as open_loop

@@ -10,18 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.errors import FitError, InputError
-from fit.estimate import linear, verdict
-from fit.estimate.agreement import ALARM, LEANS, Odd, agree, leaning, odd_ones, scattering
-from fit.estimate.causes import Case, exchanged, named
-from fit.estimate.consistency import Regression, regression, voice, voiced
-from fit.estimate.irls import Outcome
-from fit.estimate.joint import fit_joint
-from fit.estimate.leftout import LeftOut, told
-from fit.estimate.runs import Experiment
+from fit.estimate import Outcome, fit_joint, verdict
+from fit.inspection import LeftOut, told
+from fit.judgement.agreement import ALARM, LEANS, Odd, agree, leaning, odd_ones, scattering
+from fit.judgement.causes import Case, exchanged, named
+from fit.judgement.consistency import Regression, regression, voice, voiced
 from fit.model import Sharing, dynamics
 from fit.paper import experiment_parameters
 from fit.settings import Settings
 from fit.warnings import FitWarning
+from fit.weighing import Experiment, linear
 
 UNTOLD = ("flscov",)  # estimators whose sigmas are too small by far to judge by
 

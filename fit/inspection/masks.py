@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate.glitches import TOO_MANY, without_glitches
-from fit.estimate.runs import Experiment, Run
+from fit.inspection.glitches import TOO_MANY, without_glitches
 from fit.settings import Settings
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning, Span
+from fit.weighing import Experiment, Run
 
 AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
 MOST_SATURATED = (

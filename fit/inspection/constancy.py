@@ -13,11 +13,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import culprits, linear
-from fit.estimate.runs import Experiment, Run
+from fit.inspection import culprits
 from fit.model import dynamics
 from fit.paper import FLIGHT, experiment_parameters
 from fit.signal import NoiseModel, fit_noise
+from fit.weighing import Experiment, Run, linear
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import lags, linear
-from fit.estimate.consistency import Regression, Squares, Voice
-from fit.estimate.runs import Experiment
+from fit.judgement import lags
+from fit.judgement.consistency import Regression, Squares, Voice
 from fit.model import Sharing, dynamics
 from fit.telemetry import Telemetry
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import linear
-from fit.estimate.runs import Run
 from fit.signal import NoiseModel, Spectra, spectra
+from fit.weighing import Run, linear
 
 Array = NDArray[np.float64]
 

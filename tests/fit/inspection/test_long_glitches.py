@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import glitches, shapes
 from fit.estimate.joint import fit_experiment, fit_joint
-from fit.estimate.runs import Experiment, Run
+from fit.inspection import glitches
 from fit.settings import settings
+from fit.weighing import shapes
+from fit.weighing.runs import Experiment, Run
 from tests.oracles import thirteen
 from tests.oracles.glitches import Glitch, draw, struck
 

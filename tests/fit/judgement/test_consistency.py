@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from fit.estimate import consistency, pair
-from fit.estimate.consistency import Regression, Squares, Voice
 from fit.estimate.joint import fit_joint
+from fit.judgement import consistency
+from fit.judgement.consistency import Regression, Squares, Voice
 from fit.settings import settings
+from fit.weighing import pair
 from tests.oracles import synthetic
 from tests.oracles.synthetic import World
 

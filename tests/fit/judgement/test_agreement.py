@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate.agreement import agree, leaning, odd_ones
-from fit.estimate.consistency import Regression, Voice
+from fit.judgement.agreement import agree, leaning, odd_ones
+from fit.judgement.consistency import Regression, Voice
 
 K, P = 7, 6  # coefficients that a run determines, parameters that runs share
 

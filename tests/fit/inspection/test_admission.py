@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.estimate import admission, pair, prepare
-from fit.estimate.admission import Found
+from fit.inspection import admission, prepare
+from fit.inspection.admission import Found
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.weighing import pair
 from tests.oracles import synthetic
 from tests.oracles.synthetic import World
 

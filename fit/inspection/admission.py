@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from fit.estimate import authority, constancy, copies, samples
-from fit.estimate.leftout import LeftOut
-from fit.estimate.runs import Experiment, Run
+from fit.inspection import authority, constancy, copies, samples
+from fit.inspection.leftout import LeftOut
 from fit.telemetry import Telemetry, utc
 from fit.warnings import FitWarning
+from fit.weighing import Experiment, Run
 
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate.runs import Run
+from fit.weighing import Run
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import samples
+from fit.inspection import samples
 from tests.oracles import closed_loop, thirteen
 
 N = 20000

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import linear
-from fit.estimate.consistency import Voice, voice
-from fit.estimate.runs import Experiment
+from fit.judgement.consistency import Voice, voice
 from fit.model import dynamics
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 

@@ -23,14 +23,12 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import linear
-from fit.estimate.pursuit import View, pursue
-from fit.estimate.runs import Experiment, Run
-from fit.estimate.shapes import Glitch
+from fit.inspection.pursuit import View, pursue
 from fit.model import dynamics
 from fit.paper import FLIGHT
 from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
 from fit.warnings import FitWarning, Span
+from fit.weighing import Experiment, Glitch, Run, linear
 
 Array = NDArray[np.float64]
 

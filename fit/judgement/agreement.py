@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate.consistency import HELD, Regression, Squares
+from fit.judgement.consistency import HELD, Regression, Squares
 from fit.model import dynamics
 
 Array = NDArray[np.float64]

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fit.estimate import glitches
 from fit.estimate.joint import fit_experiment, fit_joint
-from fit.estimate.runs import Experiment, Run
+from fit.inspection import glitches
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.weighing.runs import Experiment, Run
 from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant

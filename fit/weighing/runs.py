@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import linear, shapes
-from fit.estimate.shapes import Glitch
 from fit.model import dynamics, wander
 from fit.settings import Settings
 from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, spectra
 from fit.telemetry import Telemetry
+from fit.weighing import linear, shapes
+from fit.weighing.shapes import Glitch
 
 Array = NDArray[np.float64]
 

@@ -26,10 +26,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import linear
-from fit.estimate.irls import Outcome
-from fit.estimate.runs import Experiment
+from fit.estimate import Outcome
 from fit.model import dynamics
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -14,9 +14,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import shapes
-from fit.estimate.shapes import Glitch, Shape
 from fit.signal import Spectrum
+from fit.weighing import Glitch, Shape, shapes
 
 Array = NDArray[np.float64]
 

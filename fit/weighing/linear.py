@@ -17,9 +17,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate.likelihood import Likelihood, Weights, weights
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum
+from fit.weighing.likelihood import Likelihood, Weights, weights
 
 Array = NDArray[np.float64]
 

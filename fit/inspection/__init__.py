@@ -1,0 +1,10 @@
+"""Inspection: what is masked, taken out or left out before anything is estimated, and why.
+
+Files are held against what they say of themselves and against each other, samples and minutes of a run
+against the whole of it; saturation is masked, glitches are masked or taken out.
+"""
+
+from fit.inspection.leftout import LeftOut, told
+from fit.inspection.masks import Prepared, prepare, searches
+
+__all__ = ["LeftOut", "Prepared", "admission", "leftout", "prepare", "searches", "told"]

@@ -1,0 +1,32 @@
+"""Weighing: runs as whitened, weighted least squares.
+
+Runs are paired with their noise runs, become spectra of the model's columns at any delay, and are whitened by
+the noise PSD that the partner tells. A block holds all of chi^2 of a run in a small triangle.
+"""
+
+from fit.weighing.likelihood import NU, Likelihood, Weights, expected_weights, weights
+from fit.weighing.linear import Block, single_tone
+from fit.weighing.runs import SHORTEST, Experiment, Run, check_left, divide, noise_model, pair, smooth_noise
+from fit.weighing.shapes import Glitch, Shape
+
+__all__ = [
+    "NU",
+    "SHORTEST",
+    "Block",
+    "Experiment",
+    "Glitch",
+    "Likelihood",
+    "Run",
+    "Shape",
+    "Weights",
+    "check_left",
+    "divide",
+    "expected_weights",
+    "linear",
+    "noise_model",
+    "pair",
+    "shapes",
+    "single_tone",
+    "smooth_noise",
+    "weights",
+]
