@@ -25,6 +25,7 @@ ADJACENT = 86400.0  # s
 USUAL = 3  # experiments; what more than half of so many have is no fault of one
 INJECTED = 0.06  # Hz: up to here injections are looked for
 SEGMENT = 2048.0  # s
+SHARP, NEIGHBOURS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
 DRIVEN = 300.0  # ratio of power in such a segment; noise that differs makes 25, an injected sine 1e4
 
 
@@ -200,7 +201,9 @@ def _louder(run: Run, other: Run) -> str:
         (f, power), (of_other, other_power) = spectra
         inside = (f > 2 / SEGMENT) & (f < INJECTED)
         least = np.interp(f[inside], of_other, other_power)
-        if np.all(least > 0) and np.any(power[inside] > DRIVEN * least):
+        level = scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest")[inside]
+        sines = power[inside] > SHARP * level  # a run without noise is beside any other one of these
+        if np.all(least > 0) and np.any(sines & (power[inside] > DRIVEN * least)):
             return name
     return ""
 
