@@ -201,6 +201,10 @@ KINDS: Mapping[str, Kind] = {
         "Nothing if the noise may have changed since the noise run; with one that matches the sigmas would "
         "be a little smaller.",
     ),
+    "louder": Kind(
+        "Nothing if the spacecraft may have moved more than in the noise run; otherwise look at the spectrum "
+        "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not.",
+    ),
     "no_star_tracker": Kind(
         "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run.",
     ),

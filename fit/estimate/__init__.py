@@ -26,6 +26,7 @@ __all__ = [
     "inertial",
     "known_of",
     "levels",
+    "louder",
     "pulls",
     "residuals",
     "sampling",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import flscov, unsteady
+from fit.estimate import flscov, louder, unsteady
 from fit.estimate.hierarchy import Width
 from fit.model import dynamics
 from fit.paper import Parameter
@@ -316,6 +316,8 @@ class _Smooth:
         self._model = noise_model(self._experiment, of_run[:own], spread, self._model)
         tau = dynamics.delays(of_run)
         terms = run.spectra(tau)
+        if self._experiment.louder:
+            terms = louder.at_injections(terms)
         if own < len(share):
             terms = terms.beside(run.wander(tau))
         # before the signal is subtracted, no residual can tell an outlier

@@ -173,12 +173,15 @@ class Experiment:
         Whether the noise run does not tell the level of the noise: it is marginalised in every band.
     unsteady : tuple
         Bands in which the noise changes within the run, see `steadiness.measure`.
+    louder : bool
+        Whether o_1 is to be believed at the injections alone, see `louder`.
     """
 
     sysid: Run
     noise: Run | None
     levels: bool = False
     unsteady: tuple[tuple[float, float, Array], ...] = ()
+    louder: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -1,0 +1,83 @@
+"""Noise in the read-out of o_1 beside motion of the spacecraft, in an independent closed loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate import louder
+from fit.estimate.joint import fit_experiment
+from fit.pipeline import calibrate
+from fit.weighing import Experiment, Run
+from tests.oracles import thirteen
+
+TRUTH = thirteen.TRUTH["delta_ifo_4"]
+
+
+def runs(name="B4", noisy=0.0, thruster=1.0, seed=0):
+    """Make an experiment with noise [m Hz^-1/2] added to o_1, or with louder thrusters."""
+    how = thirteen.made(name, "sysid", seed)
+    how = replace(how, noise=replace(how.noise, thruster=thruster * how.noise.thruster))
+    sysid = thirteen.telemetry(how)
+    draw = np.random.default_rng([seed, 1]).standard_normal(sysid.time.size)
+    o_1 = sysid.channels["o_1"] + noisy * np.sqrt(sysid.fs / 2) * draw
+    noise = thirteen.telemetry(thirteen.made(name, "noise", seed))
+    return replace(sysid, channels={**sysid.channels, "o_1": o_1}), noise
+
+
+def experiment(*args, **kwargs):
+    return Experiment(*map(Run, runs(*args, **kwargs)))
+
+
+def delta_ifo(found):
+    """Return estimate and sigma."""
+    at = [p.name for p in found.parameters].index("delta_ifo")
+    return found.solution.theta[at], found.solution.sigma[at]
+
+
+def test_runs_like_their_noise_runs_are_not_louder():
+    # false positives 5e-5
+    assert louder.judged([experiment(name, seed=2) for name in ("A1", "G3", "B4", "C4")]) == {}
+
+
+@pytest.mark.stat
+def test_the_ratio_of_powers_has_its_sigma():
+    found = [louder.measure(experiment(name, seed=seed)) for name in ("A1", "E3", "C4") for seed in (3, 4)]
+    pulls = [(ratio - 1) / sigma for ratio, sigma in found]
+    assert max(map(abs, pulls)) < 4  # false positives 4e-4
+    assert (
+        0.3 < np.std(pulls) < 2
+    )  # false positives 1e-2 below, 1e-4 above, for normal pulls; seeds are fixed
+
+
+def test_noise_and_motion_are_both_louder():
+    noisy, moving = experiment(noisy=1e-9), experiment("A1", thruster=3.0)
+    assert list(louder.judged([noisy, moving])) == ["B4", "A1"]
+    assert louder.measure(moving)[0] == pytest.approx(9, rel=0.2)
+
+
+def test_without_a_noise_run_nothing_is_compared():
+    e = replace(experiment(noisy=1e-9), noise=None)
+    assert louder.judged([e]) == {}
+
+
+def test_noise_of_the_read_out_does_not_make_delta_ifo_small():
+    e = experiment(noisy=1.5e-9)
+    attenuated, sigma = delta_ifo(fit_experiment(e))
+    assert (TRUTH - attenuated) / sigma > 5
+    value, sigma = delta_ifo(fit_experiment(louder.judged([e])["B4"][1]))
+    assert abs(value - TRUTH) < 3 * sigma < 0.15 * TRUTH  # false positives 3e-3, the seed is fixed
+
+
+def test_motion_of_the_spacecraft_leaves_the_run_in():
+    e = experiment(thruster=1.5)
+    value, sigma = delta_ifo(fit_experiment(louder.judged([e])["B4"][1]))
+    assert abs(value - TRUTH) < 3 * sigma < 0.15 * TRUTH
+
+
+def test_a_calibration_says_so_and_stays_sound():
+    fit = calibrate(list(runs(noisy=1e-9))).experiments["B4"]
+    assert [w.message.split(":")[0] for w in fit.warnings if w.code == "louder"] == ["B4"]
+    assert not fit.unsound
+    found = fit.parameters["delta_ifo"]
+    assert abs(found.value - TRUTH) < 3 * found.sigma
