@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import shutil
 from dataclasses import replace
 
@@ -9,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 
-from fit import journal
 from fit import results as fit_results
 from fit.errors import InputError
 from fit.estimate import earlier, sampling
@@ -102,26 +102,27 @@ def test_results(copied, cases, monkeypatch):
 def test_names_of_experiments(tmp_path, name):
     folder = tmp_path / "in" / "out"
     (folder / "telemetry").mkdir(parents=True)
-    (folder / "figures").mkdir()
     paths = [
         write(r, folder / "telemetry" / f"{k}.h5", {"run": f"{name}{k}", "experiment": name})
         for k, r in enumerate(pair(World()))
     ]
 
+    names = []
+
     def work():
         runs = earlier.read_all(paths, own=True)
         results = calibrate(runs)
         report.write_report(folder, results, runs)
-        for drawing in report.drawings(results, runs):
-            journal.write(folder / "figures", drawing.name, journal.drawn, drawing.draw())
+        names.extend(drawing.name for drawing in report.drawings(results, runs))
 
     said = survives(work, folder / "telemetry" / "x", name)
     assert (said is None) == (name.isprintable() and len(name) <= 100)
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
     assert {p.name for p in (tmp_path / "in").iterdir()} == {"out"}
-    assert {p.name for p in folder.iterdir()} <= {"telemetry", "figures", "report.html"}
+    assert {p.name for p in folder.iterdir()} <= {"telemetry", "report.html"}
     if said is None:
-        assert all(p.is_file() for p in (folder / "figures").iterdir())
+        assert len(names) > 4
+        assert all(re.fullmatch(r"[\w-]{1,80}", each) for each in names)  # of files
         assert "<evil>" not in (folder / "report.html").read_text(encoding="utf-8")
 
 
