@@ -194,6 +194,8 @@ def record(
     q = np.exp(-2j * np.pi * f * HOLD)
 
     def amplitudes(values: Array) -> Array:
+        if not values.any():
+            return np.zeros(f.size, dtype=complex)
         return (np.fft.rfft(values) / values.size)[: f.size]
 
     draw = _Draw(f, seconds, seed)
