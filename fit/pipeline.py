@@ -205,8 +205,7 @@ class _Judged:
 def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
-    if chosen.estimator != "flscov":  # which takes the columns as they are
-        ready = ready.noted(louder.judged(ready.trusted))
+    ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fit import results as fit_results
 from fit.errors import InputError
+from fit.estimate import louder
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
@@ -69,7 +70,8 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
     how = settings(chosen, f"{where}: provenance.settings")
     prepared = [prepare(e, how).experiment for e in experiments]
     levels = said.levels or []
-    again = [replace(e, levels=e.name in levels) for e in prepared]
+    loud = louder.judged(prepared, how)
+    again = [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared]
     outcome = fit_joint(again, how)
     steps = [measure(e, outcome, at) for at, e in enumerate(again)]
     if any(steps):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.model import dynamics
 from fit.paper import FLIGHT
+from fit.settings import Settings
 from fit.signal import Spectra, fit_noise, spectra
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -73,9 +74,11 @@ def at_injections(terms: Spectra) -> Spectra:
     return replace(terms, nuisance=np.concatenate([terms.nuisance, between], axis=1))
 
 
-def judged(experiments: Sequence[Experiment]) -> dict[str, tuple[FitWarning, Experiment]]:
+def judged(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, tuple[FitWarning, Experiment]]:
     """Return by name the experiments whose o_1 is louder, what to say of it, and how to fit them."""
-    found = {}
+    found: dict[str, tuple[FitWarning, Experiment]] = {}
+    if chosen.estimator == "flscov":  # which takes the columns as they are
+        return found
     least = float(scipy.stats.norm.isf(CHANCE))
     for e in experiments:
         ratio, sigma = measure(e)
