@@ -13,6 +13,7 @@ from tests.hostile.spoiling import Runs, clean
 from tests.oracles.thirteen import PLANS, TRUTH, plant_of
 
 FAR = 5.0  # sigma
+LONG = "D3"
 NARROW = 0.85  # of the sigma without the fault, upon which no copy may improve
 RESTS = "rests_on_one_run"  # said of a clean campaign too
 
@@ -62,7 +63,7 @@ class Judged:
     def verdict(self, fault: Fault) -> str:
         """Judge: "ok", or what is wrong with it, the worst first."""
         if self.outcome == "sound" and self.pull > FAR:
-            told = fault.blind and (self.checked <= FAR or not fault.run)
+            told = fault.blind and (self.checked <= FAR or "rests on" not in fault.blind)
             return "ok" if told else "silent"
         if self.outcome == "sound" and self.width < NARROW:
             return "too sure"
@@ -84,8 +85,13 @@ class Judged:
         return "ok"
 
 
-def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
-    """Put a fault into a campaign of the named experiments and see what the fit makes of it."""
+def judge(fault: Fault, names: Iterable[str] | None = None) -> Judged:
+    """Put a fault into a campaign and see what the fit makes of it.
+
+    Without `names` of experiments it is the whole campaign, save that the tone run of 65 h, half of all
+    samples, takes part in its own faults only.
+    """
+    names = tuple(names or (name for name in PLANS if name != LONG or LONG in fault.run))
     runs = fault.make(clean(names))
     try:
         results = calibrate(list(runs.values()))
@@ -111,7 +117,7 @@ def judge(fault: Fault, names: Iterable[str] = PLANS) -> Judged:
         pull=pull,
         worst=worst,
         checked=_pull(joint, {n: value for n, value in TRUTH.items() if n not in resting})[0],
-        width=1.0 if runs.keys() == clean(names).keys() else _width(joint, _sigmas(tuple(names))),
+        width=1.0 if runs.keys() == clean(names).keys() else _width(joint, _sigmas(names)),
         left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
         alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),

@@ -1,6 +1,6 @@
 """Faults of telemetry that leave the contract intact: each is recognised and named, none passes for sound.
 
-``python -m tests.hostile.test_faults`` writes what is said of them into docs/faults.md.
+``python -m tests.hostile.faults`` writes what is said of them into docs/faults.md.
 """
 
 import json
@@ -331,9 +331,3 @@ def test_the_page_has_what_is_said():
 def words(text):
     """Leave out numbers, whose last digits are those of a machine."""
     return re.sub(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", "#", text).splitlines()
-
-
-if __name__ == "__main__":
-    before, after = PAGE.read_text(encoding="utf-8").split("<!-- begin -->")
-    after = after.split("<!-- end -->")[1]
-    PAGE.write_text(f"{before}<!-- begin -->\n{table()}\n<!-- end -->{after}", encoding="utf-8")

@@ -5,7 +5,7 @@ from tests.hostile.spoiling import all_of, changed, copied, cut, exchanged, labe
 
 EXCHANGE = "exchang|authority|F_max|N_max"
 AUTHORITY = "authority|F_max|N_max|stiffness|alpha"
-SAME = "same|equal|copy|shared|identical"
+SAME = "same|equal|copy|shared|identical|cannot be two|hold the noise"
 
 
 def exchange(first: str, second: str, *kinds: str, **more):

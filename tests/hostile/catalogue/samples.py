@@ -8,7 +8,7 @@ from tests.hostile.spoiling import READ_OUTS, before_archive, changed
 GLITCH = "glitch|spike"
 JUMP = "jump|step|glitch"
 STEPS = "quanti|steps|round"
-STUCK = "stuck|constant|repeat|zero"
+STUCK = "stuck|constant|repeat|zero|is -?0|throughout|held"
 rng = np.random.default_rng
 
 
@@ -194,5 +194,6 @@ SAMPLES = (
         "noise",
         ("1 pm Hz^-1/2", "o_12", "B4", noisy(1e-12)),
         ("1 nm Hz^-1/2", "o_1", "B4", noisy(1e-9)),
+        ("10 nm Hz^-1/2", "o_1", "B4", noisy(1e-8)),
     ),
 )
