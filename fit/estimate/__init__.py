@@ -19,6 +19,7 @@ __all__ = [
     "Posterior",
     "Pulls",
     "bump",
+    "departures",
     "earlier",
     "fit_experiment",
     "fit_joint",

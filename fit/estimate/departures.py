@@ -48,14 +48,14 @@ class Kind:
     scale: float
 
 
-_GAINS = ("lambda_1", "lambda_2")
+GAINS = ("lambda_1", "lambda_2")
 #: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02; that gains wander
 #: within a run was not seen.
 KINDS = (
-    Kind("gain", _GAINS, _GAINS, 0.005),
+    Kind("gain", GAINS, GAINS, 0.005),
     Kind("delay", ("C_1", "C_2"), ("C_1", "C_2"), 0.02),
-    Kind("slope", ("slope_1", "slope_2"), _GAINS, 0.001),
-    Kind("bend", ("bend_1", "bend_2"), _GAINS, 0.001),
+    Kind("slope", ("slope_1", "slope_2"), GAINS, 0.001),
+    Kind("bend", ("bend_1", "bend_2"), GAINS, 0.001),
 )
 
 
@@ -120,7 +120,7 @@ def share(plain: Array, names: Sequence[str], experiment: int, experiments: int)
     for i, name in enumerate(ordered):
         column = i * experiments + experiment
         own[row(name, len(plain)), column] = 1.0
-        if name in _GAINS:
+        if name in GAINS:
             delay = name.replace("lambda", "C")
             own[row(delay, len(plain)), column] = FLIGHT[delay].value / FLIGHT[name].value
     return np.hstack([np.vstack([plain, np.zeros((more, plain.shape[1]))]), own])

@@ -6,21 +6,24 @@ Each of the four kinds may raise one false alarm in 1 / ALARM campaigns, shared 
 
 Where runs do not agree, the fewest are looked for without which the others do. Several choices may do that
 equally well (two runs alone share a parameter, say): then all of them are left out. At least half of the runs
-must remain, and no gain that scatters from run to run may explain the same as well; otherwise nobody can
-tell, and the joint fit is unsound.
+must remain, and agree as noise usually lets them; and no gains or delays that scatter from run to run may
+explain the same about as well. Scatter makes no sigma too small, a run left out for it makes most of them so.
+Otherwise nobody can tell, and the joint fit is unsound.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.estimate import departures
 from fit.judgement.consistency import HELD, Regression, Squares
 from fit.model import dynamics
+from fit.paper import FLIGHT
 
 Array = NDArray[np.float64]
 
@@ -28,31 +31,49 @@ ALARM = 1e-4  # of each kind of test
 MARGIN = 12.0  # excess of T by which another choice must be worse: 1 in 400 by likelihood
 SEARCHED = 3000  # combinations of one size that are looked through at most
 HOPELESS = 1e-7  # p-value of T by an exact noise model, below which nothing else need be looked at
-PENALTY = 6.0  # by which runs that are odd must explain more than a gain that scatters
-SCATTERING = ("lambda_1", "lambda_2", "C_1", "C_2")
+ORDINARY = 0.01  # p-value of T of those that remain, below which they do not agree without the odd ones
+ANYTHING = 12.0  # by which each odd run must explain more: it may be off by anything, 400 sigma or 1
+PENALTY = 6.0  # by which odd runs must explain more than gains that scatter
+PER_WIDTH = 2.0  # by which another width must explain more
+TELLS = 1e-3  # inverse sigma, of itself and of that of the run that tells most, from which a run tells
+FEWEST = 3  # runs that tell a scatter
+COARSE = 9  # widths of each kind that are tried first
+GAIN, DELAY = (next(kind for kind in departures.KINDS if kind.name == name) for name in ("gain", "delay"))
+SCATTERING = ((GAIN,), (DELAY,), (GAIN, DELAY))
 LEANS = 3.0  # factor by which a sigma grows without a run on which it rests
 
 
 @dataclass(frozen=True)
 class Scattering:
-    """A parameter that differs from run to run, as an explanation.
+    """Gains, delays or both that differ from run to run, on both test masses alike, as an explanation.
 
     Attributes
     ----------
-    name : str
-        The parameter.
-    width : float
-        Standard deviation among the runs.
+    kinds : tuple of Kind
+        What differs.
+    widths : tuple of float
+        Standard deviations among the runs, relative to the flight values.
     left : Squares
         What T is with it.
     gain : float
         Twice the logarithm of the likelihood that it gains.
     """
 
-    name: str
-    width: float
+    kinds: tuple[departures.Kind, ...]
+    widths: tuple[float, ...]
     left: Squares
     gain: float
+
+    @property
+    def parameters(self) -> list[str]:
+        """What differs, by name."""
+        return [name for kind in self.kinds for name in kind.parameters]
+
+    @property
+    def words(self) -> str:
+        """What differs, and by how much."""
+        each = zip(self.kinds, self.widths, strict=True)
+        return " and ".join(f"a {kind.name} that scatters by {100 * width:.2g} %" for kind, width in each)
 
 
 @dataclass(frozen=True)
@@ -153,11 +174,11 @@ def _equally_good(voices: Regression, rest: Mapping[tuple[int, ...], Squares]) -
 
 
 def _sane(voices: Regression, odd: Odd, most: int) -> Odd | None:
-    """Return the odd ones unless they are too many, or a gain that scatters explains as much."""
+    """Return the odd ones unless they are too many or not all, or gains that scatter explain as much."""
     rest = voices.without(odd.left_out)
-    if len(odd.left_out) > most or not agree(rest):
+    if len(odd.left_out) > most or rest.whole.p < ORDINARY or not agree(rest):
         return None
-    told = voices.whole.dof - rest.whole.dof + 2 * odd.fewest * np.log(len(voices.voices))
+    told = voices.whole.dof - rest.whole.dof + odd.fewest * (2 * np.log(len(voices.voices)) + ANYTHING)
     limit = rest.whole.value + told + PENALTY
     scattered = (voices.whole.value - s.gain for s in scattering(voices) if s.left.p > ALARM)
     return None if min(scattered, default=np.inf) < limit else odd
@@ -165,34 +186,53 @@ def _sane(voices: Regression, odd: Odd, most: int) -> Odd | None:
 
 def scattering(voices: Regression) -> list[Scattering]:
     """Return the gains and delays that may differ from run to run beyond noise, the likeliest first."""
-    found = [s for name in SCATTERING if (s := _scattering(voices, name)) and s.gain > 0]
-    return sorted(found, key=lambda s: -s.gain)
-
-
-def _scattering(voices: Regression, name: str) -> Scattering | None:
-    """Estimate by restricted maximum likelihood how wide a parameter scatters; None if few runs tell it."""
-    columns = np.hstack([voices.column(i, v.along(name)) for i, v in enumerate(voices.voices)])
-    told = np.linalg.norm(voices.residual_maker @ columns, axis=0)
-    tells = told > 1e-3 * told.max(initial=0.0)
-    if np.count_nonzero(tells) < 3:
-        return None
-    Z = columns[:, tells]
-    scale = float(np.median(told[tells]))  # inverse sigma of a single run
     u, s, _ = np.linalg.svd(voices.residual_maker)
-    basis = u[:, s > 0.5]
-    y, Z = basis.T @ voices.z, basis.T @ Z  # free of the parameters: restricted likelihood
+    basis = u[:, s > 0.5]  # free of the parameters: restricted likelihood
+    tried = [_scattering(voices, basis, kinds) for kinds in SCATTERING]
+    found = [one for one in tried if one and one.gain > 0]
+    return sorted(found, key=lambda one: PER_WIDTH * len(one.kinds) - one.gain)
 
-    def cost(log_width: float) -> float:
-        C = np.eye(y.size) + np.exp(2 * log_width) * Z @ Z.T
+
+def _scattering(voices: Regression, basis: Array, kinds: Sequence[departures.Kind]) -> Scattering | None:
+    """Estimate by restricted maximum likelihood how wide something scatters; None if few runs tell it."""
+    y, powers, scales = basis.T @ voices.z, [], []
+    for kind in kinds:
+        Z = basis.T @ _departing(voices, kind)
+        told = np.linalg.norm(Z, axis=0)
+        tells = told > max(TELLS * told.max(initial=0.0), TELLS)
+        if np.unique(np.flatnonzero(tells) % len(voices.voices)).size < FEWEST:
+            return None
+        powers.append(Z[:, tells] @ Z[:, tells].T)
+        scales.append(np.log(float(told[tells].max())))  # inverse sigma of a single run
+
+    def covariance(log_widths: Iterable[float]) -> Array:
+        each = zip(log_widths, powers, strict=True)
+        return np.asarray(np.eye(y.size) + sum(np.exp(2 * x) * power for x, power in each))
+
+    def cost(log_widths: Iterable[float]) -> float:
+        C = covariance(log_widths)
         return float(np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y))
 
-    bounds = np.log(0.03 / scale), np.log(1e5 / scale)
-    best = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded")
-    width = float(np.exp(best.x))
-    left = float(y @ np.linalg.solve(np.eye(y.size) + width**2 * Z @ Z.T, y))
+    bounds = [(np.log(0.03) - scale, np.log(1e5) - scale) for scale in scales]
+    first = min(product(*(np.linspace(*ends, COARSE) for ends in bounds)), key=cost)
+    best = scipy.optimize.minimize(cost, first, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-2})
+    left = float(y @ np.linalg.solve(covariance(best.x), y))
     whole = voices.whole
-    test = Squares(left, whole.dof - 1, whole.of_noise)
-    return Scattering(name, width, test, whole.value - float(best.fun))
+    test = Squares(left, whole.dof - len(kinds), whole.of_noise)
+    return Scattering(tuple(kinds), tuple(np.exp(best.x).tolist()), test, whole.value - float(best.fun))
+
+
+def _departing(voices: Regression, kind: departures.Kind) -> Array:
+    """Return the departures of every run, test mass by test mass, in flight values; see `departures`."""
+    columns = []
+    for name, unit in zip(kind.parameters, kind.units, strict=True):
+        for i, v in enumerate(voices.voices):
+            column = v.along(name) * FLIGHT[unit].value
+            if name in departures.GAINS:  # the delay stays
+                along = name.replace("lambda", "C")
+                column = column + v.along(along) * FLIGHT[along].value
+            columns.append(voices.column(i, column))
+    return np.hstack(columns)
 
 
 def leaning(voices: Regression, lost: NDArray[np.bool_]) -> dict[int, dict[int, float]]:

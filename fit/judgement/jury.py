@@ -257,15 +257,16 @@ def _contradicting(
 
 def _scattered(voices: Regression, experiments: Sequence[Experiment], chosen: Settings) -> Outcome | None:
     """Fit with gains or delays that scatter, if that makes the experiments agree and is left to the data."""
-    likely = next((s for s in scattering(voices) if s.left.p > ALARM), None)
-    if likely is None or chosen.scatter != ["auto"]:
+    if chosen.scatter != ["auto"]:
         return None
-    both = [f"{likely.name[:-1]}{j}" for j in (1, 2)]  # actuators are alike
-    try:
-        outcome = fit_joint(experiments, chosen.model_copy(update={"scatter": both}))
-    except FitError:
-        return None
-    return replace(outcome, by_data=True) if agree(regression(experiments, outcome)) else None
+    for likely in (s for s in scattering(voices) if s.left.p > ALARM):
+        try:
+            outcome = fit_joint(experiments, chosen.model_copy(update={"scatter": likely.parameters}))
+        except FitError:
+            continue
+        if agree(regression(experiments, outcome)):
+            return replace(outcome, by_data=True)
+    return None
 
 
 def _centred(
@@ -359,10 +360,7 @@ def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> Fit
     )
     scattered = [s for s in scattering(voices) if s.left.p > ALARM]
     if scattered:
-        message += (
-            f"; {scattered[0].name} that scatters by {scattered[0].width:.2g} from experiment to experiment "
-            "would explain it"
-        )
+        message += f"; {scattered[0].words} from experiment to experiment would explain it"
     else:
         # of runs that contradict alike, the first: the last digits are those of a machine
         worst = sorted(range(len(experiments)), key=lambda i: -float(f"{voices.of_run(i).value:.3g}"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.judgement.agreement import agree, leaning, odd_ones
+from fit.judgement.agreement import ALARM, agree, leaning, odd_ones, scattering
 from fit.judgement.consistency import Regression, Voice
 
 K, P = 7, 6  # coefficients that a run determines, parameters that runs share
@@ -53,6 +53,31 @@ def test_what_scatters_leaves_no_run_out():
     )
     assert not agree(voices)
     assert odd_ones(voices) is None
+
+
+def scattered(seed, runs, by):
+    """Return voices of which gains and delays of both test masses scatter by some of their sigmas."""
+    rng, voices = np.random.default_rng(seed), campaign(seed, runs)
+    names = ("lambda_1", "lambda_2", "C_1", "C_2")
+    own = [v.z - sum(by * rng.standard_normal() * v.along(name) for name in names) for v in voices.voices]
+    return replace(voices, voices=tuple(replace(v, z=z) for v, z in zip(voices.voices, own, strict=True)))
+
+
+# without these runs the others agree: the first barely (p = 7e-4), the second by chance (p = 0.08)
+@pytest.mark.parametrize(("seed", "by", "out"), [(12, 0.7, (0, 4)), (23, 1.0, (0, 5))])
+def test_runs_that_scatter_a_little_are_not_odd(seed, by, out):
+    voices = scattered(seed, 6, by)
+    assert not agree(voices)
+    assert agree(voices.without(out))
+    assert odd_ones(voices) is None
+    assert scattering(voices)[0].left.p > 0.01
+
+
+def test_gains_and_delays_may_scatter_together():
+    likeliest, *others = scattering(scattered(39, 6, 1.5))
+    assert likeliest.parameters == ["lambda_1", "lambda_2", "C_1", "C_2"]
+    assert likeliest.left.p > 0.01
+    assert all(one.left.p < ALARM for one in others)  # neither is enough
 
 
 @pytest.mark.stat  # 100 campaigns, false alarms 4e-4 each: three by chance in 1e-5

@@ -127,6 +127,24 @@ def test_gains_that_scatter_cost_no_run():
 
 
 @pytest.mark.slow
+def test_gains_and_delays_that_scatter_a_little_cost_no_run():
+    # by 3 and 4 sigma of a run: without A and B the others agree by chance, 5 sigma off
+    rng, worlds = np.random.default_rng(2), {}
+    for name in "ABCDE":
+        (g1, g2), (d1, d2) = 1e-4 * rng.standard_normal(2), 4e-3 * rng.standard_normal(2)
+        worlds[name] = World(
+            lambda_1=1.0748 * (1 + g1),
+            lambda_2=1.0776 * (1 + g2),
+            C_1=0.149 * (1 + g1 + d1),
+            C_2=0.186 * (1 + g2 + d2),
+        )
+    results = calibrate(campaign(worlds=worlds))
+    assert not results.joint.unsound
+    assert not left_out(results)
+    hold(results.joint)
+
+
+@pytest.mark.slow
 def test_what_rests_on_one_run_is_called_so():
     notes = {
         w.message.split(" rest")[0]
