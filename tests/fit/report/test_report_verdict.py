@@ -110,7 +110,7 @@ def test_a_symbol_at_the_start_keeps_its_case():
 
 
 def codes(tree):
-    """Codes that a module hands to `FitWarning` as they stand, and those of `KINDS` that it names otherwise."""
+    """Codes that a module hands to `FitWarning` as they stand, and those of `KINDS` that it names."""
     strings = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
     calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func) == "FitWarning"]
     given = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
