@@ -40,6 +40,7 @@ FEWEST = 3  # runs that tell a scatter
 COARSE = 9  # widths of each kind that are tried first
 GAIN, DELAY = (next(kind for kind in departures.KINDS if kind.name == name) for name in ("gain", "delay"))
 SCATTERING = ((GAIN,), (DELAY,), (GAIN, DELAY))
+GROUP = 2  # as so many runs count those that may be wrong for one reason: two that are exchanged come first
 LEANS = 3.0  # factor by which a sigma grows without a run on which it rests
 
 
@@ -121,7 +122,7 @@ def odd_ones(voices: Regression, groups: Iterable[tuple[int, ...]] = ()) -> Odd 
     voices : Regression
         Of all runs.
     groups : iterable of tuple of int
-        Runs that may be wrong for one reason, and so count as one: those of one authority, or of one epoch.
+        Runs that may be wrong for one reason, and so count as `GROUP`: those of one authority or epoch.
     """
     runs = range(len(voices.voices))
     most = (len(runs) - 1) // 2
@@ -129,7 +130,7 @@ def odd_ones(voices: Regression, groups: Iterable[tuple[int, ...]] = ()) -> Odd 
     for size in range(1, most + 1):
         if math.comb(len(runs), size) > SEARCHED:
             return None
-        sets = {*combinations(runs, size), *(g for g in groups if size == 1 and len(g) <= most)}
+        sets = {*combinations(runs, size), *(g for g in groups if size == GROUP and len(g) <= most)}
         found = _equally_good(voices, {chosen: sums.without(chosen) for chosen in sets})
         if found:
             together = tuple(sorted({i for chosen in found for i in chosen}))
