@@ -169,9 +169,11 @@ def _without_signal(block: linear.Block, of_run: Array, slope: Array) -> Array:
     """Return the directions of z, shape (L, N), in which a signal speaks and not the noise in the commands.
 
     A single tone does not tell a gain from a stiffness, no signal at all tells neither: see
-    `linear.single_tone`. `slope`, shape (N, Q), is what the parameters of the run do to z.
+    `linear.single_tone`. What motion and torques add is left out too: noise in its read-outs attenuates it,
+    in every run differently. `slope`, shape (N, Q), is what the parameters of the run do to z.
     """
-    if block.tone is None:
+    of_motion = slope[:, len(dynamics.PARAMETERS) :]
+    if block.tone is None and not of_motion.size:
         return np.eye(len(slope))
     at = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
     stiffness = slope[:, at["omega2_2"]]
@@ -179,8 +181,11 @@ def _without_signal(block: linear.Block, of_run: Array, slope: Array) -> Array:
         omega2_2, lambda_2 = of_run[at["omega2_2"]], of_run[at["lambda_2"]]
         per_stiffness = lambda_2 / (omega2_2 - (2 * np.pi * block.tone) ** 2)
         blind = (stiffness + per_stiffness * slope[:, at["lambda_2"]])[:, None]
+    elif block.tone is None:
+        blind = of_motion[:, :0]
     else:
         blind = np.stack([stiffness, slope[:, at["lambda_2"]], slope[:, at["C_2"]]], axis=1)
+    blind = np.hstack([blind, of_motion])
     Q = _range(blind / np.maximum(np.linalg.norm(blind, axis=0), 1e-300))
     u, s, _ = np.linalg.svd(np.eye(len(slope)) - Q @ Q.T)
     return np.asarray(u[:, s > 0.5].T)
