@@ -121,6 +121,11 @@ ALONG = ("bump", "deltagfull2", "")  # none: what experiments depart by
 
 #: Table jointfit, in the order of the joint results.
 FLIGHT: Mapping[str, Parameter] = {p.name: p for p in (*_DYNAMICS, *_READ_OUT)}
+#: Delays tau_j = C_j / lambda_j [s] of test masses 1 and 2 in flight (eq. delaylin).
+DELAYS = (
+    FLIGHT["C_1"].value / FLIGHT["lambda_1"].value,
+    FLIGHT["C_2"].value / FLIGHT["lambda_2"].value,
+)
 
 # Table Eulerfit: delta_phi and delta_eta with their sigmas [rad] by inertial period.
 _MISALIGNMENTS = {

@@ -245,16 +245,10 @@ def _noises(
     ready: _Ready, alone: dict[str, Outcome | FitError], chosen: Settings
 ) -> tuple[_Ready, dict[str, Outcome | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
-    by_name = {e.name: e for e in ready.experiments}
     of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
-    said = levels.judged(of_levels, alone, chosen)
-    ready = ready.noted(
-        {name: (w, replace(by_name[name], levels=w.code == levels.CODE)) for name, w in said.items()}
-    )
+    ready = ready.noted(levels.judged(of_levels, alone, chosen))
     alone = alone | {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
-    by_name = {e.name: e for e in ready.experiments}
-    loud = steadiness.judged(ready.trusted, alone)
-    ready = ready.noted({n: (w, replace(by_name[n], unsteady=steps)) for n, (w, steps) in loud.items()})
+    ready = ready.noted(steadiness.judged(ready.trusted, alone))
     return ready, alone | {e.name: _alone(e, None, chosen) for e in ready.experiments if e.unsteady}
 
 

@@ -9,7 +9,7 @@ too quiet: then nothing is marginalised, and the noise run is told not to match.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -152,8 +152,8 @@ def mismatched(
 
 def judged(
     experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError], chosen: Settings
-) -> dict[str, FitWarning]:
-    """Return by name what is to be said of experiments whose noise run does not tell their noise.
+) -> dict[str, tuple[FitWarning, Experiment]]:
+    """Return by name the experiments whose noise run misses their noise, what to say, and how to fit them.
 
     The code is ``levels`` where that is marginalised, ``noise_mismatch`` where that would not help.
 
@@ -162,26 +162,24 @@ def judged(
     InputError
         If an experiment that the settings name is not there.
     """
-    names = [e.name for e in experiments]
-    asked = [] if chosen.levels == ["auto"] else chosen.levels
-    for name in asked:
-        if name not in names:
-            raise InputError(f"fit.levels: no experiment {name!r}, there are {', '.join(names)}")
-    told = "the level of its noise is marginalised in narrow bands"
-    found = {name: FitWarning(CODE, (), f"{name}: {told}, as the settings say") for name in asked}
-    if chosen.levels != ["auto"]:
-        return found
     by_name = {e.name: e for e in experiments}
+    told = "the level of its noise is marginalised in narrow bands"
+    found: dict[str, tuple[FitWarning, Experiment]] = {}
+    if chosen.levels != ["auto"]:
+        for name in chosen.levels:
+            if name not in by_name:
+                raise InputError(f"fit.levels: no experiment {name!r}, there are {', '.join(by_name)}")
+            said = FitWarning(CODE, (), f"{name}: {told}, as the settings say")
+            found[name] = said, replace(by_name[name], levels=True)
+        return found
     for name, off in mismatched(experiments, alone).items():
-        own, other = (
-            alone[name],
-            f"{name}: the power of the residual, by that of the noise run, is {off.told()}",
-        )
-        if isinstance(own, Outcome) and is_noise(by_name[name], own, off):
-            found[name] = FitWarning(CODE, (), f"{other}; {told}")
+        e, own = by_name[name], alone[name]
+        other = f"{name}: the power of the residual, by that of the noise run, is {off.told()}"
+        if isinstance(own, Outcome) and is_noise(e, own, off):
+            found[name] = FitWarning(CODE, (), f"{other}; {told}"), replace(e, levels=True)
         else:
             why = "no noise that has changed: the equation lacks something, or one of the runs is wrong"
-            found[name] = FitWarning(MISMATCH, (), f"{other}; {why}; the sigmas do not hold")
+            found[name] = FitWarning(MISMATCH, (), f"{other}; {why}; the sigmas do not hold"), e
     return found
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.model import dynamics
-from fit.paper import FLIGHT
+from fit.paper import DELAYS
 from fit.settings import Settings
 from fit.signal import Spectra, fit_noise, spectra
 from fit.warnings import FitWarning
@@ -42,8 +42,7 @@ def measure(experiment: Experiment) -> tuple[float, float]:
     """
     if experiment.noise is None:
         return 1.0, np.inf
-    one, two = (FLIGHT[f"C_{j}"].value / FLIGHT[f"lambda_{j}"].value for j in (1, 2))
-    run, noise = (r.spectra((one, two)).band(ABOVE, np.inf) for r in (experiment.sysid, experiment.noise))
+    run, noise = (r.spectra(DELAYS).band(ABOVE, np.inf) for r in (experiment.sysid, experiment.noise))
     power, usual = (np.abs(s.columns[:, _DDO_1]) ** 2 for s in (run, noise))
     if min(power.size, usual.size) < AROUND or not (np.all(power > 0) and np.all(usual > 0)):
         return 1.0, np.inf

@@ -7,6 +7,7 @@ spread it so, the covariance of the scores is that of noise of this power.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -63,8 +64,8 @@ def measure(experiment: Experiment, outcome: Outcome, at: int = 0) -> Steps:
 
 def judged(
     experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]
-) -> dict[str, tuple[FitWarning, Steps]]:
-    """Return by name the experiments whose noise is not steady, what to say of it, and how it is spread."""
+) -> dict[str, tuple[FitWarning, Experiment]]:
+    """Return by name the experiments whose noise is not steady, what to say of it, and how to fit them."""
     found = {}
     for e in experiments:
         own = alone[e.name]
@@ -75,5 +76,5 @@ def judged(
                 f"{e.name}: the power of its noise changes within the run, from {least:.2g} to {most:.2g} "
                 "times its mean in quarters of it; the sigmas allow for that"
             )
-            found[e.name] = FitWarning("unsteady", (), message), steps
+            found[e.name] = FitWarning("unsteady", (), message), replace(e, unsteady=steps)
     return found

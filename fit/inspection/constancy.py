@@ -14,8 +14,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.inspection import culprits
+from fit.inspection.first_fit import least
 from fit.model import dynamics
-from fit.paper import FLIGHT, experiment_parameters
+from fit.paper import DELAYS, experiment_parameters
 from fit.signal import NoiseModel, fit_noise
 from fit.weighing import Experiment, Run, linear
 
@@ -78,7 +79,7 @@ def change(experiment: Experiment) -> str | None:
     alone = apart > changed
     when = (worst if alone else at + 1) * blocks.length
     gain = float(gained[worst]) if alone else whole - float(split[at])
-    named = culprits.culprit(experiment.sysid, noise, _delays(), when, gain)
+    named = culprits.culprit(experiment.sysid, noise, DELAYS, when, gain)
     if named:
         return named
     if alone:
@@ -111,7 +112,7 @@ def _difference(blocks: _Blocks, index: int) -> float:
 
 
 def _blocks(run: Run, noise: NoiseModel) -> _Blocks:
-    terms = run.spectra(_delays())
+    terms = run.spectra(DELAYS)
     S = noise.expected(terms.f)
     U = linear.whiten(terms, S)[0]
     n = terms.window.size
@@ -139,33 +140,21 @@ def _noise(experiment: Experiment) -> NoiseModel:
     Without a noise run it is that of the residual of the run.
     """
     run = experiment.noise or experiment.sysid
-    terms = run.spectra(_delays())
+    terms = run.spectra(DELAYS)
     model = None
     for _ in range(2):
         S = model(terms.f) if model else np.ones(terms.f.size)
         U, left = linear.whiten(terms, S)
-        c = _of_flight(run) if experiment.noise else _fitted(U)
+        c = _of_flight(run) if experiment.noise else least(U)
         model = fit_noise(terms.f, np.abs(U[:, : c.size] @ c) ** 2 * S / 2, np.maximum(left, 0))
     assert model is not None
     return model
 
 
-def _fitted(U: NDArray[np.complex128]) -> Array:
-    rows = np.concatenate([U.real, U.imag])
-    norms = np.where(np.any(rows, axis=0), np.linalg.norm(rows, axis=0), 1.0)
-    c = np.linalg.lstsq(rows[:, 1:] / norms[1:], -rows[:, 0])[0] / norms[1:]
-    return np.array([1.0, *c])
-
-
-def _delays() -> tuple[float, float]:
-    one, two = (FLIGHT[f"C_{j}"].value / FLIGHT[f"lambda_{j}"].value for j in (1, 2))
-    return one, two
-
-
 def _of_flight(run: Run) -> Array:
     own = experiment_parameters(run.telemetry.authority, run.telemetry.alignment_epoch)
     theta = [own[name].value if name in own else 0.0 for name in run.channels.parameters]
-    return dynamics.coefficients(np.array(theta), _delays())
+    return dynamics.coefficients(np.array(theta), DELAYS)
 
 
 def _left(grams: Array) -> Array:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.signal import NoiseModel, Spectra, spectra
+from fit.inspection.first_fit import least
+from fit.signal import NoiseModel, spectra
 from fit.weighing import Run, linear
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ class _Search:
         self.run, self.fs, self.tau = run, found.fs, tau
         self.time, self.valid = found.time, found.valid
         self.S = S.expected(terms.f)
-        U = _real(linear.whiten(terms, self.S)[0])
+        U = linear.stacked(linear.whiten(terms, self.S)[0])
         norms = np.linalg.norm(U, axis=0)
         kept = [k for k in range(1, U.shape[1]) if norms[k] > 0]
         self.Q = np.linalg.qr(U[:, kept] / norms[kept])[0]
@@ -51,7 +52,7 @@ class _Search:
         names = dict(zip(found.names, found.values.T, strict=True))
         self.from_after = bool(when < found.time[found.time.size // 2])  # the longer part tells
         part = self.valid & ((found.time >= when) == self.from_after)
-        c = _coefficients(spectra.transform(found.values, part, found.fs), self.S)
+        c = least(linear.whiten(spectra.transform(found.values, part, found.fs), self.S)[0])
         self.c = dict(zip(found.names, c.tolist(), strict=True))
         acting = found.values[:, 1:] @ c[1:] - self.c["o_12"] * names["o_12"]
         one = np.ones(found.time.size)
@@ -67,7 +68,7 @@ class _Search:
     def attempt(self, channel: str, when: float) -> _Try:
         """Let a channel change at an instant."""
         more = self.columns[channel] * (self.time >= when)
-        E = _real(linear.whiten(spectra.transform(more.T, self.valid, self.fs), self.S)[0])
+        E = linear.stacked(linear.whiten(spectra.transform(more.T, self.valid, self.fs), self.S)[0])
         E -= self.Q @ (self.Q.T @ E)
         norms = np.where(np.any(E, axis=0), np.linalg.norm(E, axis=0), 1.0)
         q, R = np.linalg.qr(E / norms)
@@ -145,15 +146,3 @@ def _words(search: _Search, found: _Try, scale: float) -> list[str]:
         whole = f", {abs(round(count))} of its samples," if is_whole else ""
         words.append(f"{then} {abs(late):.2g} s{whole} {'later' if late > 0 else 'earlier'} than before")
     return words
-
-
-def _coefficients(terms: Spectra, S: Array) -> Array:
-    """Return the coefficients of the columns, the first of them 1, that leave the least of a run."""
-    U = _real(linear.whiten(terms, S)[0])
-    norms = np.where(np.any(U, axis=0), np.linalg.norm(U, axis=0), 1.0)
-    c = np.linalg.lstsq(U[:, 1:] / norms[1:], -U[:, 0])[0] / norms[1:]
-    return np.array([1.0, *c])
-
-
-def _real(U: NDArray[np.complex128]) -> Array:
-    return np.concatenate([U.real, U.imag])

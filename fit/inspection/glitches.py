@@ -23,10 +23,11 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.inspection.first_fit import least
 from fit.inspection.pursuit import View, pursue
 from fit.model import dynamics
-from fit.paper import FLIGHT
-from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
+from fit.paper import DELAYS
+from fit.signal import NoiseModel, derivatives, fit_noise
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 
@@ -102,8 +103,7 @@ class _Search:
         self._shapes: list[Glitch] = []
         self._names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
         self._model: NoiseModel | None = None
-        tau_1, tau_2 = (FLIGHT[f"C_{j}"].value / FLIGHT[f"lambda_{j}"].value for j in (1, 2))
-        self._tau = tau_1, tau_2  # where a fit begins: it finds the spectra ready
+        self._tau = DELAYS  # where a fit begins: it finds the spectra ready
 
     def weigh(self, coefficients: Mapping[str, float] | None = None) -> dict[str, float]:
         """Fit the PSD of the residual and, unless they are given, the coefficients of the columns."""
@@ -111,7 +111,7 @@ class _Search:
         S = self._S(terms.f)
         U, left = linear.whiten(terms, S)
         if coefficients is None:
-            self._c = _least(U)
+            self._c = least(U)
         else:  # a noise run may carry other read-outs of spacecraft motion than the sysid run
             self._c = np.array([coefficients.get(name, 0.0) for name in self._names])
         with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
@@ -177,8 +177,8 @@ class _Search:
         if self is not noise:  # the coefficients of a noise run are those of the sysid run
             taken.append(U[:, 1:][:, np.any(U[:, 1:] != 0, axis=0)])
         beside = np.hstack(taken)
-        Q = np.linalg.qr(_rows(beside / np.linalg.norm(beside, axis=0)))[0]
-        residual = _rows(U @ self._c)
+        Q = np.linalg.qr(linear.stacked(beside / np.linalg.norm(beside, axis=0)))[0]
+        residual = linear.stacked(U @ self._c)
         return View(
             time=self.run.channels.time[inner],
             fs=self.run.channels.fs,
@@ -248,17 +248,3 @@ def _merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         else:
             merged.append((begin, end))
     return merged
-
-
-def _rows(x: Spectrum) -> Array:
-    """Return real parts, then imaginary parts."""
-    return np.concatenate([x.real, x.imag])
-
-
-def _least(U: Spectrum) -> Array:
-    """Return the coefficients of whitened columns, shape (P,), the first of them 1, that leave the least."""
-    rows = _rows(U)
-    norms = np.linalg.norm(rows, axis=0)
-    scale = np.where(norms > 0, norms, 1.0)
-    c = np.linalg.lstsq(rows[:, 1:] / scale[1:], -rows[:, 0])[0] / scale[1:]
-    return np.array([1.0, *c])

@@ -149,7 +149,7 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
     gradient = dynamics.gradient(of_run, block.tau)
     level = _level(block, c)
     W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
-    W = _without_signal(block, of_run, W @ H[1:] @ gradient) @ W
+    W = _believed(block, of_run, W @ H[1:] @ gradient) @ W
     knots, of_knots = _knots(experiment, block, W)
     return Voice(
         name=experiment.name,
@@ -165,27 +165,24 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
     )
 
 
-def _without_signal(block: linear.Block, of_run: Array, slope: Array) -> Array:
-    """Return the directions of z, shape (L, N), in which a signal speaks and not the noise in the commands.
+def _believed(block: linear.Block, of_run: Array, slope: Array) -> Array:
+    """Return the directions of z, shape (L, N), in which a signal speaks and not noise in the regressors.
 
     A single tone does not tell a gain from a stiffness, no signal at all tells neither: see
     `linear.single_tone`. What motion and torques add is left out too: noise in its read-outs attenuates it,
     in every run differently. `slope`, shape (N, Q), is what the parameters of the run do to z.
     """
-    of_motion = slope[:, len(dynamics.PARAMETERS) :]
-    if block.tone is None and not of_motion.size:
-        return np.eye(len(slope))
     at = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
-    stiffness = slope[:, at["omega2_2"]]
+    stiffness, gain, delay = (slope[:, at[name]] for name in ("omega2_2", "lambda_2", "C_2"))
+    blind = slope[:, len(dynamics.PARAMETERS) :]
     if block.tone:  # at its frequency nothing changes if the gain follows the stiffness
         omega2_2, lambda_2 = of_run[at["omega2_2"]], of_run[at["lambda_2"]]
         per_stiffness = lambda_2 / (omega2_2 - (2 * np.pi * block.tone) ** 2)
-        blind = (stiffness + per_stiffness * slope[:, at["lambda_2"]])[:, None]
-    elif block.tone is None:
-        blind = of_motion[:, :0]
-    else:
-        blind = np.stack([stiffness, slope[:, at["lambda_2"]], slope[:, at["C_2"]]], axis=1)
-    blind = np.hstack([blind, of_motion])
+        blind = np.column_stack([blind, stiffness + per_stiffness * gain])
+    elif block.tone == 0:
+        blind = np.column_stack([blind, stiffness, gain, delay])
+    if not blind.size:
+        return np.eye(len(slope))
     Q = _range(blind / np.maximum(np.linalg.norm(blind, axis=0), 1e-300))
     u, s, _ = np.linalg.svd(np.eye(len(slope)) - Q @ Q.T)
     return np.asarray(u[:, s > 0.5].T)

@@ -116,10 +116,10 @@ class Block:
 
     def root(self, bins: slice) -> Array:
         """Return the same as `plain` for some of the bins."""
-        return np.asarray(np.linalg.qr(_real(self.columns[bins]), mode="r"))
+        return np.asarray(np.linalg.qr(stacked(self.columns[bins]), mode="r"))
 
     def _root(self, factors: Array) -> Array:
-        return np.asarray(np.linalg.qr(_real(self.columns * np.sqrt(factors)[:, None]), mode="r"))
+        return np.asarray(np.linalg.qr(stacked(self.columns * np.sqrt(factors)[:, None]), mode="r"))
 
 
 class Straight(Block):
@@ -147,20 +147,20 @@ def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
         The fraction of the power that the projection leaves, from 0 to 1.
     """
     scale = np.sqrt(2 / S)[:, None]
-    Q = np.linalg.qr(_real(spectra.nuisance * scale))[0]
-    U = _real(spectra.columns * scale)
+    Q = np.linalg.qr(stacked(spectra.nuisance * scale))[0]
+    U = stacked(spectra.columns * scale)
     U -= Q @ (Q.T @ U)
     taken = np.sum(Q**2, axis=1).reshape(2, -1).mean(axis=0)
     return _complex(U), np.asarray(1 - taken, dtype=np.float64)
 
 
-def _real(x: Spectrum) -> Array:
+def stacked(x: Spectrum) -> Array:
+    """Return real parts, then imaginary parts."""
     return np.concatenate([x.real, x.imag])
 
 
 def _complex(x: Array) -> Spectrum:
-    half = len(x) // 2
-    return x[:half] + 1j * x[half:]
+    return x[: len(x) // 2] + 1j * x[len(x) // 2 :]
 
 
 def block(

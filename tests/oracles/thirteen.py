@@ -12,16 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from fit.telemetry.reader import Telemetry
-from tests.oracles import closed_loop
+from tests.oracles import closed_loop, synthetic
 from tests.oracles.closed_loop import MASS, Drive, Hidden, Noise, Plant
 
 #: F_max_1, F_max_2 [pN], N_max_1, N_max_2 [pN m].
 AUTHORITIES = {
-    "A": (0.0, 2200.0, 10.4, 10.4),
-    "B": (0.0, 1100.0, 10.4, 10.4),
-    "C": (0.0, 1100.0, 1.5, 1.0),
-    "D": (0.0, 50.0, 1.5, 1.0),
-    "E": (2200.0, 2200.0, 10.4, 10.4),
+    **synthetic.AUTHORITIES,
     "F": (1100.0, 2200.0, 1.5, 1.0),
     "G": (4400.0, 5000.0, 1.5, 10.4),
 }
