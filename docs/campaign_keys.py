@@ -12,14 +12,23 @@ TABLES = {  # in the order of a campaign file
     "TruthTable": "[truth]",
     "AuthorityTable": "[authority.NAME]",
     "NoiseTable": "[noise]",
+    "EventsTable": "[events]",
+    "PlateauTable": "An entry of events.plateau",
+    "ActuationTable": "[actuation]",
     "SineTable": "An injection of shape sine",
+    "TaperedSineTable": "An injection of shape tapered_sine",
     "HalfCosineTable": "An injection of shape half_cosine",
     "PulseTable": "An injection of shape pulse",
     "ExperimentTable": "[[experiments]]",
+    "DefaultsTable": "[defaults]",
+    "SweepTable": "[sweep]",
     "ControllerTable": "[control.drag_free], [control.suspension]",
+    "AttitudeTable": "[control.attitude]",
     "SpacecraftTable": "[spacecraft]",
     "MisalignmentTable": "[spacecraft.period.K]",
     "FmuTable": "[fmus.MODEL]",
+    "DesignTable": "[design]",
+    "CapTable": "[design.limits.QUANTITY]",
 }
 
 

@@ -7,17 +7,19 @@ Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOme
 d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 
 * If the calibration has told the two apart (`bump.is_separated`), both terms count at all frequencies.
-* If not, b_1 and b_2 contain the Euler term. So that it does not count twice, g_dOmega is then taken below
-  `SPLIT`, where delta_phi and delta_eta were fitted, and delta_g_SC above, where b_1 to b_6 were fitted. The
-  two filters add up to one. This leaves out the true b_1 and b_2 times phi'' and eta'' below `SPLIT`, some
-  3 % of the Euler term.
+* If not, b_1 and b_2 contain the Euler term, and delta_g_SC is taken above `SPLIT` alone, where b_1 to b_6
+  were fitted: below, phi'' is no longer -dOmega_phi, and such a b_1 would add noise. g_dOmega is then taken
+  below `SPLIT`, if the calibration has the angles. The two filters add up to one. This leaves out the true
+  b_1 and b_2 times phi'' and eta'' below `SPLIT`, some 3 % of the Euler term.
+
+Where Delta g is louder than Delta g_x all the same, that is told (`Excess`).
 
 The run is read twice, piece by piece: once for the slow part of Omega, which needs all of the star tracker,
 and once for the terms. Memory does not grow with the run, and the numbers do not depend on the pieces.
 Missing samples become NaN, however many there are.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,12 +28,13 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import bump
+from fit.estimate import bump, centrifugal
 from fit.estimate import inertial as euler_fit
-from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
-from fit.results import Fit, Results, sound_joint
-from fit.signal import derivatives
+from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation, separation
+from fit.results import Fit, Results, check_frame, sound_joint
+from fit.signal import Excess, derivatives
 from fit.telemetry import Telemetry, Writer, inertial_period, read_stretch, samples
+from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
@@ -111,8 +114,9 @@ class _Turning:
 
 @dataclass(frozen=True)
 class _Recipe:
-    """What turns the channels of a run into Delta g. A term that cannot be computed is None."""
+    """What turns channels into Delta g, with d = x_2 - x_1 [m]. A term that cannot be computed is None."""
 
+    d: float
     known: Dynamics
     cross_talk: Mapping[str, float] | None
     turning: _Turning | None
@@ -137,7 +141,8 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     Returns
     -------
     tuple of str
-        What was left out or is doubtful. The attribute ``notes`` of the file has it too.
+        What was left out or is doubtful. The attribute ``notes`` of the file has it too; ``louder_bands`` has
+        the ends [Hz] of the bands in which Delta g is louder than Delta g_x, where there are any.
 
     Raises
     ------
@@ -152,12 +157,16 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
         **head.root,
         **provenance,
         "fs": head.fs / size.factor,
-        "notes": "\n".join(recipe.notes),
     }
+    excess = Excess(size.outputs, head.fs / size.factor)
     with Writer(out, size.outputs, described, attributes) as writer:
         for time, channels in _series(path, head.fs, recipe):
             writer.append(time, {name: channels[name] for name in described})
-    return recipe.notes
+            excess.add(channels["delta_g_x"], channels["delta_g"])
+        notes, told = _told(recipe, excess)
+        for name, value in told.items():
+            writer.annotate(name, value)
+    return notes
 
 
 def delta_g(run: Telemetry, results: Results) -> Telemetry:
@@ -176,7 +185,7 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     Telemetry
         At 1 to 2 Hz, in memory. Every term is a channel [m s^-2]: those of eq. deltagjointfit, their sum
         ``delta_g_x``, the corrections ``delta_g_SC``, ``g_Omega``, ``g_dOmega`` (eq. deltagfull2), and the
-        total ``delta_g``. The attribute ``notes`` tells what was left out or is doubtful.
+        total ``delta_g``. The attributes ``notes`` and ``louder_bands`` are those of `write_delta_g`.
 
     Raises
     ------
@@ -186,6 +195,9 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     head, size, recipe = _begun(run.path, results)
     described = _described(recipe)
     pieces = list(_series(run.path, head.fs, recipe))
+    excess = Excess(size.outputs, head.fs / size.factor)
+    for _, found in pieces:
+        excess.add(found["delta_g_x"], found["delta_g"])
     return replace(
         head,
         fs=head.fs / size.factor,
@@ -193,8 +205,29 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
         channels={name: np.concatenate([found[name] for _, found in pieces]) for name in described},
         units=dict.fromkeys(described, UNIT),
         long_names=described,
-        attributes={**head.attributes, "notes": "\n".join(recipe.notes)},
+        attributes={**head.attributes, **_told(recipe, excess)[1]},
     )
+
+
+def _told(recipe: _Recipe, excess: Excess) -> tuple[tuple[str, ...], dict[str, object]]:
+    """Return what is to be said of a product, as sentences and as attributes of its file."""
+    bands = excess.bands()
+    notes = (*recipe.notes, *(warning.message for warning in louder(bands)))
+    told: dict[str, object] = {"notes": "\n".join(notes)}
+    if bands:
+        told["louder_bands"] = np.array([band[:2] for band in bands])
+    return notes, told
+
+
+def louder(bands: Sequence[tuple[float, float, float]]) -> list[FitWarning]:
+    """Return a warning where Delta g is louder than Delta g_x, see `Excess.bands`."""
+    if not bands:
+        return []
+    told = ", ".join(
+        f"{1e3 * low:.2g} to {1e3 * high:.2g} mHz ({ratio:.2f} times)" for low, high, ratio in bands
+    )
+    message = f"delta_g is louder than delta_g_x at {told}: what is subtracted there adds noise"
+    return [FitWarning("correction_adds_noise", (), message)]
 
 
 def _begun(path: Path, results: Results) -> tuple[Telemetry, Grid, _Recipe]:
@@ -215,6 +248,7 @@ def _described(recipe: _Recipe) -> dict[str, str]:
 
 
 def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
+    check_frame(results, head)
     known = dynamics_of(head, joint)
     notes = [warning.message for warning in known.warnings]
     epoch, period = str(head.alignment_epoch), inertial_period(head)
@@ -225,19 +259,21 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):
         notes.append(f"delta_g_SC is left out: no channel {', '.join(lacking)}")
         cross_talk = {}
-    turning = _turning(head)
-    euler = None
-    if turning is None:
+    turning, euler, of_period = _turning(head), None, results.inertial.get(period)
+    if of_period is not None and centrifugal.contradicts(of_period.warnings):
+        turning = None
+        notes.append(f"g_Omega and g_dOmega are left out: {_without(of_period, f'inertial period {period}')}")
+    elif turning is None:
         notes.append("g_Omega and g_dOmega are left out: no torques about phi and eta (N_phi_1, N_eta_1)")
     else:
         notes += [w.message for w in (*turning.sources.warnings, *turning.slow.warnings)]
-        fit = results.inertial.get(period)
-        if fit is not None and not fit.unsound and fit.parameters.keys() >= set(euler_fit.NAMES):
-            euler = (fit.parameters["delta_phi"].value, fit.parameters["delta_eta"].value)
+        if of_period and not of_period.unsound and of_period.parameters.keys() >= set(euler_fit.NAMES):
+            euler = (of_period["delta_phi"].value, of_period["delta_eta"].value)
         else:
-            notes.append(f"g_dOmega is left out: {_without(fit, f'inertial period {period}')}")
-    split = bool(cross_talk and euler and fitted and not bump.is_separated(fitted))
-    return _Recipe(known, cross_talk or None, turning, euler, split, tuple(notes))
+            notes.append(f"g_dOmega is left out: {_without(of_period, f'inertial period {period}')}")
+    split = bool(cross_talk and fitted and not bump.is_separated(fitted))
+    d = separation(head.x_axis)
+    return _Recipe(d, known, cross_talk or None, turning, euler, split, tuple(notes))
 
 
 def _without(fit: Fit | None, what: str) -> str:
@@ -282,10 +318,10 @@ def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dic
             motion = rotation.motion(stretch.telemetry, turning.sources, turning.reference)
             kept = motion.part(stretch.keep)
             integral = integral or rate.Integral(motion.fs)
-            g_Omega = inertial.g_Omega(rate.rate(kept, turning.slow, integral))
+            g_Omega = inertial.g_Omega(rate.rate(kept, turning.slow, integral), recipe.d)
             channels["g_Omega"] = np.where(kept.valid, g_Omega, np.nan)
             if recipe.euler is not None:
-                g_dOmega = inertial.euler(motion.dOmega) @ recipe.euler
+                g_dOmega = inertial.euler(motion.dOmega, recipe.d) @ recipe.euler
                 if recipe.split:
                     g_dOmega = slow_part(g_dOmega, motion.fs)
                 channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[stretch.keep]

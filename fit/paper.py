@@ -291,3 +291,44 @@ def alpha_x(lambda_V: float) -> float:
 def alpha_phi(lambda_V: float) -> float:
     """Return the stiffness per torque authority [kg-1 m-2] at a gain of the voltage (eq. alphaphi)."""
     return -(lambda_V**2) / M_TM * (D2C_DX2 - 4 * DC_DX**2 / C_TOT) / DC_DPHI
+
+
+#: delta_ifo as numerical simulations of the optical bench predict it: rms, and limits (section Results).
+DELTA_IFO_DESIGN = (6.3e-5, 17e-5)
+
+
+@dataclass(frozen=True)
+class Flown:
+    """The ASD of Delta g that the flight found [m s^-2 Hz^-1/2], with its sigma, and about when, ISO 8601."""
+
+    asd: float
+    sigma: float
+    day: str
+
+
+#: The level of Delta g above a millihertz, early in the mission and at its best (section Introduction).
+PLATEAU = (Flown(5.57e-15, 0.04e-15, "2016-04-15"), Flown(1.74e-15, 0.05e-15, "2017-02-15"))
+ARM = 0.011  # m, of an electrode about the z axis: choice
+
+
+def lisa(f: float) -> float:
+    """Return the ASD [m s^-2 Hz^-1/2] of Delta g at `f` [Hz] if each of two test masses meets what LISA asks.
+
+    That is 3 fm s^-2 Hz^-1/2 sqrt(1 + (0.4 mHz / f)^2) sqrt(1 + (f / 8 mHz)^4) of each (arXiv 1702.00786).
+    """
+    return math.sqrt(2) * 3e-15 * math.hypot(1, 0.4e-3 / f) * math.hypot(1, (f / 8e-3) ** 2)
+
+
+def effective_authority(authority: tuple[tuple[float, float], tuple[float, float]]) -> float:
+    """Return by what [N] a relative noise of every electrode's force makes the noise of the difference.
+
+    Constant stiffness: the four electrodes of a test mass carry F_max + N_max / `ARM` in all, whatever is
+    commanded. Where their voltages have independent relative noise S_eps, the force on a test mass has the
+    ASD sqrt(S_eps) (F_max + N_max / ARM), and the two test masses add in squares.
+
+    Parameters
+    ----------
+    authority : tuple of tuple of float
+        Force [N] and torque [N m] authority of test masses 1 and 2.
+    """
+    return math.hypot(*(F_max + N_max / ARM for F_max, N_max in authority))

@@ -8,6 +8,7 @@ from fit.estimate import (
     Known,
     Outcome,
     bump,
+    centrifugal,
     fit_experiment,
     inertial,
     known_of,
@@ -17,13 +18,14 @@ from fit.estimate import (
     steadiness,
     verdict,
 )
-from fit.inspection import LeftOut, Prepared, admission, leftout, prepare, searches
+from fit.inspection import LeftOut, Prepared, admission, leftout, prepare_each, searches
 from fit.judgement import jury
-from fit.model import Sharing, rotation
-from fit.results import Fit, Provenance, Results
+from fit.model import Sharing, rotation, separation
+from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
-from fit.signal import derivatives, one_thread, spectra
-from fit.telemetry import Telemetry, inertial_period
+from fit.signal import derivatives, spectra
+from fit.telemetry import Telemetry, common_x_axis, inertial_period
+from fit.threads import each, one_thread
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
 
@@ -42,7 +44,8 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     Raises
     ------
     InputError
-        If there is nothing to fit, or nothing of which the data are what they say.
+        If there is nothing to fit, or nothing of which the data are what they say, or if runs state
+        different frames.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -52,6 +55,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
             f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
             "or an earlier calibration"
         )
+    common_x_axis(telemetries)
     return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
 
 
@@ -69,7 +73,8 @@ def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -
     Raises
     ------
     InputError
-        If there is a sysid run, or no run that lets the inertial forces be fitted.
+        If there is a sysid run, or no run that lets the inertial forces be fitted, or if runs state
+        different frames, or another one than the calibration has.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -78,12 +83,14 @@ def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -
             raise InputError(
                 f"{run.path}: a sysid run, expected noise runs only beside an earlier calibration"
             )
+        check_frame(calibration, run)
     if not any(map(inertial.takes_part, telemetries)):
         raise InputError(
             f"{_where(telemetries)}: no noise run of {inertial.SHORTEST / 3600:g} h or more with torques "
             "about phi and eta (N_phi_1, N_eta_1), expected at least one"
         )
-    return _with_inertial(calibration, telemetries)
+    turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries))
+    return _with_inertial(replace(calibration, provenance=turned), telemetries)
 
 
 def _where(telemetries: Sequence[Telemetry]) -> str:
@@ -116,8 +123,10 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     """Take the Euler force off the cross-talk of every epoch whose runs lie in one fitted period."""
     found = dict(results.cross_talk)
     for epoch, period in (results.provenance.cross_talk_periods or {}).items():
-        if period in fits and epoch in found and not bump.is_separated(found[epoch]):
-            found[epoch] = bump.separate(found[epoch], fits[period], period)
+        told = period in fits and not centrifugal.contradicts(fits[period].warnings)
+        if told and epoch in found and not bump.is_separated(found[epoch]):
+            d = separation(results.provenance.frame)
+            found[epoch] = bump.separate(found[epoch], fits[period], period, d)
     return found
 
 
@@ -206,7 +215,7 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
-    alone = {e.name: _alone(e, None, chosen) for e in ready.experiments}
+    alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
@@ -220,16 +229,13 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
-    prepared: dict[str, Prepared] = {}
     first = admission.faults([e for e in found if e.name not in chosen.exclude])
     left_out = first.left_out
     faulty = {f.experiment for f in left_out}
-    plain = chosen.model_copy(update={"glitches": False})  # what is no good needs no search
-    for e in found:
-        try:
-            prepared[e.name] = prepare(e, plain if e.name in faulty else chosen)
-        except InputError as error:  # one bad run must not cost the others their fit
-            left_out += [LeftOut(e.name, str(error))] * (e.name not in faulty)
+    made = prepare_each(found, chosen, faulty)
+    prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
+    refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
+    left_out += [LeftOut(name, str(error)) for name, error in refused.items()]
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
     ready = _Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
@@ -247,9 +253,14 @@ def _noises(
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
     ready = ready.noted(levels.judged(of_levels, alone, chosen))
-    alone = alone | {e.name: _alone(e, None, chosen) for e in ready.experiments if e.levels}
+    alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen)
     ready = ready.noted(steadiness.judged(ready.trusted, alone))
-    return ready, alone | {e.name: _alone(e, None, chosen) for e in ready.experiments if e.unsteady}
+    return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen)
+
+
+def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
+    fits = each(lambda e: _alone(e, None, chosen), experiments)
+    return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 
 def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Outcome | FitError:
@@ -280,8 +291,8 @@ def _judged(
     """Add to every fit what keeps it from being trusted, and what was left out of the joint one."""
     fits: dict[str, Fit] = {}
     of_joint: list[FitWarning] = []
-    for e in ready.experiments:
-        found = _of_experiment(e, ready, alone[e.name], together, chosen)
+    own = each(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen), ready.experiments)
+    for e, found in zip(ready.experiments, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found
         else:
@@ -379,5 +390,6 @@ def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> 
         settings=chosen.model_dump(),
         more={"agreement": together.agreement} if together and together.agreement else {},
         levels=[e.name for e in ready.taking_part if e.levels],
+        x_axis=ready.experiments[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

@@ -121,6 +121,13 @@ KINDS: Mapping[str, Kind] = {
         words="The data are not what they say",
         unsound=True,
     ),
+    "frame_contradicted": Kind(
+        "Put `x_axis` into the files as the archive has it: `towards test mass 1` is the paper's frame, "
+        "`towards test mass 2` the one meant without it; or check the sign of all channels along x.",
+        severity=Severity.FAILURE,
+        words="The telemetry is not in the frame it states",
+        unsound=True,
+    ),
     "left_out": Kind(
         "Mend what is named and fit again; the fit of the others is not touched by it.",
         severity=Severity.DOUBT,
@@ -136,6 +143,11 @@ KINDS: Mapping[str, Kind] = {
         "See how the files were made: what most have in common is hardly an accident.",
         severity=Severity.DOUBT,
         words="Samples look as no instrument gives them",
+    ),
+    "centrifugal_strength": Kind(
+        "Check the units of star tracker and torques, and the gain of the torques.",
+        severity=Severity.DOUBT,
+        words="The centrifugal term is not as strong as the rotation tells",
     ),
     "missing_run": Kind(
         "Read the log of the run in the folder logs, mend what it names and give the same command again; "
@@ -168,6 +180,10 @@ KINDS: Mapping[str, Kind] = {
     "correlation": Kind(
         "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
         "one more experiment of the epoch.",
+    ),
+    "correction_adds_noise": Kind(
+        "Use `delta_g_x` there; calibrate with noise runs of the same inertial period, so that rotation and "
+        "cross-talk are told apart.",
     ),
     "degenerate_with_actuation_crosstalk": Kind(
         "Bound the actuation cross-talk by other means (ground calibration, a torque injection of its "
@@ -223,6 +239,12 @@ KINDS: Mapping[str, Kind] = {
     ),
     "rests_on_one_run": Kind(
         "Trust it as far as you trust that run; a second one of its kind would be a check.",
+    ),
+    "guidance": Kind(
+        "See whether guidance and read-outs are of the same run; the fit takes nothing from guidance, but "
+        "read-outs of another run would be fitted under a wrong name.",
+        severity=Severity.DOUBT,
+        words="Read-outs do not answer the guidance",
     ),
     "same_time": Kind(
         "Put the start of every run into its attribute t0; the fit does not use it.",

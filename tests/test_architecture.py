@@ -26,6 +26,7 @@ LAYERS = {
             "warnings",
             "paper",
             "files",
+            "threads",
             "telemetry",
             "signal",
             "settings",
@@ -36,7 +37,7 @@ LAYERS = {
     ),
     "lpfcosim": (
         *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
-        *("modelica", "cosim", "export", "running", "api", "cli", "__main__"),
+        *("modelica", "cosim", "export", "running", "api", "design", "cli", "__main__"),
     ),
 }
 #: What the simulator takes of the estimators outside its command line: how a telemetry file is written.
@@ -44,6 +45,7 @@ LETTERBOX = {"fit.errors", "fit.files", "fit.telemetry", "fit.units"}
 #: The only users of a tool; whoever else needs it asks them.
 USERS = {
     "corner": {"fit.journal"},
+    "cvxpy": {"lpfcosim.design"},
     "emcee": {"fit.estimate"},
     "filelock": {"lpfcosim.running"},
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},

@@ -34,6 +34,7 @@ NOT_RUN = {
     "source",
 }  # first words of the lines of console blocks
 LONG = {
+    ("lpfcosim", "design"),
     ("lpfcosim", "montecarlo"),
     ("lpfcosim", "mcmc"),
     ("lpfcosim", "run"),

@@ -27,7 +27,7 @@ from fit.estimate import couplings
 from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
-from fit.model import BASELINE, Sharing, dynamics
+from fit.model import Sharing, dynamics, inertial
 from fit.results import Fit, Results
 from fit.signal import derivatives, spectra
 from fit.warnings import FitWarning
@@ -48,7 +48,7 @@ DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
     "z": ({"grs_z_2": 1.0, "grs_z_1": -1.0}, 0.25),
 }
 SEPARATED, JOINED = "euler_separated", "euler_included"
-_PARTS = {"b_1": ("delta_phi", 1.0), "b_2": ("delta_eta", -1.0)}
+_TURNED = inertial.along(inertial.BASELINE).keys()
 
 
 def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> dict[str, Fit]:
@@ -120,7 +120,7 @@ def subtracting(results: Results, epoch: str) -> dict[str, float]:
     best = (results.provenance.subtraction or {}).get(epoch)
     if best is not None:
         return {name: best[name] for name in COEFFICIENTS if name in best}
-    return sums(fit.values, _inertial_of(results, epoch)) if is_separated(fit) else fit.values
+    return sums(fit.values, *_euler_of(results, epoch)) if is_separated(fit) else fit.values
 
 
 def beside_euler(results: Results, epoch: str) -> dict[str, float]:
@@ -128,12 +128,14 @@ def beside_euler(results: Results, epoch: str) -> dict[str, float]:
     best, fit = subtracting(results, epoch), results.cross_talk.get(epoch)
     if fit is None or not is_separated(fit):
         return best
-    euler = sums(dict.fromkeys(best, 0.0), _inertial_of(results, epoch))
+    euler = sums(dict.fromkeys(best, 0.0), *_euler_of(results, epoch))
     return {name: value - euler[name] for name, value in best.items()}
 
 
-def _inertial_of(results: Results, epoch: str) -> Fit | None:
-    return results.inertial.get((results.provenance.cross_talk_periods or {}).get(epoch, ""))
+def _euler_of(results: Results, epoch: str) -> tuple[Mapping[str, float], float]:
+    """Return the misalignment that the runs of an epoch have, empty if it is not known, and d [m]."""
+    fit = results.inertial.get((results.provenance.cross_talk_periods or {}).get(epoch, ""))
+    return fit.values if fit else {}, inertial.separation(results.provenance.frame)
 
 
 def _names(
@@ -241,7 +243,8 @@ def expected_shift(outcome: Outcome, weighed: Sequence[Weighed], freed: Containe
     """
     theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    H, H_n = np.diag(outcome.lost / width**2), np.zeros((theta.size, theta.size))
+    departures = outcome.held.rows[len(outcome.prior.rows) :]
+    H, H_n = np.diag(outcome.lost / width**2) + departures.T @ departures, np.zeros((theta.size, theta.size))
     clean = np.array([p.name in freed for p in outcome.parameters])
     for w in weighed:
         terms, to_run = w.terms, w.block.share
@@ -298,20 +301,22 @@ def is_separated(cross_talk: Fit) -> bool:
     return any(warning.code == SEPARATED for warning in cross_talk.warnings)
 
 
-def sums(values: Mapping[str, float], inertial: Fit | None) -> dict[str, float]:
+def is_joined(cross_talk: Fit) -> bool:
+    """Tell whether b_1 and b_2 hold the Euler force."""
+    return any(warning.code == JOINED for warning in cross_talk.warnings)
+
+
+def sums(values: Mapping[str, float], deltas: Mapping[str, float], d: float) -> dict[str, float]:
     """Put back what `separate` took off: the coefficients that correct Delta g_x of runs of that period."""
-    if inertial is None:
-        return dict(values)
-    deltas = inertial.values
     parts = {
-        name: sign * BASELINE * deltas[delta] for name, (delta, sign) in _PARTS.items() if delta in deltas
+        name: factor * deltas[delta] for name, (delta, factor) in inertial.along(d).items() if delta in deltas
     }
     return {name: value + parts.get(name, 0.0) for name, value in values.items()}
 
 
 def joined(cross_talk: Fit) -> Fit:
     """Say that b_1 and b_2 hold the Euler force of the runs they were fitted to."""
-    names = tuple(name for name in _PARTS if name in cross_talk.parameters)
+    names = tuple(name for name in _TURNED if name in cross_talk.parameters)
     message = (
         "b_1 and b_2 include d delta_phi and -d delta_eta, the Euler force above 10 mHz: without an inertial "
         "fit of the same period these cannot be told apart"
@@ -319,28 +324,28 @@ def joined(cross_talk: Fit) -> Fit:
     return replace(cross_talk, warnings=(*cross_talk.warnings, FitWarning(JOINED, names, message)))
 
 
-def separate(cross_talk: Fit, inertial: Fit, period: str) -> Fit:
+def separate(cross_talk: Fit, misaligned: Fit, period: str, d: float) -> Fit:
     """Take the Euler force off b_1 and b_2.
 
     Parameters
     ----------
     cross_talk : Fit
         Of one alignment epoch, Euler force included.
-    inertial : Fit
+    misaligned : Fit
         Of the period in which all its runs lie.
     period : str
         Its name.
+    d : float
+        x_2 - x_1 [m] in the frame of both.
     """
-    order, deltas = list(cross_talk.parameters), list(inertial.parameters)
-    parts: Mapping[str, tuple[str, float]] = {
-        name: part for name, part in _PARTS.items() if name in order and part[0] in deltas
-    }
+    order, deltas = list(cross_talk.parameters), list(misaligned.parameters)
+    parts = {name: part for name, part in inertial.along(d).items() if name in order and part[0] in deltas}
     # b = (b as fitted) - J delta
     J = np.zeros((len(order), len(deltas)))
-    for name, (delta, sign) in parts.items():
-        J[order.index(name), deltas.index(delta)] = sign * BASELINE
-    shift = J @ list(inertial.values.values())
-    covariance = cross_talk.covariance + J @ inertial.covariance @ J.T
+    for name, (delta, factor) in parts.items():
+        J[order.index(name), deltas.index(delta)] = factor
+    shift = J @ list(misaligned.values.values())
+    covariance = cross_talk.covariance + J @ misaligned.covariance @ J.T
     sigma = np.sqrt(np.diag(covariance))
     parameters = {
         name: replace(estimate, value=estimate.value - float(shift[i]), sigma=float(sigma[i]))

@@ -156,7 +156,8 @@ def _drowned(outcome: Outcome, runs: Sequence[Moments]) -> set[tuple[int, str]]:
     """Return the means whose noise is nearly all that the data say in some direction."""
     P = outcome.solution.theta.size
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    H = linear.information(outcome.blocks, outcome.solution.theta) + outcome.prior.rows.T @ outcome.prior.rows
+    held = outcome.held.rows
+    H = linear.information(outcome.blocks, outcome.solution.theta) + held.T @ held
     root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
     of_place: dict[tuple[int, str], Array] = {}
     for run in runs:
@@ -168,12 +169,12 @@ def _drowned(outcome: Outcome, runs: Sequence[Moments]) -> set[tuple[int, str]]:
 
 def _solved(outcome: Outcome, runs: Sequence[Moments]) -> linear.Solution:
     """Solve the moments of all runs for what changes least squares."""
-    theta = outcome.solution.theta
+    theta, held = outcome.solution.theta, outcome.held
     extra = runs[0].map.shape[1] - theta.size
-    rows = np.zeros((len(outcome.prior.rows) + extra, theta.size + extra))
-    rows[: len(outcome.prior.rows), : theta.size] = outcome.prior.rows
-    rows[len(outcome.prior.rows) :, theta.size :] = np.eye(extra) / FREE
-    away = np.concatenate([theta - outcome.prior.centre, np.zeros(extra)])
+    rows = np.zeros((len(held.rows) + extra, theta.size + extra))
+    rows[: len(held.rows), : theta.size] = held.rows
+    rows[len(held.rows) :, theta.size :] = np.eye(extra) / FREE
+    away = np.concatenate([theta - held.centre, np.zeros(extra)])
     A = rows.T @ rows + np.sum([run.map.T @ run.A @ run.map for run in runs], axis=0)
     here = rows.T @ (rows @ away)
     for run in runs:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fit.model import Columns
 from fit.signal import Spectrum, derivatives
-from fit.weighing import Block, Weights, single_tone
+from fit.weighing import Block, Weights, drives, single_tone
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,6 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[Block, float]:
     f, columns = transform(terms)
     S = np.ones(f.size) if c is None else np.mean(np.abs(columns @ c) ** 2, axis=0)
     U = (columns * np.sqrt(2 / S)[:, None]).reshape(-1, columns.shape[2])
-    tone = single_tone(f, np.mean(np.abs(columns[:, :, 0]) ** 2, axis=0) * 2 / S)
+    tone = single_tone(f, np.mean(drives(columns), axis=0) * (2 / S)[:, None])
     one = np.ones(len(U))
     return Block(terms.tau, U, Weights(one, one, one), None, tone, share), float(np.sum(S))

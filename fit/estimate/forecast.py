@@ -24,8 +24,20 @@ from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
-from fit.signal import derivatives, one_thread
-from fit.weighing import Experiment, Likelihood, Run, divide, expected_weights, linear, weights
+from fit.signal import derivatives
+from fit.threads import each, one_thread
+from fit.weighing import (
+    Experiment,
+    Likelihood,
+    Run,
+    Weights,
+    divide,
+    drives,
+    expected_weights,
+    linear,
+    single_tone,
+    weights,
+)
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -180,7 +192,7 @@ def expected_fit(
         If the fit would come to nothing.
     """
     chosen = chosen or settings()
-    everyone = [_Expectation(p, chosen) for p in planned]
+    everyone = each(lambda p: Expectation(p, chosen), planned)
     chosen_ones = divide([e.experiment for e in everyone], chosen)[0]
     taking_part = [e for e in everyone if e.experiment in chosen_ones]
     if not taking_part:
@@ -236,7 +248,7 @@ def document(expected: Fit) -> dict[str, object]:
     }
 
 
-class _Expectation:
+class Expectation:
     """Makes the block of a run at the estimate of the parameters, anew only where these have moved.
 
     Attributes
@@ -266,37 +278,56 @@ class _Expectation:
         self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
     def block(self, theta: Array, _: Array, __: int) -> Sums:
+        """As that of `irls.Weighing`."""
         of_run, sums = self.share @ theta, self._sums
         c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
         if np.linalg.norm(sums.R @ (c - before)) > MOVED:
             self._at = of_run
             self._sums = self._expected(self.planned.make().sysid, of_run).boiled_down()
+        return self.sums
+
+    @property
+    def theta(self) -> Array:
+        """The parameters of the run, shape (K,), at which its sums are."""
+        return self._at
+
+    @property
+    def sums(self) -> Sums:
+        """The sums of the run over its bins."""
         return replace(self._sums, share=self.share)
 
-    def _expected(self, run: Run, theta: Array) -> Expected:
-        """Return a run at its own parameters theta, shape (K,), as if it were fitted for these."""
-        names = _channels(run)
+    def expected_weights(self, f: Array) -> Weights:
+        """Return the weights of bins at the frequencies f, shape (B,), that its likelihood expects."""
+        return expected_weights(self._likelihood, f)
+
+    def noise(self, run: Run, tau: tuple[float, float], theta: Array) -> tuple[Array, Array, Array]:
+        """Return frequencies, cross powers of the columns there, and the power of the residual."""
+        names = channels_of(run)
         lowest = 0.9 / run.telemetry.duration
         n = int(GRID * np.log10(derivatives.F_MAX / lowest)) + 2
         f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
-        terms = run.spectra(dynamics.delays(theta))
-        c = dynamics.coefficients(theta, terms.tau)
-        T = responses(run.channels, terms.tau, names, f)
+        c = dynamics.coefficients(theta, tau)
+        T = responses(run.channels, tau, names, f)
         noise = self.planned.cross_spectra(names, f)
-        power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True).real
-        residual = np.einsum("k,bkl,l->b", c, power, c)
+        power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
+        return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
+
+    def _expected(self, run: Run, theta: Array) -> Expected:
+        """Return a run at its own parameters theta, shape (K,), as if it were fitted for these."""
+        terms = run.spectra(dynamics.delays(theta))
+        f, power, residual = self.noise(run, terms.tau, theta)
         x, of_x = np.log(terms.f), np.log(f)
         # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
         S = np.exp(scipy.interpolate.CubicSpline(of_x, np.log(residual))(x))
         U, left = linear.whiten(terms, S)
         of_bin = scipy.interpolate.CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
-        u = np.abs(U[:, 0]) ** 2 + of_bin[:, 0, 0]
-        tone, even = linear.single_tone(terms.f, u), expected_weights(self._likelihood, terms.f)
+        u = drives(U) + drives(np.sqrt(np.maximum(np.einsum("bkk->bk", of_bin), 0)))
+        tone, even = single_tone(terms.f, u), self.expected_weights(terms.f)
         share = np.eye(theta.size)
         return Expected(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
 
 
-def _channels(run: Run) -> tuple[str, ...]:
+def channels_of(run: Run) -> tuple[str, ...]:
     """Return the names of the channels that the columns of a run are made of."""
     of_means = (name for mean in run.channels.means for name in dynamics.MEANS[mean])
     return (*dynamics.CHANNELS, *of_means)

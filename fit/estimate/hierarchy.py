@@ -26,6 +26,7 @@ LARGEST, SMALLEST = 100.0, 1e-6  # widths, in scales of their prior, between whi
 STEP = 0.25  # in the logarithm, by which the ends of the grid are looked for
 BEYOND = 16.0  # by which the logarithm of the density has fallen there
 NEGLIGIBLE = 1e-8  # share of the density at the most likely widths, from which a point does not count
+COARSE = np.arange(np.log(1e-4), np.log(LARGEST), STEP)  # logarithms of widths in scales of their prior
 POINTS = (81, 31, 15, 9)  # of the grid along each axis, by the number of widths
 
 
@@ -140,6 +141,34 @@ def given(normal: Normal, widths: Sequence[Width], log_widths: Array) -> tuple[f
     density += float(sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True)))
     to_theta = scale[:, None] * inverse.T
     return density, normal.at + to_theta @ y, to_theta @ to_theta.T
+
+
+def evidence(normal: Normal, widths: Sequence[Width]) -> tuple[float, Array]:
+    """Return how much likelier data are made by departures than if there were none.
+
+    Parameters
+    ----------
+    normal : Normal
+        What data say of departures alone, all else projected out, about none.
+    widths : sequence of Width
+        The W widths.
+
+    Returns
+    -------
+    ratio : float
+        Logarithm of the evidence, integrated over the priors of the widths, against that of none.
+    log_widths : ndarray, shape (W,)
+        Logarithms of the likeliest widths.
+
+    Raises
+    ------
+    FitError
+        If numbers do not hold it.
+    """
+    points = np.array(list(product(*(np.log(w.scale) + COARSE for w in widths))))
+    density = np.array([given(normal, widths, point)[0] for point in points])  # 0 if there are none
+    volume = len(widths) * np.log(COARSE[1] - COARSE[0])
+    return float(scipy.special.logsumexp(density) + volume), points[np.argmax(density)]
 
 
 def integrate(normal: Normal, widths: Sequence[Width]) -> Mixture:

@@ -15,6 +15,9 @@ on a test mass of 1.5e-12 rad s^-2 Hz^-0.5 by 0.1 %, of 1e-11 delta_phi by 6 %, 
 test masses tell the same rotation with noises of their own. Each is therefore the instrument for the other:
 only what both tell counts as rotation in the normal equations (`_freed`). Noise common to both does not show.
 An error of the torque gain scales both angles, one of lambda_2 likewise (1e-4: nothing).
+
+The centrifugal term counts as it follows from the rotation. To see whether it is there, and of which sign,
+its coefficient is estimated too, along with all others (`centrifugal`); the angles are those without it.
 """
 
 from collections.abc import Sequence
@@ -24,19 +27,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.estimate import centrifugal
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
 from fit.model import dynamics, dynamics_of, inertial, rate, rotation
-from fit.paper import cross_talk_parameter, misalignments
+from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, common_x_axis
 from fit.warnings import FitWarning
 from fit.weighing import check_left, linear, smooth_noise, weights
 
 Array = NDArray[np.float64]
 
 NAMES = ("delta_phi", "delta_eta")
-PARAMETERS = (*misalignments("none flown"), *map(cross_talk_parameter, ("b_1", "b_2")))
+LEVER_ARM = 4e-4  # m, what b_1 and b_2 may have to compensate: a misalignment of a milliradian
+_LENGTHS = [replace(cross_talk_parameter(name), prior_sigma=LEVER_ARM) for name in ("b_1", "b_2")]
+PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
+LAST = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
 BAND = (30e-6, 2e-3)  # Hz
 DROWNED = 0.5  # share of noise in some combination of the torques, from which nothing is told
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
@@ -61,15 +68,17 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     Raises
     ------
     InputError
-        If an attribute or a quaternion is not what it should be.
+        If an attribute or a quaternion is not what it should be, or if runs state different frames.
     FitError
         If the iteration does not settle.
     """
+    x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
     rule = Rule(
         MAX_ITERATIONS, TOLERANCE, HARMLESS, windowed=True, moving=f"{' and '.join(NAMES)} still move"
     )
     outcome = iterate(weighings, PARAMETERS, _held, rule)
+    turning = _centrifugal(weighings, rule)
     solution = outcome.solution
     theta, covariance, drowned = _freed(outcome)
     calibration = _of_calibration(outcome, weighings[0].correlation)
@@ -87,14 +96,18 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
         warnings=(
             *_warnings([(w.run, warning) for w in weighings for warning in w.warnings]),
             *([_drowned()] if drowned else []),
+            *(centrifugal.judged(turning, x_axis)),
         ),
         masked_samples=sum(w.missing for w in weighings),
+        centrifugal=turning,
     )
 
 
 @dataclass(frozen=True)
 class _Rotation(linear.Straight):
     """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, those of b_1 and b_2.
+
+    Where the coefficient of g_Omega is left free, that is the last column.
 
     Attributes
     ----------
@@ -134,13 +147,15 @@ class _Turning:
         motion = rotation.motion(run, found)
         slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
         Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
+        d = inertial.separation(run.x_axis)
         delta_g_x = terms.values @ dynamics.coefficients(of_run.theta, terms.tau)
         uncertain = terms.values @ (dynamics.gradient(of_run.theta, terms.tau) @ of_run.share)
-        turned = delta_g_x + inertial.g_Omega(Omega)
-        apart = inertial.euler(rotation.apart(run, found))
+        g_Omega = inertial.g_Omega(Omega, d)
+        apart = inertial.euler(rotation.apart(run, found), d)
         # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
         length = motion.swing + of_run.theta[dynamics.PARAMETERS.index("omega2_2")] * motion.angle
-        columns = np.column_stack([turned, inertial.euler(motion.dOmega), length, apart, uncertain])
+        fitted = (delta_g_x + g_Omega, inertial.euler(motion.dOmega, d), length)
+        columns = np.column_stack([*fitted, g_Omega, apart, uncertain])
         # Constants and ramps are projected out below; large ones would cost digits.
         whole = spectra.transform(columns - columns.mean(axis=0), terms.valid & motion.valid, terms.fs)
         check_left(run, whole.window, "missing samples in read-outs, torques or angles")
@@ -159,20 +174,31 @@ class _Turning:
         terms = self._terms
         U, _left = linear.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
-        apart, uncertain = np.split(U[:, c.size :], [len(NAMES)], axis=1)
+        apart, uncertain = np.split(U[:, LAST + 1 :], [len(NAMES)], axis=1)
         placed = (terms.tau, fitted, even, terms.window, None, share, terms.first)
         return _Rotation(*placed, uncertain=uncertain, apart=apart)
 
 
 def _held(blocks: Sequence[linear.Block], theta: Array, _: Array) -> Held:
-    """Hold b_1 and b_2 by their weak priors about zero."""
-    width = np.array([p.prior_sigma for p in PARAMETERS])
+    """Hold all but the angles by their weak priors about zero."""
+    width = _widths([*PARAMETERS, centrifugal.EXCESS][: theta.size])
     prior = linear.Prior(np.zeros(theta.size), np.diag(1 / width)[len(NAMES) :])
     H = linear.information(blocks, theta) + prior.rows.T @ prior.rows
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
     return Held(prior, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
+
+
+def _widths(parameters: Sequence[Parameter]) -> Array:
+    return np.array([p.prior_sigma for p in parameters])
+
+
+def _centrifugal(weighings: Sequence[_Turning], rule: Rule) -> Estimate:
+    """Estimate the coefficient of g_Omega, all else left free as well."""
+    outcome = iterate(weighings, (*PARAMETERS, centrifugal.EXCESS), _held, rule)
+    covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
+    return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 
 
 def _freed(outcome: Outcome) -> tuple[Array, Array, bool]:
@@ -191,7 +217,7 @@ def _freed(outcome: Outcome) -> tuple[Array, Array, bool]:
         Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
     """
     solution, size = outcome.solution, len(NAMES)
-    width = np.array([p.prior_sigma for p in PARAMETERS])
+    width = _widths(outcome.parameters)
     noise, happens = np.zeros((2, width.size, width.size))
     for block in outcome.blocks:
         assert isinstance(block, _Rotation) and block.window is not None
@@ -219,9 +245,9 @@ def _drowned() -> FitWarning:
 
 
 def _of_calibration(outcome: Outcome, correlation: Array) -> Array:
-    """Return the covariance that the errors of the calibration make, shape (4, 4)."""
+    """Return the covariance that the errors of the calibration make, shape (P, P)."""
     blocks, theta = outcome.blocks, outcome.solution.theta
-    width = np.array([p.prior_sigma for p in PARAMETERS])
+    width = _widths(outcome.parameters)
     inverse = linear.curvature_covariance(linear.information(blocks, theta), outcome.prior, width)
     # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
     shift = inverse @ np.sum(

@@ -7,6 +7,7 @@ estimate. The delays about which the commands are expanded move along, until not
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +20,7 @@ from fit.model import dynamics
 from fit.paper import Parameter
 from fit.settings import Estimator
 from fit.signal import NoiseModel
+from fit.threads import each
 from fit.weighing import Experiment, Likelihood, linear, noise_model
 
 Array = NDArray[np.float64]
@@ -158,6 +160,16 @@ class Outcome:
         """Number of the parameters that are no departures; they come first."""
         return min((min(width.members) for width in self.departing), default=len(self.parameters))
 
+    @property
+    def held(self) -> linear.Prior:
+        """The prior, and departures within their likeliest widths: without, they and what is common blur."""
+        rows = [self.prior.rows]
+        for width, (log_width, _) in zip(self.departing, self.log_widths, strict=True):
+            own = np.zeros((len(width.members), len(self.parameters)))
+            own[range(len(own)), list(width.members)] = 1 / (np.exp(log_width) * width.units)
+            rows.append(own)
+        return linear.Prior(self.prior.centre, np.concatenate(rows))
+
 
 def reweight(
     experiments: Sequence[Experiment],
@@ -255,7 +267,7 @@ def iterate(
     of_departures = np.concatenate([np.empty((0, theta.size)), *(_rows(w, theta.size) for w in departing)])
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(rule.most):
-        blocks = [w.block(theta, covariance, iteration) for w in weighings]
+        blocks = each(partial(_weighed, theta=theta, covariance=covariance, iteration=iteration), weighings)
         if iteration < SETTLED:
             beside = held(blocks, theta, of_departures)
         determined = ~beside.lost
@@ -275,6 +287,10 @@ def iterate(
         move_before = move
         theta = theta + step * (found - theta)
     raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations")
+
+
+def _weighed(weighing: Weighing, theta: Array, covariance: Array, iteration: int) -> linear.Block:
+    return weighing.block(theta, covariance, iteration)
 
 
 def _spread(

@@ -19,6 +19,7 @@ from fit.model import dynamics
 from fit.paper import DELAYS
 from fit.settings import Settings
 from fit.signal import Spectra, fit_noise, spectra
+from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
 
@@ -79,8 +80,7 @@ def judged(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, tup
     if chosen.estimator == "flscov":  # which takes the columns as they are
         return found
     least = float(scipy.stats.norm.isf(CHANCE))
-    for e in experiments:
-        ratio, sigma = measure(e)
+    for e, (ratio, sigma) in zip(experiments, each(measure, experiments), strict=True):
         if ratio - 1 > least * sigma / ratio:  # the scatter of equal powers
             message = (
                 f"{e.name}: between the injections o_1 has {ratio:.3g} times the power that it has in the "

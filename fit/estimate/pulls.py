@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fit.estimate import bump
 from fit.files import atomic
+from fit.model import separation
 from fit.paper import stiffness
 from fit.results import Fit, Results
 from fit.telemetry import Telemetry, inertial_period, read_truth
@@ -23,8 +25,9 @@ def with_truth(
 ) -> Results:
     """Return `results` with truth and pull wherever the truth is known.
 
-    A value that differs between the runs of a fit (a jittered gain, say) is no truth of that fit. Only runs
-    that a section was fitted to count: what was carried over from an earlier calibration stays as it is.
+    The joint fit tells of a gain that scatters between experiments what it scatters about. Any other value
+    that differs between the runs of a fit is no truth of that fit. Only runs that a section was fitted to
+    count: what was carried over from an earlier calibration stays as it is.
 
     Parameters
     ----------
@@ -38,19 +41,34 @@ def with_truth(
     if truths is None:
         truths = {t.run: read_truth(t.path) if t.path.is_file() else {} for t in telemetries}
     runs = [(t, _derived_truth(truths[t.run], t)) for t in telemetries]
+    d = separation(results.provenance.frame)
     driven, noise = ([run for run in runs if run[0].kind == kind] for kind in ("sysid", "noise"))
 
     def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
         own = {name: [truth for t, truth in among if key(t) == name] for name in fits}
-        return {name: _fit_with_truth(fit, own[name]) for name, fit in fits.items()}
+        return {
+            name: _fit_with_truth(fit, [_told(fit, truth, d) for truth in own[name]])
+            for name, fit in fits.items()
+        }
 
     return replace(
         results,
-        joint=results.joint and _fit_with_truth(results.joint, [truth for _, truth in driven]),
+        joint=results.joint and _fit_with_truth(results.joint, [_mean(truth) for _, truth in driven]),
         experiments=section(results.experiments, driven, lambda t: t.experiment),
         cross_talk=section(results.cross_talk, driven, lambda t: str(t.alignment_epoch)),
         inertial=section(results.inertial, noise, inertial_period),
     )
+
+
+def _mean(truth: Mapping[str, float]) -> dict[str, float]:
+    """Return a run's truth with what scatters between experiments replaced by what it scatters about."""
+    means = {name.removesuffix("_mean"): v for name, v in truth.items() if name.endswith("_mean")}
+    return {**truth, **means}
+
+
+def _told(fit: Fit, truth: dict[str, float], d: float) -> dict[str, float]:
+    """Return what is true of what a fit tells: where its b_1 and b_2 hold the Euler force, of these sums."""
+    return bump.sums(truth, truth, d) if bump.is_joined(fit) else truth
 
 
 def _derived_truth(truth: Mapping[str, float], telemetry: Telemetry) -> dict[str, float]:

@@ -8,15 +8,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
+from fit.estimate import sums
 from fit.estimate.irls import Outcome
 from fit.paper import ALONG, M_TM
 from fit.results import Estimate, Fit
-from fit.signal import spectra
+from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
+
+Array = NDArray[np.float64]
 
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
 DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
@@ -48,7 +52,8 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     """
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
     lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
-    return report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments), *_scatter(outcome)])
+    found = report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments), *_scatter(outcome)])
+    return replace(found, stiffness=sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments]))
 
 
 def report(
@@ -128,9 +133,25 @@ def indeterminable(
         )
         what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
         message = f"the data do not determine {what}: {_reason(names, runs, outcome.tone)}; held at {held}"
+        pair = [int(i) for i in np.flatnonzero(part & outcome.lost)]
+        if len(pair) == 2:
+            message += _other_direction(outcome, pair, natural)
         combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
         found.append(FitWarning("indeterminable", names, message, combination))
     return found
+
+
+def _other_direction(outcome: Outcome, pair: Sequence[int], blind: Array) -> str:
+    """Say what is known of two parameters that cannot be told apart; nothing if nothing is."""
+    first, second = (outcome.parameters[i] for i in pair)
+    factor = -float(blind[pair[0]] / blind[pair[1]])
+    known = sums.known_sum(outcome, {first.name: 1.0, second.name: factor})
+    if known is None:
+        return ""
+    return (
+        f"; known is {first.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {second.name} = "
+        f"{known[0]:.5g} ± {known[1]:.2g} {first.unit}"
+    )
 
 
 def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None) -> str:
@@ -214,12 +235,16 @@ def wrong_guidance(telemetry: Telemetry) -> str:
     """Return what is wrong with a run whose o_1 moves against the guidance that it follows, or nothing."""
     if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
         return ""
-    guidance, o_1 = (np.nan_to_num(telemetry.channels[name]) for name in ("guidance_o_1", "o_1"))
+    taps, factor = derivatives.low_pass(telemetry.fs)
+    guidance, o_1 = (
+        derivatives.decimate(np.nan_to_num(telemetry.channels[name]), taps, factor)
+        for name in ("guidance_o_1", "o_1")
+    )
     if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
         return ""  # constant
     every = np.ones(o_1.size, dtype=bool)
     pair = np.stack([guidance - guidance.mean(), o_1 - o_1.mean()], axis=1)
-    found = spectra.transform(pair, every, telemetry.fs)
+    found = spectra.transform(pair, every, telemetry.fs / factor)
     tones = np.abs(found.columns[:, 0]) > 0.1 * np.max(np.abs(found.columns[:, 0]))
     G, answer = found.columns[tones & (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])].T
     power, answered = np.vdot(G, G).real, np.vdot(answer, answer).real

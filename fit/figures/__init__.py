@@ -17,7 +17,11 @@ __all__ = [
     "Panel",
     "Points",
     "Span",
+    "gain",
+    "leakage",
     "mission",
     "motion",
+    "noise",
     "runs",
+    "stiffness",
 ]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
 Shape = Literal["dot", "ring", "square"]
+Dash = Literal["-", "--", ":"]
 Columns = dict[str, Sequence[object] | NDArray[np.generic]]
 
 _ROOM = 0.05  # of an axis beyond what it shows, on either side
@@ -49,6 +50,7 @@ class Axis:
 FREQUENCY = Axis("frequency", "Hz", "f [Hz]", log=True)
 ASD = Axis("ASD", "m s⁻²/√Hz", "asd [m s-2 Hz-1/2]", log=True)
 TIME = Axis("time since start of run", "h", "t [h]")
+START = Axis("start of run", "UTC", "start", dates=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +86,7 @@ class Curve:
     high: Array | None = None
     width: float = 0.9
     opacity: float = 1.0
-    dash: Literal["-", "--", ":"] = "-"
+    dash: Dash = "-"
     dots: bool = False
 
 
@@ -221,6 +223,41 @@ def chart(panels: Sequence[Panel]) -> Chart:
             ]
             columns[key] = np.concatenate(whole)
     return Chart(tuple(panels), columns)
+
+
+def force(j: int) -> Axis:
+    """Return the axis of the force authority of test mass j."""
+    return Axis(f"force authority of test mass {j}", "pN", f"F_max_{j} [pN]")
+
+
+def measured(
+    label: str, x: Array, values: Array, names: Sequence[str], *, mark: Shape = "dot", role: str = "ink"
+) -> Points:
+    """Return values with their sigmas, shape (N, 2), as marks with error bars."""
+    y, sigma = values.T
+    return Points(
+        name=label, label=label, role=role, x=x, y=y, low=y - sigma, high=y + sigma, names=names, mark=mark
+    )
+
+
+def aside(x: Array, step: float = 0.0) -> Array:
+    """Return by how much to move places, so that those that are the same stand side by side.
+
+    Parameters
+    ----------
+    x : ndarray, shape (N,)
+        The places.
+    step : float
+        Between two of them; without it, a share of all they span.
+    """
+    step = step or 0.014 * max(float(np.max(np.abs(x), initial=0.0)), 1.0)
+    twins = [np.flatnonzero(x == place) for place in x]
+    return step * np.array([np.searchsorted(t, i) - (t.size - 1) / 2 for i, t in enumerate(twins)])
+
+
+def posix(moments: Sequence[np.datetime64]) -> Array:
+    """Return moments as an axis of dates has them."""
+    return np.asarray(np.array(moments).astype("datetime64[ms]").astype(float) / 1e3, dtype=np.float64)
 
 
 def limits(axis: Axis, marks: Iterable[Mark], across: Limits | None = None, *, key: str = "y") -> Limits:

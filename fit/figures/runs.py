@@ -34,7 +34,8 @@ _BUCKETS = 500  # per curve over time
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
-_RESIDUAL = Axis("residual Δg", "fm s⁻²", "residual Delta g - mean [fm s-2]")
+_SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
+_RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
 #: How the terms of Delta g (`dynamics.TERMS`) are drawn.
 _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
     "ddo_12": ("grey", "-"),
@@ -81,9 +82,7 @@ def responses(run: Telemetry) -> Chart:
         curves = _response(channel, y.label, there, scale)
         across = (0.0, run.duration / 3600)
         panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
-    found = chart(panels)
-    units = [panel.y.unit for panel in panels for curve in panel.lines for _ in curve.x]
-    return replace(found, columns={**found.columns, "unit": units})
+    return _with_units(panels)
 
 
 def _response(
@@ -159,6 +158,8 @@ class Analysis:
         Sample rate [Hz].
     time, delta_g : ndarray, shape (N,)
         Seconds since the start of the run, and Delta g [m s^-2], NaN where samples are missing.
+    signal : ndarray, shape (N,), or None
+        Second derivative of o_12 [m s^-2], likewise; None of a noise run.
     asd : Binned or None
         Of Delta g; None of a simulation without noise.
     terms : mapping of str to Binned
@@ -168,6 +169,7 @@ class Analysis:
     fs: float
     time: Array
     delta_g: Array
+    signal: Array | None
     asd: Binned | None
     terms: Mapping[str, Binned]
 
@@ -176,10 +178,12 @@ def analysed(telemetry: Telemetry, parameters: Mapping[str, float]) -> Analysis:
     """Return what the figures of a run show; see `split`."""
     run = split(telemetry, parameters)
     estimator = Estimator(run.valid, run.fs, HIGHEST)
+    signal = run.terms.get("ddo_12")
     return Analysis(
         run.fs,
         run.time,
         np.where(run.valid, run.delta_g, np.nan),
+        np.where(run.valid, signal, np.nan) if signal is not None else None,
         estimator.asd(run.delta_g) if np.any(run.delta_g) else None,
         {name: estimator.asd(term) for name, term in run.terms.items()},
     )
@@ -240,8 +244,12 @@ def _beyond(across: Limits) -> tuple[Mark, ...]:
     return shade, Note(text="not fitted", x=end)
 
 
-def residual(run: Telemetry, found: Analysis, masked: Sequence[tuple[float, float]]) -> Chart:
-    """Draw the residual Delta g less its mean: slow part, extremes of the fast one, what is missing.
+def residual(
+    run: Telemetry, found: Analysis, masked: Sequence[tuple[float, float]], noise: Analysis | None = None
+) -> Chart:
+    """Draw signal and residual Delta g over time, and below, magnified, the residual beside the noise run.
+
+    Magnified, it is the residual less its mean: slow part, extremes of the fast one, what is missing.
 
     Parameters
     ----------
@@ -251,26 +259,71 @@ def residual(run: Telemetry, found: Analysis, masked: Sequence[tuple[float, floa
         Of the same run.
     masked : sequence of tuple of float
         Begin and end [s] of the stretches that were masked: glitches, saturation.
+    noise : Analysis, optional
+        Of its noise run, of which the first hours are drawn.
 
     Raises
     ------
     InputError
         If the parameters leave nothing of the run, such as a delay that is longer.
     """
-    time, delta_g, fs = found.time, found.delta_g, found.fs
-    if not np.isfinite(delta_g).any():
+    if not np.isfinite(found.delta_g).any():
         raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
-    delta_g = delta_g - np.nanmean(delta_g)
     start = float(run.time[0])
-    hours = (time - start) / 3600
-    fine, slow = (1e15 * _averaged(delta_g, length * fs) for length in (FAST, SLOW))
-    x, y = envelope(hours, fine)
-    name = f"averaged over {FAST:g} s, extremes"
-    fast = Curve(name=name, label=f"{FAST:g} s", role="grey", x=x, y=y, width=0.4, opacity=0.7)
-    every = slice(None, None, max(1, round(SLOW / 4 * fs)))
-    x, y = envelope(hours[every], slow[every])
-    mean = Curve(name=f"averaged over {SLOW:g} s", label=f"{SLOW:g} s", role="orange", x=x, y=y, width=0.8)
-    gaps = derivatives.stretches(np.isnan(delta_g)) / fs + time[0]
+    across = (0.0, run.duration / 3600)
+    fine = _over_time(found, found.delta_g, FAST, start)
+    fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", fine, 0.4)
+    slow = _over_time(found, found.delta_g, SLOW, start)
+    mean = _smooth(f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", slow, 0.8)
+    curves = [fast, mean]
+    if noise is not None and np.isfinite(noise.delta_g).any():
+        x, y = _over_time(noise, noise.delta_g, SLOW, float(noise.time[0]))
+        kept = x <= across[1]
+        name = f"noise run averaged over {SLOW:g} s"
+        curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[kept], y[kept]), 0.7))
+    marks: tuple[Mark, ...] = (*curves, *_missing(found, masked, start))
+    below = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, curves), 1.4)
+    return _with_units([*_signal(found, fine, start, across), below])
+
+
+def _with_units(panels: Sequence[Panel]) -> Chart:
+    """Return a figure whose panels have units of their own, with a column for them."""
+    found = chart(panels)
+    units = [panel.y.unit for panel in panels for curve in panel.lines for _ in curve.x]
+    return replace(found, columns={**found.columns, "unit": units})
+
+
+def _signal(found: Analysis, residual: tuple[Array, Array], start: float, across: Limits) -> list[Panel]:
+    """Return the panel of what was injected, as o_12 has it, with the residual (x, y) on the same scale."""
+    if found.signal is None or not np.nanmax(np.abs(found.signal)) > 0:
+        return []
+    x, y = _over_time(found, found.signal, FAST, start)
+    name = f"ddo_12 averaged over {FAST:g} s"
+    curves = (
+        _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
+        _smooth("residual on the same scale", "residual", "orange", (residual[0], 1e-3 * residual[1]), 0.9),
+    )
+    return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, curves), 1.15)]
+
+
+def _over_time(found: Analysis, values: Array, length: float, start: float) -> tuple[Array, Array]:
+    """Return hours, and a series less its mean [fm s^-2] averaged over so many seconds."""
+    hours = (found.time - start) / 3600
+    averaged = 1e15 * _averaged(values - np.nanmean(values), length * found.fs)
+    every = slice(None, None, max(1, round(length / 4 * found.fs)))
+    return hours[every], averaged[every]
+
+
+def _smooth(name: str, label: str, role: str, series: tuple[Array, Array], width: float) -> Curve:
+    x, y = envelope(*series)
+    return Curve(
+        name=name, label=label, role=role, x=x, y=y, width=width, opacity=0.7 if role == "grey" else 1
+    )
+
+
+def _missing(found: Analysis, masked: Sequence[tuple[float, float]], start: float) -> list[Span]:
+    """Return what is missing of a run, and what was masked, as shades."""
+    gaps = derivatives.stretches(np.isnan(found.delta_g)) / found.fs + found.time[0]
     spans = []
     told = (("missing samples", gaps, "blue"), ("masked, or a glitch", masked, "violet"))
     for label, places, role in told:
@@ -278,8 +331,7 @@ def residual(run: Telemetry, found: Analysis, masked: Sequence[tuple[float, floa
             low, high = ((float(t) - start) / 3600 for t in (begin, end))
             spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))
             label = ""  # one line of the legend for all
-    across, up = (0.0, run.duration / 3600), limits(_RESIDUAL, (fast, mean))
-    return chart([Panel(TIME, _RESIDUAL, (fast, mean, *spans), across, up, 1.4)])
+    return spans
 
 
 def _averaged(x: Array, length: float) -> Array:

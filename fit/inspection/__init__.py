@@ -5,6 +5,6 @@ against the whole of it; saturation is masked, glitches are masked or taken out.
 """
 
 from fit.inspection.leftout import LeftOut, told
-from fit.inspection.masks import Prepared, prepare, searches
+from fit.inspection.masks import Prepared, prepare, prepare_each, searches
 
-__all__ = ["LeftOut", "Prepared", "admission", "leftout", "prepare", "searches", "told"]
+__all__ = ["LeftOut", "Prepared", "admission", "leftout", "prepare", "prepare_each", "searches", "told"]

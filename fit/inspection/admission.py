@@ -13,9 +13,10 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from fit.inspection import authority, constancy, copies, samples
+from fit.inspection import authority, constancy, copies, guidance, samples
 from fit.inspection.leftout import LeftOut
-from fit.telemetry import Telemetry, utc
+from fit.telemetry import Telemetry, at_hand, utc
+from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, Run
 
@@ -48,32 +49,35 @@ class Found:
 def faults(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
     found = [*_other_settings(experiments), *_other_times(experiments)]
-    found += [
-        LeftOut(e.name, reason)
-        for e in experiments
-        for run in _runs(e)
-        for reason in authority.faults(run.telemetry)
-    ]
+    names = [e.name for e in experiments]
+    beyond, oddities = zip(*each(_of_own, experiments), strict=True) if names else ((), ())
+    found += [LeftOut(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
     found += [*_copied(experiments), *_noise_with_sines(experiments)]
-    odd = _unless_usual(
-        experiments,
-        {
-            e.name: list(samples.faults(e.sysid.telemetry, e.noise.telemetry if e.noise else None))
-            for e in experiments
-        },
-        "odd_samples",
+    odd = _unless_usual(experiments, dict(zip(names, oddities, strict=True)), "odd_samples")
+    return Found(
+        _first([*found, *odd.left_out]), [*odd.notes, *_at_once(experiments), *guidance.odd(experiments)]
     )
-    return Found(_first([*found, *odd.left_out]), [*odd.notes, *_at_once(experiments)])
 
 
 def changes(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments, glitches masked, of which parts obey different equations."""
-    reasons: dict[str, list[str]] = {}
-    for e in experiments:
-        changed = constancy.change(e)
-        jumping = list(samples.of_commands(e.sysid.telemetry)) if changed else []
-        reasons[e.name] = jumping or [f"{e.sysid.telemetry.path}: {changed}"] * bool(changed)
+    reasons = {e.name: told for e, told in zip(experiments, each(_changed, experiments), strict=True)}
     return _unless_usual(experiments, reasons, "changing")
+
+
+def _of_own(e: Experiment) -> tuple[list[str], list[str]]:
+    """Return what contradicts the authority of the runs of an experiment, and what is odd about samples."""
+    sysid, noise = e.sysid.telemetry, e.noise.telemetry if e.noise else None
+    with at_hand(sysid, noise):
+        beyond = [reason for run in _runs(e) for reason in authority.faults(run.telemetry)]
+        return beyond, list(samples.faults(sysid, noise))
+
+
+def _changed(e: Experiment) -> list[str]:
+    """Return why the parts of a run obey different equations, if they do."""
+    changed = constancy.change(e)
+    jumping = list(samples.of_commands(e.sysid.telemetry)) if changed else []
+    return jumping or [f"{e.sysid.telemetry.path}: {changed}"] * bool(changed)
 
 
 def _first(found: Sequence[LeftOut]) -> list[LeftOut]:

@@ -9,11 +9,13 @@ edges of the same injection have in common is in a few of these, a copy in nearl
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.threads import each
 from fit.weighing import Run
 
 Array = NDArray[np.float64]
@@ -71,13 +73,9 @@ class _Print:
 def matches(runs: Sequence[Run]) -> list[Match]:
     """Return every two runs, and the read-out, that hold the same noise."""
     found: list[Match] = []
-    heard = [(n, run) for n, run in enumerate(runs) if not _is_silent(run)]
+    heard = [(n, runs[n]) for n, silent in enumerate(each(_is_silent, runs)) if not silent]
     for channel in ("o_1", "o_12"):
-        prints = [
-            made
-            for n, run in heard
-            if (made := _print(n, getattr(run.channels, channel), run.channels.fs)) is not None
-        ]
+        prints = [made for made in each(partial(_print, channel), heard) if made is not None]
         for rate in sorted({p.rate for p in prints}):
             same = [p for p in prints if p.rate == rate]
             powers = np.array([p.powers for p in same])
@@ -100,9 +98,10 @@ def _is_silent(run: Run) -> bool:
     return bool(np.median(blocks.std(axis=1)) < SILENT * differenced)
 
 
-def _print(n: int, values: Array, rate: float) -> _Print | None:
-    """Return the print of a read-out; None where there is no noise to compare."""
-    x = np.diff(values[:LENGTH], 2)
+def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
+    """Return the print of a read-out of a run, by its number; None where there is no noise to compare."""
+    n, run = heard
+    x, rate = np.diff(getattr(run.channels, channel)[:LENGTH], 2), run.channels.fs
     limit = WILD * np.median(np.abs(x - np.median(x)))
     if x.size < LEAST or limit == 0:
         return None

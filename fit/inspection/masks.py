@@ -4,15 +4,18 @@ Where a commanded force is at the limit of its authority, nobody knows which for
 sample by sample: what is masked takes nothing else with it but the reach of low-pass and stencils.
 """
 
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.errors import InputError
 from fit.inspection.glitches import TOO_MANY, without_glitches
 from fit.settings import Settings
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
+from fit.threads import each
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Run
 
@@ -117,3 +120,21 @@ def prepare(experiment: Experiment, chosen: Settings) -> Prepared:
         return found
     cleaned, glitched = without_glitches(found.experiment)
     return Prepared(cleaned, (*found.warnings, *glitched))
+
+
+def prepare_each(
+    experiments: Sequence[Experiment], chosen: Settings, faulty: Container[str]
+) -> dict[str, Prepared | InputError]:
+    """Prepare experiments, by name; those that are `faulty` without a search, for they are no good.
+
+    One that cannot be prepared must not cost the others their fit: it has the error in its place.
+    """
+    plain = chosen.model_copy(update={"glitches": False})
+
+    def made(e: Experiment) -> Prepared | InputError:
+        try:
+            return prepare(e, plain if e.name in faulty else chosen)
+        except InputError as error:
+            return error
+
+    return {e.name: found for e, found in zip(experiments, each(made, experiments), strict=True)}

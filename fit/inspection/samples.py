@@ -50,9 +50,9 @@ class Oddity:
     again: bool = False
 
 
-def step(x: Array) -> float:
+def step(increments: Array) -> float:
     """Return the step to which values are rounded, 0 if the smallest increments do not tell one."""
-    d = np.abs(np.diff(x))
+    d = np.abs(increments)
     d = d[d > 0]
     if d.size > SMALLEST:
         d = np.partition(d, SMALLEST)[:SMALLEST]
@@ -68,12 +68,13 @@ def step(x: Array) -> float:
 
 def is_noisy(x: Array) -> bool:
     """Tell whether a channel changes nearly always, as noise makes it."""
-    return bool(np.mean(np.diff(x) == 0) < 0.5)
+    return bool(np.count_nonzero(x[1:] == x[:-1]) < 0.5 * (x.size - 1))
 
 
 def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     """Yield where a channel that should be noise is constant, on a straight line, rounded or repeated."""
-    size, rounded = float(np.nanmedian(np.abs(np.diff(x[:LOOKED])))), step(x)
+    increments = np.diff(x)
+    size, rounded = float(np.nanmedian(np.abs(increments[: LOOKED - 1]))), step(increments)
     if not is_noisy(x):
         constant = np.nanmax(x) == np.nanmin(x)
         what = (
@@ -89,7 +90,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         return
     if rounded > COARSE * size:
         return  # equal values come by themselves
-    second = np.abs(np.diff(x, 2))
+    second = np.abs(np.diff(increments))
     flat = second <= max(2.1 * rounded, 1e-9 * float(np.nanmedian(second[:LOOKED])))
     found = derivatives.stretches(flat)
     kept = found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
@@ -103,7 +104,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
 
 def _repeated(x: Array, fs: float) -> Iterator[Oddity]:
     edge = int(SETTLED * fs)
-    again = edge + np.flatnonzero(np.diff(x[edge:-edge]) == 0) + 1
+    again = edge + np.flatnonzero(x[edge + 1 : -edge] == x[edge : -edge - 1]) + 1
     zero = x[again] == 0
     for which, what in ((again[zero], "is exactly 0"), (again[~zero], "repeats a sample")):
         if which.size:

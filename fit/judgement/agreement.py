@@ -9,18 +9,20 @@ equally well (two runs alone share a parameter, say): then all of them are left 
 must remain, and agree as noise usually lets them; and no gains or delays that scatter from run to run may
 explain the same about as well. Scatter makes no sigma too small, a run left out for it makes most of them so.
 Otherwise nobody can tell, and the joint fit is unsound.
+
+What is likelier is a matter of evidence, of likelihoods integrated over what they leave open: the widths of
+scatter over their prior (`hierarchy`), what is wrong with an odd run over all that it may be.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import departures
+from fit.estimate import departures, hierarchy
 from fit.judgement.consistency import HELD, Regression, Squares
 from fit.model import dynamics
 from fit.paper import FLIGHT
@@ -32,14 +34,16 @@ MARGIN = 12.0  # excess of T by which another choice must be worse: 1 in 400 by 
 SEARCHED = 3000  # combinations of one size that are looked through at most
 HOPELESS = 1e-7  # p-value of T by an exact noise model, below which nothing else need be looked at
 ORDINARY = 0.01  # p-value of T of those that remain, below which they do not agree without the odd ones
-ANYTHING = 12.0  # by which each odd run must explain more: it may be off by anything, 400 sigma or 1
-PENALTY = 6.0  # by which odd runs must explain more than gains that scatter
-PER_WIDTH = 2.0  # by which another width must explain more
+ODD = 9.2  # by which each odd run must explain more: one run in 100 is wrong
+ANYTHING = 12.0  # and as much again: it may be off by anything, 400 sigma or 1
+PENALTY = 9.2  # by which odd runs must explain more than gains that scatter: 100 times likelier
+ASKED = 2.2  # gain from which runs are said to scatter: three times likelier than not
 TELLS = 1e-3  # inverse sigma, of itself and of that of the run that tells most, from which a run tells
 FEWEST = 3  # runs that tell a scatter
-COARSE = 9  # widths of each kind that are tried first
 GAIN, DELAY = (next(kind for kind in departures.KINDS if kind.name == name) for name in ("gain", "delay"))
-SCATTERING = ((GAIN,), (DELAY,), (GAIN, DELAY))
+Kinds = tuple[departures.Kind, ...]
+ALONE: tuple[Kinds, ...] = ((GAIN,), (DELAY,))
+SCATTERING: tuple[Kinds, ...] = (*ALONE, (GAIN, DELAY))
 GROUP = 2  # as so many runs count those that may be wrong for one reason: two that are exchanged come first
 LEANS = 3.0  # factor by which a sigma grows without a run on which it rests
 
@@ -53,11 +57,11 @@ class Scattering:
     kinds : tuple of Kind
         What differs.
     widths : tuple of float
-        Standard deviations among the runs, relative to the flight values.
+        Likeliest standard deviations among the runs, relative to the flight values.
     left : Squares
         What T is with it.
     gain : float
-        Twice the logarithm of the likelihood that it gains.
+        Twice the logarithm of how much likelier it is than none, its widths integrated over.
     """
 
     kinds: tuple[departures.Kind, ...]
@@ -179,48 +183,48 @@ def _sane(voices: Regression, odd: Odd, most: int) -> Odd | None:
     rest = voices.without(odd.left_out)
     if len(odd.left_out) > most or rest.whole.p < ORDINARY or not agree(rest):
         return None
-    told = voices.whole.dof - rest.whole.dof + odd.fewest * (2 * np.log(len(voices.voices)) + ANYTHING)
+    told = voices.whole.dof - rest.whole.dof + odd.fewest * (ODD + ANYTHING)
     limit = rest.whole.value + told + PENALTY
-    scattered = (voices.whole.value - s.gain for s in scattering(voices) if s.left.p > ALARM)
+    scattered = (voices.whole.value - s.gain for s in scattering(voices))
     return None if min(scattered, default=np.inf) < limit else odd
 
 
-def scattering(voices: Regression) -> list[Scattering]:
-    """Return the gains and delays that may differ from run to run beyond noise, the likeliest first."""
-    u, s, _ = np.linalg.svd(voices.residual_maker)
-    basis = u[:, s > 0.5]  # free of the parameters: restricted likelihood
-    tried = [_scattering(voices, basis, kinds) for kinds in SCATTERING]
-    found = [one for one in tried if one and one.gain > 0]
-    return sorted(found, key=lambda one: PER_WIDTH * len(one.kinds) - one.gain)
+def scattering(voices: Regression, kinds: Iterable[Kinds] = SCATTERING) -> list[Scattering]:
+    """Return the gains and delays that differ, as it seems, and with which runs agree; the likeliest first.
+
+    Parameters
+    ----------
+    voices : Regression
+        Of all runs.
+    kinds : iterable of tuple of Kind
+        What is tried, together.
+    """
+    tried = [_scattering(voices, together) for together in kinds]
+    likely = (one for one in tried if one and one.gain > ASKED and one.left.p > ALARM)
+    return sorted(likely, key=lambda one: -one.gain)
 
 
-def _scattering(voices: Regression, basis: Array, kinds: Sequence[departures.Kind]) -> Scattering | None:
-    """Estimate by restricted maximum likelihood how wide something scatters; None if few runs tell it."""
-    y, powers, scales = basis.T @ voices.z, [], []
+def _scattering(voices: Regression, kinds: Kinds) -> Scattering | None:
+    """Return how likely it is that something scatters, and by how much; None if few runs tell it."""
+    columns, widths = np.zeros((voices.z.size, 0)), []
     for kind in kinds:
-        Z = basis.T @ _departing(voices, kind)
+        Z = voices.residual_maker @ _departing(voices, kind)
         told = np.linalg.norm(Z, axis=0)
         tells = told > max(TELLS * told.max(initial=0.0), TELLS)
         if np.unique(np.flatnonzero(tells) % len(voices.voices)).size < FEWEST:
             return None
-        powers.append(Z[:, tells] @ Z[:, tells].T)
-        scales.append(np.log(float(told[tells].max())))  # inverse sigma of a single run
-
-    def covariance(log_widths: Iterable[float]) -> Array:
-        each = zip(log_widths, powers, strict=True)
-        return np.asarray(np.eye(y.size) + sum(np.exp(2 * x) * power for x, power in each))
-
-    def cost(log_widths: Iterable[float]) -> float:
-        C = covariance(log_widths)
-        return float(np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y))
-
-    bounds = [(np.log(0.03) - scale, np.log(1e5) - scale) for scale in scales]
-    first = min(product(*(np.linspace(*ends, COARSE) for ends in bounds)), key=cost)
-    best = scipy.optimize.minimize(cost, first, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-2})
-    left = float(y @ np.linalg.solve(covariance(best.x), y))
+        first, columns = columns.shape[1], np.hstack([columns, Z[:, tells]])
+        members = tuple(range(first, columns.shape[1]))
+        widths.append(hierarchy.Width(kind.name, members, np.ones(len(members)), kind.scale))
+    normal = hierarchy.Normal(columns.T @ columns, columns.T @ voices.z, np.zeros(columns.shape[1]))
+    ratio, log_widths = hierarchy.evidence(normal, widths)
+    each = zip(widths, np.exp(log_widths), strict=True)
+    scaled = columns * np.concatenate([np.full(len(w.members), width) for w, width in each])
+    pull = scaled.T @ voices.z
+    taken = float(pull @ np.linalg.solve(np.eye(pull.size) + scaled.T @ scaled, pull))
     whole = voices.whole
-    test = Squares(left, whole.dof - len(kinds), whole.of_noise)
-    return Scattering(tuple(kinds), tuple(np.exp(best.x).tolist()), test, whole.value - float(best.fun))
+    left = Squares(whole.value - taken, whole.dof - len(kinds), whole.of_noise)
+    return Scattering(tuple(kinds), tuple(np.exp(log_widths).tolist()), left, 2 * ratio)
 
 
 def _departing(voices: Regression, kind: departures.Kind) -> Array:

@@ -169,8 +169,8 @@ def _believed(block: linear.Block, of_run: Array, slope: Array) -> Array:
     """Return the directions of z, shape (L, N), in which a signal speaks and not noise in the regressors.
 
     A single tone does not tell a gain from a stiffness, no signal at all tells neither: see
-    `linear.single_tone`. What motion and torques add is left out too: noise in its read-outs attenuates it,
-    in every run differently. `slope`, shape (N, Q), is what the parameters of the run do to z.
+    `fit.weighing.single_tone`. What motion and torques add is left out too: noise in its read-outs attenuates
+    it, in every run differently. `slope`, shape (N, Q), is what the parameters of the run do to z.
     """
     at = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
     stiffness, gain, delay = (slope[:, at[name]] for name in ("omega2_2", "lambda_2", "C_2"))

@@ -12,12 +12,24 @@ import numpy as np
 from fit.errors import FitError, InputError
 from fit.estimate import Outcome, fit_joint, verdict
 from fit.inspection import LeftOut, told
-from fit.judgement.agreement import ALARM, LEANS, Odd, agree, leaning, odd_ones, scattering
+from fit.judgement.agreement import (
+    ALARM,
+    ALONE,
+    DELAY,
+    GAIN,
+    LEANS,
+    Odd,
+    agree,
+    leaning,
+    odd_ones,
+    scattering,
+)
 from fit.judgement.causes import Case, exchanged, named
 from fit.judgement.consistency import Regression, regression, voice, voiced
 from fit.model import Sharing, dynamics
 from fit.paper import experiment_parameters
 from fit.settings import Settings
+from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
@@ -91,21 +103,25 @@ def convene(
     if chosen.estimator in UNTOLD:
         verdict.check_gains({e.name: outcome for e in kept}, kept)
         return Agreed(outcome, tuple(kept), left_out, ())
+    auto = chosen.scatter == ["auto"]
     while True:
-        # a few that are wrong must not pass for gains that scatter
+        # a few that are wrong must not pass for gains that scatter; scatter without alarm is looked for too
         plain = _plainly(outcome, kept, chosen)
         voices = regression(kept, plain)
-        if plain is outcome and agree(voices):
+        if agree(voices):
+            if auto and plain is outcome and scattering(voices, ALONE):
+                outcome = _scattered(kept, chosen) or plain
+            voices = voices if plain is outcome else regression(kept, outcome)
             break
         blocks = _centred(kept, alone, plain)
         voices = voiced(kept, blocks, plain)
         odd = odd_ones(voices, _groups(kept))
         if odd is None:
-            scattered = _scattered(voices, kept, chosen) if plain is outcome else outcome
-            voices = regression(kept, scattered or plain)
-            if scattered is None or not agree(voices):
+            if auto and plain is outcome and scattering(voices):
+                outcome = _scattered(kept, chosen) or plain
+            voices = regression(kept, outcome)
+            if not agree(voices):
                 return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
-            outcome = scattered
             break
         out = _odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
         left_out = (*left_out, *out)
@@ -137,9 +153,9 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
         If all of them do.
     """
     found: list[LeftOut] = []
-    for e in experiments:
+    guided = each(verdict.wrong_guidance, [e.sysid.telemetry for e in experiments])
+    for e, why in zip(experiments, guided, strict=True):
         own, run = alone[e.name], e.sysid.telemetry
-        why = verdict.wrong_guidance(run)
         if why:
             found.append(LeftOut(e.name, f"{run.path}: {why}", sure=True))
         elif isinstance(own, Outcome) and (why := verdict.wrong_gain(own)):
@@ -255,18 +271,15 @@ def _contradicting(
     return {voices[i].name: f"{voices[i].name} contradicts the others" for i in odd.left_out} if odd else {}
 
 
-def _scattered(voices: Regression, experiments: Sequence[Experiment], chosen: Settings) -> Outcome | None:
-    """Fit with gains or delays that scatter, if that makes the experiments agree and is left to the data."""
-    if chosen.scatter != ["auto"]:
+def _scattered(experiments: Sequence[Experiment], chosen: Settings) -> Outcome | None:
+    """Fit with gains and delays that scatter, if that makes the experiments agree."""
+    names = [name for kind in (GAIN, DELAY) for name in kind.parameters]
+    free = [name for name in names if chosen.shared.get(name) == "campaign"]
+    try:
+        outcome = fit_joint(experiments, chosen.model_copy(update={"scatter": free}))
+    except FitError:
         return None
-    for likely in (s for s in scattering(voices) if s.left.p > ALARM):
-        try:
-            outcome = fit_joint(experiments, chosen.model_copy(update={"scatter": likely.parameters}))
-        except FitError:
-            continue
-        if agree(regression(experiments, outcome)):
-            return replace(outcome, by_data=True)
-    return None
+    return replace(outcome, by_data=True) if agree(regression(experiments, outcome)) else None
 
 
 def _centred(
@@ -358,7 +371,7 @@ def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> Fit
         f"the experiments contradict each other: chi2 of what they say together is {whole.value:.4g} for "
         f"{whole.dof} degrees of freedom"
     )
-    scattered = [s for s in scattering(voices) if s.left.p > ALARM]
+    scattered = scattering(voices)
     if scattered:
         message += f"; {scattered[0].words} from experiment to experiment would explain it"
     else:

@@ -5,7 +5,7 @@ The only room with signs.
 
 from fit.model.calibrated import Dynamics, dynamics_of
 from fit.model.dynamics import Columns
-from fit.model.inertial import BASELINE
+from fit.model.inertial import BASELINE, separation
 from fit.model.sharing import Sharing
 
 __all__ = [
@@ -18,5 +18,6 @@ __all__ = [
     "inertial",
     "rate",
     "rotation",
+    "separation",
     "wander",
 ]

@@ -20,8 +20,8 @@ deltagfull2), bars being means over the two test masses,
     delta_g_SC = b_1 phibar'' + b_2 etabar'' + b_3 ybar'' + b_4 zbar'' + b_5 ybar + b_6 zbar
 
 and where it has the torques, ``e_phi N_phi + e_eta N_eta`` (means again): the test masses are turned along
-with the spacecraft, so that this is the Euler force, ``e_phi = -d delta_phi / I``, and whatever else torques
-leak along x. It is fitted along, lest it count as noise, and not reported: see the Euler fit for the angles.
+with the spacecraft, so that this is the Euler force, ``e_phi = (x_1 - x_2) delta_phi / I``, and whatever else
+torques leak along x. It is fitted along, lest it count as noise, and not reported: see the Euler fit.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 LOOP_PERIOD = 0.1  # s: commands are held this long, however coarsely they were archived
 COLUMNS = ("ddo_12", "f_2", "df_2", "f_1", "df_1", "o_12", "o_1", "ddo_1")
 PARAMETERS = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")
+_INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
+FORCES = slice(1, 5)  # those of the columns that depend on the delays
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 #: The means of eq. bump and of the torques, as sums of channels; o_phi_12 is the angle of test mass 2 less
 #: that of test mass 1.
@@ -240,35 +242,33 @@ class Columns:
 
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
-    fs, inner = run.fs, slice(derivatives.HALF, -derivatives.HALF)
-
-    derivative = derivatives.derivative
-
-    def force(x: Array, delay: float) -> Array:
-        # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-        return derivative(x, fs, 0, delay) + LOOP_PERIOD**2 / 24 * derivative(x, fs, 2, delay)
-
-    cross_talk = run.parameters[len(PARAMETERS) :]
+    fs, cross_talk = run.fs, run.parameters[len(PARAMETERS) :]
     values = (
-        derivative(run.o_12, fs, 2),
-        force(run.f_x_2, tau[1]),
-        derivative(run.f_x_2, fs, 1, tau[1]),
-        force(run.f_x_1, tau[0]),
-        derivative(run.f_x_1, fs, 1, tau[0]),
-        run.o_12[inner],
-        run.o_1[inner],
-        derivative(run.o_1, fs, 2),
+        derivatives.derivative(run.o_12, fs, 2),
+        *forces(run, tau).T,
+        run.o_12[_INNER],
+        run.o_1[_INNER],
+        derivatives.derivative(run.o_1, fs, 2),
         *(_moved(run.means, name, fs) for name in cross_talk),
     )
     valid = ~derivatives.reached(~run.valid)
-    return Columns(tau, (*COLUMNS, *cross_talk), fs, run.time[inner], np.stack(values, axis=1), valid)
+    return Columns(tau, (*COLUMNS, *cross_talk), fs, run.time[_INNER], np.stack(values, axis=1), valid)
+
+
+def forces(run: Channels, tau: tuple[float, float]) -> Array:
+    """Return the columns `FORCES`, shape (N, 4)."""
+    found, curve = [], (LOOP_PERIOD * run.fs) ** 2 / 24
+    for x, shift in ((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs)):
+        still, first, second = (derivatives.stencil(shift, order) for order in (0, 1, 2))
+        # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
+        found += [derivatives.apply(w, x) for w in (still + curve * second, run.fs * first)]
+    return np.stack(found, axis=1)
 
 
 def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:
     """Return the column of one of the `CROSS_TALK` from decimated means."""
     mean, order = CROSS_TALK[name]
-    x = series[mean]
-    return derivatives.derivative(x, fs, order) if order else x[derivatives.HALF : -derivatives.HALF]
+    return derivatives.derivative(series[mean], fs, order) if order else series[mean][_INNER]
 
 
 def delays(theta: Array) -> tuple[float, float]:

@@ -48,9 +48,11 @@ _BREAKDOWN = (
     "them lie far above it, they cancel.",
 )
 _RESIDUAL = (
-    "Residual differential acceleration against time",
-    f"Residual Δg less its mean, averaged with Hann windows of {figures.SLOW:g} s; grey, the extremes of it "
-    f"averaged over {figures.FAST:g} s. What is missing, masked or a glitch is marked.",
+    "Signal and residual differential acceleration against time, and the residual magnified",
+    f"Signal and residual over time, averaged with Hann windows of {figures.FAST:g} s (the paper's figure "
+    f"residuals). Below, magnified and averaged over {figures.SLOW:g} s, the residual beside the noise run; "
+    f"grey, the extremes of the residual averaged over {figures.FAST:g} s. What is missing, masked or a "
+    "glitch is marked.",
 )
 
 
@@ -185,14 +187,15 @@ def drawings(
     def found() -> figures.Analysis:
         return figures.analysed(run, parameters)
 
-    def acceleration() -> Chart:
-        return figures.acceleration(found(), figures.analysed(noise, parameters) if noise else None)
+    @cache
+    def beside() -> figures.Analysis | None:
+        return figures.analysed(noise, parameters) if noise else None
 
     told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),
-        "spectra": (_SPECTRA[noise is not None], acceleration),
+        "spectra": (_SPECTRA[noise is not None], lambda: figures.acceleration(found(), beside())),
         "breakdown": (_BREAKDOWN, lambda: figures.breakdown(found())),
-        "residual": (_RESIDUAL, lambda: figures.residual(run, found(), spans)),
+        "residual": (_RESIDUAL, lambda: figures.residual(run, found(), spans, beside())),
     }
     return tuple(
         Drawing(f"{stem}{letter}-{slug}-{name}", *words, draw)

@@ -4,25 +4,26 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from fit import deltag
 from fit.figures import motion as figures_motion
 from fit.paper import Parameter, cross_talk_parameter, misalignments
+from fit.report.noise import Products
 from fit.report.parts import Drawing, Part
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
-from fit.telemetry import Telemetry, inertial_period
+from fit.telemetry import Telemetry, XAxis, inertial_period
 
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
 
-def parts(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
+def parts(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
     """Return the sections."""
     found = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
     for period, fit in results.inertial.items():
         runs = [t for t in telemetries if t.kind == "noise" and inertial_period(t) == period]
         taking_part = [t for t in runs if t.run in _runs_of(results, period)]
-        found.append(replace(_inertial(period, fit), drawings=_drawings(results, period, taking_part)))
+        part = _inertial(period, fit, results.provenance.frame)
+        found.append(replace(part, drawings=_drawings(results, period, taking_part, products)))
     return found
 
 
@@ -54,11 +55,17 @@ def _scaled(parameter: Parameter, fit: Fit) -> Parameter:
     return replace(parameter, value=estimate.value) if estimate else parameter
 
 
-def _inertial(period: str, fit: Fit) -> Part:
+def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Part:
     about = (
         "Misalignment of the line through the test masses, from the Euler force between 30 µHz and 2 mHz. "
         "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
     )
+    if fit.centrifugal:
+        found = tables.number(fit.centrifugal.value, fit.centrifugal.sigma)
+        about += (
+            f" The coefficient of the centrifugal term, left free, comes out as {found.value} ± "
+            f"{found.sigma}; 1 is expected with +x {x_axis}, −1 in the other frame."
+        )
     table = tables.table(fit, parameters(period, fit))
     return Part(f"p{period}", f"Rotation, inertial period {period}", about, table=table)
 
@@ -68,23 +75,31 @@ def parameters(period: str, fit: Fit) -> list[Parameter]:
     return [p if p.flown else _scaled(p, fit) for p in misalignments(period)]
 
 
-def _drawings(results: Results, period: str, runs: Sequence[Telemetry]) -> tuple[Drawing, ...]:
+def _drawings(
+    results: Results, period: str, runs: Sequence[Telemetry], products: Products
+) -> tuple[Drawing, ...]:
     if results.joint is None or not runs:
         return ()
-    products = [deltag.delta_g(run, results) for run in runs]
-    rates = [product.fs for product in products]
-    if max(rates) - min(rates) > 1e-6:
-        return ()  # no common spectrum
-    found = figures_motion.spectra([product.channels for product in products], rates[0])
+    terms = [products.terms(run) for run in runs]
+    rates = [each.fs for each in terms]
+    if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in each.channels for each in terms):
+        return ()  # no common spectrum, or a frame that is refused
+    found = figures_motion.spectra([each.channels for each in terms], rates[0])
     ratio, error = figures_motion.gain(found)
     days = sum(run.duration for run in runs) / 86400
+    louder = [run.run for run, each in zip(runs, terms, strict=True) if "louder_bands" in each.attributes]
+    told = (
+        f" In {', '.join(louder)} Δg is louder than Δg_x in some band: lpfcosim deltag names it."
+        if louder
+        else ""
+    )
     return (
         Drawing(
             f"p{period}i-inertial",
             "Amplitude spectral densities before and after the correction for rotation",
             f"Correction for rotation, {days:.3g} days in {len(runs)} runs. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
-            f"± {error:.2f}. Bands: ±1 σ of the averages.",
+            f"± {error:.2f}. Bands: ±1 σ of the averages.{told}",
             partial(figures_motion.rotation, found),
         ),
         Drawing(

@@ -3,9 +3,7 @@
 import base64
 import hashlib
 import json
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -20,13 +18,16 @@ from fit.paper import joint_names, joint_parameter
 from fit.report import charts
 from fit.report import experiments as report_experiments
 from fit.report import motion as report_motion
+from fit.report import noise as report_noise
 from fit.report import sampling as report_sampling
 from fit.report import together as report_mission
+from fit.report.noise import Products
 from fit.report.parts import Drawing, Part
 from fit.report.verdict import matters, verdict
 from fit.results import Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
+from fit.threads import each
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
@@ -61,8 +62,13 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
     joint_table = None if joint is None else tables.table(joint, [joint_parameter(name) for name in names])
     sections = _drawn(report_experiments.sections(results, telemetries))
-    motion = _drawn(report_motion.parts(results, telemetries))
-    parts = [*report_mission.parts(results, telemetries), *report_sampling.parts(results, directory)]
+    products = Products(results)
+    motion = _drawn(report_motion.parts(results, telemetries, products))
+    parts = [
+        *report_mission.parts(results, telemetries),
+        *report_noise.parts(results, telemetries, products),
+        *report_sampling.parts(results, directory),
+    ]
     page = (
         _environment()
         .get_template("report.html.jinja")
@@ -93,10 +99,12 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
 
 def drawings(results: Results, telemetries: Sequence[Telemetry]) -> list[Drawing]:
     """Return all figures of the report but those that other commands left, not yet drawn."""
+    products = Products(results)
     sections: list[report_experiments.Section | Part] = [
         *report_experiments.sections(results, telemetries),
-        *report_motion.parts(results, telemetries),
+        *report_motion.parts(results, telemetries, products),
         *report_mission.parts(results, telemetries),
+        *report_noise.parts(results, telemetries, products),
     ]
     return [d for section in sections for d in section.drawings if isinstance(d, Drawing)]
 
@@ -108,8 +116,7 @@ def _drawn(sections: Sequence[_Section]) -> list[_Section]:
         made = [charts.shown(drawing) for drawing in section.drawings if isinstance(drawing, Drawing)]
         return replace(section, drawings=tuple(made))
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(shown, sections))
+    return each(shown, sections)
 
 
 def _environment() -> Environment:

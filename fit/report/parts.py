@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC
 
+import numpy as np
 from markupsafe import Markup
 
 from fit.figures import Figure
 from fit.results import Fit, Results
 from fit.tables import Grid
 from fit.tables import parameters as tables
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, utc
 
 
 @dataclass(frozen=True)
@@ -65,3 +67,8 @@ def fitted_for(
         fit = results.experiments.get(run.experiment)
         if run.kind == "sysid" and fit and name in fit.parameters:
             yield run, fit
+
+
+def started(run: Telemetry) -> np.datetime64:
+    """Return when a run began, UTC."""
+    return np.datetime64(utc(run.t0).astimezone(UTC).replace(tzinfo=None))

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.errors import InputError
-from fit.figures import Figure, mission
+from fit.figures import Figure
 from fit.figures import runs as figures_runs
+from fit.figures import stiffness as figures_stiffness
 from fit.journal import Plot as Drawn
 from fit.journal import drawn, save, svg
 from fit.report.experiments import parameters
@@ -48,10 +49,7 @@ def responses(runs: Sequence[Telemetry], experiment: str) -> Plot:
 def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of signal, residual and noise run of an experiment."""
     run = _fitted(results, runs, experiment)
-    noise = next((r for r in runs if r.experiment == experiment and r.kind == "noise"), None)
-    values = parameters(results, run)
-    beside = figures_runs.analysed(noise, values) if noise else None
-    return _drawn(figures_runs.acceleration, figures_runs.analysed(run, values), beside)
+    return _drawn(figures_runs.acceleration, *_analysed(results, runs, run))
 
 
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
@@ -61,18 +59,21 @@ def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> P
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
-    """Draw the residual Delta g of an experiment against time."""
+    """Draw signal and residual Delta g of an experiment against time, the residual beside its noise run."""
     run = _fitted(results, runs, experiment)
     spans = masked(results.experiments[experiment].warnings, run.run)
-    return _drawn(figures_runs.residual, run, figures_runs.analysed(run, parameters(results, run)), spans)
+    found, beside = _analysed(results, runs, run)
+    return _drawn(figures_runs.residual, run, found, spans, beside)
 
 
-def stiffness(results: Results, runs: Sequence[Telemetry]) -> Plot:
-    """Draw omega2_2 against F_max_2: every experiment alone, and the model of the joint fit."""
-    points = list(stiffness_points(results, runs).values())
+def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -> Plot:
+    """Draw omega2_2 against F_max_2 (or those of test mass 1): every experiment alone, and the model."""
+    points = list(stiffness_points(results, runs, test_mass).values())
     if not points:
-        raise InputError("no experiment determines omega2_2 alone, expected at least one with its run")
-    return _drawn(mission.stiffness_against_authority, points, results.joint)
+        raise InputError(
+            f"no experiment determines omega2_{test_mass} alone, expected at least one with its run"
+        )
+    return _drawn(figures_stiffness.against_authority, points, results.joint)
 
 
 def _drawn(draw: Callable[..., Figure], *arguments: object) -> Plot:
@@ -93,3 +94,12 @@ def _fitted(results: Results, runs: Sequence[Telemetry], experiment: str) -> Tel
         known = ", ".join(results.experiments) or "none"
         raise InputError(f"the results have no experiment {experiment!r}, expected one of {known}")
     return run
+
+
+def _analysed(
+    results: Results, runs: Sequence[Telemetry], run: Telemetry
+) -> tuple[figures_runs.Analysis, figures_runs.Analysis | None]:
+    """Return what the figures of a run and of its noise run show, None without one."""
+    noise = next((r for r in runs if r.experiment == run.experiment and r.kind == "noise"), None)
+    values = parameters(results, run)
+    return figures_runs.analysed(run, values), figures_runs.analysed(noise, values) if noise else None

@@ -1,7 +1,7 @@
 """The parts of the report on stiffness: the model against the experiments, and against what was expected."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from fit import paper
-from fit.figures import mission as figures
+from fit.figures import stiffness as figures
 from fit.paper import joint_parameter
 from fit.report.parts import Drawing, Part, fitted_for
 from fit.results import Estimate, Fit, Results
@@ -19,54 +19,93 @@ from fit.telemetry import Telemetry
 
 
 def model(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
-    """Return the section on eq. stiff_model, where two experiments or more determine omega2_2 alone."""
-    points = stiffness_points(results, telemetries)
-    if len(points) < 2:
+    """Return the section on eq. stiff_model, where two experiments or more determine a stiffness alone."""
+    grids, drawings, words = [], [], []
+    for j in (2, 1):
+        points = stiffness_points(results, telemetries, j)
+        if len(points) < 2:
+            continue
+        pulls = {name: figures.stiffness_pull(point, results.joint) for name, point in points.items()}
+        known = [pull for pull in pulls.values() if pull is not None]
+        if known:
+            rms, largest = math.sqrt(np.mean(np.square(known))), max(map(abs, known))
+            words.append(
+                f"Test mass {j}: root mean square of the {len(known)} differences {rms:.2f} σ, "
+                f"largest {largest:.1f} σ."
+            )
+        grids.append(_grid(j, points, pulls, results.joint))
+        drawings.append(_drawing(j, points, results.joint))
+    if not grids:
         return None
-    pulls = {name: figures.stiffness_pull(point, results.joint) for name, point in points.items()}
-    known = [pull for pull in pulls.values() if pull is not None]
-    text = ""
-    if known:
-        rms, largest = math.sqrt(np.mean(np.square(known))), max(map(abs, known))
-        text = f"Root mean square of the {len(known)} differences: {rms:.2f} σ; largest {largest:.1f} σ."
-    lines = tuple(_line(name, point, pulls[name], results.joint) for name, point in points.items())
+    return Part("stiffness", "Stiffness model", " ".join(words), tuple(grids), tuple(drawings))
+
+
+def _grid(
+    j: int,
+    points: Mapping[str, figures.StiffnessPoint],
+    pulls: Mapping[str, float | None],
+    joint: Fit | None,
+) -> Grid:
     about = (
-        "Stiffness of test mass 2 in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
+        f"Stiffness of test mass {j} in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
         "experiment's authority in pN and pN m."
     )
-    head = ("Experiment", Markup("F, N<sub>max,2</sub>"), "Alone", "Joint fit", "Δ / σ")
-    picture = Drawing(
-        "stiffness",
-        "Stiffness of test mass 2 against its force authority, one point per experiment",
-        "Stiffness of test mass 2, ±1 σ (the paper's figure stiffauth). Dots: each experiment on its own. "
-        "Where the joint fit determines the stiffness model (eq. stiff_model), squares show it at the same "
-        "authority, lines in between, one for each torque authority; the lower panel gives the differences "
-        "in units of their σ, the correlation of the two fits included.",
-        partial(figures.stiffness_against_authority, list(points.values()), results.joint),
+    head = ("Experiment", Markup("F, N<sub>max,{}</sub>").format(j), "Alone", "Joint fit", "Δ / σ")
+    return Grid(about, head, tuple(_line(name, point, pulls[name], joint) for name, point in points.items()))
+
+
+def _drawing(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> Drawing:
+    figure = "the paper's figure stiffauth" if j == 2 else "as the paper's figure stiffauth"
+    own = figures.varies(list(points.values()))
+    against = "its force authority" if own else f"the force authority of test mass {3 - j}"
+    elsewhere = (
+        f"Its own force authority is the same in all of them, so that it is drawn against that of test mass "
+        f"{3 - j}, on which it does not depend. "
     )
-    return Part("stiffness", "Stiffness model", text, (Grid(about, head, lines),), (picture,))
+    said = "" if own else elsewhere
+    return Drawing(
+        f"stiffness-{j}",
+        f"Stiffness of test mass {j} against {against}, one point per experiment",
+        f"Stiffness of test mass {j}, ±1 σ ({figure}). {said}Dots: each experiment on its own. "
+        "Where the joint fit determines the stiffness (eq. stiff_model), be it the sum and not its parts, "
+        "squares show it at the same authority, lines in between, one for each torque authority; the lower "
+        "panel gives the differences in units of their σ, the correlation of the two fits included.",
+        partial(figures.against_authority, list(points.values()), joint),
+    )
 
 
-def stiffness_points(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, figures.StiffnessPoint]:
-    """Return omega2_2 of every experiment that determines it alone, by name."""
+def stiffness_points(
+    results: Results, telemetries: Sequence[Telemetry], j: int = 2
+) -> dict[str, figures.StiffnessPoint]:
+    """Return omega2_j of every experiment that determines it alone, by name."""
     runs = results.provenance.joint_runs
-    return {
-        run.experiment: figures.StiffnessPoint(
-            run.experiment,
-            run.F_max_2,
-            run.N_max_2,
-            fit.parameters["omega2_2"],
-            in_joint=runs is None or run.run in runs,
-        )
-        for run, fit in fitted_for("omega2_2", results, telemetries)
-    }
+    found = {}
+    for run, fit in fitted_for("omega2_2", results, telemetries):
+        omega2 = fit.parameters["omega2_2"] if j == 2 else _of_test_mass_1(fit)
+        if omega2 is not None:
+            taken = runs is None or run.run in runs
+            found[run.experiment] = figures.StiffnessPoint(
+                run.experiment, j, *run.authority[j - 1], omega2, taken, other=run.authority[2 - j][0]
+            )
+    return found
+
+
+def _of_test_mass_1(fit: Fit) -> Estimate | None:
+    """Return omega2_1 = omega2_2 - domega2_12 with the sigma of the difference."""
+    names, pair = list(fit.parameters), ("omega2_2", "domega2_12")
+    if not fit.parameters.keys() >= set(pair):
+        return None
+    own = [names.index(name) for name in pair]
+    (variance, shared), (_, other) = fit.covariance[np.ix_(own, own)]
+    omega2_2, domega2_12 = (fit.parameters[name].value for name in pair)
+    return Estimate(omega2_2 - domega2_12, math.sqrt(variance + other - 2 * shared), "s-2")
 
 
 def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: Fit | None) -> Line:
-    found = figures.reconstruction(joint, point.F_max_2, point.N_max_2)
+    found = figures.reconstruction(joint, point.j, point.F_max, point.N_max)
     cells = (
-        f"{1e12 * point.F_max_2:.4g}, {1e12 * point.N_max_2:.3g}",
-        tables.number(point.omega2_2.value, point.omega2_2.sigma, -7),
+        f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}",
+        tables.number(point.omega2.value, point.omega2.sigma, -7),
         tables.number(*found, -7) if found else None,
         "–" if pull is None else flagged(signed(pull, 1), abs(pull) > LIMIT),
     )

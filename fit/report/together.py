@@ -3,19 +3,28 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 from functools import partial
 
-import numpy as np
 from markupsafe import Markup, escape
 
 from fit.estimate import residuals
+from fit.figures import gain as figures_gain
+from fit.figures import leakage as figures_leakage
 from fit.figures import mission as figures_mission
-from fit.paper import FLIGHT, GAIN_CHI2_RED, GAIN_MEAN, GAIN_SCATTER, Parameter, joint_names, joint_parameter
+from fit.paper import (
+    DELTA_IFO_DESIGN,
+    FLIGHT,
+    GAIN_CHI2_RED,
+    GAIN_MEAN,
+    GAIN_SCATTER,
+    Parameter,
+    joint_names,
+    joint_parameter,
+)
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
-from fit.report.parts import Drawing, Part, fitted_for
-from fit.results import Diagnostics, Fit, Results
+from fit.report.parts import Drawing, Part, fitted_for, started
+from fit.results import Diagnostics, Estimate, Fit, Results
 from fit.tables import LIMIT, Cell, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
@@ -33,6 +42,7 @@ def parts(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
         _gain(sound, telemetries),
         report_stiffness.model(sound, telemetries),
         report_stiffness.prediction(sound.joint),
+        _leakage(sound, telemetries),
         _side_by_side(sound, telemetries),
         _residuals(results),
         _correlation(sound.joint),
@@ -191,9 +201,10 @@ def _p_value(p: float) -> str:
 def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Drawing, ...]:
     alone = residuals.independent(results.experiments)
     points = [
-        figures_mission.GainPoint(
+        figures_gain.GainPoint(
             run.experiment,
-            np.datetime64(datetime.fromisoformat(run.t0).replace(tzinfo=None)),
+            started(run),
+            run.F_max_2,
             fit.parameters["lambda_2"],
             leaning=run.experiment not in alone,
         )
@@ -202,14 +213,50 @@ def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Dr
     if len(points) < 2:
         return ()
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
-    picture = Drawing(
-        "gain",
-        "Gain of test mass 2 against date, one point per experiment",
-        "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
-        "gainevolution). An open dot takes its stiffness from the joint fit.",
-        partial(figures_mission.gain_evolution, points, joint),
+    return (
+        Drawing(
+            "gain",
+            "Gain of test mass 2 against date, one point per experiment",
+            "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
+            "gainevolution) and their weighted mean. An open dot takes its stiffness from the joint fit.",
+            partial(figures_gain.gain_evolution, points, joint),
+        ),
+        Drawing(
+            "gain-authority",
+            "Gain of test mass 2 against its force authority, one point per experiment",
+            "The same against the force authority: a gain that depends on the force would show as a trend.",
+            partial(figures_gain.gain_against_authority, points, joint),
+        ),
     )
-    return (picture,)
+
+
+def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
+    joint = {
+        int(name.removeprefix("delta_ifo_")): estimate
+        for name, estimate in (results.joint.parameters.items() if results.joint else ())
+        if name.startswith("delta_ifo_")
+    }
+    alone = [
+        (run.experiment, run.alignment_epoch, fit.parameters["delta_ifo"])
+        for run, fit in fitted_for("delta_ifo", results, telemetries)
+    ]
+    if not joint and len(alone) < 2:
+        return None
+    flight = {
+        k: Estimate(p.value, p.sigma, p.unit)
+        for k in {epoch for _, epoch, _ in alone} | joint.keys()
+        if (p := joint_parameter(f"delta_ifo_{k}")).flown
+    }
+    rms, limit = DELTA_IFO_DESIGN
+    picture = Drawing(
+        "leakage",
+        "Leakage of x1 into the differential read-out by alignment epoch, beside what the design allows",
+        "δ_ifo by alignment epoch, ±1 σ: joint fit, each experiment on its own, and flight. Simulations of "
+        f"the optical bench predict {1e5 * rms:g}·10⁻⁵ rms within ±{1e5 * limit:g}·10⁻⁵ (the paper's "
+        "section Results).",
+        partial(figures_leakage.leakage, joint, alone, flight),
+    )
+    return Part("leakage", "Leakage of the read-out", drawings=(picture,))
 
 
 def _residuals(results: Results) -> Part | None:

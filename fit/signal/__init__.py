@@ -3,14 +3,16 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal.averages import Binned, Estimator, LogSpectrum, log_psd
+from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd
+from fit.signal.excess import Excess
 from fit.signal.noise import NoiseModel, fit_noise
 from fit.signal.spectra import Spectra, Spectrum
-from fit.signal.threads import one_thread
 
 __all__ = [
     "Binned",
     "Estimator",
+    "Excess",
+    "Level",
     "LogSpectrum",
     "NoiseModel",
     "Spectra",
@@ -18,6 +20,5 @@ __all__ = [
     "derivatives",
     "fit_noise",
     "log_psd",
-    "one_thread",
     "spectra",
 ]

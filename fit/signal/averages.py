@@ -56,6 +56,15 @@ class Binned:
     high: Array
 
 
+@dataclass(frozen=True)
+class Level:
+    """Root of the mean one-sided PSD over a band, and the bounds of its central 68.3 % interval."""
+
+    asd: float
+    low: float
+    high: float
+
+
 class Estimator:
     """What the series of one run have in common: window, frequencies, what is missing.
 
@@ -83,17 +92,37 @@ class Estimator:
 
     def asd(self, values: Array) -> Binned:
         """Return the ASD of a series, shape (N,), less mean and slope; what is not valid may be anything."""
-        x = np.where(self._valid, values[: self._valid.size], 0.0)
-        u = self._ramp
-        x -= self._valid * (x.sum() / np.count_nonzero(self._valid))
-        x -= u * float(np.sum(u * x)) / float(np.sum(u * u))  # no @: its last bits depend on threads
-        power = np.abs(scipy.fft.rfft(self._window * x)[1 : self._f.size + 1]) ** 2 * self._scale
+        power = self._power(values)
         starts = _starts(self._f, power)
         count = np.diff(starts, append=power.size)
         mean = np.add.reduceat(power, starts) / count
         dof = self._degrees_of_freedom(count)
         low, high = (np.sqrt(mean * dof / scipy.stats.chi2.ppf(p, dof)) for p in ONE_SIGMA)
         return Binned(np.add.reduceat(self._f, starts) / count, np.sqrt(mean), low, high)
+
+    def level(self, values: Array, band: tuple[float, float]) -> Level:
+        """Return the level of a series, shape (N,), between two frequencies [Hz]; `asd` for the rest.
+
+        Raises
+        ------
+        ValueError
+            If no frequency of the run lies between them.
+        """
+        power = self._power(values)[(self._f >= band[0]) & (self._f <= band[1])]
+        if not power.size:
+            raise ValueError(f"no ordinate between {band[0]:g} and {band[1]:g} Hz")
+        mean, dof = float(power.mean()), float(self._degrees_of_freedom(np.array([power.size]))[0])
+        low, high = (float(np.sqrt(mean * dof / scipy.stats.chi2.ppf(p, dof))) for p in ONE_SIGMA)
+        return Level(math.sqrt(mean), low, high)
+
+    def _power(self, values: Array) -> Array:
+        """Return the periodogram of a series less mean and slope."""
+        x = np.where(self._valid, values[: self._valid.size], 0.0)
+        u = self._ramp
+        x -= self._valid * (x.sum() / np.count_nonzero(self._valid))
+        x -= u * float(np.sum(u * x)) / float(np.sum(u * u))  # no @: its last bits depend on threads
+        spectrum = scipy.fft.rfft(self._window * x)[1 : self._f.size + 1]
+        return np.asarray(np.abs(spectrum) ** 2 * self._scale, dtype=np.float64)
 
     def _degrees_of_freedom(self, count: NDArray[np.intp]) -> Array:
         """Return those of the mean of `count` neighbouring ordinates, which the window makes one noise."""

@@ -90,8 +90,8 @@ def bridge(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
 
 def stretches(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return first index and end of every run of True, shape (number of runs, 2)."""
-    edges = np.diff(flags.astype(np.int8), prepend=0, append=0)
-    return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)
+    bounded = np.concatenate([[False], flags, [False]])
+    return np.flatnonzero(bounded[1:] != bounded[:-1]).reshape(-1, 2)
 
 
 def low_pass(fs: float, f_max: float = F_MAX, rate: float = RATE) -> tuple[Array, int]:

@@ -101,22 +101,25 @@ def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
     knots = _knots(f)
     basis = _spline_basis(knots, f)
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
-    values = np.asarray(np.linalg.lstsq(basis, start)[0], dtype=np.float64)
+    values = np.asarray(np.linalg.solve(basis.T @ basis, basis.T @ start), dtype=np.float64)
     fisher: Array = (basis * dof[:, None]).T @ basis
 
-    def cost(v: Array) -> float:
+    def cost(v: Array) -> tuple[float, Array]:
+        """Return the cost and ``power / S``."""
+        log_S = basis @ v
         with np.errstate(over="ignore"):  # a step too far costs infinitely much
-            return float(dof @ (basis @ v) + np.sum(power * np.exp(-basis @ v)))
+            relative = power * np.exp(-log_S)
+            return float(dof @ log_S + np.sum(relative)), relative
 
-    last = cost(values)
+    last, relative = cost(values)
     for _ in range(100):
-        gradient = basis.T @ (power * np.exp(-basis @ values) - dof)
-        step = np.asarray(np.linalg.solve(fisher, gradient), dtype=np.float64)
-        size = 1.0
-        while cost(values + size * step) > last and size > 1e-6:
+        step = np.asarray(np.linalg.solve(fisher, basis.T @ (relative - dof)), dtype=np.float64)
+        size, previous = 1.0, last
+        last, relative = cost(values + step)
+        while last > previous and size > 1e-6:
             size /= 2
+            last, relative = cost(values + size * step)
         values = values + size * step
-        previous, last = last, cost(values)
         if abs(previous - last) < 1e-9 * f.size:
             return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)))
     raise FitError("the smooth PSD of the noise did not converge")

@@ -79,16 +79,24 @@ def transform(
     """
     n = scipy.fft.prev_fast_len(len(columns))
     w = window(valid[:n], fs)
-    bins = slice(1, math.floor(min(F_MAX, fs / 10) * n / fs) + 1)
-    scale = math.sqrt(2 / (fs * float(w @ w)))
     nuisance = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
     if beside is not None:
         nuisance = np.hstack([nuisance, beside[:n]])
 
-    def spectrum(x: Array) -> Spectrum:
-        return np.asarray(scipy.fft.rfft(w[:, None] * x[:n], axis=0)[bins] * scale, dtype=np.complex128)
+    f = np.arange(n // 2 + 1)[_bins(n, fs)] * fs / n
+    return Spectra(f, windowed(columns, w, fs), windowed(nuisance, w, fs), w, tau)
 
-    return Spectra(np.arange(n // 2 + 1)[bins] * fs / n, spectrum(columns), spectrum(nuisance), w, tau)
+
+def windowed(columns: Array, w: Array, fs: float) -> Spectrum:
+    """Return the transforms of columns, shape (N or more, P), under a window, as `Spectra` has them."""
+    scale = math.sqrt(2 / (fs * float(w @ w)))
+    found = scipy.fft.rfft(w[:, None] * columns[: w.size], axis=0)[_bins(w.size, fs)]
+    return np.asarray(found * scale, dtype=np.complex128)
+
+
+def _bins(n: int, fs: float) -> slice:
+    """Return the bins of the fitted band in the transform of `n` samples."""
+    return slice(1, math.floor(min(F_MAX, fs / 10) * n / fs) + 1)
 
 
 def spread(window: Array) -> float:

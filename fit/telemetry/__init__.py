@@ -4,11 +4,13 @@ A run is a `Telemetry`. A channel is read from the file when it is used. Another
 elsewhere first, since they may crash a library (`guard`).
 """
 
-from fit.telemetry.contract import CHANNELS, SCHEMA, utc
+from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
 from fit.telemetry.conversion import convert, is_map
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.reader import (
     Telemetry,
+    at_hand,
+    common_x_axis,
     inertial_period,
     inside,
     read_all,
@@ -23,9 +25,14 @@ __all__ = [
     "CHANNELS",
     "MAX_MISSING",
     "SCHEMA",
+    "TOWARDS_1",
+    "TOWARDS_2",
     "Telemetry",
     "Writer",
+    "XAxis",
+    "at_hand",
     "check_storage",
+    "common_x_axis",
     "convert",
     "guard",
     "inertial_period",

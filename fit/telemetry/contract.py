@@ -96,6 +96,11 @@ class _Unit(str):
     """Unit of a root attribute."""
 
 
+#: Where the telemetry has +x point to; the first is the one meant where a file says nothing.
+XAxis = Literal["towards test mass 2", "towards test mass 1"]
+TOWARDS_2: XAxis = "towards test mass 2"
+TOWARDS_1: XAxis = "towards test mass 1"
+
 _Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
 _Force = Annotated[float, Field(ge=0, le=1e3), _Unit("N")]
 _Torque = Annotated[float, Field(ge=0, le=1e3), _Unit("N m")]
@@ -117,12 +122,19 @@ class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     m_tm: Annotated[float, Field(ge=1e-3, le=1e6), _Unit("kg")]
 
 
+class _Frame(BaseModel, strict=True):
+    """The root attribute that tells the frame, where there is one."""
+
+    x_axis: XAxis = TOWARDS_2
+
+
 #: Every root attribute that describes a run, with its unit, None for what is no quantity.
 ATTRIBUTES: Mapping[str, str | None] = {
     **{
         name: next((str(unit) for unit in field.metadata if isinstance(unit, _Unit)), None)
         for name, field in Root.model_fields.items()
     },
+    "x_axis": None,
     "inertial_period": None,
     "I_yy": "kg m2",
     "I_zz": "kg m2",
@@ -140,6 +152,7 @@ def check_root(place: str, attributes: Mapping[str, object]) -> Root:
         If one is missing or breaks the contract.
     """
     try:
+        _Frame.model_validate(attributes)
         return Root.model_validate(attributes)
     except ValidationError as error:
         raise InputError(f"{place}: attribute {told(error, written=False)}") from error

@@ -132,6 +132,8 @@ def check_values(
 ) -> None:
     """Refuse an infinite value, or in a known channel one beyond `LARGEST`; the first has number `start`."""
     low, high = (-LARGEST, LARGEST) if known else (-np.finfo(float).max, np.finfo(float).max)
+    if low <= values.min(initial=0.0) and values.max(initial=0.0) <= high:  # false where samples are missing
+        return
     if (beyond := (values < low) | (values > high)).any():
         n = int(np.argmax(beyond))
         wanted = f"a value of at most {LARGEST:g}" if np.isfinite(values[n]) else "a finite value"
@@ -195,6 +197,8 @@ def _check_missing_value(dataset: h5py.Dataset, values: NDArray[np.float64], pla
     """Refuse a number that stands for missing samples, if there are any."""
     for name in _MISSING:
         fill = plain(dataset.attrs.get(name, math.nan))
+        if isinstance(fill, float) and math.isnan(fill):
+            continue
         hit = np.isin(values, np.asarray(fill, dtype=np.float64)) if isinstance(fill, float | int) else True
         if np.any(hit):
             raise InputError(

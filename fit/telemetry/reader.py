@@ -5,8 +5,8 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.telemetry import guard
-from fit.telemetry.contract import REQUIRED, SCHEMA, Root, check_root, utc, whole
+from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
+from fit.threads import each
 
 if TYPE_CHECKING:
     import xarray
@@ -89,6 +90,11 @@ class Telemetry(Displayed):
     def authority(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Force [N] and torque [N m] authority of test masses 1 and 2."""
         return (self.F_max_1, self.N_max_1), (self.F_max_2, self.N_max_2)
+
+    @property
+    def x_axis(self) -> XAxis:
+        """Where +x points to."""
+        return TOWARDS_1 if self.attributes.get("x_axis") == TOWARDS_1 else TOWARDS_2
 
     @property
     def root(self) -> dict[str, object]:
@@ -199,7 +205,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     if not own:
         check(found)
     runs: dict[str, Telemetry] = {}
-    for telemetry in map(read, found):
+    for telemetry in _with_one_time(each(read, found)):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -207,6 +213,24 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
                 "expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
+
+
+def _with_one_time(telemetries: Sequence[Telemetry]) -> Iterator[Telemetry]:
+    """Let runs share the time axes that they have in common: of weeks these fill the memory."""
+    axes: list[NDArray[np.float64]] = []
+    for telemetry in telemetries:
+        known = next((axis for axis in axes if np.array_equal(axis, telemetry.time)), telemetry.time)
+        axes += [known] * (known is telemetry.time)
+        yield replace(telemetry, time=known)
+
+
+@contextmanager
+def at_hand(*telemetries: Telemetry | None) -> Iterator[None]:
+    """Keep the channels of runs in memory, once they are read, to the end of a piece of work."""
+    with ExitStack() as stack:
+        for channels in (t.channels for t in telemetries if t and isinstance(t.channels, _OnDemand)):
+            stack.enter_context(channels.kept())
+        yield
 
 
 def inertial_period(telemetry: Telemetry) -> str:
@@ -226,6 +250,24 @@ def inertial_period(telemetry: Telemetry) -> str:
     raise InputError(
         f"{telemetry.path}: attribute inertial_period: {shown(value)}, expected a whole number, zero or more"
     )
+
+
+def common_x_axis(runs: Sequence[Telemetry]) -> XAxis:
+    """Return where +x points to in all runs, of which there is at least one.
+
+    Raises
+    ------
+    InputError
+        If they differ.
+    """
+    first = runs[0]
+    for run in runs:
+        if run.x_axis != first.x_axis:
+            raise InputError(
+                f"{run.path}: attribute x_axis: {run.x_axis!r}, but {first.path} has {first.x_axis!r}; "
+                "expected one frame in all runs of a fit"
+            )
+    return first.x_axis
 
 
 def inside(path: Path) -> Path:
@@ -293,12 +335,28 @@ class _OnDemand(Mapping[str, NDArray[np.float64]]):
 
     def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
         self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
+        self._kept: dict[str, NDArray[np.float64]] | None = None
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Read each channel once only."""
+        self._kept = {}
+        try:
+            yield
+        finally:
+            self._kept = None
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         if name not in self._names:
             raise KeyError(name)
+        if self._kept and name in self._kept:
+            return self._kept[name]
         with _opened(self._path) as file:
-            return read_channel(file, self._path, name, self._part, self._fs)
+            found = read_channel(file, self._path, name, self._part, self._fs)
+        if self._kept is not None:
+            found.flags.writeable = False  # others get the same one
+            self._kept[name] = found
+        return found
 
     def __contains__(self, name: object) -> bool:
         return name in self._names

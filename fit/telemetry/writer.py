@@ -33,6 +33,8 @@ class Writer:
         Of the root.
     truth : mapping, optional
         Attributes of a group ``/truth``.
+    truths : mapping of str to (ndarray, str), optional
+        Datasets in that group, each with its unit.
     finite : bool
         Refuse values that are not.
     alphabetical : bool
@@ -52,6 +54,7 @@ class Writer:
         attributes: Mapping[str, object],
         *,
         truth: Mapping[str, float] | None = None,
+        truths: Mapping[str, tuple[Array, str]] | None = None,
         finite: bool = False,
         alphabetical: bool = False,
     ) -> None:
@@ -75,11 +78,16 @@ class Writer:
                 else:
                     channel.dims[0].attach_scale(self._channels["time"])
             if truth is not None:
-                _annotate(self._file.create_group("truth"), truth)
+                group = self._file.create_group("truth")
+                _annotate(group, truth)
+                for name, (values, unit) in sorted((truths or {}).items()):
+                    group.create_dataset(name, data=values).attrs["units"] = unit
             undo.pop_all()
 
-    def append(self, time: Array, channels: Mapping[str, Array]) -> None:
-        """Write the next samples of all channels."""
+    def append(
+        self, time: Array, channels: Mapping[str, Array], lost: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Write the next samples of all channels, NaN for those that are ``lost``."""
         if channels.keys() != self._channels.keys() - {"time"} or self._done + time.size > self._size:
             announced = f"{self._size} samples of {', '.join(self._channels)}"
             raise FitError(f"{self._path}: other samples came than were announced, expected {announced}")
@@ -91,8 +99,12 @@ class Writer:
                 raise FitError(f"{name} is {values[i]} at t = {time[i]:g} s, nothing is recorded")
         part = slice(self._done, self._done + time.size)
         with self._told():
+            inside = h5py.h5s.create_simple((time.size,))
+            of_file = h5py.h5s.create_simple((self._size,))
+            of_file.select_hyperslab((part.start,), (time.size,))
             for name, dataset in self._channels.items():  # room in the file is given in this order
-                dataset[part] = time if name == "time" else channels[name]
+                values = time if name == "time" else _received(channels[name], lost)
+                dataset.id.write(inside, of_file, np.ascontiguousarray(values, dtype=np.float64))
         self._done = part.stop
 
     def annotate(self, name: str, value: object) -> None:
@@ -130,6 +142,10 @@ class Writer:
             yield
         except (OSError, RuntimeError) as error:
             raise FitError(f"{self._path}: cannot be written ({_reason(error)})") from error
+
+
+def _received(values: Array, lost: NDArray[np.bool_] | None) -> Array:
+    return values if lost is None else np.where(lost, np.nan, values)
 
 
 def _create(path: Path) -> h5py.File:

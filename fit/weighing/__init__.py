@@ -5,9 +5,10 @@ the noise PSD that the partner tells. A block holds all of chi^2 of a run in a s
 """
 
 from fit.weighing.likelihood import NU, Likelihood, Weights, expected_weights, weights
-from fit.weighing.linear import Block, single_tone
+from fit.weighing.linear import Block
 from fit.weighing.runs import SHORTEST, Experiment, Run, check_left, divide, noise_model, pair, smooth_noise
 from fit.weighing.shapes import Glitch, Shape
+from fit.weighing.tones import drives, single_tone
 
 __all__ = [
     "NU",
@@ -21,6 +22,7 @@ __all__ = [
     "Weights",
     "check_left",
     "divide",
+    "drives",
     "expected_weights",
     "linear",
     "noise_model",

@@ -8,9 +8,12 @@ conditions stay free of bias because that answer is causal, so that its transfer
 band. Leaving out the lowest bins would break the sum.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 import scipy
@@ -20,12 +23,11 @@ from fit.errors import FitError
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum
 from fit.weighing.likelihood import Likelihood, Weights, weights
+from fit.weighing.tones import drives, single_tone
 
 Array = NDArray[np.float64]
 
 FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
-SIGNAL = 100.0  # whitened power in one bin (noise: 2) from which it is no noise
-STRAY = 0.02  # share of the signal that switching a tone on and off scatters over other frequencies
 
 
 @dataclass(frozen=True)
@@ -188,29 +190,9 @@ def block(
     """
     U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
-    tone = single_tone(spectra.f, np.abs(U[:, 0]) ** 2)
+    tone = single_tone(spectra.f, drives(U))
     of_bins, taken = weights(likelihood, spectra.f, u), spectra.nuisance.shape[1]
     return Block(spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise, taken=taken)
-
-
-def single_tone(f: Array, power: Array) -> float | None:
-    """Return the frequency of a signal that lies within half an octave nearly whole, 0 without a signal.
-
-    Such a run cannot tell a gain from a stiffness (and without a signal, none of them at all), whatever the
-    noise seems to say: where the commands only answer to the noise, a fit leans on the model of that noise
-    more than it can bear.
-
-    Parameters
-    ----------
-    f, power : ndarray, shape (B,)
-        Frequencies [Hz] and whitened power, 2 where there is but noise.
-    """
-    signal = np.where(power > SIGNAL, power, 0.0)
-    if not signal.any():
-        return 0.0
-    peak = float(f[np.argmax(signal)])
-    apart = np.abs(np.log2(f / peak)) > 0.5
-    return peak if signal[apart].sum() < STRAY * signal.sum() else None
 
 
 def information(blocks: Sequence[Block], theta: Array) -> Array:
@@ -330,19 +312,18 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     """
     if all(isinstance(block, Straight) for block in blocks):
         return _normal(blocks, prior, width)
-    import lmfit  # takes its time
-
+    lmfit = _lmfit()
     rows = prior.rows * width
 
-    def parameters(p: lmfit.Parameters) -> Array:
+    def parameters(p: Any) -> Array:
         return np.array([p[name].value for name in p]) * width
 
-    def residuals(p: lmfit.Parameters) -> Array:
+    def residuals(p: Any) -> Array:
         theta = parameters(p)
         data = [block.R @ block.coefficients(theta) for block in blocks]
         return np.concatenate([*data, prior.rows @ (theta - prior.centre)])
 
-    def jacobian(p: lmfit.Parameters) -> Array:
+    def jacobian(p: Any) -> Array:
         theta = parameters(p)
         data = [block.jacobian(theta) * width for block in blocks]
         return np.concatenate([*data, rows])
@@ -357,6 +338,18 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     if not found.success or not np.isfinite(theta).all():
         raise FitError(f"the minimisation failed: {found.message}")
     return theta
+
+
+def _lmfit() -> Any:
+    """Return lmfit, which takes its time; without pandas, which it would only want for files of its own."""
+    absent = "pandas" not in sys.modules and "lmfit" not in sys.modules
+    if absent:
+        sys.modules["pandas"] = None  # type: ignore[assignment]
+    try:
+        return import_module("lmfit")
+    finally:
+        if absent:
+            del sys.modules["pandas"]
 
 
 def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:

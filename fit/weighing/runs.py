@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from fit.model import dynamics, wander
 from fit.settings import Settings
 from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, spectra
 from fit.telemetry import Telemetry
+from fit.threads import each
 from fit.weighing import linear, shapes
 from fit.weighing.shapes import Glitch
 
@@ -125,11 +127,16 @@ class Run:
         InputError
             If missing samples leave too little of the run.
         """
-        last = self._last  # made anew only when a delay has moved
-        if last is None or _apart(tau, last.tau) > CLOSE:
+        last = self._last
+        if last is None:
             terms = self.columns(tau)
-            self._last = last = self._transformed(terms.values, terms)
+            last = self._transformed(terms.values, terms)
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
+        elif _apart(tau, last.tau) > CLOSE:  # of what does not move, the transforms stay
+            columns, forces = last.columns.copy(), dynamics.forces(self.channels, tau)
+            columns[:, dynamics.FORCES] = spectra.windowed(forces, last.window, self.channels.fs)
+            last = replace(last, columns=columns, tau=tau)
+        self._last = last
         return last
 
     def wander(self, tau: tuple[float, float]) -> Spectra:
@@ -257,7 +264,8 @@ def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:
         If there are two of a kind, or one is too short.
     """
     _check_names(telemetries)
-    return [_experiment(run, telemetries) for run in telemetries if run.kind == "sysid"]
+    driven = [run for run in telemetries if run.kind == "sysid"]
+    return each(partial(_experiment, telemetries), driven)
 
 
 def divide(
@@ -296,7 +304,7 @@ def _check_names(telemetries: Sequence[Telemetry]) -> None:
             )
 
 
-def _experiment(sysid: Telemetry, telemetries: Sequence[Telemetry]) -> Experiment:
+def _experiment(telemetries: Sequence[Telemetry], sysid: Telemetry) -> Experiment:
     noise = next((t for t in telemetries if t.kind == "noise" and t.experiment == sysid.experiment), None)
     for run in (sysid, noise):
         if run is not None and run.duration < SHORTEST:

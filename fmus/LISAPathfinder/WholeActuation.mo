@@ -12,11 +12,19 @@ model WholeActuation "Capacitive forces and torques on both test masses: authori
   parameter Types.Torque N_max_2 = 10.4e-12 "Authority of the torque on test mass 2 about z";
   parameter Types.Torque N_max_theta = 10.4e-12 "Authority of the torques about x";
   parameter Types.Torque N_max_eta = 10.4e-12 "Authority of the torques about y";
+  parameter Types.Length arm = 0.011 "Arm of an electrode about the middle of its face";
+  parameter Real lambda_bend_1(unit = "1") = 0 "Relative growth of lambda_1 at the force F_ref";
+  parameter Real lambda_bend_2(unit = "1") = 0 "Relative growth of lambda_2 at the force F_ref";
+  parameter Types.Force F_ref = 1e-9 "Force that lambda_bend_1 and lambda_bend_2 refer to";
   parameter Types.Acceleration f_x_2_start = 0 "Command on test mass 2 before the first sample";
   parameter Real leak_phi_1(unit = "m-1") = 0
     "x force commanded on test mass 1 per torque about z, by imperfectly digitised waveforms";
   parameter Real kappa_phi(unit = "m-1") = 0 "x force on test mass 2 per torque about z that no command shows";
   parameter Real kappa_eta(unit = "m-1") = 0 "x force on test mass 2 per torque about y that no command shows";
+  final parameter Types.Acceleration balance_1 = (F_max_1 + N_max_1/arm)/m_tm "Pull of all electrodes on test mass 1";
+  final parameter Types.Acceleration balance_2 = (F_max_2 + N_max_2/arm)/m_tm "Pull of all electrodes on test mass 2";
+  final parameter Real bend_1(unit = "m-1.s2") = lambda_bend_1*m_tm/F_ref "Relative growth of lambda_1 with the command";
+  final parameter Real bend_2(unit = "m-1.s2") = lambda_bend_2*m_tm/F_ref "Relative growth of lambda_2 with the command";
   input Types.Acceleration f_control_2 "Force per unit mass that the suspension control asks for";
   input Types.Force F_control_y_1 "Force that the attitude control asks for on test mass 1 along y";
   input Types.Force F_control_z_1 "Force that the attitude control asks for on test mass 1 along z";
@@ -31,6 +39,12 @@ model WholeActuation "Capacitive forces and torques on both test masses: authori
   input Types.Force F_x_1 "Injected force command on test mass 1";
   input Types.Force F_x_2 "Injected force command on test mass 2";
   input Types.Acceleration f_x_1_jitter "Noise of imperfectly digitised torque waveforms in f_x_1";
+  input Real gain_1(unit = "1") "Relative change of lambda_1";
+  input Real gain_2(unit = "1") "Relative change of lambda_2";
+  input Real e_x_1(unit = "1") "Relative voltage noise between the electrodes at the two sides of test mass 1";
+  input Real e_x_2(unit = "1") "Relative voltage noise between the electrodes at the two sides of test mass 2";
+  input Real e_N_1(unit = "1") "Relative voltage noise between the electrodes at the two ends of test mass 1";
+  input Real e_N_2(unit = "1") "Relative voltage noise between the electrodes at the two ends of test mass 2";
   discrete output Types.Acceleration f_x_1(start = 0, fixed = true) "Commanded force per unit mass on test mass 1";
   discrete output Types.Acceleration f_x_2(start = f_x_2_start, fixed = true)
     "Commanded force per unit mass on test mass 2";
@@ -44,8 +58,10 @@ model WholeActuation "Capacitive forces and torques on both test masses: authori
   discrete output Types.Torque N_theta_2(start = 0, fixed = true) "Commanded torque on test mass 2 about x";
   discrete output Types.Torque N_eta_2(start = 0, fixed = true) "Commanded torque on test mass 2 about y";
   discrete output Types.Torque N_phi_2(start = 0, fixed = true) "Commanded torque on test mass 2 about z";
-  output Types.Acceleration f_applied_1 "x force per unit mass that test mass 1 receives after its delay";
-  output Types.Acceleration f_applied_2 "x force per unit mass that test mass 2 receives after its delay";
+  discrete output Types.Acceleration f_applied_1(start = 0, fixed = true)
+    "x force per unit mass that test mass 1 receives after its delay";
+  discrete output Types.Acceleration f_applied_2(start = lambda_2*f_x_2_start, fixed = true)
+    "x force per unit mass that test mass 2 receives after its delay";
   output Types.Force F_applied_y_1 "Force along y that test mass 1 receives after its delay";
   output Types.Force F_applied_z_1 "Force along z that test mass 1 receives after its delay";
   output Types.Force F_applied_y_2 "Force along y that test mass 2 receives after its delay";
@@ -70,9 +86,12 @@ equation
     N_phi_2 = limited(N_control_phi_2, N_max_2);
     f_x_1 = (limited(F_x_1, F_max_1) + leak_phi_1*N_phi_1)/m_tm + f_x_1_jitter;
     f_x_2 = limited(m_tm*f_control_2 + F_x_2, F_max_2)/m_tm;
+    f_applied_1 = pulled(lambda_1, f_x_1, bend_1, gain_1) + e_x_1*balance_1
+      + e_N_1*N_phi_1/(arm*m_tm);
+    f_applied_2 = pulled(lambda_2, f_x_2, bend_2, gain_2)
+      + (kappa_phi*N_phi_2 + kappa_eta*N_eta_2)/m_tm
+      + e_x_2*balance_2 + e_N_2*N_phi_2/(arm*m_tm);
   end when;
-  f_applied_1 = lambda_1*f_x_1;
-  f_applied_2 = lambda_2*f_x_2 + (kappa_phi*N_phi_2 + kappa_eta*N_eta_2)/m_tm;
   F_applied_y_1 = lambda_1*F_y_1;
   F_applied_z_1 = lambda_1*F_z_1;
   F_applied_y_2 = lambda_2*F_y_2;

@@ -28,8 +28,10 @@ model WholePlant "Spacecraft and two test masses, six degrees of freedom each, i
   parameter Types.Stiffness omega2_y = -8e-7 "Stiffness of each test mass along y";
   parameter Types.Stiffness omega2_z = -8e-7 "Stiffness of each test mass along z";
   parameter Types.Stiffness omega2_theta = -1.5e-6 "Stiffness of each test mass about x";
-  parameter Types.Stiffness omega2_eta = -1.5e-6 "Stiffness of each test mass about y";
-  parameter Types.Stiffness omega2_phi = -1.5e-6 "Stiffness of each test mass about z";
+  parameter Types.Stiffness omega2_eta = -1.5e-6 "Stiffness of a test mass about y, mean of both";
+  parameter Types.Stiffness omega2_phi = -1.5e-6 "Stiffness of a test mass about z, mean of both";
+  parameter Types.Stiffness domega2_eta_12 = 0 "Stiffness about y of test mass 2 less that of test mass 1";
+  parameter Types.Stiffness domega2_phi_12 = 0 "Stiffness about z of test mass 2 less that of test mass 1";
   parameter Types.Stiffness b_5 = 0 "Force on test mass 2 along x per mean of y_1 and y_2, eq. bump";
   parameter Types.Stiffness b_6 = 0 "Force on test mass 2 along x per mean of z_1 and z_2";
   parameter Types.AngularVelocity Omega_theta_start = 0 "Rate about x at the start";
@@ -97,10 +99,10 @@ model WholePlant "Spacecraft and two test masses, six degrees of freedom each, i
   final parameter Types.Length R_1[3] = -R_2 "Place of the housing of test mass 1";
   RigidTestMass testMass_1(h = h, m_tm = m_tm, I_tm = I_tm, R = R_1,
     omega2 = {omega2_1_0 + alpha_x_1*F_max_1 + alpha_phi_1*N_max_1, omega2_y, omega2_z},
-    omega2_rot = {omega2_theta, omega2_eta, omega2_phi}) "Test mass 1, stiffness along x by eq. stiff_model";
+    omega2_rot = {omega2_theta, omega2_eta - domega2_eta_12/2, omega2_phi - domega2_phi_12/2}) "Test mass 1, stiffness along x by eq. stiff_model";
   RigidTestMass testMass_2(h = h, m_tm = m_tm, I_tm = I_tm, R = R_2,
     omega2 = {omega2_2_0 + alpha_x_2*F_max_2 + alpha_phi_2*N_max_2, omega2_y, omega2_z},
-    omega2_rot = {omega2_theta, omega2_eta, omega2_phi}) "Test mass 2";
+    omega2_rot = {omega2_theta, omega2_eta + domega2_eta_12/2, omega2_phi + domega2_phi_12/2}) "Test mass 2";
   RigidSpacecraft spacecraft(h = h, m_sc = m_sc, I_sc = {I_xx_sc, I_yy_sc, I_zz_sc}, R_1 = R_1, R_2 = R_2,
     Omega_start = {Omega_theta_start, Omega_eta_start, Omega_phi_start}) "The spacecraft";
   WholeThrusters thrusters(tau_sc = tau_sc, T_sc = T_sc, F_sc_start = {F_x_sc_start, 0, 0}) "The thrusters";

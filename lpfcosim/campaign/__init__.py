@@ -3,6 +3,7 @@
 Everything in the file is checked here, so that a mistake is told before anything runs.
 """
 
-from lpfcosim.campaign.campaign import Campaign
+from lpfcosim.campaign.campaign import Campaign, Experiment
+from lpfcosim.campaign.wishes import Wishes
 
-__all__ = ["Campaign", "loading", "montecarlo", "names", "schema", "units"]
+__all__ = ["Campaign", "Experiment", "Wishes", "loading", "montecarlo", "names", "schema", "units"]

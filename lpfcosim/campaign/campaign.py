@@ -8,14 +8,37 @@ from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from typing import Any
 
-from lpfcosim.spacecraft import FS, Authority, Controller, Injection, Kind, Noise, Replacement, Run, Truth
+from lpfcosim.campaign import history
+from lpfcosim.campaign.wishes import Wishes
+from lpfcosim.spacecraft import (
+    FS,
+    LIVING,
+    Actuation,
+    Authority,
+    Controller,
+    Events,
+    Injection,
+    Kind,
+    Noise,
+    Replacement,
+    Run,
+    Spacecraft,
+    Truth,
+)
+
+#: What campaigns can ask for since their digests are in files; where they do not, the digest is as it was.
+_LATER = {
+    *("actuation", "events", "tail_scatter", "plateau", *LIVING),
+    *("b_drift", "layout", "eta_per_x", "phi_per_x"),
+}
 
 
 @dataclass(frozen=True)
 class Experiment:
     """A sysid run of ``n_samples`` samples, preceded by a noise run of ``n_noise_samples``; 0: none. SI.
 
-    Without a start ``t0`` of its own it follows the experiment before it.
+    Without a start ``t0`` of its own it follows the experiment before it. ``plateau``: its noise by date, ISO
+    8601, where that goes before the level in ``noise``.
     """
 
     name: str
@@ -30,6 +53,7 @@ class Experiment:
     inertial_period: int = 0
     spacecraft: object = None
     t0: str | None = None
+    plateau: tuple[tuple[str, float], ...] = ()
 
     @property
     def run_names(self) -> tuple[str, ...]:
@@ -42,8 +66,9 @@ class Experiment:
 class Campaign:
     """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC.
 
-    ``fit`` is what the file says about the fit, ``tables`` all that it says together with what it extends, as
-    written.
+    ``events`` happen to all runs; ``tail_scatter`` is that of the 1/f noise of Delta g between experiments.
+    ``fit`` is what the file says about the fit, ``design`` what it asks of a design, ``tables`` all that it
+    says together with what it extends, as written.
     """
 
     name: str
@@ -53,8 +78,12 @@ class Campaign:
     drag_free: Controller
     suspension: Controller
     experiments: tuple[Experiment, ...]
+    actuation: Actuation = field(default_factory=Actuation)
     replacements: tuple[Replacement, ...] = ()
+    events: Events | None = None
+    tail_scatter: float = 0.0
     fit: Mapping[str, object] = field(default_factory=dict)
+    design: Wishes = field(default_factory=Wishes)
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -71,16 +100,23 @@ class Campaign:
 
     def _run(self, experiment: Experiment, name: str, start: datetime) -> Run:
         kind: Kind = "sysid" if name == experiment.name else "noise"
+        n_samples = experiment.n_samples if kind == "sysid" else experiment.n_noise_samples
+        craft = experiment.spacecraft
+        if isinstance(craft, Spacecraft):  # one value a run, that of its middle
+            since = (start - datetime.fromisoformat(self.t0)).total_seconds()
+            craft = craft.after(since + n_samples / FS / 2)
+        noise = history.evolved(experiment.noise, experiment.plateau, start)
         return Run(
             name=name,
             experiment=experiment.name,
             kind=kind,
-            n_samples=experiment.n_samples if kind == "sysid" else experiment.n_noise_samples,
+            n_samples=n_samples,
             authority=experiment.authority,
             alignment_epoch=experiment.alignment_epoch,
             t0=iso(start),
             truth=self.truth.of_experiment(experiment.name, self.seed),
-            noise=experiment.noise,
+            noise=history.scattered(noise, self.tail_scatter, experiment.name, self.seed),
+            actuation=self.actuation,
             dc=experiment.dc,
             injections=experiment.injections if kind == "sysid" else (),
             drag_free=self.drag_free,
@@ -89,7 +125,9 @@ class Campaign:
             replacements=self.replacements,
             sample_rate=experiment.sample_rate,
             inertial_period=experiment.inertial_period,
-            spacecraft=experiment.spacecraft,
+            spacecraft=craft,
+            events=self.events,
+            about=self.truth if self.truth.lambda_scatter else None,
         )
 
     @cached_property
@@ -97,13 +135,23 @@ class Campaign:
         """SHA-256 of what the file says: comments, order of keys and choice of units do not count.
 
         Nor does where an FMU lies; what it is stands beside this digest in the provenance. Nor what is said
-        of the fit, which changes nothing in the telemetry.
+        of the fit and of a design, which changes nothing in the telemetry.
         """
         said = asdict(self)
-        del said["fit"], said["tables"]
+        del said["fit"], said["design"], said["tables"]
+        crafts = [e["spacecraft"] for e in said["experiments"] if e["spacecraft"]]
+        for place in (said, said["truth"], *said["experiments"], *crafts):
+            for key in _LATER & place.keys():
+                if not _asked(place[key]):
+                    del place[key]
         for replacement in said["replacements"]:
             del replacement["archive"], replacement["sha256"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+
+def _asked(value: object) -> bool:
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
+    return any(parts)
 
 
 def iso(time: datetime) -> str:

@@ -15,21 +15,19 @@ from pydantic import ValidationError
 
 from fit.errors import quote
 from fit.files import closest, told
-from lpfcosim.campaign import file
+from lpfcosim.campaign import file, sweep
 from lpfcosim.campaign.campaign import Campaign, Experiment, iso
-from lpfcosim.campaign.schema import (
-    LONGEST_DELAY,
-    SHAPES,
-    CampaignTable,
-    ExperimentTable,
-    FmuTable,
-    SpacecraftTable,
-)
+from lpfcosim.campaign.entries import ConflictError, Entry, written
+from lpfcosim.campaign.injections import SHAPES
+from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
+from lpfcosim.campaign.values import LONGEST_DELAY
 from lpfcosim.errors import InputError
 from lpfcosim.network import Component
+from lpfcosim.plant import saturation
 from lpfcosim.spacecraft import (
     DRAG_FREE,
     FS,
+    LARGEST_PULL,
     M_TM,
     SUSPENSION,
     Authority,
@@ -39,6 +37,7 @@ from lpfcosim.spacecraft import (
     Replacement,
     Sine,
     Truth,
+    largest_pull,
 )
 from lpfcosim.worlds import world_of
 
@@ -56,7 +55,7 @@ def load(path: Path) -> Campaign:
         found = _build(CampaignTable.model_validate(raw))
     except ValidationError as error:
         raise InputError(f"{path}: {told(error, SHAPES)}") from None
-    except _ConflictError as error:
+    except ConflictError as error:
         raise InputError(f"{path}: {error}") from None
     return replace(found, tables={key: value for key, value in raw.items() if key != "extends"})
 
@@ -66,22 +65,20 @@ def _shown(path: Path) -> str:
     return str(path) if str(path).isprintable() and len(str(path)) < 500 else quote(str(path))
 
 
-class _ConflictError(Exception):
-    """Two places of a campaign file that do not go together."""
-
-
 def _build(table: CampaignTable) -> Campaign:
     truth = _truth(table)
+    entries = _entries(table)
+    _check_electrodes(table, entries)
     experiments: list[Experiment] = []
     taken: dict[str, int] = {}
-    for i, entry in enumerate(table.experiments):
-        experiment = _experiment(table, entry, f"experiments[{i}]", truth)
+    for i, entry in enumerate(entries):
+        experiment = _experiment(table, entry, truth)
         for name in experiment.run_names:
             first = taken.setdefault(name.casefold(), i)
             if first != i:
-                raise _ConflictError(
-                    f'experiments[{i}].name: there would be two runs named "{name}", the other from '
-                    f'experiments[{first}] ("{experiments[first].name}")'
+                raise ConflictError(
+                    f'{entry.at("name")}: there would be two runs named "{name}", the other from '
+                    f'{entries[first].where} ("{experiments[first].name}")'
                 )
         experiments.append(experiment)
     campaign = Campaign(
@@ -92,16 +89,22 @@ def _build(table: CampaignTable) -> Campaign:
         drag_free=table.control.drag_free.onto(DRAG_FREE),
         suspension=table.control.suspension.onto(SUSPENSION),
         experiments=tuple(experiments),
+        actuation=table.actuation.record(),
+        events=table.events.record() if table.events else None,
+        tail_scatter=table.events.tail_scatter if table.events else 0.0,
         fit=table.fit,
+        design=table.design.record(),
     )
-    _check_order(campaign)
+    _check_order(campaign, entries)
+    if table.sweep and not table.fmus:
+        _check_swept(campaign, entries)
     run = campaign.runs[0]
     world = world_of(run)
-    places = {c.model: c for c in world.components}
+    places = {c.model: c for c in world.components_of(run)}
     for model in table.fmus:
         if model not in places:
             have = ", ".join(places)
-            raise _ConflictError(f"fmus.{model}: the loop of this campaign has no such place (it has {have})")
+            raise ConflictError(f"fmus.{model}: the loop of this campaign has no such place (it has {have})")
     parameters = world.parameters(run)
     return replace(
         campaign,
@@ -113,15 +116,38 @@ def _build(table: CampaignTable) -> Campaign:
     )
 
 
-def _check_order(campaign: Campaign) -> None:
+def _entries(table: CampaignTable) -> tuple[Entry, ...]:
+    """Return the experiments that are asked for: those written, or those of a sweep."""
+    found = written(table.experiments, table.defaults)
+    if table.sweep is None:
+        return found
+    authority = table.authority.get(found[0].table.authority or "")
+    return sweep.entries(found[0], table.sweep, authority, table.sequences)
+
+
+def _check_order(campaign: Campaign, entries: Sequence[Entry]) -> None:
     """Refuse an experiment that would start before the one before it ends."""
-    place = {name: i for i, e in enumerate(campaign.experiments) for name in e.run_names}
+    place = {
+        name: entry for e, entry in zip(campaign.experiments, entries, strict=True) for name in e.run_names
+    }
     for before, run in pairwise(campaign.runs):
         end = datetime.fromisoformat(before.t0) + timedelta(seconds=before.n_samples / FS)
         if datetime.fromisoformat(run.t0) < end:
-            raise _ConflictError(
-                f"experiments[{place[run.name]}].t0: {run.t0} is before {quote(before.experiment)} ends, "
+            raise ConflictError(
+                f"{place[run.name].at('t0')}: {run.t0} is before {quote(before.experiment)} ends, "
                 f"at {iso(end)}"
+            )
+
+
+def _check_swept(campaign: Campaign, entries: Sequence[Entry]) -> None:
+    """Refuse a run of a sweep whose injections alone ask for more than its authority gives."""
+    for run in campaign.runs:
+        if run.kind == "sysid" and (clipped := saturation.expected(run)):
+            (entry,) = (entry for entry in entries if entry.table.name == run.experiment)
+            channel, share = clipped
+            raise ConflictError(
+                f"{entry.where}: the injections of {quote(run.experiment)} take {channel} to "
+                f"{100 * share:.3g} % of its authority; expected more authority or less injected"
             )
 
 
@@ -130,30 +156,28 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
     known = [*component.inputs, *component.outputs, *parameters]
     for name in entry.variables:
         if name not in known:
-            raise _ConflictError(f"{where}.variables: no variable {quote(name)}{closest(name, known)}")
+            raise ConflictError(f"{where}.variables: no variable {quote(name)}{closest(name, known)}")
     for k, name in enumerate(entry.unused):
         if name not in (*component.inputs, *parameters):
             choices = closest(name, [*component.inputs, *parameters])
-            raise _ConflictError(f"{where}.unused[{k}]: no input or parameter {quote(name)}{choices}")
+            raise ConflictError(f"{where}.unused[{k}]: no input or parameter {quote(name)}{choices}")
         if name in entry.variables:
-            raise _ConflictError(f"{where}.unused[{k}]: {quote(name)} has a place under variables too")
+            raise ConflictError(f"{where}.unused[{k}]: {quote(name)} has a place under variables too")
     fed: dict[str, str] = {}
     for name in (*component.inputs, *(n for n in parameters if n in entry.variables)):
         theirs = entry.variables.get(name, name)
         if name not in entry.unused and fed.setdefault(theirs, name) != name:
-            raise _ConflictError(
-                f"{where}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}"
-            )
+            raise ConflictError(f"{where}.variables: {quote(theirs)} stands for {fed[theirs]} and for {name}")
     for name in entry.values:
         if name in entry.variables.values() or (name in parameters and name not in entry.unused):
-            raise _ConflictError(f"{where}.values: {quote(name)} is set by the campaign already")
+            raise ConflictError(f"{where}.values: {quote(name)} is set by the campaign already")
     archive = Path(entry.path)
     try:
         known_as = "no such file" if not archive.exists() else "" if archive.is_file() else "is not a file"
     except OSError as error:
         known_as = error.strerror or str(error)
     if known_as:
-        raise _ConflictError(f"{where}.path: {_shown(archive)}: {known_as}")
+        raise ConflictError(f"{where}.path: {_shown(archive)}: {known_as}")
     return Replacement(
         component.model,
         archive,
@@ -164,53 +188,68 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
     )
 
 
+def _check_electrodes(table: CampaignTable, entries: Sequence[Entry]) -> None:
+    """Refuse authorities that together ask more of an electrode than it can give."""
+    named = [(f"authority.{name}", a) for name, a in table.authority.items()]
+    swept = [(entry.at("authority"), entry.authority) for entry in entries]
+    for where, a in (*named, *swept):
+        for j, limits in ((1, a and (a.F_max_1, a.N_max_1)), (2, a and (a.F_max_2, a.N_max_2))):
+            if limits and largest_pull(*limits) > LARGEST_PULL:
+                raise ConflictError(
+                    f"{where}: F_max_{j} and N_max_{j} together ask {_pN(largest_pull(*limits))} of an "
+                    f"electrode, expected at most {_pN(LARGEST_PULL)}, what it can give"
+                )
+
+
 def _truth(table: CampaignTable) -> Truth:
     given = table.truth.model_dump(exclude_unset=True)
     epochs = {int(key.removeprefix("delta_ifo_")): given.pop(key) for key in list(given) if "ifo" in key}
     truth = Truth(**given, delta_ifo={**Truth().delta_ifo, **epochs})
     for j, delay in ((1, truth.C_1 / truth.lambda_1), (2, truth.C_2 / truth.lambda_2)):
         if delay < H / 2:
-            raise _ConflictError(
+            raise ConflictError(
                 f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is below {H / 2:g} s, the half sample "
                 "that the hold of a command already takes of its effective delay"
             )
         if delay > LONGEST_DELAY:
-            raise _ConflictError(
+            raise ConflictError(
                 f"truth.C_{j}: C_{j}/lambda_{j} = {delay:.4g} s is above {LONGEST_DELAY:g} s, too long for "
                 "the delay of a command"
             )
     return truth
 
 
-def _experiment(table: CampaignTable, entry: ExperimentTable, where: str, truth: Truth) -> Experiment:
-    if entry.authority not in table.authority:
-        known = closest(entry.authority, table.authority)
-        raise _ConflictError(f"{where}.authority: no authority set {quote(entry.authority)}{known}")
+def _experiment(table: CampaignTable, place: Entry, truth: Truth) -> Experiment:
+    entry = place.table
+    authority = _authority(table, place)
     if entry.alignment_epoch not in truth.delta_ifo:
         k = entry.alignment_epoch
         known = ", ".join(str(k) for k in sorted(truth.delta_ifo))
-        raise _ConflictError(
-            f"{where}.alignment_epoch: there is no truth.delta_ifo_{k} (known epochs: {known})"
+        raise ConflictError(
+            f"{place.at('alignment_epoch')}: there is no truth.delta_ifo_{k} (known epochs: {known})"
         )
-    authority = Authority(entry.authority, **table.authority[entry.authority].model_dump())
     if not entry.duration and not entry.noise_duration:
-        raise _ConflictError(f'{where}.duration: missing, write duration = "6 h", or noise_duration alone')
-    levels = {**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)}
+        raise ConflictError(
+            f'{place.at("duration")}: missing, write duration = "6 h", or noise_duration alone'
+        )
+    noise = Noise(**{**table.noise.model_dump(), **entry.noise.model_dump(exclude_unset=True)})
 
     placed: list[tuple[str, Injection]] = []
     for k, name in enumerate(entry.sequences):
         if name not in table.sequences:
             known = closest(name, table.sequences)
-            raise _ConflictError(f"{where}.sequences[{k}]: no sequence {quote(name)}{known}")
-        placed += [(f"sequences.{name}[{n}]", s.record()) for n, s in enumerate(table.sequences[name])]
-    placed += [(f"{where}.injections[{n}]", s.record()) for n, s in enumerate(entry.injections)]
-    for place, injection in placed:
+            raise ConflictError(f"{place.at('sequences')}[{k}]: no sequence {quote(name)}{known}")
+        placed += [
+            (f"{place.prefix}sequences.{name}[{n}]", s.record()) for n, s in enumerate(table.sequences[name])
+        ]
+    placed += [(f"{place.at('injections')}[{n}]", s.record()) for n, s in enumerate(entry.injections)]
+    for written_at, injection in placed:
         if injection.end > entry.duration + 1e-6:
-            raise _ConflictError(
-                f'{place}: ends at {injection.end:.7g} s, past the end of experiment "{entry.name}" '
+            raise ConflictError(
+                f'{written_at}: ends at {injection.end:.7g} s, past the end of experiment "{entry.name}" '
                 f"at {entry.duration:.7g} s"
             )
-    _check_forces(placed, entry, where, authority, truth)
+    _check_forces(placed, place, authority, truth)
     return Experiment(
         name=entry.name,
         authority=authority,
@@ -218,40 +257,70 @@ def _experiment(table: CampaignTable, entry: ExperimentTable, where: str, truth:
         n_samples=round(entry.duration * FS),
         n_noise_samples=round(entry.noise_duration * FS),
         dc=entry.dc,
-        noise=Noise(**levels),
+        noise=noise,
         injections=tuple(injection for _, injection in placed),
         sample_rate=entry.sample_rate,
         inertial_period=entry.inertial_period or 0,
         t0=iso(entry.t0) if entry.t0 else None,
-        spacecraft=_spacecraft(table.spacecraft, entry, where),
+        plateau=_history(table, entry),
+        spacecraft=_spacecraft(table, place, noise),
     )
 
 
-def _spacecraft(table: SpacecraftTable | None, entry: ExperimentTable, where: str) -> object:
-    if table is None:
+def _history(table: CampaignTable, entry: ExperimentTable) -> tuple[tuple[str, float], ...]:
+    """Return the plateau by date, which holds where an experiment has none of its own."""
+    own = "plateau" in entry.noise.model_fields_set
+    return () if table.events is None or own else table.events.levels()
+
+
+def _authority(table: CampaignTable, place: Entry) -> Authority:
+    name = place.table.authority
+    if name is None:
+        raise ConflictError(f'{place.at("authority")}: missing, write authority = "A"')
+    if place.authority is None and name not in table.authority:
+        known = closest(name, table.authority)
+        raise ConflictError(f"{place.at('authority')}: no authority set {quote(name)}{known}")
+    return Authority(name, **(place.authority or table.authority[name]).model_dump())
+
+
+def _spacecraft(table: CampaignTable, place: Entry, noise: Noise) -> object:
+    craft, attitude = table.spacecraft, table.control.attitude
+    if craft is None:
+        if attitude:
+            raise ConflictError("control.attitude: the x axis alone has no attitude, it takes [spacecraft]")
+        if place.table.temperature:
+            raise ConflictError(
+                f"{place.at('temperature')}: nothing of the x axis alone depends on it, it takes [spacecraft]"
+            )
         return None
-    period = entry.inertial_period
-    if period is not None and str(period) not in table.period:
-        known = ", ".join(table.period) or "none"
-        raise _ConflictError(
-            f"{where}.inertial_period: there is no spacecraft.period.{period} (known periods: {known})"
+    period = place.table.inertial_period
+    if period is not None and str(period) not in craft.period:
+        known = ", ".join(craft.period) or "none"
+        raise ConflictError(
+            f"{place.at('inertial_period')}: there is no spacecraft.period.{period} (known periods: {known})"
         )
-    return table.equipment(period)
+    if craft.thruster_layout and noise.thruster_torque:
+        own = "thruster_torque" in place.table.noise.model_fields_set
+        raise ConflictError(
+            f"{place.at('noise') if own else 'noise'}.thruster_torque: spacecraft.thruster_layout makes the "
+            'noise of the torques, write "0 N m Hz^-0.5"'
+        )
+    equipment = craft.equipment(period, place.table.temperature)
+    return replace(equipment, attitude=attitude.onto(equipment.attitude)) if attitude else equipment
 
 
 def _check_forces(
     placed: Sequence[tuple[str, Injection]],
-    entry: ExperimentTable,
-    where: str,
+    entry: Entry,
     authority: Authority,
     truth: Truth,
 ) -> None:
     """Refuse a force, with whatever acts at the same time, that the authority would clip."""
-    holding = abs(entry.dc) * M_TM / truth.lambda_2
+    holding = abs(entry.table.dc) * M_TM / truth.lambda_2
     if holding >= authority.F_max_2:
-        raise _ConflictError(
-            f"{where}.dc: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that authority set "
-            f'"{authority.name}" gives to test mass 2, which leaves nothing to control with'
+        raise ConflictError(
+            f"{entry.at('dc')}: holding it takes {_pN(holding)} of the {_pN(authority.F_max_2)} that "
+            f'authority set "{authority.name}" gives to test mass 2, which leaves nothing to control with'
         )
     for j, held, F_max in ((1, 0.0, authority.F_max_1), (2, holding, authority.F_max_2)):
         forces = [(place, s) for place, s in placed if s.into == f"F_x_{j}"]
@@ -261,7 +330,7 @@ def _check_forces(
             )
             if total > F_max:
                 also = "" if total == latest.amplitude else " with what acts at the same time"
-                raise _ConflictError(
+                raise ConflictError(
                     f"{place}.amplitude: the force on test mass {j} reaches {_pN(total)}{also}, "
                     f'authority set "{authority.name}" allows {_pN(F_max)}'
                 )

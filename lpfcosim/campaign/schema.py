@@ -4,109 +4,77 @@ What one table can tell on its own is checked here; what needs two of them, in `
 """
 
 import re
-from datetime import UTC, datetime, timedelta
+from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
-    BeforeValidator,
     ConfigDict,
     Field,
     Strict,
-    ValidationInfo,
     field_validator,
 )
 
-from fit.errors import quote
 from fit.files import Table, problem
+from lpfcosim.campaign.designs import DesignTable
+from lpfcosim.campaign.events import EventsTable
+from lpfcosim.campaign.injections import InjectionTable
 from lpfcosim.campaign.names import Name
 from lpfcosim.campaign.units import (
-    FORCE,
-    LENGTH,
-    YEAR,
     Acceleration,
     AccelerationNoise,
     AlphaPhi,
     AlphaX,
-    Angle,
     AngleNoise,
     CrossStiffness,
+    Drift,
     Force,
     ForceNoise,
-    Frequency,
     LengthNoise,
     LengthPerAngle,
+    LengthPerAngleDrift,
+    LengthPerAngleKelvin,
     Misalignment,
     PerLength,
-    Quantity,
     Rate,
     RateNoise,
     Stiffness,
-    Time,
     Torque,
     TorqueNoise,
+    VoltageNoise,
+    Walk,
+    Warming,
+)
+from lpfcosim.campaign.values import (
+    AlignmentEpoch,
+    BelowNyquist,
+    Delay,
+    Duration,
+    ForceGain,
+    Gain,
+    InertialPeriod,
+    Number,
+    SampleRate,
+    Swept,
+    Utc,
 )
 from lpfcosim.spacecraft import (
+    EIGHT_NOZZLES,
+    ETA_PER_X,
     FS,
-    READ_OUT_RANGE,
+    PHI_PER_X,
+    Actuation,
     Controller,
-    Disturbed,
-    H,
-    HalfCosine,
+    Lead,
     Model,
-    Pulse,
-    Sine,
     Spacecraft,
-    Target,
     Thrusters,
 )
 
-SHAPES = ("sine", "half_cosine", "pulse")  # of injections
-LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
+_LAYOUTS = {None: None, "eight nozzles": EIGHT_NOZZLES}
 _DELTA_IFO = re.compile(r"delta_ifo_[1-9]\d{0,3}")
-_RATES = (1.0, 2.0, 5.0, 10.0)  # Hz, at which telemetry may be recorded
-
-
-def _whole_samples(seconds: float) -> float:
-    samples = round(seconds * FS)
-    if abs(seconds * FS - samples) > 1e-6:
-        raise problem(f"{seconds:g} s is not a whole number of {H:g} s samples")
-    if samples == 0 and seconds > 0:
-        raise problem(f"{seconds:g} s is less than a sample, {H:g} s")
-    return samples / FS
-
-
-def _below_nyquist(frequency: float) -> float:
-    if frequency >= FS / 2:
-        raise problem(f"{frequency:g} Hz is not below the Nyquist frequency, {FS / 2:g} Hz")
-    return frequency
-
-
-def _recorded(rate: float) -> float:
-    if rate not in _RATES:
-        raise problem(f"{rate:g} Hz is no rate to record at, choose 1, 2, 5 or 10 Hz")
-    return rate
-
-
-def _utc(raw: object) -> datetime:
-    try:
-        when = raw if isinstance(raw, datetime) else datetime.fromisoformat(str(raw))
-    except ValueError:
-        when = datetime.min
-    if when.utcoffset() != timedelta(0) or not 1990 <= when.year < 2100:
-        raise problem(f'{quote(raw)} is not a time in UTC, write it as in "2016-04-16T08:00:00Z"')
-    return when.astimezone(UTC)
-
-
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Gain = Annotated[Number, Field(ge=0.01, le=100)]
-ForceGain = Annotated[Number, Field(gt=0.7, lt=1.5)]  # beyond, a fit takes it for a wrong sign or unit
+Bend = Annotated[Number, Field(ge=-0.1, le=0.1)]
 DeltaIfo = Annotated[Number, Field(ge=-1, le=1)]
-Duration = Annotated[
-    float, Quantity("a time", "s", "6 h", "not negative", largest=YEAR), AfterValidator(_whole_samples)
-]
-Delay = Annotated[float, Quantity("a delay coefficient", "s", "0.186 s", "positive", largest=LONGEST_DELAY)]
-BelowNyquist = Annotated[Frequency, AfterValidator(_below_nyquist)]
 
 
 class TruthTable(Table):
@@ -135,6 +103,12 @@ class TruthTable(Table):
     alpha_phi_1: AlphaPhi | None = None
     alpha_phi_2: AlphaPhi | None = None
     lambda_scatter: Annotated[Number, Field(ge=0, le=0.1)] | None = None
+    lambda_drift_1: Drift = 0.0
+    lambda_drift_2: Drift = 0.0
+    lambda_walk_1: Walk = 0.0
+    lambda_walk_2: Walk = 0.0
+    lambda_bend_1: Bend = 0.0
+    lambda_bend_2: Bend = 0.0
 
 
 class ControllerTable(Table):
@@ -158,11 +132,27 @@ class ControllerTable(Table):
         return Controller(**{**vars(default), **given, "poles": tuple(given.get("poles", default.poles))})
 
 
+class AttitudeTable(Table):
+    """[control.attitude]: unity gain, zero and threefold pole of the loop from the star tracker."""
+
+    unity_gain: BelowNyquist | None = None
+    zero: BelowNyquist | None = None
+    pole: BelowNyquist | None = None
+
+    def onto(self, default: Lead) -> Lead:
+        """Return the control law with the keys that are given replaced."""
+        return Lead(**{**vars(default), **self.model_dump(exclude_unset=True)})
+
+
 class ControlTable(Table):
-    """[control]: both controllers; what is left out keeps the checked values."""
+    """[control]: the controllers; what is left out keeps the checked values.
+
+    Only the whole spacecraft has an attitude.
+    """
 
     drag_free: ControllerTable = ControllerTable()
     suspension: ControllerTable = ControllerTable()
+    attitude: AttitudeTable | None = None
 
 
 class NoiseTable(Table):
@@ -189,16 +179,32 @@ class NoiseTable(Table):
 
 
 class MisalignmentTable(Table):
-    """[spacecraft.period.K]: the line through the test masses during inertial period K."""
+    """[spacecraft.period.K]: the line through the test masses during inertial period K.
+
+    b_1 … b_6 are those of the period, where they are not those of [spacecraft].
+    """
 
     delta_phi: Misalignment
     delta_eta: Misalignment
+    b_1: LengthPerAngle | None = None
+    b_2: LengthPerAngle | None = None
+    b_3: Number | None = None
+    b_4: Number | None = None
+    b_5: CrossStiffness | None = None
+    b_6: CrossStiffness | None = None
 
 
 class SpacecraftTable(Table):
     """[spacecraft]: simulate all its degrees of freedom; left out, there is the x axis alone.
 
-    b_1 … b_6 (eq. bump), the rates of the attitude set points, and the errors of the actuation.
+    b_1 … b_6 (eq. bump), the rates of the attitude set points, and the errors of the actuation. With
+    ``lever_arm_compensated`` b_1 and b_2 are what is left after the lever arm of the misalignment: the
+    read-out has b_1 - d delta_phi and b_2 + d delta_eta. The drifts count from ``t0`` of the campaign, what
+    is per kelvin from the ``temperature`` zero of an experiment.
+
+    With a background ``omega2_eta_0`` or ``omega2_phi_0`` the stiffness about y or z follows the authority;
+    left out, it is -1.5e-6 s^-2. With a ``thruster_layout`` noise along and about axes is that of nozzles;
+    without, each axis has its own.
     """
 
     b_1: LengthPerAngle = 0.0
@@ -207,6 +213,14 @@ class SpacecraftTable(Table):
     b_4: Number = 0.0
     b_5: CrossStiffness = 0.0
     b_6: CrossStiffness = 0.0
+    b_1_drift: LengthPerAngleDrift = 0.0
+    b_2_drift: LengthPerAngleDrift = 0.0
+    b_1_per_kelvin: LengthPerAngleKelvin = 0.0
+    b_2_per_kelvin: LengthPerAngleKelvin = 0.0
+    lever_arm_compensated: Annotated[bool, Strict()] = False
+    omega2_eta_0: Stiffness | None = None
+    omega2_phi_0: Stiffness | None = None
+    thruster_layout: Literal["eight nozzles"] | None = None
     Omega_theta: Rate = 0.0
     Omega_eta: Rate = 0.0
     Omega_phi: Rate = 0.0
@@ -216,17 +230,43 @@ class SpacecraftTable(Table):
     kappa_eta: PerLength = 0.0
     period: dict[Annotated[str, Field(pattern=r"^[1-9]\d{0,3}$")], MisalignmentTable] = {}
 
-    def equipment(self, period: int | None) -> Spacecraft:
-        """Return what a run has beside the x axis, aligned as in an inertial period."""
-        return Spacecraft(
-            b=(self.b_1, self.b_2, self.b_3, self.b_4, self.b_5, self.b_6),
+    def equipment(self, period: int | None, warming: float) -> Spacecraft:
+        """Return what a run has beside the x axis, in an inertial period and so much warmer [K]."""
+        given = {} if period is None else self.period[str(period)].model_dump(exclude_unset=True)
+        b = [given.pop(f"b_{i}", getattr(self, f"b_{i}")) for i in range(1, 7)]
+        craft = Spacecraft(
+            b=(
+                *(b[0] + self.b_1_per_kelvin * warming, b[1] + self.b_2_per_kelvin * warming),
+                *(b[2], b[3], b[4], b[5]),
+            ),
+            b_drift=(self.b_1_drift, self.b_2_drift),
+            layout=_LAYOUTS[self.thruster_layout],
             Omega_DC=(self.Omega_theta, self.Omega_eta, self.Omega_phi),
             lambda_N=self.lambda_N,
             leak_phi_1=self.leak_phi_1,
             kappa_phi=self.kappa_phi,
             kappa_eta=self.kappa_eta,
-            **({} if period is None else self.period[str(period)].model_dump()),
+            **given,
         )
+        if self.omega2_eta_0 is not None:
+            craft = replace(craft, omega2_eta=self.omega2_eta_0, eta_per_x=ETA_PER_X)
+        if self.omega2_phi_0 is not None:
+            craft = replace(craft, omega2_phi=self.omega2_phi_0, phi_per_x=PHI_PER_X)
+        return craft.compensated() if self.lever_arm_compensated else craft
+
+
+class ActuationTable(Table):
+    """[actuation]: relative noise of the voltages on the electrodes, from which noise of the force follows.
+
+    White from 1 mHz up, rising as f^-1/2 below.
+    """
+
+    electrode: VoltageNoise = 0.0
+    electrode_common: VoltageNoise = 0.0
+
+    def record(self) -> Actuation:
+        """Return the actuation as the simulation knows it."""
+        return Actuation(**self.model_dump())
 
 
 class AuthorityTable(Table):
@@ -238,88 +278,47 @@ class AuthorityTable(Table):
     N_max_2: Torque
 
 
-class _InjectionTable(Table):
-    into: Annotated[Target, Field(examples=['into = "guidance_o_12"'])]
-    amplitude: Annotated[float, Field(examples=['amplitude = "10 nm"'])]
-    start: Time
+class DefaultsTable(Table):
+    """[defaults]: what is said once for all experiments; each may say it otherwise."""
 
-    @field_validator("amplitude", mode="before")
-    @classmethod
-    def _in_the_unit_of_its_target(cls, raw: object, info: ValidationInfo) -> object:
-        into = info.data.get("into")
-        if into is None:
-            return 0.0  # a wrong target is the first problem
-        if into.startswith("F_"):
-            return FORCE.to_si(raw)
-        amplitude = LENGTH.to_si(raw)
-        if amplitude >= READ_OUT_RANGE:
-            raise problem(f"{quote(raw)} is beyond the reach of the interferometers, {READ_OUT_RANGE:g} m")
-        return amplitude
-
-
-class SineTable(_InjectionTable):
-    """A sine of whole cycles."""
-
-    shape: Literal["sine"]
-    frequency: BelowNyquist
-    cycles: Annotated[int, Strict(), Field(gt=0, le=10**9, examples=["cycles = 4"])]
-    phase: Angle = 0.0
-
-    def record(self) -> Sine:
-        """Return the injection as the simulation knows it."""
-        return Sine(**self.model_dump(exclude={"shape"}))
-
-
-class HalfCosineTable(_InjectionTable):
-    """A smooth step from zero at ``start`` to ``amplitude`` at ``end``, kept until the run ends."""
-
-    shape: Literal["half_cosine"]
-    end: Time
-
-    @field_validator("end")
-    @classmethod
-    def _after_start(cls, end: float, info: ValidationInfo) -> float:
-        if end < info.data.get("start", 0.0) + H:
-            raise problem(f"{end:g} s is not after the start, {info.data['start']:g} s")
-        return end
-
-    def record(self) -> HalfCosine:
-        """Return the injection as the simulation knows it."""
-        return HalfCosine(**self.model_dump(exclude={"shape"}))
-
-
-class PulseTable(Table):
-    """A glitch: a stray acceleration of a test mass, the square of half a sine; of either sign."""
-
-    shape: Literal["pulse"]
-    into: Annotated[Disturbed, Field(examples=['into = "g_2"'])]
-    amplitude: Acceleration
-    start: Time
-    duration: Annotated[float, Quantity("a time", "s", "10 s", "positive", smallest=2 * H, largest=YEAR)]
-
-    def record(self) -> Pulse:
-        """Return the injection as the simulation knows it."""
-        return Pulse(**self.model_dump(exclude={"shape"}))
-
-
-InjectionTable = Annotated[SineTable | HalfCosineTable | PulseTable, Field(discriminator="shape")]
-
-
-class ExperimentTable(Table):
-    """[[experiments]]: a run with injections, and the noise run just before it; or the latter alone."""
-
-    name: Annotated[Name, Field(examples=['name = "A"'])]
-    authority: Annotated[str, Strict(), Field(examples=['authority = "A"'])]
-    alignment_epoch: Annotated[int, Strict(), Field(ge=1, le=9999)] = 1
-    inertial_period: Annotated[int, Strict(), Field(ge=1, le=9999)] | None = None
-    t0: Annotated[datetime, BeforeValidator(_utc)] | None = None
-    sample_rate: Annotated[Frequency, AfterValidator(_recorded)] = FS
+    authority: Annotated[str, Strict(), Field(examples=['authority = "A"'])] | None = None
+    alignment_epoch: AlignmentEpoch = 1
+    inertial_period: InertialPeriod | None = None
+    temperature: Warming = 0.0
+    sample_rate: SampleRate = FS
     duration: Duration = 0.0
     noise_duration: Duration = 0.0
     dc: Acceleration = 0.0
-    noise: NoiseTable = NoiseTable()
     sequences: list[Annotated[str, Strict()]] = []
     injections: list[InjectionTable] = []
+
+
+class ExperimentTable(DefaultsTable):
+    """[[experiments]]: a run with injections, and the noise run just before it; or the latter alone.
+
+    A key that is left out is as ``[defaults]`` has it; ``noise`` replaces single levels of ``[noise]``.
+    """
+
+    name: Annotated[Name, Field(examples=['name = "A"'])]
+    t0: Utc | None = None
+    noise: NoiseTable = NoiseTable()
+
+
+class SweepTable(Table):
+    """[sweep]: the first experiment again for every value of a list, in place of all experiments.
+
+    Several lists go together entry by entry.
+    """
+
+    F_max_1: Swept[Force] = []
+    F_max_2: Swept[Force] = []
+    N_max_1: Swept[Torque] = []
+    N_max_2: Swept[Torque] = []
+    dc: Swept[Acceleration] = []
+    duration: Swept[Duration] = []
+    noise_duration: Swept[Duration] = []
+    alignment_epoch: Swept[AlignmentEpoch] = []
+    inertial_period: Swept[InertialPeriod] = []
 
 
 class FmuTable(Table):
@@ -344,13 +343,18 @@ class CampaignTable(Table):
     ]
     name: Annotated[Name, Field(examples=['name = "quickstart"'])]
     seed: Annotated[int, Strict(), Field(ge=0, lt=2**63, examples=["seed = 1"])]
-    t0: Annotated[datetime, BeforeValidator(_utc)] = datetime(2016, 3, 1, tzinfo=UTC)
+    t0: Utc = datetime(2016, 3, 1, tzinfo=UTC)
     truth: TruthTable = TruthTable.model_construct()
     control: ControlTable = ControlTable()
     noise: NoiseTable = NoiseTable()
+    events: EventsTable | None = None
+    actuation: ActuationTable = ActuationTable()
     authority: Annotated[dict[Name, AuthorityTable], Field(examples=["[authority.A] …"])]
     sequences: dict[Name, list[InjectionTable]] = {}
     spacecraft: SpacecraftTable | None = None
     fit: dict[str, Any] = {}
     fmus: dict[Model, FmuTable] = {}
+    design: DesignTable = DesignTable()
+    defaults: DefaultsTable = DefaultsTable()
+    sweep: SweepTable | None = None
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

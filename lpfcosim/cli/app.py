@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from lpfcosim.cli import fmu as cli_fmu
+from lpfcosim.cli import planners
 from lpfcosim.cli.common import (
     CampaignFile,
     Directory,
@@ -234,31 +235,6 @@ def deltag(
     cli_deltag.deltag(paths, calibration, out, Console(quiet=quiet))
 
 
-@app.command(epilog=examples("lpfcosim forecast mine.toml", "lpfcosim forecast mine.toml --out mine"))
-def forecast(
-    campaign: CampaignFile,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, schema lpf-forecast/1, with the correlations.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder to write forecast.json to.")
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Tell the expected sigmas of the joint fit; needs no FMU.
-
-    They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
-    noise of the channels, which carries information too. They are those of the estimator and of the scatter
-    between experiments that the campaign asks for; flscov counts as the default estimator. They are means
-    over many campaigns: those of one fit differ by up to 10 %, because it estimates the noise PSDs. The
-    angles of the inertial calibration are not forecast.
-    """
-    from lpfcosim.cli import forecast as cli_forecast
-    from lpfcosim.cli.console import Console
-
-    cli_forecast.forecast(campaign, out, Console(quiet=quiet, as_json=as_json))
-
-
 @app.command(
     epilog=examples(
         "lpfcosim montecarlo mine.toml -n 100 --redraw",
@@ -397,4 +373,5 @@ def schema() -> None:
     cli_schema.print_schema()
 
 
+app.add_typer(planners.app)
 app.add_typer(cli_fmu.app, name="fmu")

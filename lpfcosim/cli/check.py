@@ -12,7 +12,7 @@ from fit.weighing import SHORTEST
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.forecast import table
+from lpfcosim.cli.forecast import left_out, table
 from lpfcosim.cli.planned import planned
 from lpfcosim.errors import InputError
 from lpfcosim.plant import margins, stability
@@ -44,6 +44,7 @@ def check(campaign: Path, console: Console) -> None:
             loops = margins.margins(plan.runs[0])
             with console.stage("forecast"):
                 expected = _forecast(plan, chosen)
+            warnings += [left_out(name) for name in plan.truth.living]
             if expected is None:
                 warnings.append(_why_none(plan))
     except (InputError, fit.errors.InputError) as error:

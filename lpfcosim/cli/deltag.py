@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-from fit import results as fit_results
 from fit.deltag import write_delta_g
+from fit.results import load, sound_joint
 from fit.telemetry import reader
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
@@ -18,8 +18,8 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
     """Write the calibrated Delta g of telemetry files."""
     directory = out or default_folder(paths[0], "deltag")
     check_folder(directory, "telemetry")
-    results = fit_results.load(calibration)
-    fit_results.sound_joint(results, str(calibration))
+    results = load(calibration)
+    sound_joint(results, str(calibration))
     inputs = reader.files(telemetry(console, paths, directory, any_gaps=True))
     reader.check(inputs)
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}

@@ -9,11 +9,10 @@ from importlib import metadata
 from pathlib import Path
 
 from fit import api
-from fit import results as fit_results
 from fit import settings as fit_settings
 from fit.errors import FitError
 from fit.report import page as fit_report
-from fit.results import Results
+from fit.results import Results, load, sound_joint, write
 from fit.telemetry import convert, inside, is_map, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
@@ -65,8 +64,8 @@ def calibrated(
         At the end, if sigmas do not hold.
     """
     if calibration is not None:
-        known = fit_results.load(calibration)
-        fit_results.sound_joint(known, str(calibration))
+        known = load(calibration)
+        sound_joint(known, str(calibration))
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
@@ -86,7 +85,7 @@ def calibrated(
     )
     results = told(results)
     with folders.held(directory):
-        document = fit_results.write(results, directory / "results.json")
+        document = write(results, directory / "results.json")
         with console.stage("report"):
             page = fit_report.write_report(directory, results, telemetries)
     console.table(results)

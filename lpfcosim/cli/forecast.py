@@ -24,6 +24,8 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     chosen = settings(plan.fit, f"{campaign}: fit")
     if plan.replacements:
         console.note("FMUs of other origin are taken to behave as ours do")
+    for name in plan.truth.living:
+        console.note(f"warning: {left_out(name)}")
     try:
         with console.stage("forecast"):
             gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
@@ -38,6 +40,11 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     console.show(table(expected))
     for warning in expected.warnings:
         console.note(f"warning: {warning.message}")
+
+
+def left_out(name: str) -> str:
+    """Say of a truth, by its name, that a forecast knows nothing of it."""
+    return f"truth.{name}: the forecast leaves out gains that change within a run"
 
 
 def table(expected: Fit) -> Lines:

@@ -25,6 +25,7 @@ from fit.results import Results
 from fit.settings import Settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
+from fit.threads import alone
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
@@ -66,6 +67,20 @@ class Work:
     redraw: bool
 
 
+def _check_spectra(plan: Campaign, campaign: Path) -> None:
+    """Refuse what telemetry that is drawn from spectra does not have."""
+    if plan.events and plan.events.noise_drift:
+        raise InputError(
+            f"{campaign}: events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus, "
+            "or a campaign without it"
+        )
+    for name in plan.truth.living:
+        raise InputError(
+            f"{campaign}: truth.{name}: the loop behind the spectra keeps its gains; expected --fmus, or a "
+            "campaign without it"
+        )
+
+
 def montecarlo(
     campaign: Path,
     n: int,
@@ -83,6 +98,8 @@ def montecarlo(
     directory = out or Path(f"{campaign.stem}-montecarlo")
     check_folder(directory, "figures")
     archives: dict[str, Path] = {}
+    if not (fmus or plan.replacements):
+        _check_spectra(plan, campaign)
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)
     with folder.held(directory), ExitStack() as stack:
@@ -239,7 +256,10 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
     where.rest()
     plan = campaign_montecarlo.numbered(work.plan, number, redraw=work.redraw)
     try:
-        results = _through_fmus(plan, work.chosen, fmus, where) if fmus else _from_spectra(plan, number, work)
+        with alone():  # a process for each processor does better
+            results = (
+                _through_fmus(plan, work.chosen, fmus, where) if fmus else _from_spectra(plan, number, work)
+            )
     except (fit.errors.CalibrationError, LpfcosimError) as error:
         return {"number": number, "failed": str(error)}
     if results.joint and results.joint.unsound:
@@ -271,13 +291,14 @@ _simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
 
 def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
     of_run, simulation = _simulations.get(run.name, (None, None))
-    if of_run is None or simulation is None or of_run != replace(run, seed=of_run.seed):
+    same = of_run is not None and of_run == (run if run.events else replace(run, seed=of_run.seed))
+    if simulation is None or not same:
         stability.check(run)  # other truths may not be stable where the campaign's are
         simulation = spectral.Simulation(run, _channels(run))
         _simulations[run.name] = (run, simulation)
     channels = simulation.record(generator)
     limit = run.authority.F_max_2 / run.m_tm
-    if np.abs(channels["f_x_2"]).max() >= limit:
+    if np.nanmax(np.abs(channels["f_x_2"])) >= limit:
         raise RunError(f"{run.name}: f_x_2 reaches its limit, which only the FMUs know: add --fmus")
     return in_memory(run, channels)
 

@@ -24,7 +24,7 @@ def json_schema() -> dict[str, Any]:
     group = shared.pop("additionalProperties")
     shared |= {"properties": dict.fromkeys(default["shared"], group), "additionalProperties": False}
     found["properties"]["fit"] = of_fit
-    for table in ("SineTable", "HalfCosineTable"):
+    for table in ("SineTable", "TaperedSineTable", "HalfCosineTable"):
         # its unit depends on the target: in the file a string, to pydantic the number this becomes
         found["$defs"][table]["properties"]["amplitude"]["type"] = "string"
     # a file that extends another has from there what it does not say

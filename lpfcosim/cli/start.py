@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import typer
 
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
+_WITH_WORKERS = (["run"], ["montecarlo"])  # commands that will want some
 
 
 def main() -> None:
@@ -25,6 +26,10 @@ def main() -> None:
 
 
 def _status() -> int:
+    if sys.argv[1:2] in _WITH_WORKERS and "--help" not in sys.argv:
+        from lpfcosim.running import nursery
+
+        nursery.prepare()
     import typer  # here, so that an interrupt of the import is told like any other
 
     from lpfcosim.cli.app import app

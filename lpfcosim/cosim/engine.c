@@ -44,6 +44,12 @@ typedef struct {
     int32_t guarded;                  /* look at every output: it is not one of ours */
 } Slave;
 
+/* Signals of a block: that of place j at sample i is values[i * per_sample + j * per_signal]. */
+typedef struct {
+    double *values;
+    int64_t n, per_sample, per_signal;
+} Signals;
+
 typedef struct {
     int64_t sample;
     int32_t slave;  /* whose code runs; -1: nobody's */
@@ -80,14 +86,16 @@ static int exchange(const Slave *s, double *bus, double time, double h) {
 }
 
 /* Steps the slaves in their order through samples first … first + n - 1, or until one refuses.
-   feeds is n by n_feeds and comes first on the bus; recorded is n by n_record, of the places in record.
+   The feeds come first on the bus; what is recorded has its places there in record.
    Another process may look at where, also when this one is no more: it is kept up to date. */
-EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const double *feeds, size_t n_feeds,
-                      const int32_t *record, size_t n_record, double *recorded, int64_t first, int64_t n, double h,
+EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const Signals *feeds,
+                      const int32_t *record, const Signals *recorded, int64_t first, int64_t n, double h,
                       volatile Where *where) {
     for (int64_t i = 0; i < n; i++) {
+        const double *feed = feeds->values + i * feeds->per_sample;
+        double *out = recorded->values + i * recorded->per_sample;
         where->sample = first + i;
-        memcpy(bus, feeds + (size_t)i * n_feeds, n_feeds * sizeof *bus);
+        for (int64_t j = 0; j < feeds->n; j++) bus[j] = feed[j * feeds->per_signal];
         for (size_t j = 0; j < n_slaves; j++) {
             where->slave = (int32_t)j;
             int status = exchange(slaves + j, bus, (double)(first + i) * h, h);
@@ -96,7 +104,7 @@ EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const d
                 return;
             }
         }
-        for (size_t j = 0; j < n_record; j++) recorded[(size_t)i * n_record + j] = bus[record[j]];
+        for (int64_t j = 0; j < recorded->n; j++) out[j * recorded->per_signal] = bus[record[j]];
     }
     where->sample = first + n;
     where->slave = -1;

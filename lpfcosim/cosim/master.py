@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from typing import Literal
@@ -30,6 +29,7 @@ Engine = Literal["compiled", "fmpy"]
 
 BLOCK = 10_000  # samples that are in memory at a time
 LOADING, _RESTING = -1, -2
+_LARGEST = float(np.finfo(float).max)
 _SAID = {
     2: "reports 'discard'",
     3: "reports 'error'",
@@ -190,13 +190,13 @@ class Loop:
         for start in range(0, self._run.n_samples, BLOCK):
             stop = min(start + BLOCK, self._run.n_samples)
             drawn = {**drive.injections(self._run, start, stop), **self._noise.take(stop - start)}
-            feeds = np.column_stack([drawn[name] for name in self._feeds])
+            feeds = np.stack([drawn[name] for name in self._feeds])  # each signal by itself, as it is drawn
             if start == 0:
-                self.initialize(feeds[0])
-            recorded = np.empty((stop - start, len(self._record)))
-            self.advance(feeds, recorded, start)
+                self.initialize(feeds[:, 0])
+            recorded = np.empty((len(self._record), stop - start))
+            self.advance(feeds.T, recorded.T, start)
             self._check_range(recorded, start)
-            yield dict(zip(self._channels, recorded.T.copy(), strict=True))
+            yield dict(zip(self._channels, recorded, strict=True))
 
     def initialize(self, feeds: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
@@ -248,15 +248,16 @@ class Loop:
         where.sample, where.slave = start + len(feeds), -1
 
     def _check_range(self, recorded: Array, start: int) -> None:
-        limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else math.inf for c in self._channels]
-        lost = ~(np.abs(recorded) <= limits) | ~np.isfinite(recorded)
-        if lost.any():
-            i = int(lost.any(axis=1).argmax())
-            j = int(lost[i].argmax())
+        limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else _LARGEST for c in self._channels]
+        least, most = recorded.min(axis=1), recorded.max(axis=1)  # both NaN where one sample is
+        if not np.all((-least <= limits) & (most <= limits)):
+            lost = ~(np.abs(recorded) <= np.array(limits)[:, None])
+            i = int(lost.any(axis=0).argmax())
+            j = int(lost[:, i].argmax())
             channel = list(self._channels)[j]
             how = (
                 f"leaves its range of {READ_OUT_RANGE:g} m"
-                if np.isfinite(recorded[i, j])
+                if np.isfinite(recorded[j, i])
                 else "is not finite"
             )
             time = (start + i) * self._run.h
@@ -281,6 +282,21 @@ class _SlaveTable(ctypes.Structure):
         ("version", ctypes.c_int32),
         ("guarded", ctypes.c_int32),
     )
+
+
+class _Signals(ctypes.Structure):
+    _fields_ = (
+        ("values", ctypes.c_void_p),
+        ("n", ctypes.c_int64),
+        ("per_sample", ctypes.c_int64),
+        ("per_signal", ctypes.c_int64),
+    )
+
+
+def _signals(values: Array) -> _Signals:
+    """Return where the signals of an array, shape (samples, signals), lie in memory."""
+    per_sample, per_signal = (stride // values.itemsize for stride in values.strides)
+    return _Signals(values.ctypes.data, values.shape[1], per_sample, per_signal)
 
 
 _FUNCTIONS = {
@@ -329,11 +345,9 @@ class _Compiled:
             self._table,
             ctypes.c_size_t(len(self._table)),
             ctypes.c_void_p(bus.ctypes.data),
-            ctypes.c_void_p(feeds.ctypes.data),
-            ctypes.c_size_t(feeds.shape[1]),
+            ctypes.byref(_signals(feeds)),
             ctypes.c_void_p(record.ctypes.data),
-            ctypes.c_size_t(record.size),
-            ctypes.c_void_p(recorded.ctypes.data),
+            ctypes.byref(_signals(recorded)),
             ctypes.c_int64(start),
             ctypes.c_int64(len(feeds)),
             ctypes.c_double(h),

@@ -26,6 +26,7 @@ from lpfcosim.messages import line
 _messages = logging.getLogger(__name__)
 
 _MOST = 10_000  # elements of an array
+_UNUSED = ("sources/", "documentation/")  # of an archive, by an instance
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
 
@@ -226,7 +227,7 @@ def _unpack(stack: contextlib.ExitStack, archive: Path) -> str:
     """Extract an archive to a folder that goes with ``stack``."""
     try:
         folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-        fmpy.extract(str(archive), folder)
+        fmpy.extract(str(archive), folder, include=lambda name: not name.startswith(_UNUSED))
     except OSError as error:
         place = f"{archive}: cannot be unpacked in {tempfile.gettempdir()}"
         raise RunError(f"{place}: {error.strerror or error}") from None

@@ -5,25 +5,26 @@ the whole spacecraft there is what is linear about its steady turn: a rate that 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals import Noise
-from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import System, drive, on_circle, world_of
+from lpfcosim.signals import Noise, Shares
+from lpfcosim.spacecraft import Actuation, Run
+from lpfcosim.worlds import System, drive, electrodes, on_circle, world_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
-_ENTERS = {"F_x_1": "f_x_1"}  # where an injection enters the system, if not under its own name
+_ENTERS = {"F_x_1": "f_x_1", "f_x_1_jitter": "f_x_1"}  # where what drives enters, if not under its own name
 STRETCH = 60  # s, stepped side by side
 BLOCK = STRETCH**2  # s, held in memory
 
 
-def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
-    """Give what the injections make of the channels, every second.
+def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[str, Array]:
+    """Give what the injections make of the channels.
 
     Parameters
     ----------
@@ -31,21 +32,23 @@ def response(run: Run, noise: Noise | None = None) -> dict[str, Array]:
         What is injected, and into what.
     noise : Noise, optional
         To be there too; none otherwise.
+    rate : float
+        Of what is returned [Hz], which the sample rate of the run is a multiple of.
 
     Returns
     -------
-    dict of str to ndarray, shape (n_samples / 10,)
+    dict of str to ndarray, shape (n_samples rate / fs,)
         Departures from the equilibrium of `System.channels`, SI.
     """
     s = world_of(run).system(run)
-    stride = round(run.fs / RATE)
+    stride = round(run.fs / rate)
     n = run.n_samples // stride
     driving = {_ENTERS.get(injection.into, injection.into) for injection in run.injections}
     if noise:
         driving = set(s.inputs)
     columns = {name: i for i, name in enumerate(s.inputs) if name in driving}
     found = np.zeros((n, len(s.channels)))
-    # one second at a time: its ten samples of injections together
+    # the samples of injections from one to the next together
     ahead = [s.B]
     for _ in range(stride - 1):
         ahead.append(s.A @ ahead[-1])
@@ -122,9 +125,9 @@ def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Comple
     s = world_of(run).system(run)
     rows = [s.channels.index(name) for name in channels]
     H = transfer(s, run.h, frequency)[:, rows]
-    psd = drive_psd(run, frequency)
-    S = np.stack([psd.get(name, np.zeros(frequency.size)) for name in s.inputs], axis=1)
-    return np.asarray(np.einsum("nik,nk,njk->nij", H.conj(), S, H, optimize=True))
+    shares, psd = streams(run, s, frequency)
+    G = H @ shares
+    return np.asarray(np.einsum("nik,nk,njk->nij", G.conj(), psd, G, optimize=True))
 
 
 def transfer(s: System, h: float, frequency: Array) -> Complex:
@@ -143,10 +146,32 @@ def transfer(s: System, h: float, frequency: Array) -> Complex:
     return np.asarray(s.C @ np.linalg.solve(z * np.eye(len(s.A)) - s.A, s.B.astype(complex)) + s.D)
 
 
-def drive_psd(run: Run, frequency: Array) -> dict[str, Array]:
-    """Give the one-sided PSD of the noise that is drawn at inputs of the loop, each of shape (n,)."""
-    found: dict[str, Array] = {}
+def streams(run: Run, s: System, frequency: Array) -> tuple[Array, Array]:
+    """Give the independent streams of noise that drive a loop.
+
+    Returns
+    -------
+    shares : ndarray, shape (inputs, streams)
+        What of each stream goes into the inputs of `s`.
+    psd : ndarray, shape (n, streams)
+        One-sided PSDs of the streams; those that go the same ways are one. Noise of the electrodes acts as
+        a force; times a command, it counts as times the rms that this is expected to have over the run.
+    """
+    found: dict[Shares, Array] = {}
+    enters = {name: (into, 1.0) for name, into in _ENTERS.items()}
+    if run.actuation != Actuation():
+        enters |= electrodes.felt(run, expected_rms(run))
     for source in world_of(run).sources(run):
-        into = "f_x_1" if source.into == "f_x_1_jitter" else source.into
+        ways = [(*enters.get(name, (name, 1.0)), factor) for name, factor in source.shares]
+        into = tuple((name, own * factor) for name, own, factor in ways)
         found[into] = found.get(into, 0.0) + source.psd(frequency, run.h)
-    return found
+    of_each = [dict(into) for into in found]
+    shares = np.array([[of.get(name, 0.0) for of in of_each] for name in s.inputs])
+    return shares, np.stack(list(found.values()), axis=1)
+
+
+def expected_rms(run: Run) -> tuple[float, float]:
+    """Return the rms over a run of the commands f_x_1 and f_x_2 that injections and dc call for [m s^-2]."""
+    moved = response(replace(run, actuation=Actuation()))
+    f_x_2 = moved["f_x_2"] + run.f_x_2_start
+    return float(np.sqrt(np.mean(moved["f_x_1"] ** 2))), float(np.sqrt(np.mean(f_x_2**2)))

@@ -1,8 +1,9 @@
 """Telemetry of a run at 1 Hz without stepping it: the response to the injections, and noise from its spectra.
 
 For the linear closed loop this is what the FMUs simulate, in distribution, at a tenth of the samples and
-without a step. The noise is stationary, where a simulation starts at the equilibrium; commands have no limit,
-and of the whole spacecraft's quadratic terms there is what is linear about the steady turn.
+without a step; glitches and gaps are the same. The noise is stationary, where a simulation starts at the
+equilibrium; commands have no limit, and of the whole spacecraft's quadratic terms there is what is linear
+about the steady turn.
 """
 
 from collections.abc import Sequence
@@ -13,8 +14,8 @@ import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.plant import planning
-from lpfcosim.signals import decimation
-from lpfcosim.spacecraft import Noise, Pulse, Run
+from lpfcosim.signals import decimation, events
+from lpfcosim.spacecraft import Actuation, Noise, Pulse, Run
 from lpfcosim.worlds import drive, world_of
 
 Array = NDArray[np.float64]
@@ -31,18 +32,20 @@ class Simulation:
     Parameters
     ----------
     run : Run
-        Its own seed does not count.
+        Its own seed counts for its glitches and gaps alone.
     channels : sequence of str
         C of `System.channels`.
     """
 
     def __init__(self, run: Run, channels: Sequence[str]) -> None:
-        pulsed = any(isinstance(injection, Pulse) for injection in run.injections)
-        glitches = drive.stream(replace(run, noise=Noise())) if pulsed else None  # the same in every draw
+        struck = any(isinstance(injection, Pulse) for injection in run.injections) or events.glitches(run)
+        silent = replace(run, noise=Noise(), actuation=Actuation())
+        glitches = drive.stream(silent) if struck else None  # the same in every draw
         responses = planning.response(run, glitches)
         self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
         self._n = self._mean["f_x_2"].size
+        self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
         self._period = scipy.fft.next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
         self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
@@ -66,7 +69,10 @@ class Simulation:
         noise = scipy.fft.irfft(spectrum * np.sqrt(self._period * planning.RATE) / 2, self._period, axis=0)[
             : self._n
         ]
-        return {name: x + noise[:, i] for i, (name, x) in enumerate(self._mean.items())}
+        return {
+            name: np.where(self._lost, np.nan, x + noise[:, i])
+            for i, (name, x) in enumerate(self._mean.items())
+        }
 
 
 def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> scipy.interpolate.CubicSpline:
@@ -74,10 +80,9 @@ def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> scipy
     n = int(GRID * (high - low) / np.log(10)) + 2
     f = np.exp(np.linspace(low, high, n))
     s = world_of(run).system(run)
-    psd = planning.drive_psd(run, f)
-    drives = np.sqrt(np.stack([psd.get(name, np.zeros(n)) for name in s.inputs], axis=1))
+    shares, psd = planning.streams(run, s, f)
     rows = [s.channels.index(name) for name in channels]
-    G = planning.transfer(s, run.h, f)[:, rows] * drives[:, None, :]
+    G = planning.transfer(s, run.h, f)[:, rows] @ shares * np.sqrt(psd)[:, None, :]
     # triangular, and so of one kind at all frequencies; rows may depend on others, as a command on its error
     upper = np.asarray(np.linalg.qr(G.conj().transpose(0, 2, 1), mode="r"))
     L = upper.conj().transpose(0, 2, 1)

@@ -28,7 +28,7 @@ def check(*runs: Run) -> None:
     checked: set[str] = set()
     for run in runs:
         alone = replace(run, name="", experiment="", kind="sysid", t0="", n_samples=1, seed=0)
-        loop = repr(replace(alone, dc=0.0, noise=Noise(), injections=()))
+        loop = repr(replace(alone, dc=0.0, noise=Noise(), injections=(), events=None))
         if loop not in checked:
             checked.add(loop)
             _check(run)

@@ -3,4 +3,4 @@
 What is finished is kept and checked by its digest, so that a campaign that was killed continues.
 """
 
-__all__ = ["approvals", "cluster", "fmus", "folder", "ledger", "runner", "telemetry", "workers"]
+__all__ = ["approvals", "cluster", "fmus", "folder", "ledger", "nursery", "runner", "telemetry", "workers"]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fit.telemetry import CHANNELS, SCHEMA, Writer
 from lpfcosim.errors import RunError, ours
-from lpfcosim.signals import decimation
-from lpfcosim.spacecraft import Run
+from lpfcosim.signals import decimation, events
+from lpfcosim.spacecraft import LIVING, SCATTERED, Run
 from lpfcosim.worlds import world_of
 
 Array = NDArray[np.float64]
@@ -22,15 +22,16 @@ Array = NDArray[np.float64]
 class Recording:
     """The file of a run as it is written, block by block."""
 
-    def __init__(self, file: Writer, grid: decimation.Grid) -> None:
-        self._file, self._grid, self._done = file, grid, 0
+    def __init__(self, file: Writer, run: Run, grid: decimation.Grid) -> None:
+        self._file, self._run, self._grid, self._done = file, run, grid, 0
         self.annotate = file.annotate
 
     def append(self, block: Mapping[str, Array]) -> None:
-        """Write the next samples, one array of the same length per channel."""
+        """Write the next samples, one array of the same length per channel; what the run lost is NaN."""
         longest = max((values.size for values in block.values()), default=0)
         last = min(self._done + longest, self._grid.n)
-        self._file.append(self._grid.time(self._done, last), block)
+        time = self._grid.time(self._done, last)
+        self._file.append(time, block, events.missing(self._run, time) if self._run.events else None)
         self._done = last
 
 
@@ -75,12 +76,17 @@ def writer(
             grid.n,
             {name: CHANNELS[name] for name in sorted(names)},
             {**provenance, **attributes(run)},
-            truth={name: value for name, value in truth(run).items() if name not in untold},
+            truth={
+                name: value
+                for name, value in (truth(run) | _levels(run)).items()
+                if name.removesuffix("_mean") not in untold
+            },
+            truths=events.truths(run),
             finite=True,
             alphabetical=True,
         ) as file,
     ):
-        yield Recording(file, grid)
+        yield Recording(file, run, grid)
 
 
 def attributes(run: Run) -> dict[str, str | int | float]:
@@ -104,10 +110,21 @@ def attributes(run: Run) -> dict[str, str | int | float]:
     }
 
 
+def _levels(run: Run) -> dict[str, float]:
+    """Return the levels of the noise of Delta g, which a file has where the campaign has events."""
+    return {"plateau": run.noise.plateau, "tail": run.noise.tail} if run.events else {}
+
+
 def truth(run: Run) -> dict[str, float]:
-    """Return the true parameters of a run, as the group /truth has them."""
-    truth = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
+    """Return the true parameters of a run, as the group /truth has them.
+
+    Where gains scatter, NAME_mean is what the NAME of the experiments scatter about.
+    """
+    known = {f.name: getattr(run.truth, f.name) for f in fields(run.truth) if f.name != "delta_ifo"}
+    truth = {name: value for name, value in known.items() if value or name not in LIVING}
     truth |= {f"delta_ifo_{k}": value for k, value in run.truth.delta_ifo.items()}
+    if run.about is not None:
+        truth |= {f"{name}_mean": getattr(run.about, name) for name in SCATTERED}
     return truth | {
         **world_of(run).truth(run),
         "delta_ifo": run.delta_ifo,

@@ -23,7 +23,7 @@ from typing import Any, TextIO
 
 from lpfcosim.cosim import Where
 from lpfcosim.errors import LpfcosimError, RunError
-from lpfcosim.running import ledger
+from lpfcosim.running import ledger, nursery
 
 SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
 
@@ -159,12 +159,14 @@ class _Worker:
     """A process and the task it is at; ``""`` if it has none."""
 
     def __init__(self, setting: Setting, scratch: Path) -> None:
-        context = mp.get_context("spawn")  # a fork would share the state of loaded libraries
+        context = nursery.context()
         self.where: Where = context.RawValue(Where)
         self.task = ""
         self._folder = setting.folder
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(setting, theirs, self.where, scratch))
+        self._process = context.Process(
+            target=_serve, args=(setting, theirs, self.where, scratch, dict(os.environ))
+        )
         with _interrupts_held():
             self._process.start()
         theirs.close()
@@ -247,7 +249,11 @@ def _interrupts_held() -> Iterator[None]:
 # In a worker -------------------------------------------------------------------------------------------
 
 
-def _serve(setting: Setting, pipe: Connection, where: Where, scratch: Path) -> None:
+def _serve(
+    setting: Setting, pipe: Connection, where: Where, scratch: Path, environment: Mapping[str, str]
+) -> None:
+    os.environ.clear()  # that of an earlier command, where a server has forked this process
+    os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tempfile.tempdir = str(scratch)
     with suppress(OSError):  # Linux: when memory runs out, this process goes first

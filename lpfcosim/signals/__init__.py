@@ -1,9 +1,23 @@
-"""Signals: what is injected into a run, streams of noise, and the low-pass below 10 Hz.
+"""Signals: what is injected into a run, streams of noise, events, and the low-pass below 10 Hz.
 
 Which noise there is depends on the world of the run, so `lpfcosim.worlds` starts the streams.
 """
 
+from lpfcosim.signals.flicker import flicker
 from lpfcosim.signals.injections import TARGETS, injected
-from lpfcosim.signals.noise import CORNER, Noise, Source, tail
+from lpfcosim.signals.noise import CORNER, Noise, Shares, Source, tail
+from lpfcosim.signals.wander import Wander
 
-__all__ = ["CORNER", "TARGETS", "Noise", "Source", "decimation", "injected", "tail"]
+__all__ = [
+    "CORNER",
+    "TARGETS",
+    "Noise",
+    "Shares",
+    "Source",
+    "Wander",
+    "decimation",
+    "events",
+    "flicker",
+    "injected",
+    "tail",
+]

@@ -6,7 +6,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft import Pulse, Run, Sine, Target
+from lpfcosim.spacecraft import Pulse, Run, Sine, TaperedSine, Target
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,8 @@ def injected(
         signal = signals[injection.into]
         if isinstance(injection, Sine):
             argument = 2 * np.pi * injection.frequency * since + injection.phase
-            signal[first - start : last - start] += injection.amplitude * np.sin(argument)
+            sine = injection.amplitude * np.sin(argument)
+            signal[first - start : last - start] += sine * _envelope(injection, since)
         else:
             ramp = 0.5 - 0.5 * np.cos(np.pi * since / (injection.end - injection.start))
             signal[first - start : last - start] += injection.amplitude * ramp
@@ -63,6 +64,14 @@ def add_pulses(run: Run, signals: Mapping[str, Array], start: int, stop: int) ->
             end = _clip(_sample(run, pulse.end), start, stop)
             phase = (np.arange(begin, end) / run.fs - pulse.start) / pulse.duration
             signals[pulse.into][begin - start : end - start] += pulse.amplitude * np.sin(np.pi * phase) ** 2
+
+
+def _envelope(sine: Sine, since: Array) -> Array | float:
+    """Return how large a sine is at times since its start [s], relative to its amplitude."""
+    if not isinstance(sine, TaperedSine):
+        return 1.0
+    left = np.minimum(since, sine.end - sine.start - since)
+    return 0.5 - 0.5 * np.cos(np.pi * np.clip(left / sine.ramp, 0, 1))
 
 
 def _sample(run: Run, time: float) -> int:

@@ -1,15 +1,17 @@
 """Noise in streams, each seeded by its name so that the order of drawing never matters."""
 
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lpfcosim.signals import events
 from lpfcosim.signals.injections import add_pulses
+from lpfcosim.signals.streams import generator
 from lpfcosim.spacecraft import Run
 
 CORNER = 2e-6  # Hz, below which noise of 1/f is flat (choice)
@@ -17,16 +19,34 @@ CORNER = 2e-6  # Hz, below which noise of 1/f is flat (choice)
 Array = NDArray[np.float64]
 
 
+Shares = tuple[tuple[str, float], ...]
+
+
+class Stream(Protocol):
+    """A signal of a run, drawn block after block."""
+
+    def take(self, n: int) -> Array:
+        """Draw the next ``n`` samples."""
+
+
 @dataclass(frozen=True)
 class Source:
-    """A stream of noise: white of ASD ``level``, or with a ``corner`` [Hz] of ASD ``level``/f above it."""
+    """A stream of noise: white of ASD ``level``, or with a ``corner`` [Hz] of ASD ``level``/f above it.
+
+    It goes ``into`` one signal, or into several, each with a factor of its own.
+    """
 
     name: str
-    into: str
+    into: str | Shares
     level: float
     corner: float = 0.0
 
-    def start(self, run: Run) -> "_White | _Red":
+    @property
+    def shares(self) -> Shares:
+        """The signals it goes into, with their factors."""
+        return ((self.into, 1.0),) if isinstance(self.into, str) else self.into
+
+    def start(self, run: Run) -> "Stream":
         """Return the stream at its beginning."""
         if self.corner:
             return _Red(run, self.name, self.level, self.corner)
@@ -41,15 +61,15 @@ class Source:
         return S
 
 
-def tail(name: str, level: float, knee: float) -> tuple[Source, ...]:
+def tail(name: str, level: float, knee: float, into: Shares | None = None) -> tuple[Source, ...]:
     """1/f noise that meets a white level at the knee [Hz]; none without one."""
-    return (Source(f"{name}_tail", name, level * knee, CORNER),) if knee else ()
+    return (Source(f"{name}_tail", into or name, level * knee, CORNER),) if knee else ()
 
 
 class Noise:
     """Noise of a run, drawn in blocks of any size to the same bits; a level of zero gives exact zeros.
 
-    The signal g_2 also carries the constant ``run.dc``, and g_1 and g_2 the injected pulses.
+    The signal g_2 also carries the constant ``run.dc``, and g_1 and g_2 the injected pulses and glitches.
 
     Parameters
     ----------
@@ -62,7 +82,8 @@ class Noise:
     def __init__(self, run: Run, sources: Sequence[Source]) -> None:
         self._run = run
         self._drawn = 0
-        self._sources = [(source.into, source.start(run)) for source in sources]
+        self._glitches = events.glitches(run)
+        self._sources = [(source.shares, source.start(run)) for source in sources]
 
     def take(self, n: int) -> dict[str, Array]:
         """Draw the next ``n`` samples.
@@ -72,12 +93,16 @@ class Noise:
         dict
             Every signal that a source goes into, SI, each of shape (n,).
         """
-        drawn = {into: np.zeros(n) for into, _ in self._sources}
-        for into, source in self._sources:
-            drawn[into] += source.take(n)
+        drawn = {into: np.zeros(n) for shares, _ in self._sources for into, _ in shares}
+        for shares, source in self._sources:
+            stream = source.take(n)
+            for into, factor in shares:
+                drawn[into] += stream if factor == 1 else factor * stream
+        events.let_drift(self._run, drawn, self._drawn)
         drawn["g_2"] += self._run.dc
         first, self._drawn = self._drawn, self._drawn + n
         add_pulses(self._run, drawn, first, first + n)
+        events.add_glitches(self._run, self._glitches, drawn, first)
         return drawn
 
 
@@ -85,15 +110,14 @@ class _White:
     """White noise of one-sided ASD ``asd``."""
 
     def __init__(self, run: Run, name: str, asd: float) -> None:
-        digest = hashlib.sha256(f"{run.name}/{name}".encode()).digest()
-        seed = np.random.SeedSequence([run.seed, *np.frombuffer(digest, dtype="<u4").tolist()])
-        self._generator = np.random.default_rng(seed)
+        self._generator = generator(run, name)
         self._size = asd * math.sqrt(run.fs / 2)
 
     def take(self, n: int) -> Array:
         if self._size == 0:
             return np.zeros(n)
-        drawn: Array = self._size * self._generator.standard_normal(n)
+        drawn: Array = self._generator.standard_normal(n)
+        drawn *= self._size
         return drawn
 
 

@@ -1,8 +1,13 @@
 """The spacecraft: one run of it, with all that a simulation needs, as frozen records in SI units."""
 
+from lpfcosim.spacecraft.actuation import ARM, F_REF, LARGEST_PULL, Actuation, largest_pull
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller, Lead
+from lpfcosim.spacecraft.electrodes import ETA_PER_X, PHI_PER_X
+from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.parameters import FS, M_TM, READ_OUT_RANGE, H
 from lpfcosim.spacecraft.run import (
+    LIVING,
+    SCATTERED,
     Authority,
     Disturbed,
     HalfCosine,
@@ -14,25 +19,38 @@ from lpfcosim.spacecraft.run import (
     Replacement,
     Run,
     Sine,
+    TaperedSine,
     Target,
     Thrusters,
     Truth,
 )
 from lpfcosim.spacecraft.spacecraft import Spacecraft
+from lpfcosim.spacecraft.thrusters import EIGHT_NOZZLES, Layout
 
 __all__ = [
+    "ARM",
     "DRAG_FREE",
+    "EIGHT_NOZZLES",
+    "ETA_PER_X",
     "FS",
+    "F_REF",
+    "LARGEST_PULL",
+    "LIVING",
     "M_TM",
+    "PHI_PER_X",
     "READ_OUT_RANGE",
+    "SCATTERED",
     "SUSPENSION",
+    "Actuation",
     "Authority",
     "Controller",
     "Disturbed",
+    "Events",
     "H",
     "HalfCosine",
     "Injection",
     "Kind",
+    "Layout",
     "Lead",
     "Model",
     "Noise",
@@ -41,7 +59,9 @@ __all__ = [
     "Run",
     "Sine",
     "Spacecraft",
+    "TaperedSine",
     "Target",
     "Thrusters",
     "Truth",
+    "largest_pull",
 ]

@@ -7,7 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from lpfcosim.spacecraft.actuation import Actuation
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller
+from lpfcosim.spacecraft.events import Events
 from lpfcosim.spacecraft.parameters import FS, M_SC, M_TM, THRUSTER_DELAY, THRUSTER_LAG, H
 
 Target = Literal["guidance_o_1", "guidance_o_12", "F_x_1", "F_x_2"]
@@ -19,6 +21,11 @@ Model = Literal[
     "WholeMetrology", "InertialSensor", "StarTracker", "WholeDragFreeControl", "WholeSuspensionControl",
     "AttitudeControl", "WholeActuation", "WholePlant",
 ]  # fmt: skip
+
+#: What differs between experiments where gains scatter.
+SCATTERED = ("lambda_1", "lambda_2", "C_1", "C_2")
+#: What a gain may do within a run; where it does nothing of it, nothing is told of it.
+LIVING = tuple(f"lambda_{how}_{j}" for how in ("drift", "walk", "bend") for j in (1, 2))
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,12 @@ class Truth:
         Leak of x_1 into o_12 [1], by alignment epoch.
     lambda_scatter : float
         Relative standard deviation of lambda_1 and lambda_2 between experiments (in flight some 0.5 %).
+    lambda_drift_1, lambda_drift_2 : float
+        Relative growth of the gains within every run [day^-1]; lambda is their mean over a run.
+    lambda_walk_1, lambda_walk_2 : float
+        Relative width after a day of a random walk of the gains within every run [day^-0.5].
+    lambda_bend_1, lambda_bend_2 : float
+        Relative growth of the gains with the size of the force, at `F_REF`.
     """
 
     lambda_1: float = 1.0748
@@ -57,14 +70,31 @@ class Truth:
         default_factory=lambda: {1: -2.2e-5, 2: -1.40e-5, 3: -2.09e-5, 4: 1.91e-5}
     )
     lambda_scatter: float = 0.0
+    lambda_drift_1: float = 0.0
+    lambda_drift_2: float = 0.0
+    lambda_walk_1: float = 0.0
+    lambda_walk_2: float = 0.0
+    lambda_bend_1: float = 0.0
+    lambda_bend_2: float = 0.0
+
+    @property
+    def living(self) -> tuple[str, ...]:
+        """Names of what lets a gain change within a run."""
+        return tuple(name for name in LIVING if getattr(self, name))
 
     def of_experiment(self, name: str, seed: int) -> "Truth":
-        """Return the truth with the gains that this experiment has."""
+        """Return the truth with the gains that this experiment has; its commands are as late as ever."""
         if not self.lambda_scatter:
             return self
         generator = np.random.default_rng([seed, *name.encode()])
         factor_1, factor_2 = 1 + self.lambda_scatter * generator.standard_normal(2)
-        return replace(self, lambda_1=self.lambda_1 * factor_1, lambda_2=self.lambda_2 * factor_2)
+        return replace(
+            self,
+            lambda_1=self.lambda_1 * factor_1,
+            lambda_2=self.lambda_2 * factor_2,
+            C_1=self.C_1 * factor_1,
+            C_2=self.C_2 * factor_2,
+        )
 
 
 @dataclass(frozen=True)
@@ -131,6 +161,13 @@ class Sine:
 
 
 @dataclass(frozen=True)
+class TaperedSine(Sine):
+    """A sine that rises as a half cosine in its first ``ramp`` [s], and falls likewise in its last."""
+
+    ramp: float = 0.0
+
+
+@dataclass(frozen=True)
 class HalfCosine:
     """A smooth step from 0 at ``start`` to ``amplitude`` at ``end``, kept from then on; SI."""
 
@@ -194,7 +231,8 @@ class Run:
     """One run of ``n_samples`` samples at 10 Hz, recorded at ``sample_rate`` [Hz].
 
     ``dc`` [m s^-2] is the constant part of g_2. What a run has beside the x axis, ``spacecraft``, chooses its
-    world (`lpfcosim.worlds`): with nothing there is the x axis only.
+    world (`lpfcosim.worlds`): with nothing there is the x axis only. ``events`` is what happens unasked.
+    ``about`` is the truth about which that of the experiments scatters, None where it does not.
     """
 
     name: str
@@ -206,6 +244,7 @@ class Run:
     t0: str = "2016-03-01T00:00:00Z"
     truth: Truth = field(default_factory=Truth)
     noise: Noise = field(default_factory=Noise)
+    actuation: Actuation = field(default_factory=Actuation)
     dc: float = 0.0
     injections: tuple[Injection, ...] = ()
     drag_free: Controller = DRAG_FREE
@@ -221,6 +260,8 @@ class Run:
     spacecraft: object = None
     inertial_period: int = 0
     sample_rate: float = FS
+    events: Events | None = None
+    about: Truth | None = None
 
     @property
     def time(self) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":

@@ -3,9 +3,10 @@
 Values are those of the LTPDA parameter files and the flight papers where they are marked so, else choices.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lpfcosim.spacecraft.control import Controller, Lead
+from lpfcosim.spacecraft.thrusters import Layout
 
 ROTATION = Controller(unity_gain=30e-3, zero=9e-3, integrator_zero=1.8e-3, poles=(0.24, 0.6))
 ANGLES = Controller(unity_gain=2e-3, zero=0.6e-3, integrator_zero=0.12e-3, poles=(12e-3, 60e-3))
@@ -29,11 +30,15 @@ class Spacecraft:
     delta_phi, delta_eta : float
         Misalignment of the line through the test masses [rad]: offsets delta_y/d and delta_z/d.
     omega2_y, omega2_z, omega2_theta, omega2_eta, omega2_phi : float
-        Stiffness of each test mass [s^-2].
+        Stiffness of each test mass [s^-2], that about y and z apart from what follows the authority.
+    eta_per_x, phi_per_x : float
+        Stiffness about y and z per stiffness along x that the authority gives the same test mass [1].
     tau_es : float
         Transport delay of electrostatic commands other than x [s].
     b : tuple of float
-        b_1 … b_6 of eq. bump [m rad^-1, m rad^-1, 1, 1, s^-2, s^-2].
+        b_1 … b_6 of eq. bump [m rad^-1, m rad^-1, 1, 1, s^-2, s^-2], as the read-out has them.
+    b_drift : tuple of float
+        Of b_1 and b_2 [m rad^-1 s^-1].
     Omega_DC : tuple of float
         Rates about x, y, z that the attitude set points follow [rad s^-1].
     lambda_N : float
@@ -50,6 +55,9 @@ class Spacecraft:
         Torques that make the test masses follow the spacecraft.
     attitude : Lead
         Star tracker to differential force and N_theta_1.
+    layout : Layout, optional
+        Nozzles, by whose noise forces and torques on the spacecraft go together; without, each axis has its
+        own.
     """
 
     I_xx_sc: float = 202.5
@@ -64,8 +72,11 @@ class Spacecraft:
     omega2_theta: float = -1.5e-6
     omega2_eta: float = -1.5e-6
     omega2_phi: float = -1.5e-6
+    eta_per_x: float = 0.0
+    phi_per_x: float = 0.0
     tau_es: float = 0.1
     b: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    b_drift: tuple[float, float] = (0.0, 0.0)
     Omega_DC: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lambda_N: float = 1.0
     leak_phi_1: float = 0.0
@@ -77,6 +88,7 @@ class Spacecraft:
     rotation: Controller = ROTATION
     angles: Controller = ANGLES
     attitude: Lead = ATTITUDE
+    layout: Layout | None = None
 
     @property
     def delta_y(self) -> float:
@@ -87,3 +99,20 @@ class Spacecraft:
     def delta_z(self) -> float:
         """Offset of test mass 2 against test mass 1 along z [m]."""
         return self.d * self.delta_eta
+
+    def compensated(self) -> "Spacecraft":
+        """Take the lever arm of the misalignment off b_1 and b_2, which then are what is left after it.
+
+        Above the bandwidth of their suspension the test masses do not follow the spacecraft, phi'' =
+        -dOmega_phi, and a misalignment acts as d delta_phi and -d delta_eta beside b_1 and b_2 do. In flight
+        the test masses were tilted until little of the sum was left.
+        """
+        return self._shifted(-self.delta_y, self.delta_z)
+
+    def after(self, seconds: float) -> "Spacecraft":
+        """Return it with b_1 and b_2 where their drifts have led after a time [s]."""
+        return self._shifted(*(rate * seconds for rate in self.b_drift))
+
+    def _shifted(self, by_1: float, by_2: float) -> "Spacecraft":
+        b_1, b_2, b_3, b_4, b_5, b_6 = self.b
+        return replace(self, b=(b_1 + by_1, b_2 + by_2, b_3, b_4, b_5, b_6))

@@ -6,10 +6,10 @@ run has beside the x axis, chooses the world by its type. To add a world, write 
 and register it below.
 """
 
-from lpfcosim.worlds import along_x, whole
+from lpfcosim.worlds import along_x, electrodes, whole
 from lpfcosim.worlds.loop import System, on_circle
 from lpfcosim.worlds.world import register, world_of
 
 register(along_x.WORLD, whole.WORLD)
 
-__all__ = ["System", "drive", "on_circle", "world_of"]
+__all__ = ["System", "drive", "electrodes", "on_circle", "world_of"]

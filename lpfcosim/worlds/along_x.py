@@ -7,7 +7,7 @@ import math
 from lpfcosim.network import Component
 from lpfcosim.signals import CORNER, Source, tail
 from lpfcosim.spacecraft import Controller, Run
-from lpfcosim.worlds import along_x_plant
+from lpfcosim.worlds import along_x_plant, electrodes
 from lpfcosim.worlds.world import World
 
 TAIL_LEVEL, TAIL_FREQUENCY = 60e-15, 20e-6  # m s^-2 Hz^-0.5 at Hz
@@ -27,7 +27,10 @@ def _of_test_mass(j: int) -> dict[str, tuple[str, ...]]:
 
 
 METROLOGY_TRUTHS: dict[str, tuple[str, ...]] = dict.fromkeys(("delta_ifo", "x_1"), ("delta_ifo",))
-ACTUATION_TRUTHS: dict[str, tuple[str, ...]] = {f"lambda_{j}": (f"lambda_{j}", f"C_{j}") for j in (1, 2)}
+ACTUATION_TRUTHS: dict[str, tuple[str, ...]] = {
+    **{f"lambda_{j}": (f"lambda_{j}", f"C_{j}") for j in (1, 2)},
+    **electrodes.TRUTHS,
+}
 PLANT_TRUTHS = _of_test_mass(1) | _of_test_mass(2)
 
 COMPONENTS = (
@@ -100,7 +103,7 @@ _NAMES = {
     "kg-1.m-2": ("alpha_phi_1", "alpha_phi_2"),
     "1": ("lambda_1", "lambda_2", "delta_ifo"),
 }  # fmt: skip
-UNITS = {name: unit for unit, names in _NAMES.items() for name in names}
+UNITS = {**{name: unit for unit, names in _NAMES.items() for name in names}, **electrodes.UNITS}
 
 
 def parameters(run: Run) -> dict[str, dict[str, float]]:
@@ -115,7 +118,7 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
         "SuspensionControl": {"h": run.h, "f_x_2_start": run.f_x_2_start, **controller(run.suspension)},
         "Actuation": {
             "h": run.h, "m_tm": run.m_tm, "lambda_1": truth.lambda_1, "lambda_2": truth.lambda_2,
-            "f_x_2_start": run.f_x_2_start, **limits,
+            "f_x_2_start": run.f_x_2_start, **limits, **electrodes.parameters(run),
         },
         "Plant": {
             "h": run.h, "m_sc": run.m_sc, "m_tm": run.m_tm, "tau_1": run.tau_1, "tau_2": run.tau_2,
@@ -155,6 +158,7 @@ def sources(run: Run) -> tuple[Source, ...]:
         Source("g_1_tail", "g_1", rising, CORNER),
         Source("g_2_tail", "g_2", rising, CORNER),
         Source("f_x_1_jitter", "f_x_1_jitter", jitter, JITTER_CORNER),
+        *electrodes.sources(run),
     )
 
 
@@ -175,6 +179,7 @@ WORLD = World(
     open_loop=along_x_plant.open_loop,
     attributes=lambda _: {},
     truth=lambda _: {},
+    wired=lambda run: {"Actuation": electrodes.inputs(run)},
     sample_cost=0.35e-6,
     experiment_cost=1.0,
 )

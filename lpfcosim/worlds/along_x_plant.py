@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from lpfcosim.spacecraft import Run
-from lpfcosim.worlds import drive
+from lpfcosim.worlds import drive, electrodes
 from lpfcosim.worlds.loop import BLOCK, Loop, System, check_inside, linear, on_circle, sampled
 from lpfcosim.worlds.world import Gain
 
@@ -183,7 +183,9 @@ def simulate(run: Run) -> dict[str, Array]:
     limit = limits(run)
     limit_1, limit_2 = limit.get("f_x_1", 0.0), limit["f_x_2"]
     f_x_1 = np.clip(injected["F_x_1"] / run.m_tm, -limit_1, limit_1) + drawn["f_x_1_jitter"]
-    w = np.stack([{**injected, **drawn, "f_x_1": f_x_1}[name] for name in LOOP_INPUTS], axis=1)
+    excess_1, excess_2 = electrodes.excess(run, drawn) or (None, None)
+    received_1 = excess_1.received(f_x_1) if excess_1 else f_x_1
+    w = np.stack([{**injected, **drawn, "f_x_1": received_1}[name] for name in LOOP_INPUTS], axis=1)
     asked = start_2 + injected["F_x_2"] / run.m_tm + w @ d_2
 
     # The rows of `track` are (state, f_x_2): each follows from the one before, then authority clips f_x_2.
@@ -200,11 +202,7 @@ def simulate(run: Run) -> dict[str, Array]:
         track = np.empty((len(push) + 1, len(latest)))
         track[0] = latest
         with np.errstate(over="ignore", invalid="ignore"):  # check_inside tells, with the time
-            for now, following, pushed in zip(track[:-1], track[1:], push, strict=True):
-                np.dot(advance, now, out=following)
-                following += pushed
-                if not -limit_2 <= following[-1] <= limit_2:
-                    following[-1] = min(max(following[-1], -limit_2), limit_2)
+            _advance(track, advance, push, limit_2, excess_2, begin)
             readout[block] = track[:-1, :-1] @ step.C.T + w[block] @ step.D.T
         latest = track[-1]
         f_x_2[block] = track[:-1, -1]
@@ -218,3 +216,18 @@ def simulate(run: Run) -> dict[str, Array]:
         "guidance_o_12": injected["guidance_o_12"],
         "F_x_sc": readout[:, 2].copy(),
     }
+
+
+def _advance(
+    track: Array, advance: Array, push: Array, limit: float, excess: electrodes.Excess | None, begin: int
+) -> None:
+    """Fill the rows of ``track`` after its first, which is of sample ``begin``."""
+    felt = advance[:, -1]
+    steps = zip(track[:-1], track[1:], push, strict=True)
+    for i, (now, following, pushed) in enumerate(steps, begin):
+        np.dot(advance, now, out=following)
+        following += pushed
+        if excess:
+            following += excess(i, now[-1]) * felt
+        if not -limit <= following[-1] <= limit:
+            following[-1] = min(max(following[-1], -limit), limit)

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 def names(run: Run) -> tuple[str, ...]:
     """Every signal that drives a run, injections first."""
     world = world_of(run)
-    noises = (source.into for source in world.sources(run))
+    noises = (into for source in world.sources(run) for into, _ in source.shares)
     return tuple(dict.fromkeys((*TARGETS, *world.turns(run), *noises)))
 
 

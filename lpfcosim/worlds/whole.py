@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from lpfcosim.network import Component
 from lpfcosim.signals import Source, tail
-from lpfcosim.spacecraft import Run, Spacecraft
-from lpfcosim.worlds import along_x, whole_loops, whole_plant
+from lpfcosim.spacecraft import Layout, Run, Spacecraft
+from lpfcosim.worlds import along_x, electrodes, whole_loops, whole_plant
 from lpfcosim.worlds.whole_loops import THRUST
-from lpfcosim.worlds.whole_rigid import ANGLES, AXES, TILT, equipment
+from lpfcosim.worlds.whole_rigid import ANGLES, AXES, TILT, angular_stiffness, equipment
 from lpfcosim.worlds.world import World
 
 _GRS_KNEE, _TORQUE_KNEE = 1e-3, 0.2e-3  # Hz, below them sensing and torque noise rise as 1/f
@@ -144,12 +146,20 @@ _NAMES = {
     "s": ("tau_es",),
     "Hz": tuple(f"f_{k}_rot" for k in "uzipr"),
     "kg.m2": ("I_tm", "I_xx_sc", "I_yy_sc", "I_zz_sc"),
-    "s-2": (*(f"omega2_{k}" for k in ("y", "z", *ANGLES)), "b_5", "b_6"),
+    "s-2": (
+        *(f"omega2_{k}" for k in ("y", "z", *ANGLES)),
+        *(f"domega2_{k}_12" for k in ("eta", "phi")),
+        *("b_5", "b_6"),
+    ),
     "m/rad": ("b_1", "b_2"),
     "1": ("b_3", "b_4", "lambda_N"),
     "m-1": ("leak_phi_1", "kappa_phi", "kappa_eta"),
 }
-UNITS = {**along_x.UNITS, **{name: unit for unit, names in _NAMES.items() for name in names}}
+UNITS = {
+    **along_x.UNITS,
+    **electrodes.UNITS_ABOUT_Z,
+    **{name: unit for unit, names in _NAMES.items() for name in names},
+}
 
 
 def parameters(run: Run) -> dict[str, dict[str, float]]:
@@ -162,6 +172,8 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
     b = {f"b_{i}": value for i, value in enumerate(sc.b, 1)}
     cross_coupling = {name: b[name] for name in ("b_1", "b_2", "b_3", "b_4")}
     rates = {f"Omega_{k}_start": rate for k, rate in zip(ANGLES, sc.Omega_DC, strict=True)}
+    stiffness = dict(zip(ANGLES, angular_stiffness(run).T, strict=True))
+    apart = {f"domega2_{k}_12": float(w[1] - w[0]) for k, w in stiffness.items() if w[1] != w[0]}
     return {
         "WholeMetrology": {**x["OpticalMetrology"], **cross_coupling},
         "InertialSensor": {},
@@ -180,9 +192,9 @@ def parameters(run: Run) -> dict[str, dict[str, float]]:
         },
         "WholePlant": {
             **x["Plant"], **inertia, **rates, "b_5": b["b_5"], "b_6": b["b_6"],
+            **{f"omega2_{k}": float(w.mean()) for k, w in stiffness.items()}, **apart,
             **{name: getattr(sc, name) for name in (
-                "I_tm", "d", "delta_y", "delta_z", "tau_es",
-                "omega2_y", "omega2_z", "omega2_theta", "omega2_eta", "omega2_phi",
+                "I_tm", "d", "delta_y", "delta_z", "tau_es", "omega2_y", "omega2_z",
             )},
         },
     }  # fmt: skip
@@ -195,15 +207,38 @@ def sources(run: Run) -> tuple[Source, ...]:
     levels += [(f"n_grs_{k}_{j}", noise.grs, _GRS_KNEE) for j in (1, 2) for k in AXES]
     levels += [(f"n_grs_{k}_{j}", noise.grs_angle, _GRS_KNEE) for j in (1, 2) for k in ANGLES]
     levels += [(f"n_ast_{k}", getattr(noise, f"star_tracker_{k}"), 0.0) for k in ANGLES]
-    knee = along_x.THRUSTER_KNEE[noise.thrusters]
-    levels += [(f"F_noise_{k}_sc", noise.thruster, knee) for k in ("y", "z")]
-    levels += [(f"N_noise_{k}_sc", noise.thruster_torque, knee) for k in AXES]
     levels += [(f"g_{k}", noise.lateral, 0.0) for k in _LATERAL]
     levels += [(f"gamma_{k}", noise.torque, _TORQUE_KNEE) for k in TILT]
     beside = [
         s for name, level, knee in levels for s in (Source(name, name, level), *tail(name, level, knee))
     ]
-    return (*along_x.sources(run), *beside)
+    layout = equipment(run).layout
+    along = [s for s in along_x.sources(run) if s.into != "F_noise_x_sc" or not layout]
+    thrust = _nozzles(run, layout) if layout else _independent(run)
+    return (*along, *thrust, *electrodes.about_z(run), *beside)
+
+
+def _independent(run: Run) -> list[Source]:
+    """Give the noise of thrusters that push along and about every axis by themselves, x apart."""
+    noise = run.noise
+    knee = along_x.THRUSTER_KNEE[noise.thrusters]
+    levels = [(f"F_noise_{k}_sc", noise.thruster) for k in ("y", "z")]
+    levels += [(f"N_noise_{k}_sc", noise.thruster_torque) for k in AXES]
+    return [s for name, level in levels for s in (Source(name, name, level), *tail(name, level, knee))]
+
+
+def _nozzles(run: Run, layout: Layout) -> list[Source]:
+    """Give the noise of each nozzle, alike, so loud that the force along x has the level of the run."""
+    noise = run.noise
+    knee = along_x.THRUSTER_KNEE[noise.thrusters]
+    level = noise.thruster / math.hypot(*layout.matrix[0])
+    signals = [f"{kind}_noise_{k}_sc" for kind in ("F", "N") for k in AXES]
+    found = []
+    for i, column in enumerate(layout.matrix.T.tolist(), 1):
+        into = tuple(zip(signals, column, strict=True))
+        name = f"thruster_{i}"
+        found += [Source(name, into, level), *tail(name, level, knee, into)]
+    return found
 
 
 def turns(run: Run) -> dict[str, float]:
@@ -212,9 +247,10 @@ def turns(run: Run) -> dict[str, float]:
 
 
 def attributes(run: Run) -> dict[str, float]:
-    """Constants of the test masses' rotation, as a telemetry file has them."""
+    """Constants of the test masses' rotation, as a telemetry file has them; stiffness is the mean of both."""
     sc = equipment(run)
-    return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": sc.omega2_phi, "omega2_eta": sc.omega2_eta}
+    _, eta, phi = angular_stiffness(run).mean(axis=0).tolist()
+    return {"I_yy": sc.I_tm, "I_zz": sc.I_tm, "omega2_phi": phi, "omega2_eta": eta}
 
 
 def truth(run: Run) -> dict[str, float]:
@@ -244,6 +280,7 @@ WORLD = World(
     open_loop=whole_loops.open_loop,
     attributes=attributes,
     truth=truth,
+    wired=lambda run: {"WholeActuation": electrodes.inputs(run, electrodes.about_z(run))},
     sample_cost=3.5e-6,
     experiment_cost=1.8,
 )

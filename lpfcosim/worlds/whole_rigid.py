@@ -80,6 +80,17 @@ def inertia(spacecraft: Spacecraft) -> Array:
     return np.array([spacecraft.I_xx_sc, spacecraft.I_yy_sc, spacecraft.I_zz_sc])
 
 
+def angular_stiffness(run: Run) -> Array:
+    """Give the stiffness of test masses 1 and 2 about x, y, z [s^-2], shape (2, 3).
+
+    What authority adds along x, by eq. stiff_model, it adds in proportion about y and z.
+    """
+    sc, truth = equipment(run), run.truth
+    constant = np.array([sc.omega2_theta, sc.omega2_eta, sc.omega2_phi])
+    along_x = np.array([run.omega2_1 - truth.omega2_1_0, run.omega2_2 - truth.omega2_2_0])
+    return constant + np.outer(along_x, [0.0, sc.eta_per_x, sc.phi_per_x])
+
+
 def plant(run: Run) -> Plant:
     """Discretise the three bodies, the thrusters and the delays exactly."""
     h = run.h
@@ -127,8 +138,8 @@ def _continuous(run: Run) -> tuple[Array, Array]:
     stiffness = np.array([run.omega2_1, sc.omega2_y, sc.omega2_z, run.omega2_2, sc.omega2_y, sc.omega2_z])
     f = u[_g] + u[_f] - stiffness[:, np.newaxis] * state[_s]  # F_j / m_tm
     f[3] -= sc.b[4] * (state[1] + state[4]) / 2 + sc.b[5] * (state[2] + state[5]) / 2  # eq. bump
-    rotational = np.tile([sc.omega2_theta, sc.omega2_eta, sc.omega2_phi], 2)
-    nu = u[_gamma] + u[_nu] - rotational[:, np.newaxis] * state[_tilt]  # N_j / I_tm
+    rotational = angular_stiffness(run).reshape(6, 1)
+    nu = u[_gamma] + u[_nu] - rotational * state[_tilt]  # N_j / I_tm
 
     push = state[_thrust] + u[_noise]
     a_O = (push[:3] - run.m_tm * (f[:3] + f[3:])) / run.m_sc

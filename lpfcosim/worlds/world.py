@@ -58,6 +58,8 @@ class World:
         What a telemetry file says beyond the x axis.
     truth : callable
         True values beyond the x axis, under their names in /truth.
+    wired : callable
+        Inputs that only some runs have, by component, and their sources; to be added to its inputs.
     sample_cost, experiment_cost : float
         What `lpfcosim run` takes on a processor of 2024 [s]: a sample of 10 Hz with noise and file, the fit
         and the figures of an experiment.
@@ -79,15 +81,21 @@ class World:
     open_loop: Callable[[Run], Gain]
     attributes: Callable[[Run], dict[str, float]]
     truth: Callable[[Run], dict[str, float]]
+    wired: Callable[[Run], Mapping[str, Mapping[str, str]]]
     sample_cost: float
     experiment_cost: float
+
+    def components_of(self, run: Run) -> tuple[Component, ...]:
+        """Components of one run, with the inputs that it wires, in any order."""
+        wired = self.wired(run)
+        return tuple(replace(c, inputs={**c.inputs, **wired.get(c.model, {})}) for c in self.components)
 
     def steps(self, run: Run) -> tuple[Component, ...]:
         """Components of one run in the order of their steps, without the inputs it does without."""
         unused = {r.model: r.unused for r in run.replacements}
         return in_order(
             replace(c, inputs={v: s for v, s in c.inputs.items() if v not in unused.get(c.model, ())})
-            for c in self.components
+            for c in self.components_of(run)
         )
 
     def untold(self, run: Run, ignored: Mapping[str, Iterable[str]]) -> set[str]:

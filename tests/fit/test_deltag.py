@@ -108,6 +108,30 @@ def test_delta_g_is_the_true_one(recorded, low, high, gained, left):
     assert level(file.delta_g.values - true, low, high) < left * level(true, low, high)
 
 
+def test_cross_talk_that_holds_the_euler_force_adds_no_noise(recorded, tmp_path):
+    """Where the test masses follow the spacecraft, b_1 + d delta_phi subtracts nothing but makes noise."""
+    path, truth, _, _ = recorded
+    file, notes = product(path, tmp_path / "p.h5", replace(calibrated(LATE), inertial={}))
+    assert [note for note in notes if "louder" in note] == []
+    assert "louder_bands" not in file.attrs
+    turning = file.delta_g_x + file.g_Omega
+    for low, high in ((0.2e-3, 0.5e-3), (0.5e-3, 1e-3), (1e-3, 2e-3)):
+        assert level(file.delta_g.values, low, high) <= 1.01 * level(turning.values, low, high)
+    true = truth["delta_g"][10:-10]
+    assert level(file.delta_g.values - true, 25e-3, 35e-3) < 2 * level(true, 25e-3, 35e-3)
+
+
+def test_what_adds_noise_is_told_with_its_band(recorded, tmp_path):
+    wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
+    file, notes = product(recorded[0], tmp_path / "p.h5", wrong)
+    (note,) = notes
+    assert note.startswith("delta_g is louder than delta_g_x at ")
+    assert note in file.attrs["notes"]
+    low, high = np.reshape(file.attrs["louder_bands"], (-1, 2))[0]
+    assert low < 0.3e-3 < high
+    assert level(file.delta_g.values, low, high) > 1.2 * level(file.delta_g_x.values, low, high)
+
+
 @pytest.mark.slow
 def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
     path = tmp_path / "gaps.h5"

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import FitError, InputError
+from fit.estimate.bump import joined
 from fit.estimate.pulls import with_truth
-from fit.results import Estimate, Fit, Provenance, Results, load, sound_joint, write
+from fit.results import Estimate, Fit, Provenance, Results, Stiffness, load, sound_joint, write
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, Span
 from tests.oracles.contract_file import write_contract_file
@@ -63,8 +64,9 @@ def assert_same(a, b):
 
 
 def test_round_trip(tmp_path):
+    known = Stiffness(2, 2.2e-9, 1.04e-11, -1.4e-6, 3e-9)
     results = make_results(
-        joint=make_fit([INDETERMINABLE], lambda_2=1.0776, C_2=0.186),
+        joint=replace(make_fit([INDETERMINABLE], lambda_2=1.0776, C_2=0.186), stiffness=(known,)),
         experiments={
             "A1": make_fit(lambda_2=1.0),
             "<B>": make_fit([FitWarning("own_psd", (), "no noise run")]),
@@ -78,6 +80,7 @@ def test_round_trip(tmp_path):
     write(results, tmp_path / "results.json")
     loaded = load(tmp_path / "results.json")
     assert_same(loaded.joint, results.joint)
+    assert loaded.joint.stiffness == (known,)
     assert loaded.experiments.keys() == {"A1", "<B>", "C"}
     for name, fit in results.experiments.items():
         assert_same(loaded.experiments[name], fit)
@@ -225,6 +228,19 @@ def test_truth_and_pull_of_the_joint_fit(tmp_path):
     assert joint.parameters["lambda_2"].truth is None
 
 
+def test_gains_that_scatter_are_told_in_the_joint_fit_by_what_they_scatter_about(tmp_path):
+    means = {"lambda_2_mean": 1.0776, "C_2_mean": 0.186}
+    own = [{**TRUTH, **means, "lambda_2": gain, "C_2": 0.17 * gain} for gain in (1.07, 1.09)]
+    runs = [telemetry(tmp_path, f"A{i}", truth) for i, truth in enumerate(own)]
+    alone = make_fit(lambda_2=1.07)
+    results = with_truth(
+        make_results(joint=make_fit(lambda_2=2.0776, C_2=0.186), experiments={"A0": alone}), runs
+    )
+    assert results.joint.parameters["lambda_2"].pull == pytest.approx(2.0)
+    assert results.joint.parameters["C_2"].truth == 0.186
+    assert results.experiments["A0"].parameters["lambda_2"].truth == 1.07
+
+
 def test_truth_of_an_experiment_follows_its_authority(tmp_path):
     tau = {key: value for key, value in TRUTH.items() if key != "C_2"} | {"tau_2": 0.186 / 1.0776}
     run = telemetry(
@@ -243,6 +259,17 @@ def test_a_truth_given_directly_wins_over_the_stiffness_model(tmp_path):
     run = telemetry(tmp_path, "A1", {**TRUTH, "omega2_2": -5e-7})
     results = make_results(experiments={"A1": make_fit(omega2_2=0.0)})
     assert with_truth(results, [run]).experiments["A1"].parameters["omega2_2"].truth == -5e-7
+
+
+def test_truth_of_lengths_that_hold_the_euler_force_is_that_of_the_sums(tmp_path):
+    truth = {"b_1": 1.887e-4, "b_2": -3.38e-5, "delta_phi": -0.47e-3, "delta_eta": -0.066e-3}
+    run = telemetry(tmp_path, "A1", truth)
+    lengths = make_fit(b_1=1.2e-5, b_2=-0.9e-5)
+    told = with_truth(make_results(cross_talk={"1": joined(lengths)}), [run]).cross_talk["1"].parameters
+    assert told["b_1"].truth == pytest.approx(1.887e-4 - 0.376 * 0.47e-3)
+    assert told["b_2"].truth == pytest.approx(-3.38e-5 + 0.376 * 0.066e-3)
+    apart = with_truth(make_results(cross_talk={"1": lengths}), [run]).cross_talk["1"].parameters
+    assert apart["b_1"].truth == 1.887e-4
 
 
 def test_a_jittered_gain_has_a_truth_per_experiment_but_none_in_the_joint_fit(tmp_path):

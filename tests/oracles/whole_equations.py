@@ -27,6 +27,8 @@ SKEW = Spacecraft(
     omega2_theta=-1e-2,
     omega2_eta=7e-3,
     omega2_phi=3e-3,
+    eta_per_x=20.0,
+    phi_per_x=-10.0,
 )
 
 
@@ -35,7 +37,14 @@ def equations(run):
     sc = run.spacecraft
     R = np.array([[-D, -sc.delta_y, -sc.delta_z], [D, sc.delta_y, sc.delta_z]]) / 2
     k_s = np.array([[omega2, sc.omega2_y, sc.omega2_z] for omega2 in (run.omega2_1, run.omega2_2)])
-    k_r = np.array([sc.omega2_theta, sc.omega2_eta, sc.omega2_phi])
+    a, t = run.authority, run.truth
+    given = [
+        t.alpha_x_1 * a.F_max_1 + t.alpha_phi_1 * a.N_max_1,
+        t.alpha_x_2 * a.F_max_2 + t.alpha_phi_2 * a.N_max_2,
+    ]
+    k_r = np.array(
+        [[sc.omega2_theta, sc.omega2_eta + sc.eta_per_x * k, sc.omega2_phi + sc.phi_per_x * k] for k in given]
+    )
 
     def rate(y, f_1, f_2, es, asked, g, gamma, noise):
         # s, v, tilt, w of both test masses; attitude, Omega; thrusts

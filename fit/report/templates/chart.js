@@ -94,7 +94,7 @@ class Chart {
       size: side ? (u, texts) => 16 + 6.4 * Math.max(3, ...(texts ?? []).map(t => t?.length ?? 0)) : !panel.last ? 12 : axis.dates ? 40 : 28,
     };
     if (panel.last || side) Object.assign(made, { label: title(axis), labelFont: FONT, labelSize: 18, labelGap: 2 });
-    if (axis.dates) return made;
+    if (axis.dates) return panel.last ? made : { ...made, values: (u, places) => places.map(() => null) };
     const extent = u => (side ? u.bbox.height : u.bbox.width) / sharp;
     made.splits = (u, k, low, high) => axis.log ? decades(low, high) : rounds(low, high, extent(u) / (side ? 32 : this.beside > 1 ? 35 : 75));
     made.values = (u, places) => panel.last || side ? labels(axis, places, extent(u)) : places.map(() => null);

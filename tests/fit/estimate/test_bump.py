@@ -177,6 +177,19 @@ def test_test_masses_that_move_apart_slowly_do_no_harm():
     assert told.parameters["b_3"].sigma < 0.06 * TRUTH["b_3"]
 
 
+def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
+    """A gain of each experiment's own and one for all are told apart by the width that the data gave."""
+    runs, _, plain = noisy
+    outcome = fit_joint(runs, settings({"scatter": ["lambda_2"]}))
+    found = cross_talk(outcome, runs, SHARING)
+    for epoch, fit in plain.items():
+        assert found[epoch].parameters.keys() == fit.parameters.keys()
+        for name, e in fit.parameters.items():
+            other = found[epoch].parameters[name]
+            assert abs(other.value - e.value) < 0.3 * e.sigma
+            assert other.sigma == pytest.approx(e.sigma, rel=0.1)
+
+
 def test_read_outs_that_part_by_more_than_noise_free_nothing():
     # test mass 2 wanders along y by itself: its read-out tells another motion
     runs = pair(Motion(), LATE)

@@ -23,6 +23,7 @@ from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import along_x_plant, whole_loops, whole_plant, world_of
 from tests import ROOT
 from tests.fit.estimate.test_joint import recorded
+from tests.lpfcosim.plant import drives
 from tests.lpfcosim.worlds import whole_spectra
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
@@ -213,7 +214,7 @@ def test_noise_along_x_against_the_loop_gain(make_run):
 
 def test_noise_of_the_whole_spacecraft_against_its_transfer(make_run):
     run = make_run(noise=Noise(oms=35e-15, grs=1.8e-9, thruster=0.15e-6, torque=1e-12), spacecraft=CRAFT)
-    psd = planning.drive_psd(run, F)
+    psd = drives.psd(run, F)
     told = whole_spectra.spectra(run, F, {name: psd[name] for name in psd if name in whole_loops.INPUTS})
     names = ("o_1", "o_12", "f_x_2", "grs_y_1", "N_phi_1")
     found = planning.cross_spectra(run, names, F)
@@ -223,7 +224,7 @@ def test_noise_of_the_whole_spacecraft_against_its_transfer(make_run):
 
 def test_levels_of_the_noise(make_run):
     levels = Noise(oms=35e-15, thruster=1e-7, plateau=5e-15, tail=1.3, f_x_1_jitter=1e-14)
-    psd = planning.drive_psd(make_run(noise=levels), f := np.array([1e-3, 1e-2]))
+    psd = drives.psd(make_run(noise=levels), f := np.array([1e-3, 1e-2]))
     assert psd["n_12"] == pytest.approx(35e-15**2)
     assert 2 * psd["g_1"] == pytest.approx(5e-15**2 + (1.3 * 60e-15 * 20e-6 / f) ** 2, rel=1e-3)
     assert psd["f_x_1"] == pytest.approx((1e-14 * 1e-3 / f) ** 2, rel=0.02)

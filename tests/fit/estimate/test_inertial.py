@@ -354,6 +354,15 @@ def test_one_folder_of_calibration_and_inertial_runs():
         calibrate([*runs, second])
 
 
+def test_lengths_that_compensate_the_lever_arm_leave_the_angles_where_they_are():
+    """As in flight, where b_1 and b_2 leave little of it above 10 mHz."""
+    plain = World()
+    arms = {"b_1": plain.b_1 - 0.376 * plain.phi.delta, "b_2": plain.b_2 + 0.376 * plain.eta.delta}
+    there, here = (fitted(run(world, duration=DAY / 2)[0]) for world in (plain, replace(plain, **arms)))
+    for name, estimate in there.parameters.items():
+        assert here.parameters[name].value == pytest.approx(estimate.value, abs=0.05 * estimate.sigma)
+
+
 @pytest.fixture
 def files(tmp_path, quiet_day):
     from fit import results

@@ -12,7 +12,7 @@ from fit.estimate import irls
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import NoiseModel, derivatives, spectra
-from fit.weighing import linear
+from fit.weighing import linear, single_tone
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 NAMES = ["lambda_2", "C_2", "omega2_2", "domega2_12", "delta_ifo"]
@@ -114,12 +114,17 @@ def test_blind_directions_are_what_the_data_do_not_see(A):
 
 def test_single_tone():
     f = np.arange(1, 2000) / 20000
-    noise = np.full(f.size, 2.0)
-    assert linear.single_tone(f, noise) == 0
-    one = noise + 1e5 * np.exp(-0.5 * ((f - 3.3e-3) / 1e-4) ** 2)
-    assert linear.single_tone(f, one) == pytest.approx(3.3e-3)
-    two = one + 1e4 * np.exp(-0.5 * ((f - 13.3e-3) / 1e-4) ** 2)
-    assert linear.single_tone(f, two) is None
+    noise = np.full((f.size, 2), 2.0)
+
+    def at(tone, gain, stiffness):
+        return np.exp(-0.5 * ((f - tone) / 1e-4) ** 2)[:, None] * [gain, stiffness]
+
+    assert single_tone(f, noise) == 0
+    one = noise + at(3.3e-3, 1e5, 1e4)
+    assert single_tone(f, one) == pytest.approx(3.3e-3)
+    assert single_tone(f, one + at(13.3e-3, 1e4, 0)) is None
+    # a weak motion beside a strong force tells the stiffness
+    assert single_tone(f, noise + at(38e-3, 1e6, 10) + at(0.6e-3, 1e3, 1e4)) is None
 
 
 def test_recovers_truth_far_from_where_it_starts():

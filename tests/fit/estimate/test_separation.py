@@ -21,7 +21,7 @@ MISALIGNED = fit({"delta_phi": -4e-4, "delta_eta": -1e-4}, [2e-5, 4e-6], 0.3)
 
 def test_by_hand():
     sums = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_2": -0.9e-5 + 0.376 * 1e-4, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9])
-    found = bump.separate(sums, MISALIGNED, "3")
+    found = bump.separate(sums, MISALIGNED, "3", 0.376)
     assert found.parameters["b_1"].value == pytest.approx(1.2e-5)
     assert found.parameters["b_2"].value == pytest.approx(-0.9e-5)
     assert found.parameters["b_5"] == sums.parameters["b_5"]
@@ -32,14 +32,14 @@ def test_by_hand():
 
 
 def test_what_was_not_determined_stays_away():
-    found = bump.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1")
+    found = bump.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376)
     assert set(found.parameters) == {"b_1", "b_3"}
 
 
 def test_the_sums_are_called_sums():
     sums = bump.joined(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
     assert [w.code for w in sums.warnings] == [bump.JOINED]
-    found = bump.separate(sums, MISALIGNED, "1")
+    found = bump.separate(sums, MISALIGNED, "1", 0.376)
     assert [w.code for w in found.warnings] == [bump.SEPARATED]
 
 
@@ -50,14 +50,16 @@ def test_what_subtracts_best_is_kept_apart_from_the_couplings():
     joined = Results(None, {}, {"1": couplings}, {"3": MISALIGNED}, provenance)
     assert bump.subtracting(joined, "1") == bump.beside_euler(joined, "1") == best
     assert bump.subtracting(joined, "2") == bump.beside_euler(joined, "2") == {}
-    apart = Results(None, {}, {"1": bump.separate(couplings, MISALIGNED, "3")}, {"3": MISALIGNED}, provenance)
+    apart = Results(
+        None, {}, {"1": bump.separate(couplings, MISALIGNED, "3", 0.376)}, {"3": MISALIGNED}, provenance
+    )
     assert bump.subtracting(apart, "1") == best
     assert bump.beside_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
 
 
 def test_results_of_before_have_one_set_of_coefficients():
     couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
-    separated = bump.separate(couplings, MISALIGNED, "3")
+    separated = bump.separate(couplings, MISALIGNED, "3", 0.376)
     provenance = Provenance(cross_talk_periods={"1": "3"})
     earlier = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
     assert bump.subtracting(earlier, "1") == pytest.approx(couplings.values)

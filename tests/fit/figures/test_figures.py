@@ -138,13 +138,26 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     told = masked([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert told == [(100.0, 112.0), (900.0, 907.0)]
     chart = figures_runs.residual(gone, figures_runs.analysed(gone, TRUTH), told)
-    shades = [mark for mark in chart.panels[0].marks if isinstance(mark, Span)]
+    shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
-    assert not any(isinstance(mark, Span) for mark in charts["residual"].panels[0].marks)
-    slow = curves(chart)["averaged over 200 s"]
+    assert not any(isinstance(mark, Span) for mark in charts["residual"].panels[1].marks)
+    slow = curves(chart)["residual averaged over 200 s"]
     inside = (slow.x > 4060 / 3600) & (slow.x < 4140 / 3600)
     assert np.isnan(slow.y[inside]).all()
+
+
+def test_the_signal_dwarfs_the_residual_which_magnified_is_the_noise(charts):
+    above, below = charts["residual"].panels
+    signal, own = above.lines
+    assert (above.y.unit, below.y.unit) == ("pm s⁻²", "fm s⁻²")
+    assert np.nanmax(np.abs(signal.y)) > 50 * np.nanmax(np.abs(own.y))
+    found = curves(charts["residual"])
+    noise, residual = (found[f"{name} averaged over 200 s"] for name in ("noise run", "residual"))
+    assert np.nanstd(residual.y) == pytest.approx(np.nanstd(noise.y), rel=0.3)
+    assert noise.x[-1] <= below.across[1]
+    units = np.array(charts["residual"].columns["unit"])
+    assert set(units[: above.lines[0].x.size]) == {"pm s⁻²"}
 
 
 def test_a_warning_holds_where_it_masked(runs):

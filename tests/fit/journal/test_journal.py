@@ -11,9 +11,9 @@ import pytest
 
 from fit import journal
 from fit.estimate import SCORES
-from fit.figures import Chart, Curve, Panel, mission
+from fit.figures import Chart, Curve, Panel, gain, mission
 from fit.figures.charts import TIME
-from fit.figures.mission import GainPoint
+from fit.figures.gain import GainPoint
 from fit.report.experiments import drawings
 from fit.results import Diagnostics, Estimate, Fit
 from tests.oracles.synthetic import World, of_run, pair
@@ -69,8 +69,9 @@ def test_matplotlib_draws_every_curve_where_it_is(charts):
 
 def test_dates_error_bars_and_grids():
     when = np.array(["2016-04-16T12", "2016-07-01T00"], dtype="datetime64[s]")
-    points = [GainPoint(n, t, Estimate(1.0776, 1e-4, "1"), n == "B") for n, t in zip("AB", when, strict=True)]
-    (ax,) = journal.drawn(mission.gain_evolution(points, Estimate(1.0775, 1e-5, "1"))).figure.axes
+    estimate = Estimate(1.0776, 1e-4, "1")
+    points = [GainPoint(n, t, 5e-11, estimate, n == "B") for n, t in zip("AB", when, strict=True)]
+    (ax,) = journal.drawn(gain.gain_evolution(points, Estimate(1.0775, 1e-5, "1"))).figure.axes
     bars = [segment for c in ax.collections for segment in getattr(c, "get_segments", list)()]
     assert [bar[:, 0].tolist() for bar in bars] == [[16907.5] * 2, [16983.0] * 2]  # days since 1970
     assert bars[0][:, 1] == pytest.approx([1.0775, 1.0777])

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from fit import journal
 from fit.estimate.pulls import with_truth
-from fit.figures import COLOURS, mission, runs
+from fit.figures import COLOURS, runs, stiffness
 from fit.paper import FLIGHT, joint_names
 from fit.report.page import drawings, write_report
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.results import Estimate, Fit, Provenance, Results, Stiffness
 from fit.tables import parameters as tables
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning
@@ -170,8 +170,8 @@ def test_the_whole_report(tmp_path, campaign):
     assert "2 experiments, 2 noise runs; 4 h at 1 Hz, 2016-04-16" in page.text
     assert "0 and 1100 pN" in page.text
     assert "fit_version" in page.text
-    assert page.tags.count("figure") == 11
-    stems = ["correlation", "gain", "stiffness"]
+    assert page.tags.count("figure") == 14
+    stems = ["correlation", "gain", "gain-authority", "leakage", "stiffness-1", "stiffness-2"]
     for experiment in ("1{}-A1", "2{}-B2"):
         for letter, what in {"r": "responses", "s": "spectra", "b": "breakdown", "t": "residual"}.items():
             stems.append(f"e{experiment.format(letter)}-{what}")
@@ -344,18 +344,36 @@ def test_an_envelope_leaves_a_gap_open():
 def test_the_reconstructed_stiffness_carries_the_covariance():
     joint = make_fit({"alpha_phi_2": -27.4e3, "C_2": 0.186, "omega2_2_0": -4.19e-7, "alpha_x_2": -317.0})
     joint.covariance[0, 2] = joint.covariance[2, 0] = -0.5 * 800 * 4e-9
-    value, sigma = mission.reconstruction(joint, 2200e-12, 10.4e-12)
+    value, sigma = stiffness.reconstruction(joint, 2, 2200e-12, 10.4e-12)
     assert value == pytest.approx(-1.40136e-6, rel=1e-12)
     background, force, torque = 4e-9, 6 * 2200e-12, 800 * 10.4e-12
     assert sigma == pytest.approx(math.sqrt(background**2 + force**2 + torque**2 - background * torque))
-    assert mission.reconstruction(make_fit({"C_2": 0.186}), 0.0, 0.0) is None
-    assert mission.reconstruction(None, 0.0, 0.0) is None
+    assert stiffness.reconstruction(make_fit({"C_2": 0.186}), 2, 0.0, 0.0) is None
+    assert stiffness.reconstruction(None, 2, 0.0, 0.0) is None
+
+
+def test_a_sum_is_drawn_where_its_parts_are_lost():
+    line = {F: -7e-7 - 317.0 * F for F in (1e-10, 1e-9, 2e-9)}
+    points = [stiffness.StiffnessPoint("", 2, F, 1e-11, Estimate(y, 1e-8, "s-2")) for F, y in line.items()]
+    known = tuple(Stiffness(2, F, 1e-11, y, 3e-9) for F, y in line.items())
+    joint = replace(make_fit({"C_2": 0.186}), stiffness=known)
+    above, below = stiffness.against_authority(points, joint).panels
+    (curve,) = (mark for mark in above.marks if getattr(mark, "name", "") == "10 pN m")
+    assert curve.y == pytest.approx([-7.0, -7.0 - 3.17 * 2.12])
+    assert any(getattr(mark, "name", "") == "pull" for mark in below.marks)
+    # the other test mass: nothing of its own varies
+    other = [stiffness.StiffnessPoint("", 1, 0.0, 1e-11, Estimate(-7e-7, 1e-8, "s-2"), other=F) for F in line]
+    joint = replace(joint, stiffness=(Stiffness(1, 0.0, 1e-11, -7e-7, 3e-9),))
+    above, _ = stiffness.against_authority(other, joint).panels
+    assert above.x.head == "F_max_2 [pN]"
+    (curve,) = (mark for mark in above.marks if getattr(mark, "name", "") == "10 pN m")
+    assert curve.y == pytest.approx([-7.0, -7.0])
 
 
 def test_drawing_leaves_no_trace_in_matplotlib():
     before = dict(mpl.rcParams)
-    points = [mission.StiffnessPoint("A", F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
-    plot = journal.drawn(mission.stiffness_against_authority(points, None))
+    points = [stiffness.StiffnessPoint("A", 2, F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
+    plot = journal.drawn(stiffness.against_authority(points, None))
     assert journal.svg(plot).startswith("<?xml")
     assert dict(mpl.rcParams) == before
     code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"

@@ -9,8 +9,9 @@ import pytest
 
 from fit.estimate.residuals import SCORES
 from fit.figures import Points
-from fit.figures import mission as figures_mission
-from fit.figures.mission import StiffnessPoint, stiffness_pull
+from fit.figures import gain as figures_gain
+from fit.figures import stiffness as figures_stiffness
+from fit.figures.stiffness import StiffnessPoint, stiffness_pull
 from fit.paper import FLIGHT, joint_names
 from fit.report import charts
 from fit.report import together as report_mission
@@ -39,8 +40,8 @@ def joint(change=None, finer=0.5, **options):
 
 def experiment(lambda_2, F, N, diagnostics=None, warnings=()):
     omega2_2 = -4.19e-7 - 317.0 * F - 27.4e3 * N + 1e-9
-    values = {"lambda_2": lambda_2, "omega2_2": omega2_2}
-    return fit(values, [5e-5, 3e-9], diagnostics=diagnostics, warnings=warnings)
+    values = {"lambda_2": lambda_2, "omega2_2": omega2_2, "domega2_12": 2e-8, "delta_ifo": -2.2e-5}
+    return fit(values, [5e-5, 3e-9, 4e-9, 3e-7], diagnostics=diagnostics, warnings=warnings)
 
 
 def quiet(**changes):
@@ -79,9 +80,17 @@ def cells(grid):
 def test_every_section_is_there(mission):
     results, runs = mission
     found = sections(results, runs)
-    assert list(found) == ["gain", "stiffness", "prediction", "paper", "residuals", "correlation"]
+    assert list(found) == ["gain", "stiffness", "prediction", "leakage", "paper", "residuals", "correlation"]
     names = {drawing.name for part in found.values() for drawing in part.drawings}
-    assert names == {"correlation", "gain", "stiffness", "quantiles"}
+    assert names == {
+        "correlation",
+        "gain",
+        "gain-authority",
+        "stiffness-2",
+        "stiffness-1",
+        "leakage",
+        "quantiles",
+    }
 
 
 @pytest.mark.slow
@@ -161,10 +170,24 @@ def test_stationarity(mission):
 
 def test_gains_of_the_same_date_stand_side_by_side(mission):
     estimate = Estimate(1.0776, 1e-4, "1")
-    points = [figures_mission.GainPoint(n, np.datetime64("2016-04-16"), estimate, False) for n in "ABC"]
-    (panel,) = figures_mission.gain_evolution(points, None).panels
+    points = [figures_gain.GainPoint(n, np.datetime64("2016-04-16"), 5e-11, estimate, False) for n in "ABC"]
+    (panel,) = figures_gain.gain_evolution(points, None).panels
     assert panel.x.title == "experiment"
-    assert panel.lines[0].x.tolist() == [1, 2, 3]
+    assert panel.lines[-1].x.tolist() == [1, 2, 3]
+    (panel,) = figures_gain.gain_against_authority(points, None).panels
+    assert np.diff(panel.lines[-1].x).min() > 0
+    assert np.mean(panel.lines[-1].x) == pytest.approx(50)
+
+
+def test_the_mean_of_the_gains_says_how_they_scatter():
+    when = np.array(["2016-04-16", "2016-05-16", "2016-06-16"], dtype="datetime64[D]")
+    gains = [Estimate(1.07 + 0.01 * k, 0.01, "1") for k in range(3)]
+    points = [figures_gain.GainPoint(n, t, 0.0, e, False) for n, t, e in zip("ABC", when, gains, strict=True)]
+    (panel,) = figures_gain.gain_evolution(points, Estimate(1.0776, 1e-4, "1")).panels
+    mean, joint = panel.lines[:2]
+    assert mean.label == "their mean (χ²/ν = 1)"  # (1 + 0 + 1) / 2
+    assert mean.y.tolist() == pytest.approx([1.08, 1.08])
+    assert joint.y.tolist() == [1.0776, 1.0776]
 
 
 def test_stiffness_table_and_pulls(mission):
@@ -194,12 +217,12 @@ def test_pulls_of_the_stiffness_model_are_normal():
         parameters = {n: Estimate(v, 1.0, "") for n, v in zip(names, found, strict=True)}
         model = Fit(parameters, covariance, 1.0, 1, True, ())
         points = [
-            StiffnessPoint("", f, n, Estimate(m, s, "s-2"))
+            StiffnessPoint("", 2, f, n, Estimate(m, s, "s-2"))
             for f, n, m, s in zip(F, N, measured, sigma, strict=True)
         ]
         pulls += [stiffness_pull(point, model) for point in points]
         other = StiffnessPoint(
-            "", F[0], N[0], Estimate(design[0] @ truth + 4e-9 * rng.standard_normal(), 4e-9, "s-2"), False
+            "", 2, F[0], N[0], Estimate(design[0] @ truth + 4e-9 * rng.standard_normal(), 4e-9, "s-2"), False
         )
         apart.append(stiffness_pull(other, model))
     assert np.std(pulls) == pytest.approx(1, rel=0.06)
@@ -207,7 +230,7 @@ def test_pulls_of_the_stiffness_model_are_normal():
 
 
 def test_a_pull_needs_a_model_that_is_known_better():
-    point = StiffnessPoint("", 0.0, 0.0, Estimate(-4e-7, 1e-12, "s-2"))
+    point = StiffnessPoint("", 2, 0.0, 0.0, Estimate(-4e-7, 1e-12, "s-2"))
     assert stiffness_pull(point, joint()) is None
     assert stiffness_pull(point, None) is None
 
@@ -241,13 +264,50 @@ def test_nothing_to_say():
 
 def test_the_pulls_stand_side_by_side_over_their_authority(mission):
     results, _ = mission
-    points = [StiffnessPoint(n, 1.1e-9, 1e-12, Estimate(-8e-7, 9e-9, "s-2")) for n in "AB"]
-    above, below = figures_mission.stiffness_against_authority(points, results.joint).panels
+    points = [StiffnessPoint(n, 2, 1.1e-9, 1e-12, Estimate(-8e-7, 9e-9, "s-2")) for n in "AB"]
+    above, below = figures_stiffness.against_authority(points, results.joint).panels
     (stems,) = (line for line in below.lines if isinstance(line, Points))
     assert np.diff(stems.x) > 0
     assert np.mean(stems.x) == pytest.approx(1100)
-    model = figures_mission.reconstruction(results.joint, 1.1e-9, 1e-12)
+    model = figures_stiffness.reconstruction(results.joint, 2, 1.1e-9, 1e-12)
     assert stems.y == pytest.approx([stiffness_pull(points[0], results.joint)] * 2)
     squares = next(line for line in above.lines if line.label == "joint fit")
     assert squares.y == pytest.approx([1e7 * model[0]] * 2)
     assert squares.high - squares.low == pytest.approx([2e7 * model[1]] * 2)
+
+
+def test_the_stiffness_of_test_mass_1_is_the_difference(mission):
+    results, runs = mission
+    points = report_mission.report_stiffness.stiffness_points(results, runs, 1)
+    for run in runs:
+        point = points[run.experiment]
+        of_2 = results.experiments[run.experiment].parameters["omega2_2"].value
+        assert (point.F_max, point.N_max) == (run.F_max_1, run.N_max_1)
+        assert point.omega2.value == pytest.approx(of_2 - 2e-8)
+        assert point.omega2.sigma == pytest.approx(5e-9)  # of 3e-9 and 4e-9, no correlation
+
+
+def test_where_one_authority_alone_varies_a_line_through_the_experiments_is_the_model():
+    F = 1e-12 * np.array([50.0, 1100.0, 2200.0, 800.0])
+    N = 1e-12 * np.array([10.4, 10.4, 10.4, 1.0])
+    points = [
+        StiffnessPoint(f"{f}", 2, f, n, Estimate(-7e-7 - 317 * f, 1e-9, "s-2"))
+        for f, n in zip(F, N, strict=True)
+    ]
+    (panel,) = figures_stiffness.against_authority(points, None).panels
+    (line,) = (line for line in panel.lines if line.name == "10.4 pN m")
+    assert line.y == pytest.approx([-7.0, -7.0 - 1e7 * 317 * 1e-12 * line.x[1]])
+
+
+def test_the_leakage_stands_beside_the_design(mission):
+    results, runs = mission
+    (picture,) = sections(results, runs)["leakage"].drawings
+    (panel,) = picture.draw().panels
+    rms = next(mark for mark in panel.marks if getattr(mark, "label", "") == "design, rms")
+    assert (rms.low, rms.high) == pytest.approx((-6.3, 6.3))
+    found = {line.label: line for line in panel.lines}
+    assert found["joint fit"].y == pytest.approx([-2.2, -1.4])
+    assert found["flight"].y == pytest.approx([-2.2, -1.4])
+    assert found["each experiment alone"].y == pytest.approx([-2.2] * 4)
+    assert found["each experiment alone"].names == ["A", "B", "C", "D"]
+    assert panel.up[0] < -17 < 17 < panel.up[1]

@@ -9,8 +9,10 @@ from fit import results as fit_results
 from fit.estimate import bump
 from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
+from fit.report import noise as report_noise
 from fit.report import page as report
 from fit.report.motion import parts
+from fit.report.noise import Products
 from fit.results import Estimate, Fit
 from fit.telemetry.reader import read_all
 from tests.oracles import rotation_synthetic as synthetic
@@ -41,15 +43,39 @@ def test_page_shows_the_period_with_figures(found, tmp_path):
 
 def test_correction_quietens_what_rotation_made(found):
     results, telemetries = found
-    (section,) = [p for p in parts(results, telemetries) if p.anchor == "p3"]
+    (section,) = [p for p in parts(results, telemetries, Products(results)) if p.anchor == "p3"]
     assert [row.name for row in section.table.rows] == ["delta_phi", "delta_eta"]
     assert section.table.rows[0].flight.value == "−3.9"  # table Eulerfit, 1e-4 rad
     ratio = float(section.drawings[0].caption.split("a factor of ")[1].split()[0])
     assert 1.2 < ratio < 4
 
 
+def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
+    results, telemetries = found
+    products = Products(results)
+    parts(results, telemetries, products)
+    monkeypatch.setattr(report_noise.deltag, "delta_g", None)  # nothing is calibrated twice
+    (section,) = report_noise.parts(results, telemetries, products)
+    assert [drawing.name for drawing in section.drawings] == [
+        "noise-spectra",
+        "noise-date",
+        "noise-authority",
+    ]
+    *runs, asked = section.grids[0].lines
+    assert [str(line.head) for line in runs] == [t.run for t in telemetries]
+    assert asked.cells[2:] == ("5.30", "6.84")  # sqrt 2 * 3 fm with both slopes, over the bands
+    for line in runs:
+        plain, low = (float(cell.value) for cell in line.cells[2:])
+        assert 1 < plain < low  # a plateau, and a tail that rises to low frequencies
+
+
+def test_a_calibration_without_a_joint_fit_has_no_levels(found):
+    nothing = fit_results.Results(None, {}, {}, {}, fit_results.Provenance())
+    assert report_noise.parts(nothing, found[1], Products(nothing)) == []
+
+
 def test_without_telemetry_the_table_remains(found):
-    (section,) = [p for p in parts(found[0], []) if p.anchor == "p3"]
+    (section,) = [p for p in parts(found[0], [], Products(found[0])) if p.anchor == "p3"]
     assert section.drawings == ()
 
 
@@ -66,7 +92,7 @@ def test_cross_talk_has_a_section(found, tmp_path):
     values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
     cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
     results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
-    (section,) = parts(results, [])
+    (section,) = parts(results, [], Products(results))
     assert section.title == "Cross-talk, alignment epoch 2"
     assert len(section.table.rows) == 6
     assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()
@@ -78,6 +104,6 @@ def test_what_was_separated_is_put_back_for_the_correction(found):
         {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
         np.eye(2) * 1e-14, 1.0, 1, True, (),
     )  # fmt: skip
-    apart = bump.separate(sums, inertial, "3")
-    back = bump.sums({name: e.value for name, e in apart.parameters.items()}, inertial)
+    apart = bump.separate(sums, inertial, "3", 0.376)
+    back = bump.sums({name: e.value for name, e in apart.parameters.items()}, inertial.values, 0.376)
     assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+import fit
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.telemetry.conversion import convert
@@ -132,6 +133,14 @@ def test_every_format_gives_the_telemetry_of_the_contract(archive, contract, tmp
         for name in UNITS:
             np.testing.assert_array_equal(run.channels[name], other.channels[name])
     assert {file.name for file in tmp_path.iterdir()} == {"telemetry"}
+
+
+def test_the_frame_of_an_archive(archive, tmp_path):
+    path = archive("csv")
+    assert {run.x_axis for run in fit.load(path, tmp_path / "before")} == {"towards test mass 2"}
+    text = path.read_text().replace("[attributes]", '[attributes]\nx_axis = "towards test mass 1"')
+    path.write_text(text)
+    assert {run.x_axis for run in fit.load(path, tmp_path / "after")} == {"towards test mass 1"}
 
 
 def test_the_fit_does_not_see_the_format(archive, contract, tmp_path):
@@ -305,6 +314,10 @@ FAULTS = {
     "unknown attribute": (in_map("m_tm", "mass"), r"map\.toml: attributes\.mass: not known"),
     "unknown attribute of a run": (in_map("kind", "art"), r"map\.toml: runs\[0\]\.art: not known"),
     "no attribute": (in_map("m_tm.*\n", ""), r"map\.toml: runs\[0\]: attribute m_tm: missing"),
+    "wrong frame": (
+        in_map("m_tm", 'x_axis = "sideways"\nm_tm'),
+        r"map\.toml: runs\[0\]: attribute x_axis: 'sideways' .* towards test mass 2, towards test mass 1",
+    ),
     "wrong kind": (in_map('"noise"', '"quiet"'), r"map\.toml: runs\[1\]: attribute kind: 'quiet'"),
     "attribute in another unit": (
         in_map("F_max_1 = .*", 'F_max_1 = "2200 nm"'),

@@ -127,6 +127,26 @@ ATTRIBUTE_FAULTS = [
 ]
 
 
+def test_the_frame_is_the_one_stated_or_the_one_meant(file):
+    assert read(file).x_axis == "towards test mass 2"
+    for stated in ("towards test mass 1", np.bytes_("towards test mass 2")):
+        with h5py.File(file, "a") as h5:
+            h5.attrs["x_axis"] = stated
+        told = read(file)
+        assert (
+            told.x_axis == told.root["x_axis"] == (stated.decode() if isinstance(stated, bytes) else stated)
+        )
+
+
+@pytest.mark.parametrize("value", ["towards test mass 3", "", 1, np.array([1.0, 2.0])])
+def test_a_frame_that_is_none(file, value):
+    with h5py.File(file, "a") as h5:
+        h5.attrs["x_axis"] = value
+    message = refusal(file)
+    assert "attribute x_axis: " in message
+    assert "expected one of towards test mass 2, towards test mass 1" in message
+
+
 @pytest.mark.parametrize(("name", "value", "expected"), ATTRIBUTE_FAULTS)
 def test_faults_of_root_attributes(file, name, value, expected):
     with h5py.File(file, "a") as h5:

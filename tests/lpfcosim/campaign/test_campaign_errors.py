@@ -18,7 +18,7 @@ def file(tmp_path):
 
 TONE = 'frequency = "1 mHz"'
 BAD = [  # what to replace, by what, and what the sentence then begins with
-    ("seed = 1", "seed = 1\nsede = 2", 'sede: unknown key, did you mean "seed"? (known: authority,'),
+    ("seed = 1", "seed = 1\nsede = 2", 'sede: unknown key, did you mean "seed"? (known: actuation,'),
     (TONE, 'frequence = "1 mHz"', 'sequences.tone[0].frequence: unknown key, did you mean "freq'),
     (TONE + ", ", "", 'sequences.tone[0].frequency: missing, write frequency = "0.833 mHz"'),
     ("[[experiments]]", "[[experiment]]", 'experiment: unknown key, did you mean "experiments"?'),
@@ -51,6 +51,10 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
     ('end = "20 s"', 'end = "5 s"', "experiments[1].injections[0].end: 5 s is not after the start"),
     ("cycles = 2,", "cycles = 4,", 'sequences.tone[0]: ends at 4060 s, past the end of experiment "first"'),
     ('end = "20 s"', 'end = "3 h"', "experiments[1].injections[0]: ends at 10800 s, past the end of"),
+    ("[truth]", "[truth]\nlambda_drift_2 = 1e-4", "truth.lambda_drift_2: 0.0001 has no unit, write a string"),
+    ("[truth]", "[truth]\nlambda_bend_2 = 0.2", "truth.lambda_bend_2: 0.2 is too large, expected"),
+    ("[truth]", '[actuation]\nelectrode = "2e-6 Hz"\n[truth]', 'actuation.electrode: "2e-6 Hz" is not a rel'),
+    ('"2200 pN"', '"80 nN"', "authority.A: F_max_1 and N_max_1 together ask 4.047e+04 pN of an elec"),
     ('authority = "A"', 'authority = "B"', 'experiments[0].authority: no authority set "B"'),
     ('["tone"]', '["tome"]', 'experiments[0].sequences[0]: no sequence "tome", did you mean "tone"?'),
     ('"second"', '"first"', 'experiments[1].name: there would be two runs named "first"'),

@@ -13,7 +13,8 @@ from lpfcosim.cli.console import Console
 from tests.campaign_text import ONE_EXPERIMENT
 
 GROUPS = {
-    (): "new check run fit report figures deltag forecast montecarlo mcmc margins reproduce trust schema fmu",
+    (): "new check run fit report figures deltag montecarlo mcmc margins reproduce trust schema "
+    "forecast design fmu",
     ("fmu",): "build list validate export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]

@@ -52,6 +52,14 @@ def test_pulls_of_a_known_distribution():
     assert pulls.summary(drawn[:1]) == {}
 
 
+def test_noise_that_drifts_takes_fmus(small, lpfcosim):
+    small.write_text(f"{SMALL}[events]\nnoise_drift = 0.1\n", encoding="utf-8")
+    status, _, error = lpfcosim("montecarlo", small, "-n", 2)
+    assert status == 2
+    assert "events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus" in error
+    assert error.count("\n") == 1
+
+
 def test_estimates_are_those_with_a_truth():
     known, unknown = Estimate(1.1, 0.1, "1", 1.0, 1.0), Estimate(1.1, 0.1, "1")
     fit = Fit({"lambda_2": known, "C_2": unknown}, np.eye(2) * 0.01, 1.0, 1, True, ())
@@ -148,3 +156,12 @@ def test_a_command_at_its_limit_is_told(small, lpfcosim):
     assert status == 1
     assert "f_x_2 reaches its limit" in error
     assert "there are no pulls" in error
+
+
+def test_gains_that_change_within_a_run_want_fmus(small, lpfcosim):
+    small.write_text(SMALL + "[truth]\nlambda_bend_2 = 1e-4\n", encoding="utf-8")
+    status, _, error = lpfcosim("montecarlo", small, "-n", 2, "--out", "o")
+    assert (status, error.count("\n")) == (2, 1)
+    assert "small.toml: truth.lambda_bend_2: the loop behind the spectra keeps its gains; expected" in error
+    for command in ("forecast", "check"):
+        assert "truth.lambda_bend_2: the forecast leaves out gains" in lpfcosim(command, small)[2]

@@ -74,7 +74,7 @@ def test_an_fmu_that_refuses_to_step_says_why(make_run, capfd, fmi, engine):
 def test_a_full_disk_is_not_the_fault_of_the_archive(tmp_path, monkeypatch):
     archive = build.build([MODEL])[MODEL]
 
-    def full(*_):
+    def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(fmpy, "extract", full)

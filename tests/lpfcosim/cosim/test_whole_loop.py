@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.modelica import build
+from lpfcosim.spacecraft import EIGHT_NOZZLES
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import whole_plant, world_of
@@ -16,11 +17,12 @@ pytestmark = pytest.mark.fmu
 EVERYTHING = Spacecraft(
     delta_phi=-0.47e-3, delta_eta=-0.066e-3, b=(1.2e-5, -0.9e-5, 2.2e-5, -1.8e-5, 1e-7, -1e-7),
     Omega_DC=(1e-7, 4e-8, 2e-7), lambda_N=1.01, leak_phi_1=0.01, kappa_phi=1e-3, kappa_eta=-2e-3,
+    eta_per_x=0.19, phi_per_x=0.27, layout=EIGHT_NOZZLES,
 )  # fmt: skip
 NOISE = Noise(
     oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5, f_x_1_jitter=1e-14, dws=150e-12, grs=1.8e-9,
     grs_angle=120e-9, star_tracker_theta=0.6e-3, star_tracker_eta=0.6e-3, star_tracker_phi=0.13e-3,
-    thruster_torque=0.08e-6, lateral=1e-14, torque=1.5e-12,
+    lateral=1e-14, torque=1.5e-12,
 )  # fmt: skip
 
 

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from lpfcosim.errors import InputError
 from lpfcosim.network.wiring import Component, check_feedthrough, endpoint, in_order
+from lpfcosim.spacecraft.actuation import Actuation
+from lpfcosim.spacecraft.run import Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import along_x, drive, world_of
 
@@ -73,8 +75,9 @@ def test_signals_that_pass_each_other_in_two_components_are_no_loop():
 
 
 def test_every_variable_of_a_world_has_one_unit(make_run):
-    for run in (make_run(), make_run(spacecraft=Spacecraft())):
+    everything = {"truth": Truth(lambda_bend_2=1e-3), "actuation": Actuation(electrode=2e-6)}
+    for run in (make_run(**everything), make_run(**everything, spacecraft=Spacecraft())):
         world = world_of(run)
         values = world.parameters(run)
-        used = {n for c in world.components for n in (*c.inputs, *c.outputs, *values[c.model])}
+        used = {n for c in world.components_of(run) for n in (*c.inputs, *c.outputs, *values[c.model])}
         assert used == set(world.units)

@@ -11,6 +11,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft.run import Noise, Sine
 from lpfcosim.worlds import along_x_plant, drive, world_of
+from tests.lpfcosim.plant import drives
 
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 # m or m s^-2 or N: far from any limit, far above rounding
@@ -61,7 +62,7 @@ def test_the_drives_have_the_spectra_they_are_drawn_with(still):
         for name in DRIVES:
             f, S = signal.welch(drawn[name], fs=still.fs, nperseg=segment, detrend="linear")
             power[name].append(S)
-    expected = planning.drive_psd(replace(still, noise=levels), f[1:])
+    expected = drives.psd(replace(still, noise=levels), f[1:])
     edges = (0.005, 0.02, 0.1, 0.5, 1.0, 2.0, 4.9)
     for name in DRIVES:
         ratio = np.mean(power[name], axis=0)[1:] / expected[name.removesuffix("_jitter")]

@@ -1,17 +1,19 @@
 """The result of a calibration and its JSON form, schema ``lpf-results/1``."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field
 
 from fit.display import Displayed
 from fit.errors import InputError
 from fit.files import atomic, documents, place
+from fit.results.provenance import Provenance
+from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 
 SCHEMA = "lpf-results/1"
@@ -68,6 +70,17 @@ class Diagnostics:
     quantiles: Annotated[list[_Score], Field(min_length=QUANTILES, max_length=QUANTILES)]
 
 
+@dataclass(frozen=True)
+class Stiffness:
+    """omega2_j [s-2] of test mass j at an authority F_max_j [N], N_max_j [N m], and its sigma."""
+
+    j: int
+    F_max: float
+    N_max: float
+    value: float
+    sigma: float
+
+
 @dataclass(frozen=True, repr=False)
 class Fit(Displayed):
     """One fit.
@@ -90,6 +103,10 @@ class Fit(Displayed):
         Missing samples that were masked, where they were counted.
     diagnostics : Diagnostics, optional
         Of the residual of a single experiment.
+    centrifugal : Estimate, optional
+        Of an inertial period: coefficient of g_Omega as it comes out if left free; 1 expected.
+    stiffness : tuple of Stiffness
+        Of a joint fit: omega2_j at the authorities of its runs, also where the parts of that sum are lost.
     """
 
     parameters: dict[str, Estimate]
@@ -100,6 +117,8 @@ class Fit(Displayed):
     warnings: tuple[FitWarning, ...]
     masked_samples: int | None = None
     diagnostics: Diagnostics | None = None
+    centrifugal: Estimate | None = None
+    stiffness: tuple[Stiffness, ...] = ()
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter.
@@ -139,88 +158,6 @@ class Fit(Displayed):
         """The correlation matrix, shape (P, P), in the order of `parameters`."""
         sigma = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(sigma, sigma))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Provenance(Mapping[str, object]):
-    """How results came about; None where nothing is recorded.
-
-    Attributes
-    ----------
-    joint_runs : list of str
-        The sysid runs of the joint fit.
-    noise_runs : dict of str to str
-        By sysid run the noise run that weighs it.
-    f_max : float
-        End of the fitted band [Hz].
-    window : str
-        In words.
-    cross_talk_periods : dict of str to str
-        By alignment epoch the inertial period in which all its runs lie, if they lie in one.
-    subtraction : dict of str to dict
-        By alignment epoch the coefficients of eq. bump that subtract best, not those of `Results.cross_talk`.
-    settings : dict of str to object
-        What the user chose, see `fit.settings`.
-    scatter : dict of str to dict
-        By parameter ``value`` and ``sigma`` of the width by which it differs between experiments.
-    levels : list of str
-        Experiments whose noise levels were marginalised.
-    inertial_runs : dict of str to list of str
-        By inertial period the runs it was fitted to.
-    inertial_band : list of float
-        Ends of its band [Hz].
-    more : dict of str to object
-        What the command line adds (campaign, digests, seed), and what is not known; whatever JSON holds.
-    versions, telemetry : dict of str to str, list of str
-        Of the software; file names, relative to the folder of the results.
-    """
-
-    joint_runs: list[str] | None = None
-    noise_runs: dict[str, str] | None = None
-    f_max: float | None = None
-    window: str | None = None
-    cross_talk_periods: dict[str, str] | None = None
-    subtraction: dict[str, dict[str, float]] | None = None
-    settings: dict[str, object] | None = None
-    scatter: dict[str, dict[str, float]] | None = None
-    levels: list[str] | None = None
-    inertial_runs: dict[str, list[str]] | None = None
-    inertial_band: list[float] | None = None
-    more: dict[str, object] = field(default_factory=dict)
-    versions: dict[str, str] | None = None
-    telemetry: list[str] | None = None
-
-    @classmethod
-    def of(cls, said: Mapping[str, object]) -> "Provenance":
-        """Return what JSON says; an entry that is not of its kind is kept, but not understood."""
-        known: dict[str, Any] = {}
-        more: dict[str, object] = {}
-        for name, value in said.items():
-            try:
-                known[name] = _KINDS[name].validate_python(value, strict=True)
-            except (KeyError, ValidationError):
-                more[name] = value
-        return cls(**known, more=more)
-
-    def entries(self) -> dict[str, object]:
-        """Return everything as JSON has it."""
-        found: dict[str, object] = {}
-        for name, value in vars(self).items():
-            found |= self.more if name == "more" else {} if value is None else {name: value}
-        return found
-
-    def __getitem__(self, name: str) -> object:
-        """Return an entry as JSON has it."""
-        return self.entries()[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.entries())
-
-    def __len__(self) -> int:
-        return len(self.entries())
-
-
-_KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "more"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -275,6 +212,22 @@ def sound_joint(results: Results, where: str = "the results") -> Fit:
     return joint
 
 
+def check_frame(results: Results, run: Telemetry) -> None:
+    """See that a run is in the frame of what a calibration knows beyond the dynamics along x.
+
+    Raises
+    ------
+    InputError
+        If the signs of its cross-talk or misalignments would be others there.
+    """
+    frame = results.provenance.frame
+    if (results.cross_talk or results.inertial) and run.x_axis != frame:
+        raise InputError(
+            f"{run.path}: attribute x_axis: {run.x_axis!r}, expected {frame!r} as in the calibration, whose "
+            "cross-talk and misalignments would have other signs"
+        )
+
+
 def write(results: Results, path: Path) -> str:
     """Write `results` as JSON, which is returned; the file appears whole or not at all.
 
@@ -319,6 +272,8 @@ def _fit_to_json(fit: Fit) -> dict[str, object]:
         ],
         masked_samples=fit.masked_samples,
         diagnostics=fit.diagnostics and vars(fit.diagnostics),
+        centrifugal=fit.centrifugal and without_none(**vars(fit.centrifugal)),
+        stiffness=[vars(known) for known in fit.stiffness] or None,
     )
 
 
@@ -333,6 +288,8 @@ class _FitJson(BaseModel, strict=True, allow_inf_nan=False):
     warnings: list[FitWarning]
     masked_samples: _Count | None = None
     diagnostics: Diagnostics | None = None
+    centrifugal: Estimate | None = None
+    stiffness: list[Stiffness] = []
 
 
 class _ResultsJson(BaseModel, strict=True, allow_inf_nan=False):
@@ -389,6 +346,8 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         warnings=(*fit.warnings, *_untold(fit)),
         masked_samples=fit.masked_samples,
         diagnostics=fit.diagnostics,
+        centrifugal=fit.centrifugal,
+        stiffness=tuple(fit.stiffness),
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fit.signal import one_thread
+from fit.threads import one_thread
 
 
 def threads():

@@ -1,0 +1,147 @@
+"""What an experiment tells of the parameters, frequency by frequency, before it is flown.
+
+Of a signal in the channels of mean square ``Phi`` (cross powers, channel by channel) that lasts T seconds at
+one frequency, a fit learns the information ``2 T Re[D^* Phi D^T]``, D being the derivatives of Delta g by the
+parameters over the root of its noise. Together with what the noise itself tells of them, that is all a design
+of experiments needs, and it is linear in the power.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.estimate.forecast import Expectation, NoneTakesPartError, Planned, channels_of, responses
+from fit.model import Sharing, dynamics
+from fit.settings import Settings
+from fit.signal import spectra
+from fit.weighing import divide
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+GRID = 40  # frequencies per decade between which the noise is interpolated
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One experiment as it is planned.
+
+    Attributes
+    ----------
+    name : str
+        Of the experiment.
+    told : ndarray, shape (P, P)
+        Information of what is planned: that of the noise in the channels, and of what is injected.
+    duration : float
+        Of the run [s].
+    window : ndarray, shape (N,)
+        The window of the fit, at even times over the run.
+    channels : tuple of str
+        The C channels that the equation is made of.
+    """
+
+    name: str
+    told: Array
+    duration: float
+    window: Array
+    channels: tuple[str, ...]
+    _slope: Array
+    _tau: tuple[float, float]
+    _run: dynamics.Channels
+    _noise: scipy.interpolate.CubicSpline
+
+    def worth(self, power: Array) -> float:
+        """Return how long a tone would have to be on, clear of the window, to tell as much [s].
+
+        Parameters
+        ----------
+        power : ndarray, shape (M,)
+            Of the tone at even times over the run, relative to its largest.
+        """
+        at = np.linspace(0, 1, power.size)
+        w = np.interp(at, np.linspace(0, 1, self.window.size), self.window)
+        return float(self.duration * np.mean(w**2 * power) ** 2 / np.mean(w**4 * power))
+
+    def seen(self, frequency: Array) -> Complex:
+        """Return the derivatives D of Delta g by the parameters over the root of its noise.
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (n,)
+            Hz, up to `derivatives.F_MAX`.
+
+        Returns
+        -------
+        ndarray of complex, shape (n, P, C)
+            Per unit of parameter and of channel, times root of Hz.
+        """
+        T = responses(self._run, self._tau, self.channels, frequency)
+        D = np.einsum("kp,nkc->npc", self._slope, T, optimize=True)
+        return np.asarray(D * np.exp(-0.5 * self._noise(np.log(frequency)))[:, None, None])
+
+
+@dataclass(frozen=True)
+class Sights:
+    """The experiments of a joint fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The P parameters.
+    widths : ndarray, shape (P,)
+        Of their weak priors.
+    each : tuple of Sight
+        The experiments that take part.
+    """
+
+    names: tuple[str, ...]
+    widths: Array
+    each: tuple[Sight, ...]
+
+
+def sights(planned: Sequence[Planned], chosen: Settings) -> Sights:
+    """Return what the experiments tell.
+
+    Raises
+    ------
+    NoneTakesPartError
+        If none of them takes part in a joint fit.
+    """
+    everyone = [Expectation(p, chosen) for p in planned]
+    kept = divide([e.experiment for e in everyone], chosen)[0]
+    taking_part = [e for e in everyone if e.experiment in kept]
+    if not taking_part:
+        raise NoneTakesPartError
+    sharing = Sharing(chosen.shared)
+    runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
+    parameters = sharing.parameters(runs)
+    names = [p.name for p in parameters]
+    each = [_sight(e, sharing.matrix(*run, names)) for e, run in zip(taking_part, runs, strict=True)]
+    return Sights(tuple(names), np.array([p.prior_sigma for p in parameters]), tuple(each))
+
+
+def _sight(expectation: Expectation, share: Array) -> Sight:
+    """Return one experiment; `share` leads from the P joint parameters to those of the run."""
+    run, sums = expectation.experiment.sysid, expectation.sums
+    theta = expectation.theta
+    f, _, residual = expectation.noise(run, sums.tau, theta)
+    slope = dynamics.gradient(theta, sums.tau) @ share
+    n = max(2, round(run.telemetry.duration * run.channels.fs))
+    window = spectra.window(np.ones(n, dtype=bool), run.channels.fs)
+    even = expectation.expected_weights(f)
+    quality = float(np.mean(even.curvature) ** 2 / np.mean(even.score))
+    told = slope.T @ sums.H @ slope * quality / float(np.mean(even.curvature)) / spectra.spread(window)
+    return Sight(
+        name=expectation.experiment.name,
+        told=told,
+        duration=run.telemetry.duration,
+        window=window,
+        channels=channels_of(run),
+        _slope=slope,
+        _tau=sums.tau,
+        _run=run.channels,
+        _noise=scipy.interpolate.CubicSpline(np.log(f), np.log(residual / quality)),
+    )

@@ -1,0 +1,104 @@
+"""Figures of the gain of test mass 2: by date and by authority, each experiment beside mean and joint fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.estimate import residuals
+from fit.figures.charts import (
+    START,
+    Axis,
+    Chart,
+    Columns,
+    Curve,
+    Dash,
+    Limits,
+    Mark,
+    Panel,
+    Shape,
+    Span,
+    aside,
+    force,
+    limits,
+    measured,
+    posix,
+)
+from fit.results import Estimate
+
+Array = NDArray[np.float64]
+
+_EXPERIMENT = Axis("experiment", "", "start")
+_GAIN = Axis("λ₂", "1", "lambda_2 [1]")
+
+
+@dataclass(frozen=True)
+class GainPoint:
+    """A gain as an experiment alone found it, when, and at which F_max_2 [N].
+
+    `leaning` tells whether it took the joint fit's help, as a single tone does.
+    """
+
+    name: str
+    start: np.datetime64
+    F_max_2: float
+    gain: Estimate
+    leaning: bool
+
+
+def gain_evolution(points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
+    """Draw lambda_2 of every experiment against its date, with their mean and the joint value."""
+    points = sorted(points, key=lambda p: p.start)
+    axis, when = START, posix([p.start for p in points])
+    if np.unique(when).size < when.size:  # dates that nobody cared for
+        axis, when = _EXPERIMENT, np.arange(1.0, when.size + 1)
+    return _gains(axis, when, points, joint)
+
+
+def gain_against_authority(points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
+    """Draw lambda_2 of every experiment against F_max_2, those of equal authority side by side."""
+    points = sorted(points, key=lambda p: (p.F_max_2, p.start))
+    F = 1e12 * np.array([p.F_max_2 for p in points])
+    return _gains(force(2), F + aside(F), points, joint)
+
+
+def _gains(axis: Axis, x: Array, points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
+    own: list[Mark] = []
+    kinds: tuple[tuple[bool, Shape, str], ...] = (
+        (False, "dot", "each experiment alone"),
+        (True, "ring", "single tone"),
+    )
+    for leaning, mark, label in kinds:
+        kept = [i for i, p in enumerate(points) if p.leaning == leaning]
+        if kept:
+            gains = np.array([(points[i].gain.value, points[i].gain.sigma) for i in kept])
+            own.append(measured(label, x[kept], gains, [points[i].name for i in kept], mark=mark))
+    across = limits(axis, own, key="x")
+    marks: list[Mark] = []
+    alone = [p.gain for p in points if not p.leaning]
+    if len(alone) > 1:
+        found = residuals.about_mean(alone)
+        told = f"their mean (χ²/ν = {found.chi2_red:.3g})"
+        marks += _level(told, "green", ":", across, found.mean, found.sigma)
+    if joint is not None:
+        marks += _level("joint fit, ±1 σ", "blue", "--", across, joint.value, joint.sigma)
+    marks += own
+    told_of: Columns = {
+        "experiment": [p.name for p in points],
+        START.head: [str(p.start) for p in points],
+        force(2).head: [1e12 * p.F_max_2 for p in points],
+        _GAIN.head: [p.gain.value for p in points],
+        "sigma [1]": [p.gain.sigma for p in points],
+        "single tone": [str(p.leaning).lower() for p in points],
+    }
+    return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),), told_of)
+
+
+def _level(
+    label: str, role: str, dash: Dash, across: Limits, value: float, sigma: float
+) -> tuple[Span, Curve]:
+    """Return a value for all, with the band of its sigma."""
+    shade = Span(low=value - sigma, high=value + sigma, role=role, opacity=0.2, along="y")
+    x, y = np.array(across), np.full(2, value)
+    return shade, Curve(name=label, label=label, role=role, x=x, y=y, dash=dash)

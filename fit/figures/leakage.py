@@ -1,0 +1,71 @@
+"""Figure of delta_ifo, the leakage of x_1 into o_12, by alignment epoch."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fit.figures.charts import (
+    Axis,
+    Chart,
+    Columns,
+    Curve,
+    Limits,
+    Mark,
+    Panel,
+    Shape,
+    Span,
+    aside,
+    limits,
+    measured,
+)
+from fit.paper import DELTA_IFO_DESIGN
+from fit.results import Estimate
+
+_EPOCH = Axis("alignment epoch", "", "alignment epoch")
+_LEAKAGE = Axis("δifo", "10⁻⁵", "delta_ifo [1e-5]")
+
+
+def leakage(
+    joint: Mapping[int, Estimate], alone: Sequence[tuple[str, int, Estimate]], flight: Mapping[int, Estimate]
+) -> Chart:
+    """Draw delta_ifo by alignment epoch beside what the design of the optical bench allows.
+
+    Parameters
+    ----------
+    joint, flight : mapping of int to Estimate
+        delta_ifo_k by k, as fitted and as the flight found it.
+    alone : sequence of tuple
+        Name, epoch and delta_ifo of every experiment on its own.
+    """
+    rms, limit = (1e5 * x for x in DELTA_IFO_DESIGN)
+    epochs = sorted({*joint, *(epoch for _, epoch, _ in alone)})
+    across = (epochs[0] - 1.0, epochs[-1] + 1.0)
+    marks: list[Mark] = [
+        Span(low=-rms, high=rms, role="grey", opacity=0.25, along="y", label="design, rms"),
+        _line("upper limit of the design", "limits of the design", across, limit),
+        _line("lower limit of the design", "", across, -limit),
+    ]
+    sets: list[tuple[str, str, Shape, float, list[tuple[str, int, Estimate]]]] = [
+        ("flight", "orange", "square", -0.15, [("flight", k, v) for k, v in flight.items() if k in epochs]),
+        ("each experiment alone", "muted", "ring", 0.15, list(alone)),
+        ("joint fit", "blue", "dot", 0.0, [("joint fit", k, v) for k, v in joint.items()]),
+    ]
+    told: Columns = {head: [] for head in ("of", "experiment", _EPOCH.head, _LEAKAGE.head, "sigma [1e-5]")}
+    for label, role, mark, beside, entries in sets:
+        if not entries:
+            continue
+        k = np.array([epoch for _, epoch, _ in entries], dtype=float)
+        values = 1e5 * np.array([(v.value, v.sigma) for _, _, v in entries])
+        marks.append(
+            measured(
+                label, k + beside + aside(k, 0.05), values, [n for n, _, _ in entries], mark=mark, role=role
+            )
+        )
+        rows = ([label] * k.size, [n for n, _, _ in entries], k, *values.T)
+        told = {head: [*column, *row] for (head, column), row in zip(told.items(), rows, strict=True)}
+    return Chart((Panel(_EPOCH, _LEAKAGE, tuple(marks), across, limits(_LEAKAGE, marks), 2.0),), told)
+
+
+def _line(name: str, label: str, across: Limits, value: float) -> Curve:
+    x, y = np.array(across), np.full(2, value)
+    return Curve(name=name, label=label, role="grey", x=x, y=y, dash="--")

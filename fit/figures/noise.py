@@ -1,0 +1,197 @@
+"""Figures of the noise of Delta g: spectra beside what LISA asks, levels against date and authority."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.figures.charts import (
+    ASD,
+    FREQUENCY,
+    START,
+    Axis,
+    Chart,
+    Columns,
+    Curve,
+    Limits,
+    Mark,
+    Panel,
+    Points,
+    Shape,
+    chart,
+    limits,
+    posix,
+)
+from fit.paper import M_TM, PLATEAU, lisa
+from fit.signal import Level, LogSpectrum
+
+Array = NDArray[np.float64]
+
+#: Where Brownian noise rules, and where forces of long periods do [Hz].
+BANDS: Mapping[str, Limits] = {"1–10 mHz": (1e-3, 10e-3), "0.2–0.5 mHz": (0.2e-3, 0.5e-3)}
+PLAIN, LOW = BANDS
+_SHOWN = (5e-5, 1e-1)  # Hz
+_ROLES = ("blue", "orange", "green", "violet")
+_LEVEL = Axis("ASD", "fm s⁻²/√Hz", "asd [fm s-2 Hz-1/2]")
+_AUTHORITY = Axis("effective authority", "pN", "effective authority [pN]")
+_ASKED = "LISA, two test masses"
+
+
+@dataclass(frozen=True)
+class NoisePoint:
+    """How loud Delta g is in a noise run.
+
+    Attributes
+    ----------
+    name : str
+        Of the run.
+    start : numpy.datetime64
+        UTC.
+    authority : float
+        `fit.paper.effective_authority` of the run [N].
+    levels : mapping of str to Level
+        By name of the `BANDS` [m s^-2 Hz^-1/2].
+    """
+
+    name: str
+    start: np.datetime64
+    authority: float
+    levels: Mapping[str, Level]
+
+    @property
+    def year(self) -> str:
+        """In which it began."""
+        return str(self.start)[:4]
+
+
+def spectra(found: Mapping[str, LogSpectrum]) -> Chart:
+    """Draw the spectra of Delta g of some runs, by name, with what LISA asks."""
+    marks = []
+    for role, (name, s) in zip(_ROLES, found.items(), strict=False):
+        inside = (s.f >= _SHOWN[0]) & (s.f <= _SHOWN[1] * 1.01)
+        x, y, low, high = (x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))
+        marks.append(Curve(name=name, label=name, role=role, x=x, y=y, low=low, high=high))
+    f = np.geomspace(*_SHOWN, 40)
+    asked = np.array([lisa(x) for x in f])
+    marks.append(Curve(name=_ASKED, label=_ASKED, role="ink", x=f, y=asked, dash="--"))
+    return chart([Panel(FREQUENCY, ASD, tuple(marks), _SHOWN, limits(ASD, marks, _SHOWN), 2.2)])
+
+
+def by_date(points: Sequence[NoisePoint]) -> Chart:
+    """Draw the levels against date, with those of the flight and what LISA asks."""
+    points = sorted(points, key=lambda p: p.start)
+    when, flown = posix([p.start for p in points]), _flown()
+    own = {band: _points("noise runs", points, when, band) for band in BANDS}
+    across = limits(START, [own[PLAIN], flown], key="x")
+    panels = []
+    for band, mark in own.items():
+        x, level = np.array(across), np.full(2, 1e15 * required(BANDS[band]))
+        asked = Curve(name=_ASKED, label="LISA", role="ink", x=x, y=level, dash="--")
+        panels.append(_panel(START, band, (asked, *((flown,) if band == PLAIN else ()), mark), across))
+    return Chart(tuple(panels), {START.head: [str(p.start) for p in points], **_columns(points)})
+
+
+def required(band: Limits) -> float:
+    """Return the level of `fit.paper.lisa` over a band, as `fit.signal.Estimator.level` would find it."""
+    f = np.linspace(*band, 201)
+    return float(np.sqrt(np.trapezoid([lisa(x) ** 2 for x in f], f) / (band[1] - band[0])))
+
+
+def by_authority(points: Sequence[NoisePoint], law: "Law | None") -> Chart:
+    """Draw the levels against authority, years apart, and a law of the lower band."""
+    points = sorted(points, key=lambda p: p.authority)
+    years = sorted({p.year for p in points})
+    across = (0.0, 1.06e12 * max(p.authority for p in points))
+    panels = []
+    for band in BANDS:
+        marks: list[Mark] = []
+        for k, year in enumerate(years):
+            own = [p for p in points if p.year == year]
+            mark: Shape = "ring" if k % 2 else "dot"
+            marks.append(_points(year, own, 1e12 * np.array([p.authority for p in own]), band, mark))
+        if law and band == LOW:
+            x = np.linspace(*across, 40)
+            y = 1e15 * np.array([law.at(1e-12 * F) for F in x])
+            told = "relative noise of the electrodes"
+            marks.insert(0, Curve(name=told, label=told, role="blue", x=x, y=y, dash=":"))
+        panels.append(_panel(_AUTHORITY, band, marks, across))
+    return Chart(tuple(panels), _columns(points))
+
+
+@dataclass(frozen=True)
+class Law:
+    """S = S_0 + S_eps (F / m)^2: what authority does not change, and the noise of every electrode's own.
+
+    Attributes
+    ----------
+    rest : float
+        S_0 [m^2 s^-4 Hz^-1].
+    relative, sigma : float
+        S_eps, the relative power of what an electrode applies [Hz^-1], and its standard deviation.
+    """
+
+    rest: float
+    relative: float
+    sigma: float
+
+    def at(self, force: float) -> float:
+        """Return the ASD [m s^-2 Hz^-1/2] at an effective authority [N]."""
+        return float(np.sqrt(max(self.rest + self.relative * (force / M_TM) ** 2, 0.0)))
+
+
+def law(points: Sequence[NoisePoint]) -> Law | None:
+    """Find the law of the levels in the lower band, None where fewer than three authorities tell it.
+
+    By least squares in the power, whose error is a share of the power that the law says: that of what was
+    measured would favour what happens to be low.
+    """
+    if len({round(1e13 * p.authority) for p in points}) < 3:
+        return None
+    levels = [p.levels[LOW] for p in points]
+    power = np.array([level.asd**2 for level in levels])
+    share = np.array([(level.high**2 - level.low**2) / 2 / level.asd**2 for level in levels])
+    square = np.array([(p.authority / M_TM) ** 2 for p in points])
+    unit = np.array([power.mean(), power.mean() / square.max()])
+    columns = np.stack([np.ones(square.size), square], axis=1) * unit
+    model = np.full(power.size, power.mean())
+    for _ in range(30):
+        A = columns / (share * model)[:, None]
+        found = np.linalg.lstsq(A, power / (share * model), rcond=None)[0]
+        model = np.maximum(columns @ found, 0.1 * power.min())
+    sigma = np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
+    return Law(*map(float, (found[0] * unit[0], found[1] * unit[1], sigma[1] * unit[1])))
+
+
+def _flown() -> Points:
+    asd, sigma = 1e15 * np.array([(flown.asd, flown.sigma) for flown in PLATEAU]).T
+    days = [np.datetime64(flown.day) for flown in PLATEAU]
+    return Points(
+        name="flight", label="flight", role="orange", x=posix(days), y=asd, low=asd - sigma, high=asd + sigma,
+        names=[str(day)[:7] for day in days], mark="square",
+    )  # fmt: skip
+
+
+def _points(label: str, points: Sequence[NoisePoint], x: Array, band: str, mark: Shape = "dot") -> Points:
+    """Return the levels in a band as marks."""
+    y, low, high = 1e15 * np.array([(v.asd, v.low, v.high) for v in (p.levels[band] for p in points)]).T
+    names = [p.name for p in points]
+    return Points(name=label, label=label, role="blue", x=x, y=y, low=low, high=high, names=names, mark=mark)
+
+
+def _panel(x: Axis, band: str, marks: Sequence[Mark], across: Limits) -> Panel:
+    up = (0.0, limits(_LEVEL, marks)[1])
+    return Panel(x, _LEVEL, tuple(marks), across, up, 1.5, band)
+
+
+def _columns(points: Sequence[NoisePoint]) -> Columns:
+    told: Columns = {
+        "run": [p.name for p in points],
+        _AUTHORITY.head: [1e12 * p.authority for p in points],
+    }
+    for band in BANDS:
+        levels = [p.levels[band] for p in points]
+        told[f"{band} {_LEVEL.head}"] = [1e15 * v.asd for v in levels]
+        told[f"{band} low"] = [1e15 * v.low for v in levels]
+        told[f"{band} high"] = [1e15 * v.high for v in levels]
+    return told

@@ -1,0 +1,140 @@
+"""The part of the report on how loud Delta g is: by date, by authority, beside flight and LISA."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from markupsafe import escape
+from numpy.typing import NDArray
+
+from fit import deltag
+from fit.figures import noise as figures
+from fit.paper import effective_authority
+from fit.report.parts import Drawing, Part, started
+from fit.results import Results
+from fit.signal import Estimator, LogSpectrum, log_psd
+from fit.tables import Cell, Grid, Line
+from fit.tables import parameters as tables
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+_HIGHEST = max(high for _, high in figures.BANDS.values())
+_SHORTEST = 14400.0  # s, of a run whose lower band has ordinates enough
+_SURE = 3.0  # sigma, from which a law is shown
+
+
+@dataclass(frozen=True)
+class Total:
+    """Delta g [m s^-2] of a run, shape (N,), NaN where samples are missing, and its sample rate [Hz]."""
+
+    delta_g: Array
+    fs: float
+
+
+class Products:
+    """Delta g of runs, calibrated once each: of what was asked for before, the total is kept."""
+
+    def __init__(self, results: Results) -> None:
+        self._results = results
+        self._totals: dict[str, Total] = {}
+
+    def terms(self, run: Telemetry) -> Telemetry:
+        """Return Delta g and all of its terms, see `fit.deltag.delta_g`."""
+        product = deltag.delta_g(run, self._results)
+        self._totals[run.run] = Total(product.channels["delta_g"], product.fs)
+        return product
+
+    def total(self, run: Telemetry) -> Total:
+        """Return Delta g alone."""
+        if run.run not in self._totals:
+            self.terms(run)
+        return self._totals[run.run]
+
+
+def parts(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
+    """Return the section, where there are two noise runs or more and a joint fit to calibrate them with."""
+    runs = [t for t in telemetries if t.kind == "noise" and t.duration >= 0.995 * _SHORTEST]
+    if results.joint is None or results.joint.unsound or len(runs) < 2:
+        return []
+    points = [_point(run, products.total(run)) for run in runs]
+    law = figures.law(points)
+    if law and law.relative < _SURE * law.sigma:
+        law = None
+    drawings = (
+        Drawing(
+            "noise-spectra",
+            "Amplitude spectral densities of Delta g in the longest noise run of each year",
+            "Δg of the longest noise run of each year, all corrections made, beside what LISA asks of two "
+            "test masses. Bands: ±1 σ of the averages.",
+            partial(figures.spectra, _spectra(runs, products)),
+        ),
+        Drawing(
+            "noise-date",
+            "Level of Delta g in every noise run against date, in two bands",
+            "Level of Δg in every noise run (root of the mean power), all corrections made, against date. "
+            "Squares: what the flight found above 1 and 2 mHz. Dashed: what LISA asks of two test masses.",
+            partial(figures.by_date, points),
+        ),
+        Drawing(
+            "noise-authority",
+            "Level of Delta g in every noise run against the authority of the actuation, in two bands",
+            "The same levels against the effective authority, √Σ(F_max + N_max / l)² with l = 11 mm (a "
+            "choice): what a relative noise of each electrode's own is multiplied by." + _told(law),
+            partial(figures.by_authority, points, law),
+        ),
+    )
+    return [Part("noise", "Noise of Δg", grids=(_grid(points),), drawings=drawings)]
+
+
+def _point(run: Telemetry, total: Total) -> figures.NoisePoint:
+    estimator = Estimator(np.isfinite(total.delta_g), total.fs, _HIGHEST)
+    return figures.NoisePoint(
+        run.run,
+        started(run),
+        effective_authority(run.authority),
+        {name: estimator.level(total.delta_g, band) for name, band in figures.BANDS.items()},
+    )
+
+
+def _spectra(runs: Sequence[Telemetry], products: Products) -> Mapping[str, LogSpectrum]:
+    """Return the spectrum of the longest run of each year; of several the latest, in the first year not."""
+    runs = sorted(runs, key=started)
+    first, longest = runs[0].t0[:4], dict[str, Telemetry]()
+    for run in runs:
+        year = run.t0[:4]
+        enough = 1.01 if year == first else 0.99
+        if year not in longest or run.duration > enough * longest[year].duration:
+            longest[year] = run
+    found = {run.t0[:7]: products.total(run) for run in longest.values()}
+    return {name: log_psd([total.delta_g], total.fs) for name, total in found.items()}
+
+
+def _told(law: figures.Law | None) -> str:
+    if law is None:
+        return ""
+    root = law.relative**0.5
+    return (
+        " Dotted: with what the authority does not change, a relative noise of "
+        f"({1e6 * root:.2f} ± {1e6 * law.sigma / 2 / root:.2f})·10⁻⁶/√Hz explains it best."
+    )
+
+
+def _grid(points: Sequence[figures.NoisePoint]) -> Grid:
+    lines = [
+        Line(escape(p.name), (str(p.start)[:10], f"{1e12 * p.authority:.0f}", *_levels(p)))
+        for p in sorted(points, key=lambda p: p.start)
+    ]
+    asked = tuple(f"{1e15 * figures.required(band):.2f}" for band in figures.BANDS.values())
+    lines.append(Line(escape("LISA requirement"), ("", "", *asked)))
+    about = (
+        "Level of Δg in each noise run, root of the mean power of the band in fm s⁻²/√Hz, and the effective "
+        "authority in pN."
+    )
+    return Grid(about, ("Run", "Start", "Authority", *figures.BANDS), tuple(lines))
+
+
+def _levels(point: figures.NoisePoint) -> tuple[Cell, ...]:
+    levels = [point.levels[band] for band in figures.BANDS]
+    return tuple(tables.number(1e15 * v.asd, 1e15 * (v.high - v.low) / 2) for v in levels)

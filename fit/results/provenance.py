@@ -1,0 +1,99 @@
+"""How the results of a calibration came about."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+
+from fit.telemetry import TOWARDS_2, XAxis
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance(Mapping[str, object]):
+    """How results came about; None where nothing is recorded.
+
+    Attributes
+    ----------
+    joint_runs : list of str
+        The sysid runs of the joint fit.
+    noise_runs : dict of str to str
+        By sysid run the noise run that weighs it.
+    f_max : float
+        End of the fitted band [Hz].
+    window : str
+        In words.
+    cross_talk_periods : dict of str to str
+        By alignment epoch the inertial period in which all its runs lie, if they lie in one.
+    subtraction : dict of str to dict
+        By alignment epoch the coefficients of eq. bump that subtract best, not those of `Results.cross_talk`.
+    settings : dict of str to object
+        What the user chose, see `fit.settings`.
+    scatter : dict of str to dict
+        By parameter ``value`` and ``sigma`` of the width by which it differs between experiments.
+    levels : list of str
+        Experiments whose noise levels were marginalised.
+    inertial_runs : dict of str to list of str
+        By inertial period the runs it was fitted to.
+    inertial_band : list of float
+        Ends of its band [Hz].
+    x_axis : str
+        Where +x points to in the runs; the signs of delta_eta, b_1, b_4 and b_6 depend on it.
+    more : dict of str to object
+        What the command line adds (campaign, digests, seed), and what is not known; whatever JSON holds.
+    versions, telemetry : dict of str to str, list of str
+        Of the software; file names, relative to the folder of the results.
+    """
+
+    joint_runs: list[str] | None = None
+    noise_runs: dict[str, str] | None = None
+    f_max: float | None = None
+    window: str | None = None
+    cross_talk_periods: dict[str, str] | None = None
+    subtraction: dict[str, dict[str, float]] | None = None
+    settings: dict[str, object] | None = None
+    scatter: dict[str, dict[str, float]] | None = None
+    levels: list[str] | None = None
+    inertial_runs: dict[str, list[str]] | None = None
+    inertial_band: list[float] | None = None
+    x_axis: XAxis | None = None
+    more: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] | None = None
+    telemetry: list[str] | None = None
+
+    @classmethod
+    def of(cls, said: Mapping[str, object]) -> "Provenance":
+        """Return what JSON says; an entry that is not of its kind is kept, but not understood."""
+        known: dict[str, Any] = {}
+        more: dict[str, object] = {}
+        for name, value in said.items():
+            try:
+                known[name] = _KINDS[name].validate_python(value, strict=True)
+            except (KeyError, ValidationError):
+                more[name] = value
+        return cls(**known, more=more)
+
+    @property
+    def frame(self) -> XAxis:
+        """Where +x points to."""
+        return self.x_axis or TOWARDS_2
+
+    def entries(self) -> dict[str, object]:
+        """Return everything as JSON has it."""
+        found: dict[str, object] = {}
+        for name, value in vars(self).items():
+            found |= self.more if name == "more" else {} if value is None else {name: value}
+        return found
+
+    def __getitem__(self, name: str) -> object:
+        """Return an entry as JSON has it."""
+        return self.entries()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries())
+
+    def __len__(self) -> int:
+        return len(self.entries())
+
+
+_KINDS = {name: TypeAdapter(kind) for name, kind in get_type_hints(Provenance).items() if name != "more"}

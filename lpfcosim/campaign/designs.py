@@ -1,0 +1,86 @@
+"""Table ``[design]`` of a campaign file."""
+
+from typing import Annotated, get_args
+
+from pydantic import Field, Strict, field_validator
+
+from fit.errors import quote
+from fit.files import Table, problem
+from lpfcosim.campaign.units import FORCE, LENGTH, Frequency, Quantity
+from lpfcosim.campaign.values import Number
+from lpfcosim.campaign.wishes import Cap, Goal, Held, Kind, Limited, Wishes
+
+_SPEED = Quantity("a speed", "m s^-1", "0.5 nm/s", "positive")
+_RATE = Quantity("a force per time", "N s^-1", "10 pN/s", "positive", largest=1)
+Positive = Annotated[Number, Field(gt=0)]
+
+
+class CapTable(Table):
+    """[design.limits.QUANTITY]: what every run must not exceed; forces also as "40 %" of the authority."""
+
+    peak: str | None = None
+    rms: str | None = None
+    slew: str | None = None
+
+
+class DesignTable(Table):
+    """[design]: what `lpfcosim design` looks for, and what it must not exceed."""
+
+    goal: Goal = "geometric mean"
+    held: Held = "peaks and rms of thrust"
+    limits: dict[Limited, CapTable] = {}
+    sines: Annotated[int, Strict(), Field(ge=1, le=24)] = 6
+    spacing: Frequency = 2e-4
+    forbidden: list[Annotated[list[Frequency], Field(min_length=2, max_length=2)]] = []
+    weights: dict[str, Positive] = {}
+    sigmas: dict[str, Positive] = {}
+    no_worse: Positive | None = None
+
+    @field_validator("limits")
+    @classmethod
+    def _in_units(cls, limits: dict[Limited, CapTable]) -> dict[Limited, CapTable]:
+        for quantity, table in limits.items():
+            _caps(quantity, table)
+        return limits
+
+    @field_validator("forbidden")
+    @classmethod
+    def _ascending(cls, bands: list[list[float]]) -> list[list[float]]:
+        for low, high in bands:
+            if low >= high:
+                raise problem(f"a band from {low:g} Hz to {high:g} Hz, expected the lower end first")
+        return bands
+
+    def record(self) -> Wishes:
+        """Return the wishes as the design knows them."""
+        caps = tuple(cap for quantity, table in self.limits.items() for cap in _caps(quantity, table))
+        said = self.model_dump(exclude={"limits", "forbidden"})
+        return Wishes(caps=caps, forbidden=tuple((low, high) for low, high in self.forbidden), **said)
+
+
+def _caps(quantity: Limited, table: CapTable) -> list[Cap]:
+    found = []
+    for kind in get_args(Kind):
+        said = getattr(table, kind)
+        if said is None:
+            continue
+        if said.strip().endswith("%"):
+            found.append(Cap(quantity, kind, _fraction(quantity, kind, said), of_authority=True))
+            continue
+        moved = quantity.startswith("o_")
+        unit = (_SPEED if moved else _RATE) if kind == "slew" else (LENGTH if moved else FORCE)
+        found.append(Cap(quantity, kind, unit.to_si(said)))
+    return found
+
+
+def _fraction(quantity: str, kind: str, said: str) -> float:
+    """Return a share of the authority."""
+    if quantity not in ("F_x_1", "F_x_2") or kind != "peak":
+        raise problem(f"{quote(said)}: only peaks of F_x_1 and F_x_2 have an authority to take a share of")
+    try:
+        share = float(said.strip().removesuffix("%")) / 100
+    except ValueError:
+        share = -1.0
+    if not 0 < share <= 1:
+        raise problem(f'{quote(said)} is no share, write it like "40 %"')
+    return share

@@ -1,0 +1,50 @@
+"""The experiments that a campaign file asks for, each completed, and where the file says what of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from lpfcosim.campaign.schema import AuthorityTable, DefaultsTable, ExperimentTable
+
+
+class ConflictError(Exception):
+    """Two places of a campaign file that do not go together."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One experiment, as written or made by a sweep.
+
+    Attributes
+    ----------
+    table : ExperimentTable
+        With all that `[defaults]` says for it.
+    where : str
+        Its place in the file.
+    places : mapping of str to str
+        Where keys stand that are not said at `where`.
+    authority : AuthorityTable, optional
+        Its own; otherwise that of the set it names.
+    prefix : str
+        What comes before a place that is not the experiment's own.
+    """
+
+    table: ExperimentTable
+    where: str
+    places: Mapping[str, str] = field(default_factory=dict)
+    authority: AuthorityTable | None = None
+    prefix: str = ""
+
+    def at(self, key: str) -> str:
+        """Return where the file says a key of this experiment, or should."""
+        return self.places.get(key, f"{self.where}.{key}")
+
+
+def written(experiments: Sequence[ExperimentTable], defaults: DefaultsTable) -> tuple[Entry, ...]:
+    """Return the experiments as the file has them, completed by its defaults."""
+    found = []
+    for i, table in enumerate(experiments):
+        keys = defaults.model_fields_set - table.model_fields_set
+        update = {key: getattr(defaults, key) for key in keys}
+        places = {key: f"defaults.{key}" for key in keys}
+        found.append(Entry(table.model_copy(update=update), f"experiments[{i}]", places))
+    return tuple(found)

@@ -1,0 +1,101 @@
+"""Injections of a campaign file: the shapes that there are, each with its keys."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, Strict, ValidationInfo, field_validator
+
+from fit.errors import quote
+from fit.files import Table, problem
+from lpfcosim.campaign.units import FORCE, LENGTH, YEAR, Acceleration, Angle, Quantity, Time
+from lpfcosim.campaign.values import BelowNyquist
+from lpfcosim.spacecraft import READ_OUT_RANGE, Disturbed, H, HalfCosine, Pulse, Sine, TaperedSine, Target
+
+SHAPES = ("sine", "tapered_sine", "half_cosine", "pulse")
+
+
+class _InjectionTable(Table):
+    into: Annotated[Target, Field(examples=['into = "guidance_o_12"'])]
+    amplitude: Annotated[float, Field(examples=['amplitude = "10 nm"'])]
+    start: Time
+
+    @field_validator("amplitude", mode="before")
+    @classmethod
+    def _in_the_unit_of_its_target(cls, raw: object, info: ValidationInfo) -> object:
+        into = info.data.get("into")
+        if into is None:
+            return 0.0  # a wrong target is the first problem
+        if into.startswith("F_"):
+            return FORCE.to_si(raw)
+        amplitude = LENGTH.to_si(raw)
+        if amplitude >= READ_OUT_RANGE:
+            raise problem(f"{quote(raw)} is beyond the reach of the interferometers, {READ_OUT_RANGE:g} m")
+        return amplitude
+
+
+class SineTable(_InjectionTable):
+    """A sine of whole cycles."""
+
+    shape: Literal["sine"]
+    frequency: BelowNyquist
+    cycles: Annotated[int, Strict(), Field(gt=0, le=10**9, examples=["cycles = 4"])]
+    phase: Angle = 0.0
+
+    def record(self) -> Sine:
+        """Return the injection as the simulation knows it."""
+        return Sine(**self.model_dump(exclude={"shape"}))
+
+
+class TaperedSineTable(SineTable):
+    """A sine of whole cycles that swells during its first ``ramp`` and fades during its last."""
+
+    shape: Literal["tapered_sine"]  # type: ignore[assignment]
+    ramp: Annotated[float, Quantity("a time", "s", "300 s", "positive", largest=YEAR)]
+
+    @field_validator("ramp")
+    @classmethod
+    def _within(cls, ramp: float, info: ValidationInfo) -> float:
+        lasting = info.data.get("cycles", 0) / info.data.get("frequency", 1.0)
+        if lasting and 2 * ramp > lasting * (1 + 1e-9):
+            raise problem(f"{ramp:g} s twice is more than the sine lasts, {lasting:.6g} s")
+        return ramp
+
+    def record(self) -> TaperedSine:
+        """Return the injection as the simulation knows it."""
+        return TaperedSine(**self.model_dump(exclude={"shape"}))
+
+
+class HalfCosineTable(_InjectionTable):
+    """A smooth step from zero at ``start`` to ``amplitude`` at ``end``, kept until the run ends."""
+
+    shape: Literal["half_cosine"]
+    end: Time
+
+    @field_validator("end")
+    @classmethod
+    def _after_start(cls, end: float, info: ValidationInfo) -> float:
+        if end < info.data.get("start", 0.0) + H:
+            raise problem(f"{end:g} s is not after the start, {info.data['start']:g} s")
+        return end
+
+    def record(self) -> HalfCosine:
+        """Return the injection as the simulation knows it."""
+        return HalfCosine(**self.model_dump(exclude={"shape"}))
+
+
+class PulseTable(Table):
+    """A glitch: a stray acceleration of a test mass, the square of half a sine; of either sign."""
+
+    shape: Literal["pulse"]
+    into: Annotated[Disturbed, Field(examples=['into = "g_2"'])]
+    amplitude: Acceleration
+    start: Time
+    duration: Annotated[float, Quantity("a time", "s", "10 s", "positive", smallest=2 * H, largest=YEAR)]
+
+    def record(self) -> Pulse:
+        """Return the injection as the simulation knows it."""
+        return Pulse(**self.model_dump(exclude={"shape"}))
+
+
+InjectionTable = Annotated[
+    SineTable | TaperedSineTable | HalfCosineTable | PulseTable, Field(discriminator="shape")
+]

@@ -1,0 +1,121 @@
+"""A sweep: one experiment again for every value of lists, each with a name and an authority set."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lpfcosim.campaign.entries import ConflictError, Entry
+from lpfcosim.campaign.injections import InjectionTable
+from lpfcosim.campaign.schema import AuthorityTable, SweepTable
+
+_AUTHORITY = tuple(AuthorityTable.model_fields)
+_OF_MASS_1 = {"F_max_1", "N_max_1"}
+_UNITS = {"F_max": "pN", "N_max": "pNm"}
+_LONGEST = 57  # letters of a name, which leaves room for that of the noise run and for a number
+
+
+def entries(
+    base: Entry,
+    sweep: SweepTable,
+    authority: AuthorityTable | None,
+    sequences: Mapping[str, Sequence[InjectionTable]],
+) -> tuple[Entry, ...]:
+    """Return the experiments of a sweep, in the order of its values.
+
+    Parameters
+    ----------
+    base : Entry
+        The experiment that is done again.
+    sweep : SweepTable
+        What is another each time.
+    authority : AuthorityTable, optional
+        The set that `base` names; None if there is no such set.
+    sequences : mapping of str to sequence of injection tables
+        Those of the campaign.
+
+    Raises
+    ------
+    ConflictError
+        If the lists do not go together, or nothing could be learnt from them.
+    """
+    lists: dict[str, Sequence[Any]] = {key: values for key, values in sweep if values}
+    _check(base, lists, sequences)
+    taken: set[str] = set()
+    found = []
+    first = next(iter(lists))
+    for n, values in enumerate(zip(*lists.values(), strict=True)):
+        own = dict(zip(lists, values, strict=True))
+        of_set = {key: own.pop(key) for key in _AUTHORITY if key in own}
+        known = {} if authority is None else authority.model_dump()
+        changed = AuthorityTable.model_construct(**(known | of_set)) if known or len(of_set) == 4 else None
+        name = _free(_name(dict(zip(lists, values, strict=True)), lists, n), taken)
+        update = {**own, "name": name, "t0": base.table.t0 if n == 0 else None}
+        if of_set and changed:
+            update["authority"] = _label(of_set)
+        at = f"sweep.{first}[{n}]"
+        places = {key: f"{at}: {base.at(key)}" for key in type(base.table).model_fields}
+        places |= {key: f"sweep.{key}[{n}]" for key in own}
+        found.append(Entry(base.table.model_copy(update=update), at, places, changed, f"{at}: "))
+    return tuple(found)
+
+
+def _check(
+    base: Entry, lists: Mapping[str, Sequence[Any]], sequences: Mapping[str, Sequence[InjectionTable]]
+) -> None:
+    """Refuse lists that do not go together, and sweeps that tell nothing."""
+    if not lists:
+        raise ConflictError('sweep: says nothing, write a list, such as F_max_2 = ["50 pN", "2200 pN"]')
+    first, *others = lists
+    for key in others:
+        if len(lists[key]) != len(lists[first]):
+            raise ConflictError(
+                f"sweep.{key}: has {len(lists[key])} values and sweep.{first} has {len(lists[first])}, "
+                "expected as many, they go together entry by entry"
+            )
+    varying = {key for key, values in lists.items() if len(set(values)) > 1}
+    if not varying:
+        raise ConflictError(f"sweep.{first}: all its values are the same, expected two that differ")
+    if not any(lists.get("duration", [base.table.duration])):
+        return  # noise runs alone, which no stiffness is asked of
+    into = {injection.into for injection in base.table.injections}
+    into |= {injection.into for name in base.table.sequences for injection in sequences.get(name, ())}
+    if not into - {"g_1", "g_2"}:
+        raise ConflictError(
+            f"sweep: nothing is injected into {base.where}, so that no run of the sweep would tell anything; "
+            'give it sequences, or duration = "0 s" for noise runs alone'
+        )
+    if varying <= _OF_MASS_1 and into <= {"guidance_o_12", "F_x_2"}:
+        raise ConflictError(
+            f"sweep.{min(varying)}: changes the stiffness of test mass 1 alone, which shows where o_1 moves; "
+            f"expected an injection into guidance_o_1 in {base.where}"
+        )
+
+
+def _label(values: Mapping[str, Any], *, units: bool = True) -> str:
+    """Return values as a name can have them, such as "F_max_2-50pN"."""
+    parts = []
+    for key, value in values.items():
+        unit = _UNITS.get(key[:5], "")
+        number = f"{value * 1e12 if unit or key == 'dc' else value:.6g}".replace("+", "")
+        parts.append(f"{key}-{number}{unit if units else ''}")
+    return "_".join(parts)
+
+
+def _name(values: Mapping[str, Any], lists: Mapping[str, Sequence[Any]], n: int) -> str:
+    """Return the name of run n of a sweep: after its authority if that is another, else after all."""
+    varying = {key: value for key, value in values.items() if len(set(lists[key])) > 1}
+    named = {key: value for key, value in varying.items() if key in _AUTHORITY} or varying
+    for units in (True, False):
+        name = _label(named, units=units)
+        if len(name) <= _LONGEST:
+            return name
+    return f"sweep-{n + 1}"
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return a name, with a number behind it from its second use on."""
+    number, free = 1, name
+    while free in taken:
+        number += 1
+        free = f"{name}-{number}"
+    taken.add(free)
+    return free

@@ -1,0 +1,55 @@
+"""What a campaign asks of a design: what it is to be good at, and what it must not exceed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Goal = Literal["geometric mean", "worst ratio"]
+Held = Literal["peaks and rms of thrust", "peaks", "rms"]
+Limited = Literal["o_1", "o_12", "F_x_1", "F_x_2", "F_x_sc"]
+Kind = Literal["peak", "rms", "slew"]
+
+
+@dataclass(frozen=True)
+class Cap:
+    """A limit as the file has it: SI, or as a fraction of the authority, the direct force included."""
+
+    quantity: Limited
+    kind: Kind
+    value: float
+    of_authority: bool = False
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is asked of a design.
+
+    Attributes
+    ----------
+    goal : str
+        The weighted geometric mean of the sigmas, or the largest of them relative to what is wanted.
+    held : str
+        What of its own the campaign must not exceed, run by run, where `caps` do not say it.
+    caps : tuple of Cap
+        Other limits, of every run.
+    sines : int
+        Largest number of sines into one loop.
+    spacing : float
+        Least distance of two tones [Hz].
+    forbidden : tuple of tuple of float
+        Bands without tones [Hz].
+    weights, sigmas : mapping of str to float
+        By parameter: how much it counts (1), and the sigma that is wanted (that of before).
+    no_worse : float, optional
+        No sigma may be larger than this many times what is wanted.
+    """
+
+    goal: Goal = "geometric mean"
+    held: Held = "peaks and rms of thrust"
+    caps: tuple[Cap, ...] = ()
+    sines: int = 6
+    spacing: float = 2e-4
+    forbidden: tuple[tuple[float, float], ...] = ()
+    weights: Mapping[str, float] = field(default_factory=dict)
+    sigmas: Mapping[str, float] = field(default_factory=dict)
+    no_worse: float | None = None

@@ -1,0 +1,122 @@
+"""The command ``design``: the best injections within limits, as a campaign."""
+
+import json
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+import fit.errors
+from fit.estimate import forecast as forecasts
+from fit.estimate import sight
+from fit.files import atomic
+from fit.settings import settings
+from fit.tables import Lines
+from lpfcosim.campaign import Campaign, loading, names
+from lpfcosim.cli.common import about
+from lpfcosim.cli.console import Console
+from lpfcosim.cli.planned import planned
+from lpfcosim.design import CLOSE, Design, Foresight, Told, problem, search, text, through_fmus
+from lpfcosim.errors import InputError, RunError
+
+SCHEMA = "lpf-design/1"
+
+
+def design(campaign: Path, out: Path | None, console: Console, *, jobs: int | None) -> None:
+    """Write a campaign with the best injections that are found."""
+    plan = loading.load(campaign)
+    path = out or Path(f"{campaign.stem}-designed.toml")
+    _check_name(path, campaign)
+    if plan.replacements:
+        raise InputError(f"{campaign}: fmus: a design knows the loops of our FMUs alone, expected no others")
+    chosen = settings(plan.fit, f"{campaign}: fit")
+
+    def expected(of: Campaign) -> dict[str, float]:
+        gains = dict.fromkeys(("lambda_1", "lambda_2"), of.truth.lambda_scatter)
+        return {n: e.sigma for n, e in forecasts.expected_fit(planned(of), chosen, gains).parameters.items()}
+
+    foresight = Foresight(lambda of: sight.sights(planned(of), chosen), expected)
+    told = Told(
+        lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
+        lambda value: console.note(f"tones: {value:.4f}"),
+    )
+    try:
+        with about(campaign):
+            with console.stage("forecast"):
+                sought = problem(plan, foresight)
+            with console.stage("search"):
+                found = search(sought, foresight, told)
+    except fit.errors.InputError as error:
+        raise InputError(f"{campaign}: {error}") from None
+    with console.stage("check through the FMUs"):
+        stepped = through_fmus(found, jobs)
+    atomic.write(path, text(found, path.stem, campaign.name))
+    loading.load(path)
+    console.document(json.dumps(_document(found, stepped), indent=1, allow_nan=False))
+    console.show(_table(found))
+    _tell(found, stepped, path, console)
+
+
+def _check_name(path: Path, campaign: Path) -> None:
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: expected a name that ends in .toml, such as {path.with_suffix('.toml')}")
+    try:
+        TypeAdapter(names.Name).validate_python(path.stem)
+    except ValidationError as error:
+        raise InputError(f"{path}: {error.errors()[0]['msg']}") from None
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: {path.parent} is not a folder, expected one that is there")
+    if path.exists() and path.samefile(campaign):
+        raise InputError(f"{path}: is the campaign itself, expected another name")
+
+
+def _document(found: Design, stepped: dict[str, dict[str, float]]) -> dict[str, object]:
+    before = found.problem.before
+    return {
+        "schema": SCHEMA,
+        "parameters": {
+            name: {
+                "sigma_before": before[name],
+                "sigma_after": found.after.get(name),
+                "sigma_bound": found.alone[name],
+            }
+            for name in found.problem.wanted
+        },
+        "objective": {"value": found.value, "bound": found.optimum.bound, "gap": found.optimum.gap},
+        "limits": {
+            stage.run.experiment: {
+                limit.name: {"limit": limit.value, "reached": stepped[stage.run.experiment][limit.name]}
+                for limit in stage.bounds
+            }
+            for stage in found.problem.stages
+        },
+        "efficiency": found.efficiency,
+    }
+
+
+def _table(found: Design) -> Lines:
+    rows = []
+    for name in found.problem.wanted:
+        before, after = found.problem.before[name], found.after.get(name)
+        told = ("", "") if after is None else (f"{after:.2g}", f"{after / before:.3f}")
+        rows.append((name, f"{before:.2g}", *told, f"{found.alone[name] / before:.3f}"))
+    return Lines(("parameter", "sigma", "designed", "ratio", "ratio at best, alone"), tuple(rows))
+
+
+def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, console: Console) -> None:
+    kind = "largest ratio" if found.problem.objective.worst else "geometric mean of the ratios"
+    console.say("")
+    console.say(f"{kind}: {found.value:.4f}; bound at the limits on rms: {found.optimum.bound:.4f}")
+    lost = [name for name in found.problem.wanted if name not in found.after]
+    if lost:
+        raise RunError(f"{path}: the design does not determine {', '.join(lost)}, which the campaign did")
+    passed = [
+        f"{name}: {limit} at {reached:.4f} of its limit"
+        for name, of in stepped.items()
+        for limit, reached in of.items()
+        if reached > 1 + CLOSE
+    ]
+    if passed:
+        raise RunError(f"{path}: the FMUs pass limits: {'; '.join(passed)}")
+    largest = max(reached for of in stepped.values() for reached in of.values())
+    console.say(f"stepped through the FMUs, every limit is kept; the most that is reached is {largest:.4f}")
+    console.say(f"{path}: written; simulate it with: lpfcosim run {path}")

@@ -1,0 +1,11 @@
+"""Design of experiments: which injections tell most within the limits that a mission has.
+
+A convex programme finds the power that tells most by frequency, and a bound that no design goes below. Tones
+are then sought that come near to it. What a fit will know is told by `Foresight`, which others hand in.
+"""
+
+from lpfcosim.design.checking import CLOSE, through_fmus
+from lpfcosim.design.search import Design, Foresight, Told, problem, search
+from lpfcosim.design.writing import text
+
+__all__ = ["CLOSE", "Design", "Foresight", "Told", "problem", "search", "text", "through_fmus"]

@@ -1,0 +1,42 @@
+"""Where workers come from: each a fresh interpreter, or the child of one that has read in what all need.
+
+To read in the libraries takes a worker longer than many a run. A server of the standard library does it once,
+while the command reads its campaign; no FMU is ever loaded there, so that its children share nothing that a
+task has touched.
+"""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import sys
+from multiprocessing import forkserver
+from multiprocessing.context import ForkServerContext, SpawnContext
+
+#: What workers need that simulate. Nothing of ours: the server may find another version of it.
+LIBRARIES = (
+    "numpy",
+    "scipy.linalg",
+    "scipy.signal",
+    "h5py",
+    "fmpy",
+    "fmpy.fmi2",
+    "fmpy.fmi3",
+    "pydantic",
+    "pint",
+)
+
+_prepared = False
+
+
+def prepare() -> None:
+    """Begin to read in what workers need, in a process that ends with this one; this one goes on."""
+    global _prepared
+    if sys.platform == "linux" and not _prepared:  # elsewhere libraries do not outlive a fork
+        mp.set_forkserver_preload([*LIBRARIES])
+        forkserver.ensure_running()
+        _prepared = True
+
+
+def context() -> ForkServerContext | SpawnContext:
+    """Return how workers are to be started; a fork of this process would share the state of its libraries."""
+    return mp.get_context("forkserver") if _prepared else mp.get_context("spawn")

@@ -1,0 +1,143 @@
+"""Events of a run, drawn from its seed by name: glitches, gaps, noise whose level changes.
+
+A glitch is a stray acceleration that begins at an instant, rises and fades exponentially (arXiv 2205.11938).
+What began before the run is not in it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpfcosim.signals.streams import generator
+from lpfcosim.spacecraft import Run
+
+Array = NDArray[np.float64]
+
+RISES = (0.05, 0.8)  # shortest and longest rise of a glitch, in times of its fading (choice)
+LASTS = 40.0  # times of fading after which nothing of a glitch is left
+DAY = 86400.0  # s
+LOST = 0.0099  # share of a run that gaps may take; telemetry may lack 1 %
+LONGEST_GAP = 597.0  # s; telemetry may lack 600 s at a time
+APART = 10.0  # s between two gaps
+EDGE = 2.0  # s that a gap may take in addition, where samples are 1 s apart
+
+
+@dataclass(frozen=True)
+class Glitch:
+    """A stray acceleration of a test mass; SI.
+
+    ``begin`` is since the start of the run. One that is not ``two_sided`` gives the test mass the velocity
+    ``impulse``; one that is gives it and takes it back.
+    """
+
+    mass: int
+    begin: float
+    rise: float
+    fall: float
+    impulse: float
+    two_sided: bool
+
+    def at(self, time: Array) -> Array:
+        """Return the acceleration at instants since the start of the run [s], in m s^-2."""
+        since = np.maximum(time - self.begin, 0.0)
+        rising, falling = np.exp(-since / self.rise), np.exp(-since / self.fall)
+        if self.two_sided:  # the velocity is impulse (falling - rising) / its largest value
+            ratio = self.rise / self.fall
+            top = np.log(1 / ratio) / (1 - ratio)  # where that is, in times of rise
+            largest = np.exp(-top * ratio) - np.exp(-top)
+            shape = (rising / self.rise - falling / self.fall) / largest
+        else:
+            shape = (falling - rising) / (self.fall - self.rise)
+        return np.asarray(np.where(time >= self.begin, self.impulse * shape, 0.0))
+
+
+def glitches(run: Run) -> tuple[Glitch, ...]:
+    """Return the glitches of a run in the order of their begin."""
+    events = run.events
+    if events is None or not events.glitches_per_day:
+        return ()
+    random = generator(run, "glitches")
+    duration = run.n_samples / run.fs
+    begins = np.sort(random.uniform(0, duration, random.poisson(events.glitches_per_day * duration / DAY)))
+    found = []
+    for begin in begins.tolist():
+        fall = np.exp(random.uniform(np.log(events.glitch_shortest), np.log(events.glitch_longest)))
+        size = events.glitch_impulse * 10 ** (events.glitch_spread * random.standard_normal())
+        found.append(
+            Glitch(
+                mass=int(random.integers(1, 3)),
+                begin=begin,
+                rise=float(fall * np.exp(random.uniform(*np.log(RISES)))),
+                fall=float(fall),
+                impulse=float(size * random.choice((-1, 1))),
+                two_sided=bool(random.uniform() < events.glitch_two_sided),
+            )
+        )
+    return tuple(found)
+
+
+def add_glitches(run: Run, found: tuple[Glitch, ...], signals: Mapping[str, Array], first: int) -> None:
+    """Add glitches to the accelerations g_1 and g_2, which begin with sample ``first`` of the run."""
+    n = signals["g_1"].size
+    for glitch in found:
+        begin = max(int(np.ceil(glitch.begin * run.fs)), first)
+        end = min(int((glitch.begin + LASTS * glitch.fall) * run.fs) + 1, first + n)
+        if begin < end:
+            signals[f"g_{glitch.mass}"][begin - first : end - first] += glitch.at(
+                np.arange(begin, end) / run.fs
+            )
+
+
+def let_drift(run: Run, signals: Mapping[str, Array], first: int) -> None:
+    """Let the noise in g_1 and g_2, which begin with sample ``first``, change its level over the run."""
+    if run.events is None or not run.events.noise_drift:
+        return
+    n = signals["g_1"].size
+    since_middle = (np.arange(first, first + n) + 0.5) / run.n_samples - 0.5
+    level = 1 + run.events.noise_drift * since_middle
+    signals["g_1"][:] *= level
+    signals["g_2"][:] *= level
+
+
+def gaps(run: Run) -> tuple[tuple[float, float], ...]:
+    """Return begin and end [s] of what telemetry lacks, in order.
+
+    Lengths are exponential. What a telemetry file must not lack, more than 1 % or 600 s at a time, is there.
+    """
+    events = run.events
+    if events is None or not events.gaps_per_day:
+        return ()
+    random = generator(run, "gaps")
+    duration = run.n_samples / run.fs
+    left = LOST * duration
+    found: list[tuple[float, float]] = []
+    for _ in range(random.poisson(events.gaps_per_day * duration / DAY)):
+        length = min(random.exponential(events.gap_duration), LONGEST_GAP)
+        begin = random.uniform(0, duration - length)
+        far = all(begin > end + APART or begin + length < start - APART for start, end in found)
+        if far and length + EDGE <= left:
+            found.append((begin, begin + length))
+            left -= length + EDGE
+    return tuple(sorted(found))
+
+
+def missing(run: Run, time: Array) -> NDArray[np.bool_]:
+    """Return at which instants since the start of the run [s] its telemetry is lost."""
+    lost = np.zeros(time.size, dtype=bool)
+    for begin, end in gaps(run):
+        lost |= (time >= begin) & (time < end)
+    return lost
+
+
+def truths(run: Run) -> dict[str, tuple[Array, str]]:
+    """Return the glitches of a run as columns with their units, as the group /truth has them; if any."""
+    found = glitches(run)
+    if not found:
+        return {}
+    units = {"mass": "1", "begin": "s", "rise": "s", "fall": "s", "impulse": "m s-1", "two_sided": "1"}
+    return {
+        f"glitch_{name}": (np.array([float(getattr(glitch, name)) for glitch in found]), unit)
+        for name, unit in units.items()
+    }

@@ -1,0 +1,62 @@
+"""The layout of the thrusters: what each nozzle gives of force and torque, and what commands ask of it."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where nozzles sit and which way they push, seen from the centre of mass.
+
+    Attributes
+    ----------
+    places : tuple of tuple of float
+        Of each nozzle [m].
+    directions : tuple of tuple of float
+        Unit vectors of their thrust.
+    """
+
+    places: tuple[tuple[float, float, float], ...]
+    directions: tuple[tuple[float, float, float], ...]
+
+    @cached_property
+    def matrix(self) -> Array:
+        """Give force [1] and torque [m] on the spacecraft per thrust of each of n nozzles, shape (6, n)."""
+        return np.vstack([np.transpose(self.directions), np.cross(self.places, self.directions).T])
+
+    @cached_property
+    def allocation(self) -> Array:
+        """Give the thrust of each nozzle per commanded force [1] and torque [m^-1], shape (n, 6).
+
+        It is the pseudo-inverse of `matrix`: of all thrusts that give what is commanded, the least. Nozzles
+        have one delay and one lag, so that what they give together is what was commanded.
+        """
+        return np.asarray(np.linalg.pinv(self.matrix))
+
+
+def _eight_nozzles() -> Layout:
+    """Make four pairs on two opposite sides, below the solar panel; geometry is a choice.
+
+    The pairs stand 1 m from the axis through the centre of mass, 0.25 m above it towards the Sun, 30, 85, 210
+    and 265 degrees from x. The nozzles of a pair push inwards, 25 degrees to either side, and 20 degrees
+    towards the Sun, whose pressure all of them balance together.
+    """
+    aside, up = math.radians(25), math.radians(20)
+    places, directions = [], []
+    for degrees in (30, 85, 210, 265):
+        azimuth = math.radians(degrees)
+        for side in (-aside, aside):
+            places.append((math.cos(azimuth), math.sin(azimuth), 0.25))
+            inwards = azimuth + math.pi + side
+            level = math.cos(up)
+            directions.append((level * math.cos(inwards), level * math.sin(inwards), math.sin(up)))
+    return Layout(tuple(places), tuple(directions))
+
+
+EIGHT_NOZZLES = _eight_nozzles()

@@ -1,0 +1,297 @@
+"""What a user waits for: seconds and memory of every stage of a command, and of the fit on a busy machine.
+
+    python tests/benchmarks/waiting.py                          all campaigns, then the fit on a busy machine
+    python tests/benchmarks/waiting.py quickstart --rounds 3
+    python tests/benchmarks/waiting.py --before CHECKOUT        another checkout takes turns, for ratios
+    python tests/benchmarks/waiting.py --docs                   writes README and docs/benchmarks.md
+
+A stage ends where the command says so on standard error. `cpu` is the time on all processors, `mb` the
+memory of the largest process, `mb_all` that of all of them, pages that they share counted once. Of several
+rounds the medians are told. The last line is JSON.
+"""
+
+import argparse
+import json
+import os
+import platform
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+CAMPAIGNS = ("quickstart", "mission-x", "mission", "inertial")
+#: What the command says at the end of each stage.
+SAID = {"FMUs": "build", "simulation": "simulate", "reading": "read", "fit": "fit", "report": "report"}
+STAGES = ("import", *SAID.values(), "total")
+COMMANDS = {
+    "fit": ("fit", "{telemetry}"),
+    "check": ("check", "{campaign}"),
+    "forecast": ("forecast", "{campaign}"),
+    "start": ("--version",),
+}
+OF_COMMANDS = "mission-x"
+PAUSE = 0.02  # s between two looks at the processes
+BEGIN, END = "<!-- from waiting.py -->", "<!-- end of waiting.py -->"
+TICK = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+Figures = dict[str, dict[str, float]]  # by stage: s, cpu, mb, mb_all
+
+
+@dataclass
+class Watched:
+    """What is seen of a process and its children.
+
+    Attributes
+    ----------
+    peak : float
+        Memory [MB] of the largest of them since `turned` was called.
+    peak_all : float
+        Memory [MB] of all of them, what they share counted once.
+    cpu : float
+        Seconds on the processors so far.
+    """
+
+    pid: int
+    peak: float = 0.0
+    peak_all: float = 0.0
+    _cpu: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def cpu(self) -> float:
+        return sum(self._cpu.values())
+
+    def look(self) -> None:
+        sizes, share = [], 0.0
+        for pid in _family(self.pid):
+            with suppress(OSError, ValueError, IndexError):  # of one that has just ended
+                fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+                self._cpu[pid] = (int(fields[11]) + int(fields[12])) / TICK
+                said = Path(f"/proc/{pid}/smaps_rollup").read_text()
+                sizes.append(_kilobytes("Rss", said) / 1024)
+                share += _kilobytes("Pss", said) / 1024
+        self.peak, self.peak_all = max(self.peak, *sizes, 0.0), max(self.peak_all, share)
+
+    def turned(self) -> tuple[float, float]:
+        """Return both peaks, and begin anew."""
+        peaks = self.peak, self.peak_all
+        self.peak = self.peak_all = 0.0
+        return peaks
+
+
+def _kilobytes(name: str, text: str) -> float:
+    found = re.search(rf"^{name}:\s+(\d+) kB", text, re.MULTILINE)
+    return float(found[1]) if found else 0.0
+
+
+def _family(pid: int) -> Iterator[int]:
+    yield pid
+    with suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                yield from _family(int(child))
+
+
+def watched(arguments: Sequence[str], checkout: Path, folder: Path, **environment: str) -> Figures:
+    """Run a command of a checkout in a folder; return what its stages took."""
+    command = [sys.executable, "-P", "-m", "lpfcosim", *arguments]
+    env = {**os.environ, "PYTHONPATH": str(checkout), **environment}
+    started = last = time.perf_counter()
+    found: Figures = {}
+    with subprocess.Popen(
+        command, cwd=folder, env=env, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
+        family, over = Watched(process.pid), threading.Event()
+
+        def looking() -> None:
+            while not over.wait(PAUSE):
+                family.look()
+
+        thread = threading.Thread(target=looking)
+        thread.start()
+        cpu, most, said = 0.0, (0.0, 0.0), []
+        for line in process.stderr or ():
+            said.append(line)
+            stage = SAID.get(line.partition(":")[0], "")
+            if not stage:
+                continue
+            now, peaks = time.perf_counter(), family.turned()
+            took = {"s": now - last, "cpu": family.cpu - cpu, "mb": peaks[0], "mb_all": peaks[1]}
+            if stage == "build":  # what came before was to read in the code and the campaign
+                build = float(line.rsplit(",", 1)[1].removesuffix(" s\n"))
+                found["import"] = {**took, "s": took["s"] - build}
+                took = {**took, "s": build, "cpu": 0.0}
+            found[stage] = took
+            last, cpu, most = now, family.cpu, tuple(map(max, most, peaks))
+        over.set()
+        thread.join()
+    if process.returncode not in (0, 1):
+        raise SystemExit(f"{' '.join(arguments)} ended with status {process.returncode}:\n{''.join(said)}")
+    most = tuple(map(max, most, family.turned()))
+    whole = {"s": time.perf_counter() - started, "cpu": family.cpu, "mb": most[0], "mb_all": most[1]}
+    return {**found, "total": whole}
+
+
+def middle(rounds: Sequence[Figures]) -> Figures:
+    """Return the medians, rounded."""
+    return {
+        stage: {key: round(statistics.median(r[stage][key] for r in rounds), 2) for key in rounds[0][stage]}
+        for stage in rounds[0]
+    }
+
+
+def measured(
+    commands: Mapping[str, Sequence[str]], folders: Mapping[Path, Path], rounds: int
+) -> dict[str, dict[str, Figures]]:
+    """Run commands in turns, of each checkout in a folder of its own; return the medians by both."""
+    found: dict[str, dict[str, list[Figures]]] = {name: {} for name in commands}
+    for name, arguments in commands.items():
+        for _ in range(rounds):
+            for checkout, folder in folders.items():
+                if arguments[0] == "run":
+                    shutil.rmtree(folder / name, ignore_errors=True)
+                made = [a.format(**_places(checkout, folder)) for a in arguments]
+                found[name].setdefault(str(checkout), []).append(watched(made, checkout, folder))
+    return {name: {at: middle(of) for at, of in by.items()} for name, by in found.items()}
+
+
+def _places(checkout: Path, folder: Path) -> dict[str, str]:
+    return {
+        "telemetry": str(folder / OF_COMMANDS / "telemetry"),
+        "campaign": str(checkout / "campaigns" / f"{OF_COMMANDS}.toml"),
+    }
+
+
+@contextmanager
+def busy(n: int) -> Iterator[None]:
+    """Keep n processors busy."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+
+
+def under_load(folder: Path, rounds: int) -> dict[str, float]:
+    """Time the fit of a folder alone on one processor, and beside as many busy processes as there are."""
+    n = os.cpu_count() or 1
+
+    def seconds(**environment: str) -> float:
+        return watched(["fit", str(folder), "--out", "loaded"], ROOT, folder.parent, **environment)["fit"][
+            "s"
+        ]
+
+    found: dict[str, list[float]] = {"one_processor_s": [], "one_thread_ratio": [], "default_ratio": []}
+    everyone = os.sched_getaffinity(0)
+    for _ in range(rounds):
+        os.sched_setaffinity(0, {min(everyone)})  # which the command inherits
+        alone = seconds(OPENBLAS_NUM_THREADS="1")
+        os.sched_setaffinity(0, everyone)
+        found["one_processor_s"].append(alone)
+        with busy(n):
+            found["one_thread_ratio"].append(seconds(OPENBLAS_NUM_THREADS="1") / alone)
+            found["default_ratio"].append(seconds(OPENBLAS_NUM_THREADS=str(n)) / alone)
+    return {key: round(statistics.median(values), 2) for key, values in found.items()}
+
+
+def machine() -> str:
+    """Describe the machine."""
+    model = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    memory = _kilobytes("MemTotal", Path("/proc/meminfo").read_text()) / 2**20
+    name = model[1] if model else platform.machine()
+    return (
+        f"{os.cpu_count()} processors ({name}), {memory:.0f} GB of memory, {platform.system()}, "
+        f"Python {platform.python_version()}"
+    )
+
+
+def tables(told: Mapping[str, object]) -> str:
+    """Return the figures as they stand in the documentation."""
+    campaigns: dict[str, Figures] = told["campaigns"]  # type: ignore[assignment]
+    commands: dict[str, Figures] = told["commands"]  # type: ignore[assignment]
+    ratios: dict[str, dict[str, float]] = told.get("ratios", {})  # type: ignore[assignment]
+    lines = [f"On {told['machine']}.\n", f"| `run` | {' | '.join(STAGES)} | memory |", "|---" * 9 + "|"]
+    for name, of in campaigns.items():
+        seconds = " | ".join(f"{of[stage]['s']:.1f} s" for stage in STAGES)
+        lines.append(f"| `{name}.toml` | {seconds} | {of['total']['mb']:.0f} MB |")
+    lines += ["", f"| `{OF_COMMANDS}` | total | memory |", "|---" * 3 + "|"]
+    for name, of in commands.items():
+        lines.append(f"| `{name}` | {of['total']['s']:.1f} s | {of['total']['mb']:.0f} MB |")
+    if ratios:
+        lines += ["", "| as fast as before | times |", "|---" * 2 + "|"]
+        lines += [f"| `{name}` | {of['total']:.1f} |" for name, of in ratios.items()]
+    load: dict[str, float] = told["load"]  # type: ignore[assignment]
+    lines.append(
+        f"\nThe fit of `{OF_COMMANDS}` takes {load['one_processor_s']:.1f} s alone on one processor. Beside "
+        "as many busy processes as there are processors it takes "
+        f"{load['default_ratio']:.2f} times as long, with OPENBLAS_NUM_THREADS=1 "
+        f"{load['one_thread_ratio']:.2f} times."
+    )
+    return "\n".join(lines) + "\n"
+
+
+def sentence(told: Mapping[str, object]) -> str:
+    """Return the figures that stand in the README."""
+    campaigns: dict[str, Figures] = told["campaigns"]  # type: ignore[assignment]
+    took = ", ".join(f"`{name}` {of['total']['s']:.0f} s" for name, of in campaigns.items())
+    return f"`lpfcosim run` takes, on {told['machine']}: {took}.\n"
+
+
+def write(told: Mapping[str, object], readme: Path, page: Path) -> None:
+    """Put the figures into the README and a page, between their marks."""
+    for path, words in ((readme, sentence(told)), (page, tables(told))):
+        text = path.read_text(encoding="utf-8")
+        before, after = text.split(BEGIN)[0], text.split(END)[1]
+        path.write_text(f"{before}{BEGIN}\n{words}{END}{after}", encoding="utf-8")
+
+
+def main() -> None:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("campaigns", nargs="*", default=CAMPAIGNS, metavar="NAME", help="of campaigns/")
+    parser.add_argument("--before", type=Path, help="another checkout, to compare with")
+    parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--docs", action="store_true", help="write the tables into the documentation")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place:
+        checkouts = [ROOT, *([given.before.resolve()] if given.before else [])]
+        folders = {checkout: Path(place) / str(n) for n, checkout in enumerate(checkouts)}
+        for folder in folders.values():
+            folder.mkdir()
+        runs = {name: ("run", str(ROOT / "campaigns" / f"{name}.toml")) for name in given.campaigns}
+        others = COMMANDS if OF_COMMANDS in runs else {"start": COMMANDS["start"]}
+        found = measured({**runs, **others}, folders, given.rounds)
+        telemetry = folders[ROOT] / [OF_COMMANDS, *runs][OF_COMMANDS not in runs] / "telemetry"
+        load = under_load(telemetry, given.rounds)
+    now = {name: by[str(ROOT)] for name, by in found.items()}
+    told: dict[str, object] = {
+        "machine": machine(),
+        "campaigns": {name: now[name] for name in runs},
+        "commands": {name: now[name] for name in others},
+        "load": load,
+    }
+    if given.before:
+        before = {name: by[str(checkouts[1])] for name, by in found.items()}
+        told["ratios"] = {
+            name: {s: round(before[name][s]["s"] / max(took["s"], 1e-9), 2) for s, took in of.items()}
+            for name, of in now.items()
+        }
+    print(tables(told))
+    if given.docs:
+        write(told, ROOT / "README.md", ROOT / "docs" / "benchmarks.md")
+    print(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""The frame of the telemetry: what is found in either, what becomes of one that is stated wrongly."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from fit import deltag
+from fit.errors import InputError
+from fit.estimate.centrifugal import FRAME, STRENGTH, judged
+from fit.estimate.inertial import fit_period
+from fit.paper import joint_names, joint_parameter
+from fit.pipeline import calibrate, calibrate_inertial
+from fit.report import page
+from fit.results import Estimate, Fit, load, write
+from fit.telemetry import read_all
+from lpfcosim.campaign import loading
+from lpfcosim.running.telemetry import attributes
+from lpfcosim.worlds import whole_plant
+from tests import ROOT
+from tests.fit.estimate.test_joint import recorded
+from tests.oracles import rotation_synthetic as synthetic
+from tests.oracles import synthetic as along_x
+from tests.oracles.turned import half_turn, stating
+
+DAY = 86400.0
+TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
+LATE = synthetic.World(plateau=1.74e-15)
+
+
+def period(*runs):
+    return fit_period(runs, synthetic.calibration(LATE).joint)
+
+
+@pytest.fixture(scope="module")
+def half_a_day():
+    return synthetic.run(LATE, duration=DAY / 2)
+
+
+@pytest.fixture(scope="module")
+def found(half_a_day):
+    return period(half_a_day[0])
+
+
+@pytest.fixture(scope="module")
+def refused(half_a_day):
+    return calibrate_inertial([half_turn(half_a_day[0])], synthetic.calibration(LATE))
+
+
+def test_the_centrifugal_term_has_the_coefficient_1(found):
+    told = found.centrifugal
+    assert told.value == pytest.approx(1, abs=4.5 * told.sigma)
+    assert 0.03 < told.sigma < 0.15
+    assert told.unit == "1"
+    assert not found.unsound
+
+
+def test_in_the_papers_frame_delta_eta_changes_sign_and_nothing_else(half_a_day, found):
+    fit = period(stating(half_turn(half_a_day[0]), TO_1))
+    assert fit["delta_phi"].value == pytest.approx(found["delta_phi"].value, rel=1e-9)
+    assert fit["delta_eta"].value == pytest.approx(-found["delta_eta"].value, rel=1e-9)
+    np.testing.assert_allclose(fit.centrifugal.value, found.centrifugal.value, rtol=1e-9)
+    sigmas = [[e.sigma for e in f.parameters.values()] for f in (fit, found)]
+    np.testing.assert_allclose(*sigmas, rtol=1e-9)
+    assert fit.warnings == found.warnings
+
+
+@pytest.mark.parametrize(("turned", "stated", "true"), [(True, TO_2, TO_1), (False, TO_1, TO_2)])
+def test_a_frame_that_the_data_contradict_is_refused(half_a_day, turned, stated, true):
+    run = stating(half_turn(half_a_day[0]) if turned else half_a_day[0], stated)
+    fit = period(run)
+    (told,) = fit.unsound
+    assert told.code == FRAME
+    assert told.parameters == ("delta_phi", "delta_eta")
+    assert stated in told.message
+    assert f"x_axis = {true!r}" in told.message
+    assert fit.centrifugal.value == pytest.approx(-1, abs=4.5 * fit.centrifugal.sigma)
+
+
+def test_a_frame_that_is_refused_reaches_no_product(half_a_day, refused, tmp_path):
+    assert [place for place, _ in refused.unsound] == ["inertial.0"]
+    path = synthetic.write(tmp_path, half_turn(half_a_day[0]), LATE)
+    (run,) = read_all([path])
+    product = deltag.delta_g(run, refused)
+    assert not {"g_Omega", "g_dOmega"} & product.channels.keys()
+    assert (
+        "g_Omega and g_dOmega are left out: the inertial period 0 is not sound" in product.attributes["notes"]
+    )
+    html = page.write_report(tmp_path, refused, [run]).read_text()
+    assert "The telemetry is not in the frame it states" in html
+
+
+def test_results_remember_frame_and_coefficient(half_a_day, refused, tmp_path):
+    write(refused, tmp_path / "results.json")
+    again = load(tmp_path / "results.json")
+    assert again.inertial["0"].centrifugal == refused.inertial["0"].centrifugal
+    assert again.inertial["0"].unsound
+    assert again.provenance.x_axis == TO_2
+    stated = calibrate_inertial([stating(half_turn(half_a_day[0]), TO_1)], synthetic.calibration(LATE))
+    assert stated.provenance.x_axis == TO_1
+    with pytest.raises(InputError, match=r"^inertial\.h5: attribute x_axis: .*2', expected .*1' as in"):
+        calibrate_inertial([half_a_day[0]], stated)
+
+
+def test_the_product_is_as_quiet_in_either_frame(half_a_day, tmp_path):
+    """Delta g is the true one, of the other sign."""
+    turned = stating(half_turn(half_a_day[0]), TO_1)
+    path = synthetic.write(tmp_path, turned, LATE)
+    results = calibrate_inertial(read_all([path]), synthetic.calibration(LATE))
+    product = tmp_path / "product.h5"
+    deltag.write_delta_g(path, product, results, {})
+    with h5py.File(product) as file:
+        assert file.attrs["x_axis"] == TO_1
+        channels = {name: file[name][:] for name in ("delta_g", "delta_g_x", "g_Omega")}
+
+    def level(x):
+        f, S = welch(x, 1.0, nperseg=x.size // 3, detrend="linear")
+        return np.sqrt(S[(f > 0.06e-3) & (f < 0.3e-3)].mean())
+
+    true = half_a_day[1]["delta_g"][10:-10]
+    assert level(channels["delta_g"] + true) < 0.4 * level(true) < 0.2 * level(channels["delta_g_x"])
+
+
+@pytest.mark.slow
+def test_the_whole_spacecraft_in_either_frame():
+    """Half a day with every channel, cross-talk and noise; none of this simulation is the oracle's."""
+    plan = loading.load(ROOT / "campaigns" / "inertial.toml")
+    long = next(run for run in plan.runs if run.inertial_period == 3 and run.sample_rate == 1)
+    simulated = replace(long, n_samples=432_000, sample_rate=10.0)
+    run = recorded(simulated, whole_plant.simulate(simulated))
+    told = attributes(simulated)
+    run = replace(run, attributes={name: told[name] for name in ("omega2_phi", "omega2_eta", "I_yy", "I_zz")})
+    truth = vars(simulated.truth) | {"delta_ifo_2": simulated.delta_ifo}
+    known = {name: joint_parameter(name) for name in joint_names([2])}
+    joint = Fit(
+        {name: Estimate(float(truth[name]), p.sigma, p.unit) for name, p in known.items()},
+        np.diag([p.sigma**2 for p in known.values()]), 1.0, 1, True, (),
+    )  # fmt: skip
+    found, other = (fit_period([each], joint) for each in (run, stating(half_turn(run), TO_1)))
+    for name, sign, true in (("delta_phi", 1, -0.39e-3), ("delta_eta", -1, -0.137e-3)):
+        assert other[name].value == pytest.approx(sign * found[name].value, rel=1e-9)
+        assert found[name].value == pytest.approx(true, abs=4.5 * found[name].sigma)
+    assert found.centrifugal.value == pytest.approx(1, abs=4.5 * found.centrifugal.sigma)
+    (told,) = fit_period([half_turn(run)], joint).unsound
+    assert told.code == FRAME
+
+
+def test_runs_of_one_fit_state_one_frame(half_a_day):
+    runs = along_x.pair(along_x.World(), "A")
+    other = stating(runs[1], TO_1)
+    with pytest.raises(
+        InputError, match=r"^A-noise\.h5: attribute x_axis: 'towards test mass 1', but A-sysid"
+    ):
+        calibrate([runs[0], other])
+    turned = stating(half_a_day[0], TO_1, run="turned", path=Path("turned.h5"))
+    with pytest.raises(InputError, match=r"^turned\.h5: attribute x_axis: .* but inertial\.h5 .* one frame"):
+        calibrate_inertial([half_a_day[0], turned], synthetic.calibration(LATE))
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "codes"),
+    [
+        (1.3, 0.1, []),  # the data cannot tell
+        (-0.9, 0.4, []),
+        (0.8, 0.02, []),  # torques whose gain is not known
+        (-0.9, 0.3, [FRAME]),
+        (-3.0, 0.1, [FRAME]),
+        (0.02, 0.01, [STRENGTH]),
+        (1.5, 0.05, [STRENGTH]),
+    ],
+)
+def test_what_is_said_of_the_coefficient(value, sigma, codes):
+    assert [w.code for w in judged(Estimate(value, sigma, "1"), TO_1)] == codes

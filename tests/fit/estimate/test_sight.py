@@ -1,0 +1,59 @@
+"""What an experiment tells frequency by frequency is what the forecast of its tones says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate import sight
+from fit.estimate.forecast import expected_fit
+from fit.settings import settings
+from lpfcosim.campaign import loading
+from lpfcosim.cli.planned import planned
+from lpfcosim.plant import planning
+from lpfcosim.spacecraft import TaperedSine
+from lpfcosim.worlds import world_of
+from tests import ROOT
+
+TONES = (
+    TaperedSine("guidance_o_12", 5e-9, 18 / 21000, 18, 300.0, 0.3, 1000.0),
+    TaperedSine("guidance_o_1", 6e-9, 63 / 21000, 63, 300.0, 1.0, 1000.0),
+    TaperedSine("F_x_2", 1e-12, 840 / 21000, 840, 300.0, 2.0, 1000.0),
+)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    found = loading.load(ROOT / "campaigns" / "quickstart.toml")
+    return replace(found, experiments=tuple(replace(e, injections=TONES) for e in found.experiments[::3]))
+
+
+def test_tones_tell_what_the_forecast_says(plan):
+    expected = expected_fit(planned(plan))
+    bare = replace(plan, experiments=tuple(replace(e, injections=()) for e in plan.experiments))
+    told = sight.sights(planned(bare), settings())
+    lost = np.array([name not in expected.parameters for name in told.names])
+    information = np.diag(np.where(lost, told.widths**-2.0, 0.0))
+    t = np.linspace(0, 21600, 5000)
+    left = np.clip(np.minimum(t - 300, 21300 - t) / 1000, 0, 1)
+    power = (0.5 - 0.5 * np.cos(np.pi * left)) ** 2
+    for each, run in zip(told.each, (r for r in plan.runs if r.kind == "sysid"), strict=True):
+        s = world_of(run).system(run)
+        information += each.told
+        for tone in TONES:
+            f = np.array([tone.frequency])
+            H = planning.transfer(s, run.h, f)[0, :, s.inputs.index(tone.into)]
+            moved = H[[s.channels.index(name) for name in each.channels]] * tone.amplitude
+            d = each.seen(f)[0] @ moved
+            information += each.worth(power) * np.outer(d.conj(), d).real
+    sigma = dict(zip(told.names, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))
+    for name, estimate in expected.parameters.items():
+        assert sigma[name] == pytest.approx(estimate.sigma, rel=0.01), name
+
+
+def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
+    (each, _) = sight.sights(planned(plan), settings()).each
+    on = np.zeros(20000)
+    on[4000:12000] = 1.0
+    assert each.worth(on) == pytest.approx(0.4 * each.duration, rel=1e-3)
+    assert each.worth(np.ones(20000)) < 0.96 * each.duration

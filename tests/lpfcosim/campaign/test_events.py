@@ -1,0 +1,109 @@
+"""The table [events]: what it makes of the runs, and the sentence for all that can be wrong with it."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+import lpfcosim
+from fit.telemetry import read_all, read_truth
+from lpfcosim.campaign import loading
+from lpfcosim.errors import InputError
+from lpfcosim.signals import events
+from lpfcosim.spacecraft.events import Events
+from tests import ROOT
+from tests.campaign_text import SHORT_PLAN
+
+QUICKSTART = ROOT / "campaigns" / "quickstart.toml"
+HISTORY = """plateau = [
+  { date = "2016-04-16T08:00:00Z", level = "5.57 fm s^-2 Hz^-0.5" },
+  { date = "2016-04-17T08:00:00Z", level = "1.74 fm s^-2 Hz^-0.5" },
+]
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    def make(text):
+        path = tmp_path / "events.toml"
+        head = f'schema = "lpf-campaign/1"\nextends = "{QUICKSTART.as_posix()}"\nname = "events"\n'
+        path.write_text(f"{head}[events]\n{text}\n", encoding="utf-8")
+        return path
+
+    return make
+
+
+def test_nothing_happens_unless_asked_for(campaign):
+    assert {run.events for run in loading.load(QUICKSTART).runs} == {None}
+    plan = loading.load(campaign("glitches_per_day = 1.0"))
+    assert {run.events for run in plan.runs} == {Events(glitches_per_day=1.0)}
+    assert replace(plan, events=None, name="quickstart") == loading.load(QUICKSTART)
+    assert replace(plan, events=None, name="quickstart").digest == loading.load(QUICKSTART).digest
+    assert replace(plan, name="quickstart").digest != loading.load(QUICKSTART).digest
+
+
+def test_plateau_falls_with_the_date(campaign):
+    runs = loading.load(campaign(HISTORY)).runs
+    # A has no plateau of its own, B to D have
+    assert [run.noise.plateau for run in runs[:2]] == pytest.approx(
+        [5.57e-15, 5.57e-15 * (1.74 / 5.57) ** 0.25]
+    )
+    assert [run.noise.plateau for run in runs[2::2]] == [5e-15, 4e-15, 3e-15]
+    text = campaign(HISTORY).read_text(encoding="utf-8")
+    later = 't0 = "2017-04-16T08:00:00Z"\n[events]'
+    path = campaign("")
+    path.write_text(text.replace("[events]", later), encoding="utf-8")
+    assert loading.load(path).runs[0].noise.plateau == pytest.approx(1.74e-15)
+
+
+def test_tail_scatters_from_experiment_to_experiment(campaign):
+    plain, scattered = loading.load(QUICKSTART).runs, loading.load(campaign("tail_scatter = 0.2")).runs
+    factors = [a.noise.tail / b.noise.tail for a, b in zip(scattered, plain, strict=True)]
+    assert factors[::2] == factors[1::2]  # a noise run is of its experiment
+    assert len(set(factors)) == 4
+    assert 0.05 < np.std(np.log(factors[::2])) < 0.6
+
+
+BAD = [
+    ("glitches = 1", "events.glitches: unknown key, did you mean"),
+    ("glitches_per_day = -1.0", "events.glitches_per_day: -1.0 is too small, expected 0 or more"),
+    ('glitch_impulse = "10 pm"', 'events.glitch_impulse: "10 pm" is not a velocity'),
+    ('glitch_longest = "2 s"', "events.glitch_longest: 2 s is below glitch_shortest, 5 s"),
+    ("gaps_per_day = 20.0", "events.gaps_per_day: 20 gaps of 60 s a day take 1.4 % of a run, expected"),
+    ('gap_duration = "11 min"', 'events.gap_duration: "11 min" is above 597 s'),
+    ("noise_drift = 3.0", "events.noise_drift: 3.0 is too large, expected 1 or less"),
+    ('plateau = [{ date = "2016-04-16T08:00:00Z" }]', "events.plateau[0].level: missing"),
+    (HISTORY.replace("04-17", "04-15"), "events.plateau: expected dates that grow from entry to entry"),
+    (HISTORY.replace("2016-04-17T08:00:00Z", "soon"), 'events.plateau[1].date: "soon" is not a time in UTC'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "sentence"), BAD)
+def test_bad_events_are_one_sentence_with_their_place(campaign, text, sentence):
+    path = campaign(text)
+    with pytest.raises(InputError) as refusal:
+        loading.load(path)
+    assert str(refusal.value).startswith(f"{path}: {sentence}")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("rate", [1, 10])
+def test_telemetry_has_gaps_and_the_truth_of_its_glitches(tmp_path, rate):
+    path = tmp_path / "short.toml"
+    text = SHORT_PLAN.replace('duration = "200 s"', f'duration = "5000 s"\nsample_rate = "{rate} Hz"')
+    table = '[events]\nglitches_per_day = 200.0\ngaps_per_day = 70.0\ngap_duration = "6 s"\n'
+    path.write_text(text.replace("[noise]", f"{table}\n[noise]"), encoding="utf-8")
+    (run,) = (run for run in loading.load(path).runs if run.kind == "sysid")
+    paths = lpfcosim.simulate(str(path), str(tmp_path / "out"), fmus=False)
+    (telemetry,) = (told for told in read_all(paths) if told.kind == "sysid")
+    lost = events.missing(run, telemetry.time)
+    assert 0 < lost.mean() < 0.01
+    for values in telemetry.channels.values():
+        np.testing.assert_array_equal(np.isnan(values), lost)
+    assert read_truth(telemetry.path)["plateau"] == pytest.approx(5.6e-15)
+    with h5py.File(telemetry.path) as opened:
+        drawn = events.glitches(run)
+        np.testing.assert_array_equal(opened["truth/glitch_begin"], [glitch.begin for glitch in drawn])
+        np.testing.assert_array_equal(opened["truth/glitch_impulse"], [glitch.impulse for glitch in drawn])
+        assert opened["truth/glitch_impulse"].attrs["units"] == "m s-1"

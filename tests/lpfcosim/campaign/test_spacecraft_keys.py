@@ -1,0 +1,138 @@
+"""What a campaign says of the whole spacecraft: cross-talk by period, its compensation and drift, layout."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim.campaign import loading
+from lpfcosim.errors import InputError
+from lpfcosim.plant import planning
+from lpfcosim.spacecraft import EIGHT_NOZZLES, Lead
+from lpfcosim.worlds import world_of
+from tests.campaign_text import ONE_EXPERIMENT
+
+HEAD = 'schema = "lpf-campaign/1"\nname = "whole"\nseed = 1\n'
+EXPERIMENT = 'inertial_period = 1\nnoise_duration = "10 d"\n'
+PERIOD = '[spacecraft.period.1]\ndelta_phi = "-0.47 mrad"\ndelta_eta = "-0.066 mrad"\n'
+LENGTHS = 'b_1 = "12 um/rad"\nb_2 = "-9 um/rad"\nb_3 = 2.2e-5\n'
+D = 0.376
+
+
+@pytest.fixture
+def make(tmp_path):
+    def load(spacecraft, period="", head="", more=""):
+        path = tmp_path / "c.toml"
+        table = f"[spacecraft]\n{spacecraft}\n{PERIOD}{period}\n" if spacecraft is not None else ""
+        one = EXPERIMENT if table else EXPERIMENT.replace("inertial_period = 1", "")
+        path.write_text(f"{HEAD}{head}\n{table}{ONE_EXPERIMENT}{one}{more}", encoding="utf-8")
+        return loading.load(path).runs
+
+    return load
+
+
+def lengths(runs):
+    return runs[0].spacecraft.b[:3]
+
+
+def test_cross_talk_is_that_of_the_read_out_unless_asked(make):
+    assert lengths(make(LENGTHS)) == (1.2e-5, -0.9e-5, 2.2e-5)
+
+
+def test_cross_talk_may_be_what_is_left_after_the_lever_arm(make):
+    runs = make(LENGTHS + "lever_arm_compensated = true\n")
+    assert lengths(runs) == pytest.approx((1.2e-5 + 0.47e-3 * D, -0.9e-5 - 0.066e-3 * D, 2.2e-5))
+    assert world_of(runs[0]).truth(runs[0])["b_1"] == lengths(runs)[0]  # what the read-out has
+
+
+def test_a_period_may_have_cross_talk_of_its_own(make):
+    runs = make(LENGTHS, 'b_2 = "3 um/rad"\nb_5 = "1e-8 s^-2"\n')
+    assert runs[0].spacecraft.b == (1.2e-5, 3e-6, 2.2e-5, 0.0, 1e-8, 0.0)
+    runs = make(LENGTHS + "lever_arm_compensated = true\n", 'b_2 = "3 um/rad"\n')
+    assert lengths(runs) == pytest.approx((1.2e-5 + 0.47e-3 * D, 3e-6 - 0.066e-3 * D, 2.2e-5))
+
+
+def test_cross_talk_drifts_from_the_start_of_the_campaign(make):
+    text = LENGTHS + 'b_1_drift = "1 um rad^-1 d^-1"\n'
+    assert lengths(make(text)) == pytest.approx((1.2e-5 + 5e-6, -0.9e-5, 2.2e-5))  # middle of ten days
+    later = make(text, more='t0 = "2016-03-11T00:00:00Z"\n')
+    assert lengths(later) == pytest.approx((1.2e-5 + 15e-6, -0.9e-5, 2.2e-5))
+
+
+def test_cross_talk_follows_the_temperature_of_an_experiment(make):
+    text = LENGTHS + 'b_2_per_kelvin = "8 um rad^-1 K^-1"\n'
+    assert lengths(make(text)) == (1.2e-5, -0.9e-5, 2.2e-5)
+    assert lengths(make(text, more='temperature = "-0.5 K"\n')) == pytest.approx((1.2e-5, -1.3e-5, 2.2e-5))
+
+
+def bump(run, frequency):
+    """ASD of -(2 pi f)^2 o_12, which above 10 mHz is Delta g, where torques alone shake the spacecraft."""
+    S = planning.cross_spectra(run, ("o_12",), frequency)[:, 0, 0].real
+    return (2 * np.pi * frequency) ** 2 * np.sqrt(S)
+
+
+def test_the_bump_of_a_compensated_lever_arm_is_that_of_what_is_left(make):
+    """At 20 mHz the test masses still follow a little: of the lever arm a ninth is left there."""
+    f = np.array([20e-3, 30e-3, 50e-3, 70e-3])
+    noise = 'noise = { oms = "0 m Hz^-0.5", thruster = "0 N Hz^-0.5", plateau = "0 m s^-2 Hz^-0.5", tail = 0'
+    shaken = noise + ', thruster_torque = "0.08 uN m Hz^-0.5" }\n'
+    as_it_is, compensated = (
+        bump(make(f"{LENGTHS}lever_arm_compensated = {told}\n", more=shaken)[0], f)
+        for told in ("false", "true")
+    )
+    craft = make(LENGTHS, more=shaken)[0]
+    meant = bump(replace(craft, spacecraft=replace(craft.spacecraft, delta_phi=0.0, delta_eta=0.0)), f)
+    assert np.all(as_it_is > 3 * meant)
+    assert np.all(abs(compensated / meant - 1) < [0.6, 0.3, 0.1, 0.05])
+
+
+def test_layout_and_attitude_are_as_asked(make):
+    assert make("")[0].spacecraft.layout is None
+    head = '[control.attitude]\nunity_gain = "0.05 mHz"\n'
+    craft = make('thruster_layout = "eight nozzles"\n', head=head)[0].spacecraft
+    assert craft.layout == EIGHT_NOZZLES
+    assert craft.attitude == Lead(unity_gain=5e-5, zero=0.021e-3, pole=0.42e-3)
+
+
+def test_angular_stiffness_follows_the_authority_where_asked(make):
+    """By hand, with 2200 pN on test mass 2 and 10.4 pN m on both; electrodes at 11 mm, 14.5 by 36 mm."""
+    still, follows = make(""), make('omega2_phi_0 = "-1.2e-6 s^-2"\n')
+    assert world_of(still[0]).attributes(still[0])["omega2_phi"] == -1.5e-6
+    told = world_of(follows[0]).attributes(follows[0])
+    per_x = 1.928 / 6.8e-4 * (11e-3**2 + 14.5e-3**2 / 12 - 23e-3 * 2.9e-10 / 1.58e-7)
+    along_x = (-28.2e3 * 10.4e-12, -27.4e3 * 10.4e-12 - 317 * 2200e-12)
+    assert told["omega2_phi"] == pytest.approx(-1.2e-6 + per_x * sum(along_x) / 2, rel=1e-4)
+    assert told["omega2_eta"] == -1.5e-6
+    plant = world_of(follows[0]).parameters(follows[0])["WholePlant"]
+    assert plant["domega2_phi_12"] == pytest.approx(per_x * (along_x[1] - along_x[0]), rel=1e-4)
+    assert "domega2_eta_12" not in plant
+
+
+TORQUE = 'noise = { thruster_torque = "1 uN m Hz^-0.5" }\n'
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        (
+            {"spacecraft": None, "head": '[control.attitude]\nzero = "1 uHz"\n'},
+            "control.attitude: the x axis alone has no attitude, it takes [spacecraft]",
+        ),
+        (
+            {"spacecraft": 'thruster_layout = "eight nozzles"', "more": TORQUE},
+            "experiments[0].noise.thruster_torque: spacecraft.thruster_layout makes the noise of the torques",
+        ),
+        (
+            {"spacecraft": None, "more": 'temperature = "1 K"\n'},
+            "experiments[0].temperature: nothing of the x axis alone depends on it",
+        ),
+        ({"spacecraft": 'thruster_layout = "nine"'}, 'spacecraft.thruster_layout: "nine" is not'),
+        ({"spacecraft": "lever_arm_compensated = 1"}, "spacecraft.lever_arm_compensated: "),
+        ({"spacecraft": 'b_1_drift = "1 um/rad"'}, 'spacecraft.b_1_drift: "1 um/rad" is not a drift of a'),
+        ({"spacecraft": "", "period": "b_1 = 3\n"}, "spacecraft.period.1.b_1: 3 has no unit"),
+    ],
+)
+def test_what_does_not_go_together_is_told(make, keys, told):
+    with pytest.raises(InputError) as error:
+        make(**keys)
+    assert told in str(error.value)
