@@ -143,13 +143,17 @@ def given(normal: Normal, widths: Sequence[Width], log_widths: Array) -> tuple[f
     return density, normal.at + to_theta @ y, to_theta @ to_theta.T
 
 
-def evidence(normal: Normal, widths: Sequence[Width]) -> tuple[float, Array]:
+def evidence(z: Array, columns: Array, widths: Sequence[Width]) -> tuple[float, Array]:
     """Return how much likelier data are made by departures than if there were none.
+
+    From the data themselves, not from A and b of above: departures may be told to 1e-9 of their width.
 
     Parameters
     ----------
-    normal : Normal
-        What data say of departures alone, all else projected out, about none.
+    z : ndarray, shape (N,)
+        Data whose noise is white and of unit variance, all but departures projected out.
+    columns : ndarray, shape (N, P)
+        What departures of 1 make of them.
     widths : sequence of Width
         The W widths.
 
@@ -159,16 +163,22 @@ def evidence(normal: Normal, widths: Sequence[Width]) -> tuple[float, Array]:
         Logarithm of the evidence, integrated over the priors of the widths, against that of none.
     log_widths : ndarray, shape (W,)
         Logarithms of the likeliest widths.
-
-    Raises
-    ------
-    FitError
-        If numbers do not hold it.
     """
     points = np.array(list(product(*(np.log(w.scale) + COARSE for w in widths))))
-    density = np.array([given(normal, widths, point)[0] for point in points])  # 0 if there are none
+    density = np.array([_density(z, columns, widths, point) for point in points])  # 0 if there are none
     volume = len(widths) * np.log(COARSE[1] - COARSE[0])
     return float(scipy.special.logsumexp(density) + volume), points[np.argmax(density)]
+
+
+def _density(z: Array, columns: Array, widths: Sequence[Width], log_widths: Array) -> float:
+    """Return the logarithm of the density of the logarithms of the widths."""
+    units = np.zeros(columns.shape[1])
+    for width, log_width in zip(widths, log_widths, strict=True):
+        units[list(width.members)] = np.exp(log_width) * width.units
+    axes, size, _ = np.linalg.svd(columns * units, full_matrices=False)
+    taken = np.sum((axes.T @ z) ** 2 * size**2 / (1 + size**2))
+    priors = sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True))
+    return float(taken / 2 - np.sum(np.log1p(size**2)) / 2 + priors)
 
 
 def integrate(normal: Normal, widths: Sequence[Width]) -> Mixture:

@@ -216,12 +216,11 @@ def _scattering(voices: Regression, kinds: Kinds) -> Scattering | None:
         first, columns = columns.shape[1], np.hstack([columns, Z[:, tells]])
         members = tuple(range(first, columns.shape[1]))
         widths.append(hierarchy.Width(kind.name, members, np.ones(len(members)), kind.scale))
-    normal = hierarchy.Normal(columns.T @ columns, columns.T @ voices.z, np.zeros(columns.shape[1]))
-    ratio, log_widths = hierarchy.evidence(normal, widths)
+    ratio, log_widths = hierarchy.evidence(voices.z, columns, widths)
     each = zip(widths, np.exp(log_widths), strict=True)
     scaled = columns * np.concatenate([np.full(len(w.members), width) for w, width in each])
-    pull = scaled.T @ voices.z
-    taken = float(pull @ np.linalg.solve(np.eye(pull.size) + scaled.T @ scaled, pull))
+    axes, size, _ = np.linalg.svd(scaled, full_matrices=False)
+    taken = float(np.sum((axes.T @ voices.z) ** 2 * size**2 / (1 + size**2)))
     whole = voices.whole
     left = Squares(whole.value - taken, whole.dof - len(kinds), whole.of_noise)
     return Scattering(tuple(kinds), tuple(np.exp(log_widths).tolist()), left, 2 * ratio)

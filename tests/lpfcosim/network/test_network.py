@@ -76,7 +76,8 @@ def test_signals_that_pass_each_other_in_two_components_are_no_loop():
 
 def test_every_variable_of_a_world_has_one_unit(make_run):
     everything = {"truth": Truth(lambda_bend_2=1e-3), "actuation": Actuation(electrode=2e-6)}
-    for run in (make_run(**everything), make_run(**everything, spacecraft=Spacecraft())):
+    craft = Spacecraft(eta_per_x=0.4, phi_per_x=0.5)
+    for run in (make_run(**everything), make_run(**everything, spacecraft=craft)):
         world = world_of(run)
         values = world.parameters(run)
         used = {n for c in world.components_of(run) for n in (*c.inputs, *c.outputs, *values[c.model])}
