@@ -22,6 +22,7 @@ from fit.weighing import Experiment
 
 Array = NDArray[np.float64]
 
+SEEN = 2.0  # sigma, of a width from which a parameter is said to scatter
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
 DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
 OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
@@ -188,11 +189,12 @@ def _scatter(outcome: Outcome) -> list[FitWarning]:
     found = []
     for name, (width, sigma) in outcome.scatter.items():
         kind, j = name.split("_")
+        seen = "scatters" if width > SEEN * sigma else "may scatter"
         text = (
             told[kind].format(j, width, sigma, chosen)
             if kind in told
             else (
-                f"{name} scatters between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
+                f"{name} {seen} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
                 "its sigma is that of the mean over such experiments"
             )
         )

@@ -1,0 +1,23 @@
+"""The machinery that counts false alarms; how many there are is for docs/validation.md to tell."""
+
+from dataclasses import replace
+
+import pytest
+
+from fit.pipeline import calibrate
+from lpfcosim.campaign import loading
+from tests.benchmarks import alarms
+
+
+@pytest.mark.slow
+def test_clean_campaigns_give_no_alarm_and_a_wrong_gain_does(quickstart):
+    plan = loading.load(quickstart)
+    assert alarms.trial(plan, 0, step=False) == {"number": 0, "alarms": []}
+    runs = [alarms.drawn(run, 0) for run in plan.runs]
+    assert runs[0].channels.keys() > {"o_12", "f_x_2", "guidance_o_12"}
+    B = next(run for run in runs if run.run == "B")
+    doubled = replace(B, channels=B.channels | {"guidance_o_12": 2 * B.channels["guidance_o_12"]})
+    scaled = replace(B, channels=B.channels | {"f_x_2": 1.01 * B.channels["f_x_2"]})
+    for wrong, code in ((doubled, "guidance"), (scaled, "scatter")):
+        said = list(alarms.alarms(calibrate([wrong if run is B else run for run in runs]), runs))
+        assert code in {told for _, told, _ in said}
