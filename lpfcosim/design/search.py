@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fit.files import closest
 from lpfcosim.campaign import Campaign, Wishes
 from lpfcosim.design import limits, programme, tones, waveform
+from lpfcosim.design.beginning import begun
 from lpfcosim.design.limits import Limit
 from lpfcosim.design.objective import Objective
 from lpfcosim.design.programme import Optimum
@@ -315,7 +316,7 @@ def _tones(sought: Problem, best: Optimum, told: Told) -> Score:
     for seed in range(STARTS):
         generator = np.random.default_rng([sought.plan.seed, seed])
         try:
-            voices = waveform.begun(sought.stages, spans, best, wishes.forbidden, wishes.spacing, generator)
+            voices = begun(sought.stages, spans, best, wishes.forbidden, wishes.spacing, seed, generator)
             score = waveform.composed(voices, sought.known, sought.objective, wishes.sines, told.value)
         except KeyboardInterrupt:
             if found is None:

@@ -17,18 +17,17 @@ import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.design.objective import Objective
-from lpfcosim.design.programme import Optimum
 from lpfcosim.design.stage import Stage
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 
-SPREAD = 24  # frequencies beside those of the programme that tones begin with
-HARMONICS = (3, 5)  # of the slow tones: what makes a square wave of a sine
-NORMS = (4, 8, 16)  # that stand for a peak while tones are chosen
+NORMS = (4, 8, 16, 32, 64)  # that stand for a peak, of many tones
+FEWER = (16, 32, 64)  # of tones that are becoming few
 LAST = (32, 64, 128, 256, 512)  # and at the end
-BETWEEN, AT_LAST = 60, 120  # iterations for each
+STEPS = (24, 16, 12, 8)  # of fewer and fewer tones in a loop
+FIRST, BETWEEN, AT_LAST = 100, 60, 120  # iterations for each
 SMOOTH = 400.0  # norm that stands for the tightest of all limits
 PER_CYCLE = 8  # samples at least of the fastest tone
 
@@ -107,7 +106,9 @@ class Chord:
         self.units = units  # amplitude that costs about one, shape (n, L)
         self._told = told * units[:, None, :] * np.sqrt(stage.sight.worth(power))
         self._cost = cost * units[:, None, :] / voice.margins[:, None]
-        self._size = scipy.fft.next_fast_len(int(PER_CYCLE * voice.number.max()), real=True)
+        period = int(np.gcd.reduce(voice.number))  # all tones together repeat so often in the span
+        self._line = voice.number // period
+        self._size = scipy.fft.next_fast_len(int(PER_CYCLE * self._line.max()), real=True)
 
     def information(self, u: Complex) -> tuple[Array, Complex]:
         """Return what scaled amplitudes tell, shape (P, P), and the same tone by tone, shape (n, P)."""
@@ -129,7 +130,7 @@ class Chord:
     def _waves(self, Y: Complex) -> Array:
         """Return the steady signals over one period, shape (..., M), of amplitudes, shape (..., n)."""
         spectrum = np.zeros((*Y.shape[:-1], self._size // 2 + 1), dtype=np.complex128)
-        spectrum[..., self.voice.number] = Y
+        spectrum[..., self._line] = Y
         return np.asarray(scipy.fft.irfft(spectrum, self._size) * self._size / 2)
 
     def spent(self, u: Complex, norm: float) -> tuple[float, Complex]:
@@ -159,7 +160,7 @@ class Chord:
         ratio = np.abs(y) / top
         mean = float(np.mean(ratio**norm))
         weights = np.sign(y) * ratio ** (norm - 1) * mean ** (1 / norm - 1) / self._size
-        return top * mean ** (1 / norm), np.asarray(scipy.fft.rfft(weights)[self.voice.number])
+        return top * mean ** (1 / norm), np.asarray(scipy.fft.rfft(weights)[self._line])
 
 
 @dataclass(frozen=True)
@@ -249,50 +250,6 @@ def scored(voices: Sequence[Voice], known: Array, objective: Objective) -> Score
     return Score(tuple(voices), information, objective.value(objective.logs(information)))
 
 
-def begun(
-    stages: Sequence[Stage],
-    spans: Sequence[Span],
-    optimum: Optimum,
-    forbidden: Sequence[tuple[float, float]],
-    spacing: float,
-    generator: np.random.Generator,
-) -> tuple[Voice, ...]:
-    """Return many tones to begin with, their phases drawn.
-
-    They are those of the programme, harmonics of the slow ones, and others between.
-    """
-    voices = []
-    for n, (stage, span) in enumerate(zip(stages, spans, strict=True)):
-        f, powers = optimum.frequencies[n], optimum.powers[n]
-        cost = np.abs(stage.responses(f)[1]) ** 2
-        share = np.einsum("nyl,nll->nl", cost, powers.real).max(axis=1)
-        top = f[share > 0.01 * share.max()]
-        more = np.concatenate([top[top < 5e-3] * k for k in HARMONICS] or [top])
-        others = stage.frequencies(SPREAD, forbidden)
-        number = _apart(np.concatenate([top, more, others]), stage, span, forbidden, spacing)
-        size = np.interp(number / span.length, f, np.sqrt(share)) + 0.02 * np.sqrt(share.max())
-        cost_now = np.sqrt(np.sum(np.abs(stage.responses(number / span.length)[1]) ** 2, axis=1))
-        phase = generator.uniform(0, 2 * np.pi, cost_now.shape)
-        amplitudes = size[:, None] / cost_now * np.exp(1j * phase)
-        used = np.ones(amplitudes.shape, dtype=bool)
-        voices.append(Voice(stage, span, number, used, amplitudes, np.ones(len(stage.bounds))))
-    return tuple(voices)
-
-
-def _apart(
-    wanted: Array, stage: Stage, span: Span, forbidden: Sequence[tuple[float, float]], spacing: float
-) -> NDArray[np.intp]:
-    """Return numbers of harmonics near frequencies, the first ones first, none closer than the spacing."""
-    least = max(1, int(np.ceil(spacing * span.length)))
-    number = np.round(wanted * span.length).astype(int)
-    number = number[stage.allowed(number / span.length, forbidden)]
-    kept: list[int] = []
-    for k in number.tolist():
-        if all(abs(k - other) >= least for other in kept):
-            kept.append(k)
-    return np.array(sorted(kept), dtype=np.intp)
-
-
 def pruned(voices: Sequence[Voice], most: int) -> tuple[Voice, ...]:
     """Return the experiments with at most so many tones in each loop, those kept that cost most."""
     found = []
@@ -320,10 +277,10 @@ def composed(
     told: Callable[[float], None],
 ) -> Score:
     """Return few tones: seek amplitudes, drop the least, and again."""
-    score = Ensemble(voices, known, objective).improve(NORMS, BETWEEN)
+    score = Ensemble(voices, known, objective).improve(NORMS, FIRST)
     told(score.value)
-    for size in (*(n for n in (24, 16) if n > most), most):
-        score = Ensemble(pruned(score.voices, size), known, objective).improve(NORMS, BETWEEN)
+    for size in (*(n for n in STEPS if n > most), most):
+        score = Ensemble(pruned(score.voices, size), known, objective).improve(FEWER, BETWEEN)
         told(score.value)
     return finished(score.voices, known, objective, told)
 
