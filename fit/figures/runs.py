@@ -29,6 +29,7 @@ from fit.signal import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
+_Series = tuple[Array, Array]
 
 _BUCKETS = 500  # per curve over time
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
@@ -69,11 +70,10 @@ def responses(run: Telemetry) -> Chart:
     """Draw what was injected and how o_1, o_12 (and a commanded f_x_1) responded, against time."""
     shown = [("o_1", "drag-free loop", "m"), ("o_12", "suspension loop", "m")]
     shown.append(("f_x_1", "force on test mass 1", "m s⁻²"))
-    hours = (run.time - run.time[0]) / 3600
     panels = []
     for channel, title, unit in shown:
         names = [name for name in (channel, f"guidance_{channel}") if name in run.channels]
-        there = {name: envelope(hours, run.channels[name]) for name in names}
+        there = {name: _hourly(run, name) for name in names}
         largest = max(float(np.nanmax(np.abs(y))) for _, y in there.values())
         if channel == "f_x_1" and not largest > 0:
             continue
@@ -83,6 +83,12 @@ def responses(run: Telemetry) -> Chart:
         across = (0.0, run.duration / 3600)
         panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
     return _with_units(panels)
+
+
+def _hourly(run: Telemetry, name: str) -> tuple[Array, Array]:
+    """Return hours since the start of a run, and a channel, as they are drawn."""
+    time, values = envelope(run.time, run.channels[name])
+    return (time - run.time[0]) / 3600, values
 
 
 def _response(
@@ -143,6 +149,7 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     run = dynamics.beyond(telemetry, HIGHEST)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
     found = dynamics.columns(run, dynamics.delays(theta))
+    del run  # of weeks, all of this fills the memory
     terms = {} if telemetry.kind == "noise" else dynamics.terms(found, theta)
     known = {name: term for name, term in terms.items() if np.any(term)}  # not where nothing is commanded
     return Terms(found.fs, found.time, found.valid, dynamics.total(found, theta), known)
@@ -152,14 +159,19 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
 class Analysis:
     """What the figures of a run show: its residual over time, and spectra. What is zero throughout has none.
 
+    Series are pairs of hours since the start of the run and values [fm s^-2] less their mean, NaN where
+    samples are missing; None where nothing is left of the run.
+
     Attributes
     ----------
     fs : float
         Sample rate [Hz].
-    time, delta_g : ndarray, shape (N,)
-        Seconds since the start of the run, and Delta g [m s^-2], NaN where samples are missing.
-    signal : ndarray, shape (N,), or None
-        Second derivative of o_12 [m s^-2], likewise; None of a noise run.
+    missing : ndarray, shape (G, 2)
+        Begin and end of every stretch where samples are missing [s, as `Telemetry.time`].
+    fast, slow : tuple of ndarray, or None
+        Delta g averaged over `FAST` and over `SLOW`.
+    signal : tuple of ndarray, or None
+        Second derivative of o_12 averaged over `FAST`; None of a noise run.
     asd : Binned or None
         Of Delta g; None of a simulation without noise.
     terms : mapping of str to Binned
@@ -167,9 +179,10 @@ class Analysis:
     """
 
     fs: float
-    time: Array
-    delta_g: Array
-    signal: Array | None
+    missing: Array
+    fast: _Series | None
+    slow: _Series | None
+    signal: _Series | None
     asd: Binned | None
     terms: Mapping[str, Binned]
 
@@ -177,13 +190,14 @@ class Analysis:
 def analysed(telemetry: Telemetry, parameters: Mapping[str, float]) -> Analysis:
     """Return what the figures of a run show; see `split`."""
     run = split(telemetry, parameters)
-    estimator = Estimator(run.valid, run.fs, HIGHEST)
-    signal = run.terms.get("ddo_12")
+    estimator, start = Estimator(run.valid, run.fs, HIGHEST), float(telemetry.time[0])
+    signal = run.terms.get("ddo_12", np.zeros(0))
     return Analysis(
         run.fs,
-        run.time,
-        np.where(run.valid, run.delta_g, np.nan),
-        np.where(run.valid, signal, np.nan) if signal is not None else None,
+        derivatives.stretches(~run.valid) / run.fs + run.time[0],
+        _over_time(run, run.delta_g, FAST, start),
+        _over_time(run, run.delta_g, SLOW, start),
+        _over_time(run, signal, FAST, start) if np.any(signal[run.valid[: signal.size]]) else None,
         estimator.asd(run.delta_g) if np.any(run.delta_g) else None,
         {name: estimator.asd(term) for name, term in run.terms.items()},
     )
@@ -267,23 +281,20 @@ def residual(
     InputError
         If the parameters leave nothing of the run, such as a delay that is longer.
     """
-    if not np.isfinite(found.delta_g).any():
+    if found.fast is None or found.slow is None:
         raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
-    start = float(run.time[0])
     across = (0.0, run.duration / 3600)
-    fine = _over_time(found, found.delta_g, FAST, start)
-    fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", fine, 0.4)
-    slow = _over_time(found, found.delta_g, SLOW, start)
-    mean = _smooth(f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", slow, 0.8)
+    fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", found.fast, 0.4)
+    mean = _smooth(f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", found.slow, 0.8)
     curves = [fast, mean]
-    if noise is not None and np.isfinite(noise.delta_g).any():
-        x, y = _over_time(noise, noise.delta_g, SLOW, float(noise.time[0]))
+    if noise is not None and noise.slow is not None:
+        x, y = noise.slow
         kept = x <= across[1]
         name = f"noise run averaged over {SLOW:g} s"
         curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[kept], y[kept]), 0.7))
-    marks: tuple[Mark, ...] = (*curves, *_missing(found, masked, start))
+    marks: tuple[Mark, ...] = (*curves, *_missing(found, masked, float(run.time[0])))
     below = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, curves), 1.4)
-    return _with_units([*_signal(found, fine, start, across), below])
+    return _with_units([*_signal(found.signal, found.fast, across), below])
 
 
 def _with_units(panels: Sequence[Panel]) -> Chart:
@@ -293,11 +304,11 @@ def _with_units(panels: Sequence[Panel]) -> Chart:
     return replace(found, columns={**found.columns, "unit": units})
 
 
-def _signal(found: Analysis, residual: tuple[Array, Array], start: float, across: Limits) -> list[Panel]:
-    """Return the panel of what was injected, as o_12 has it, with the residual (x, y) on the same scale."""
-    if found.signal is None or not np.nanmax(np.abs(found.signal)) > 0:
+def _signal(signal: _Series | None, residual: _Series, across: Limits) -> list[Panel]:
+    """Return the panel of what was injected, as o_12 has it, with the residual on the same scale."""
+    if signal is None:
         return []
-    x, y = _over_time(found, found.signal, FAST, start)
+    x, y = signal
     name = f"ddo_12 averaged over {FAST:g} s"
     curves = (
         _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
@@ -306,15 +317,18 @@ def _signal(found: Analysis, residual: tuple[Array, Array], start: float, across
     return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, curves), 1.15)]
 
 
-def _over_time(found: Analysis, values: Array, length: float, start: float) -> tuple[Array, Array]:
-    """Return hours, and a series less its mean [fm s^-2] averaged over so many seconds."""
-    hours = (found.time - start) / 3600
-    averaged = 1e15 * _averaged(values - np.nanmean(values), length * found.fs)
-    every = slice(None, None, max(1, round(length / 4 * found.fs)))
-    return hours[every], averaged[every]
+def _over_time(run: Terms, values: Array, length: float, start: float) -> _Series | None:
+    """Return hours since `start`, and a series less its mean [fm s^-2] averaged over so many seconds."""
+    there = np.where(run.valid, values, np.nan)
+    if not np.isfinite(there).any():
+        return None
+    every = max(1, round(length / 4 * run.fs))
+    return (run.time[::every] - start) / 3600, 1e15 * _averaged(
+        there - np.nanmean(there), length * run.fs, every
+    )
 
 
-def _smooth(name: str, label: str, role: str, series: tuple[Array, Array], width: float) -> Curve:
+def _smooth(name: str, label: str, role: str, series: _Series, width: float) -> Curve:
     x, y = envelope(*series)
     return Curve(
         name=name, label=label, role=role, x=x, y=y, width=width, opacity=0.7 if role == "grey" else 1
@@ -323,9 +337,8 @@ def _smooth(name: str, label: str, role: str, series: tuple[Array, Array], width
 
 def _missing(found: Analysis, masked: Sequence[tuple[float, float]], start: float) -> list[Span]:
     """Return what is missing of a run, and what was masked, as shades."""
-    gaps = derivatives.stretches(np.isnan(found.delta_g)) / found.fs + found.time[0]
     spans = []
-    told = (("missing samples", gaps, "blue"), ("masked, or a glitch", masked, "violet"))
+    told = (("missing samples", found.missing, "blue"), ("masked, or a glitch", masked, "violet"))
     for label, places, role in told:
         for begin, end in places:
             low, high = ((float(t) - start) / 3600 for t in (begin, end))
@@ -334,13 +347,22 @@ def _missing(found: Analysis, masked: Sequence[tuple[float, float]], start: floa
     return spans
 
 
-def _averaged(x: Array, length: float) -> Array:
+def _averaged(x: Array, length: float, every: int) -> Array:
     """Return `x` averaged with a Hann window of so many samples, NaN where that would reach what is missing.
+
+    Of the averages it is the first and `every` so many-th after it.
 
     A window cut short would let through the noise of high frequencies, which the whole one averages away.
     """
     w = scipy.signal.windows.hann(max(3, round(length) | 1) + 2)[1:-1]
     known = np.isfinite(x)
-    weight = scipy.signal.oaconvolve(known.astype(float), w, mode="same")
-    total = scipy.signal.oaconvolve(np.where(known, x, 0.0), w, mode="same")
+    weight, total = (_thinned(y, w, every) for y in (known.astype(float), np.where(known, x, 0.0)))
     return np.where(weight > 0.9999 * w.sum(), total / w.sum(), np.nan)
+
+
+def _thinned(x: Array, w: Array, every: int) -> Array:
+    """Return every so many-th sample of `x` under a window of odd length, the first sample first."""
+    early = w.size // 2
+    padded = np.concatenate([np.zeros(-early % every), x])
+    found = scipy.signal.upfirdn(w, padded, down=every)[-(-early // every) :]
+    return np.asarray(found[: -(-x.size // every)], dtype=np.float64)

@@ -15,7 +15,7 @@ import scipy
 
 from fit.inspection import authority, constancy, copies, guidance, samples
 from fit.inspection.leftout import LeftOut
-from fit.telemetry import Telemetry, at_hand, utc
+from fit.telemetry import Telemetry, utc
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, Run
@@ -68,9 +68,8 @@ def changes(experiments: Sequence[Experiment]) -> Found:
 def _of_own(e: Experiment) -> tuple[list[str], list[str]]:
     """Return what contradicts the authority of the runs of an experiment, and what is odd about samples."""
     sysid, noise = e.sysid.telemetry, e.noise.telemetry if e.noise else None
-    with at_hand(sysid, noise):
-        beyond = [reason for run in _runs(e) for reason in authority.faults(run.telemetry)]
-        return beyond, list(samples.faults(sysid, noise))
+    beyond = [reason for run in _runs(e) for reason in authority.faults(run.telemetry)]
+    return beyond, list(samples.faults(sysid, noise))
 
 
 def _changed(e: Experiment) -> list[str]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fit.paper import FLIGHT
 from fit.signal import derivatives
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, pieces
 
 Array = NDArray[np.float64]
 
@@ -25,11 +25,10 @@ def faults(run: Telemetry) -> Iterator[str]:
     for j in (1, 2):
         yield from _stiff(run, j)
         f_x, limit = run.channels[f"f_x_{j}"], getattr(run, f"F_max_{j}") / run.m_tm
-        size = np.abs(f_x)
-        if not np.isfinite(size).any():
+        at = _largest(f_x)
+        if at is None:
             continue
-        at = int(np.nanargmax(size))
-        most, when = float(size[at]), f"{run.time[at]:.0f} s"
+        most, when = abs(float(f_x[at])), f"{run.time[at]:.0f} s"
         slack = BEYOND if run.fs > 0.99 * FULL_RATE else RINGING
         if limit == 0 and most > LEAK:
             yield f"{run.path}: f_x_{j} is {most:.3g} m s-2 at {when}, but attribute F_max_{j} is 0"
@@ -55,6 +54,13 @@ def _stiff(run: Telemetry, j: int) -> Iterator[str]:
                 f"{run.path}: attribute {key}: {value:g} {unit} would make a stiffness of {stiffness:.2g} "
                 "s-2, expected it in SI units"
             )
+
+
+def _largest(x: Array) -> int | None:
+    """Return where a command is largest, None where all of it is missing."""
+    there = [piece for piece in pieces(x.size) if np.isfinite(x[piece]).any()]
+    at = [piece.start + int(np.nanargmax(np.abs(x[piece]))) for piece in there]
+    return max(at, key=lambda i: float(abs(x[i])), default=None)
 
 
 def _flat(x: Array) -> int:

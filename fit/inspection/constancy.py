@@ -17,7 +17,7 @@ from fit.inspection import culprits
 from fit.inspection.first_fit import least
 from fit.model import dynamics
 from fit.paper import DELAYS, experiment_parameters
-from fit.signal import NoiseModel, fit_noise
+from fit.signal import NoiseModel, fit_noise, spectra
 from fit.weighing import Experiment, Run, linear
 
 Array = NDArray[np.float64]
@@ -116,19 +116,17 @@ def _blocks(run: Run, noise: NoiseModel) -> _Blocks:
     S = noise.expected(terms.f)
     U = linear.whiten(terms, S)[0]
     n = terms.window.size
-    padded = np.zeros((n // 2 + 1, U.shape[1]), dtype=np.complex128)
-    padded[terms.first : terms.first + len(U)] = U
-    series = scipy.fft.irfft(padded, n, axis=0) * np.sqrt(n / 2)
     names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
-    norms = np.linalg.norm(series, axis=0)
-    kept = [k for k in range(1, len(names)) if norms[k] > 0]
-    Q = np.linalg.qr(series[:, kept] / norms[kept])[0]
+    kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
+    series = spectra.series(U[:, kept], terms.first, n)
+    series[:, 0] *= np.sqrt(n / 2)
+    series[:, 1:] /= np.linalg.norm(series[:, 1:], axis=0)
+    series[:, 1:] = np.linalg.qr(series[:, 1:])[0]
     size = max(round(BLOCK * run.channels.fs), -(-n // MOST_BLOCKS))
-    count = n // size
-    cut = np.column_stack([series[:, 0], Q])[: count * size].reshape(count, size, -1)
+    blocks = (series[start : start + size] for start in range(0, n - size + 1, size))
     return _Blocks(
-        tuple(names[k] for k in kept),
-        np.einsum("gli,glj->gij", cut, cut, optimize=True),
+        tuple(names[k] for k in kept[1:]),
+        np.array([block.T @ block for block in blocks]),
         size / run.channels.fs,
         2 * len(U) * size / n,
     )

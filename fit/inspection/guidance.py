@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fit.signal import spectra
 from fit.telemetry import Telemetry
+from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
 
@@ -96,7 +97,8 @@ class _Expected:
 def odd(experiments: Sequence[Experiment]) -> list[FitWarning]:
     """Return what is said of experiments whose read-outs and guidance do not belong together."""
     runs = {e.name: e.sysid.telemetry for e in experiments}
-    seen = {name: _seen(run) for name, run in runs.items() if _shows(run)}
+    shown = [name for name, run in runs.items() if _shows(run)]
+    seen = dict(zip(shown, each(_seen, [runs[name] for name in shown]), strict=True))
     if len(seen) < FEWEST:
         return []
     expected = {channel: _expected(list(seen.values()), channel) for channel in CHANNELS}
@@ -119,9 +121,12 @@ def _seen(run: Telemetry) -> _Seen:
     """Transform guidance and read-outs of a run, averaged to few samples."""
     n = max(1, round(SAMPLE * run.fs))
     names = [f"{of}{channel}" for of in ("guidance_", "") for channel in CHANNELS]
-    series = np.stack([run.channels[name][: run.time.size // n * n] for name in names], axis=1)
-    known = np.isfinite(series).all(axis=1, keepdims=True)
-    series = np.where(known, series, 0.0).reshape(-1, n, len(names)).mean(axis=1)
+    whole = run.time.size // n * n
+    lost = np.zeros(whole, dtype=bool)
+    for name in names:  # one by one: as archived, all of them fill the memory
+        lost |= ~np.isfinite(run.channels[name][:whole])
+    means = [np.where(lost, 0.0, run.channels[name][:whole]).reshape(-1, n).mean(axis=1) for name in names]
+    series = np.stack(means, axis=1)
     found = spectra.transform(series - series.mean(axis=0), np.ones(len(series), dtype=bool), run.fs / n)
     keep = np.flatnonzero(found.f < BANDS[-1])
     columns = dict(zip(names, found.columns[keep].T, strict=True))

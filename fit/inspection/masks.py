@@ -43,7 +43,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
         for j, F_max in ((1, telemetry.F_max_1), (2, telemetry.F_max_2))
         if F_max > 0  # without authority there is only what leaks
     }
-    flags = {name: np.abs(telemetry.channels[name]) >= AT_LIMIT * limit for name, limit in limits.items()}
+    flags = {name: _reached(telemetry.channels[name], AT_LIMIT * limit) for name, limit in limits.items()}
     at_limit = np.any(list(flags.values()), axis=0) if flags else np.zeros(telemetry.time.size, bool)
     if not at_limit.any():
         return run, ()
@@ -62,6 +62,10 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     spans = tuple(Span(telemetry.run, *stretch) for stretch in stretches)
     said = f"{said}; these are masked, {100 * left:.3g} % is left"
     return masked, (FitWarning(SATURATED, (), said, spans=spans),)
+
+
+def _reached(x: NDArray[np.float64], limit: float) -> NDArray[np.bool_]:
+    return (x >= limit) | (x <= -limit)
 
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

@@ -5,7 +5,7 @@ jump or a wild sample is a fault whatever the forces. Commands may jump, and sta
 them back; of these only what noise makes impossible is one.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,21 +13,26 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.signal import derivatives
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, pieces
 
 Array = NDArray[np.float64]
 
+READ_OUTS = ("o_1", "o_12")
 STRAIGHT, LONG = 6, 30  # samples in a row on a straight line, where there is noise; of rounded values
 COARSE = 0.1  # of the increments: where values are rounded so much, equal ones come by themselves
 LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
 SMALLEST = 200  # increments that tell whether values are rounded
 SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
 BLOCK = 500  # samples over which noise is compared
+TOGETHER = 256 * BLOCK  # samples that are in memory at a time
 JUMP, WILD = 20.0, 200.0  # standard deviations of what noise does; wild samples up to here are masked
 ISOLATED = 8.0  # times what is beside it
 SUSPECT = 5.5  # standard deviations of second differences, which are 15 of those of a jump
 TURNED = 0.05  # of a jump: so little its ends may differ in size where only the sign changes
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
+
+
+_Sizes = Callable[[slice], Array]  # what is found at a stretch of samples, made when it is asked for
 
 
 @dataclass(frozen=True)
@@ -50,12 +55,15 @@ class Oddity:
     again: bool = False
 
 
-def step(increments: Array) -> float:
+def step(x: Array) -> float:
     """Return the step to which values are rounded, 0 if the smallest increments do not tell one."""
-    d = np.abs(increments)
-    d = d[d > 0]
-    if d.size > SMALLEST:
-        d = np.partition(d, SMALLEST)[:SMALLEST]
+    d = np.empty(0)
+    for piece in pieces(x.size, overlap=1):
+        more = np.abs(np.diff(x[piece]))
+        most = d.max() if d.size == SMALLEST else np.inf
+        d = np.concatenate([d, more[(more > 0) & (more < most)]])
+        if d.size > SMALLEST:
+            d = np.partition(d, SMALLEST)[:SMALLEST]
     if not d.size:
         return 0.0
     d.sort()
@@ -73,8 +81,7 @@ def is_noisy(x: Array) -> bool:
 
 def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     """Yield where a channel that should be noise is constant, on a straight line, rounded or repeated."""
-    increments = np.diff(x)
-    size, rounded = float(np.nanmedian(np.abs(increments[: LOOKED - 1]))), step(increments)
+    looked, rounded = x[:LOOKED], step(x)
     if not is_noisy(x):
         constant = np.nanmax(x) == np.nanmin(x)
         what = (
@@ -84,15 +91,14 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
-    looked = x[:LOOKED]
     if rounded == 0 and (different := np.unique(looked).size) < FEW * looked.size:
         yield Oddity(f"is rounded: it has {different} values in {looked.size} samples", 0.0, x.size / fs)
         return
-    if rounded > COARSE * size:
+    if rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
         return  # equal values come by themselves
-    second = np.abs(np.diff(increments))
-    flat = second <= max(2.1 * rounded, 1e-9 * float(np.nanmedian(second[:LOOKED])))
-    found = derivatives.stretches(flat)
+    least = max(2.1 * rounded, 1e-9 * float(np.nanmedian(np.abs(_bends(x)(slice(0, LOOKED))))))
+    flat = [np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2)]
+    found = derivatives.stretches(np.concatenate(flat))
     kept = found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
     for begin, end in kept:
         constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
@@ -116,7 +122,7 @@ def jumps(x: Array, fs: float) -> Iterator[Oddity]:
     """Yield the largest jump or wild sample of a read-out, if noise does not explain it, nor a force."""
     filled, masked = derivatives.bridge(x, fs)
     half = max(5, round(1.5 * fs))
-    if _largest(np.diff(filled, 2), SUSPECT) is None:
+    if _largest(_bends(filled), x.size - 2, SUSPECT) is None:
         return
     n = np.arange(-half, half + 1)
     cubic = (n / half) ** np.arange(4)[:, None]
@@ -125,10 +131,9 @@ def jumps(x: Array, fs: float) -> Iterator[Oddity]:
     bad = np.isnan(x) | masked
     reached = np.convolve(bad, np.ones(n.size), mode="valid") > 0.5 if bad.any() else None
     for name, limit in (("jumps by", JUMP), ("is off by", WILD)):
-        size = np.correlate(filled, left[name] / (left[name] @ left[name]), mode="valid")
-        size = size if reached is None else np.where(reached, 0.0, size)
-        at = _largest(size, limit)
-        if at is None or not _stands_alone(size, at, half):
+        size = _sizes(filled, left[name] / (left[name] @ left[name]), reached)
+        at = _largest(size, x.size - 2 * half, limit)
+        if at is None or not _stands_alone(size, x.size - 2 * half, at, half):
             continue
         near = filled[max(0, at - half) : at + 3 * half + 1]
         found = {
@@ -137,7 +142,8 @@ def jumps(x: Array, fs: float) -> Iterator[Oddity]:
         if max(found, key=lambda k: float(found[k])) == name:
             before, after = (float(filled[part].mean()) for part in _beside(at + half))
             turned = name == "jumps by" and abs(before + after) < TURNED * abs(before - after)
-            what = f"{'changes its sign and ' * turned}{name} {size[at]:.2g} m"
+            so_much = float(size(slice(at, at + 1))[0])
+            what = f"{'changes its sign and ' * turned}{name} {so_much:.2g} m"
             yield Oddity(what, (at + half) / fs, (at + half) / fs)
 
 
@@ -154,29 +160,53 @@ def _beside(at: int) -> tuple[slice, slice]:
     return slice(at - 2, at + 1), slice(at + 1, at + 4)
 
 
-def _largest(size: Array, limit: float) -> int | None:
-    """Return where a size is farthest beyond what noise does about it; None if that is within the limit."""
-    if size.size < BLOCK:
+def _bends(x: Array) -> _Sizes:
+    """Return the second differences of a channel."""
+    return lambda at: np.diff(x[at.start : at.stop + 2], 2)
+
+
+def _sizes(x: Array, weights: Array, reached: NDArray[np.bool_] | None) -> _Sizes:
+    """Return what a stencil finds in a channel, zero where it is `reached` by what is missing."""
+
+    def found(at: slice) -> Array:
+        size = np.correlate(x[at.start : at.stop + weights.size - 1], weights, mode="valid")
+        return size if reached is None else np.where(reached[at], 0.0, size)
+
+    return found
+
+
+def _largest(size: _Sizes, n: int, limit: float) -> int | None:
+    """Return where one of `n` sizes is farthest beyond what noise does about it; None if within the limit."""
+    if n < BLOCK:
         return None
-    blocks = np.abs(np.pad(size, (0, -size.size % BLOCK), mode="reflect")).reshape(-1, BLOCK)
-    # about zero, as a cubic has been taken off; every fifth tells as much
-    most = blocks.max(axis=1) / np.maximum(_GAUSSIAN * np.median(blocks[:, ::5], axis=1), 1e-300)
-    block = int(np.argmax(most))
-    at = block * BLOCK + int(np.argmax(blocks[block]))
-    return min(at, 2 * (size.size - 1) - at) if most[block] > limit else None
+    farthest, at = limit, None
+    for start in range(0, n, TOGETHER):
+        x = size(slice(start, min(start + TOGETHER, n)))
+        if lacking := -x.size % BLOCK:  # at the end: there the last ones come again, backwards
+            x = np.concatenate([x, size(slice(n - 1 - lacking, n - 1))[::-1]])
+        blocks = np.abs(x).reshape(-1, BLOCK)
+        # about zero, as a cubic has been taken off; every fifth tells as much
+        most = blocks.max(axis=1) / np.maximum(_GAUSSIAN * np.median(blocks[:, ::5], axis=1), 1e-300)
+        block = int(np.argmax(most))
+        if most[block] > farthest:
+            farthest, at = most[block], start + block * BLOCK + int(np.argmax(blocks[block]))
+    return None if at is None else min(at, 2 * (n - 1) - at)
 
 
-def _stands_alone(size: Array, at: int, half: int) -> bool:
-    beside = (size[max(0, at - 8 * half) : max(0, at - 2 * half)], size[at + 2 * half :][: 6 * half])
-    most = max((float(np.abs(x).max()) for x in beside if x.size), default=np.inf)
-    return bool(abs(size[at]) > ISOLATED * most)
+def _stands_alone(size: _Sizes, n: int, at: int, half: int) -> bool:
+    spans = (max(0, at - 8 * half), max(0, at - 2 * half)), (at + 2 * half, min(at + 8 * half, n))
+    beside = [size(slice(*span)) for span in spans if span[0] < span[1]]
+    most = max((float(np.abs(x).max()) for x in beside), default=np.inf)
+    return bool(abs(float(size(slice(at, at + 1))[0])) > ISOLATED * most)
 
 
 def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     """Yield what is wrong with the samples of an experiment and of its noise run."""
+    commands = [name for name in dynamics.CHANNELS if name not in READ_OUTS]
+    fed = {name for name in commands if noise is not None and is_noisy(noise.channels[name])}  # by a loop
     for run in (sysid, noise):
         if run is not None:
-            found = {name: list(_of(run, name, noise)) for name in dynamics.CHANNELS}
+            found = {name: list(_of(run, name, fed)) for name in dynamics.CHANNELS}
             begins = [{o.begin for o in oddities if o.again} for oddities in found.values()]
             common = set.intersection(*begins)  # all channels at once: the archive, and the equation holds
             for name, oddities in found.items():
@@ -191,10 +221,9 @@ def of_commands(run: Telemetry) -> Iterator[str]:
             yield f"{run.path}: {name} {o.what} s-2 at {o.begin:.7g} s"
 
 
-def _of(run: Telemetry, name: str, noise: Telemetry | None) -> Iterator[Oddity]:
-    x = run.channels[name]
-    if name in ("o_1", "o_12"):
+def _of(run: Telemetry, name: str, fed: Container[str]) -> Iterator[Oddity]:
+    if name in READ_OUTS or name in fed:
+        x = run.channels[name]
         yield from stuck(x, run.fs)
-        yield from jumps(x, run.fs)
-    elif noise is not None and is_noisy(noise.channels[name]):  # then a loop feeds it
-        yield from stuck(x, run.fs)
+        if name in READ_OUTS:
+            yield from jumps(x, run.fs)

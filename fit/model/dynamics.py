@@ -202,6 +202,7 @@ def _channels(telemetry: Telemetry, of_motion: dict[str, Array], taps: Array, fa
         raw = of_motion.pop(name) if name in of_motion else telemetry.channels[name]
         kept[name], masked = derivatives.reduced(raw, telemetry.fs, taps, factor)
         touched, gone = touched | masked, gone | np.isnan(raw)
+        del raw
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.time[taps.size // 2 :: factor][: touched.size],
@@ -243,26 +244,25 @@ class Columns:
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
     fs, cross_talk = run.fs, run.parameters[len(PARAMETERS) :]
-    values = (
-        derivatives.derivative(run.o_12, fs, 2),
-        *forces(run, tau).T,
-        run.o_12[_INNER],
-        run.o_1[_INNER],
-        derivatives.derivative(run.o_1, fs, 2),
-        *(_moved(run.means, name, fs) for name in cross_talk),
-    )
     valid = ~derivatives.reached(~run.valid)
-    return Columns(tau, (*COLUMNS, *cross_talk), fs, run.time[_INNER], np.stack(values, axis=1), valid)
+    values = np.empty((valid.size, len(COLUMNS) + len(cross_talk)))
+    values[:, 0], values[:, 7] = (derivatives.derivative(x, fs, 2) for x in (run.o_12, run.o_1))
+    values[:, FORCES] = forces(run, tau)
+    values[:, 5], values[:, 6] = run.o_12[_INNER], run.o_1[_INNER]
+    for i, name in enumerate(cross_talk, start=len(COLUMNS)):
+        values[:, i] = _moved(run.means, name, fs)
+    return Columns(tau, (*COLUMNS, *cross_talk), fs, run.time[_INNER], values, valid)
 
 
 def forces(run: Channels, tau: tuple[float, float]) -> Array:
     """Return the columns `FORCES`, shape (N, 4)."""
-    found, curve = [], (LOOP_PERIOD * run.fs) ** 2 / 24
-    for x, shift in ((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs)):
+    found, curve = np.empty((run.time[_INNER].size, 4)), (LOOP_PERIOD * run.fs) ** 2 / 24
+    for i, (x, shift) in enumerate(((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs))):
         still, first, second = (derivatives.stencil(shift, order) for order in (0, 1, 2))
         # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-        found += [derivatives.apply(w, x) for w in (still + curve * second, run.fs * first)]
-    return np.stack(found, axis=1)
+        found[:, 2 * i] = derivatives.apply(still + curve * second, x)
+        found[:, 2 * i + 1] = derivatives.apply(run.fs * first, x)
+    return found
 
 
 def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:

@@ -89,9 +89,20 @@ def transform(
 
 def windowed(columns: Array, w: Array, fs: float) -> Spectrum:
     """Return the transforms of columns, shape (N or more, P), under a window, as `Spectra` has them."""
-    scale = math.sqrt(2 / (fs * float(w @ w)))
-    found = scipy.fft.rfft(w[:, None] * columns[: w.size], axis=0)[_bins(w.size, fs)]
-    return np.asarray(found * scale, dtype=np.complex128)
+    scale, bins = math.sqrt(2 / (fs * float(w @ w))), _bins(w.size, fs)
+    found = np.empty((bins.stop - bins.start, columns.shape[1]), dtype=np.complex128)
+    for i, column in enumerate(columns.T):  # one by one: all together they fill the memory
+        found[:, i] = scipy.fft.rfft(w * column[: w.size])[bins] * scale
+    return found
+
+
+def series(columns: Spectrum, first: int, n: int) -> Array:
+    """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
+    found, padded = np.empty((n, columns.shape[1])), np.zeros(n // 2 + 1, dtype=np.complex128)
+    for i, column in enumerate(columns.T):  # one by one: all together they fill the memory
+        padded[first : first + column.size] = column
+        found[:, i] = scipy.fft.irfft(padded, n)
+    return found
 
 
 def _bins(n: int, fs: float) -> slice:

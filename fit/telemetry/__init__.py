@@ -7,9 +7,9 @@ elsewhere first, since they may crash a library (`guard`).
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
 from fit.telemetry.conversion import convert, is_map
 from fit.telemetry.datasets import MAX_MISSING, check_storage
+from fit.telemetry.pieces import pieces
 from fit.telemetry.reader import (
     Telemetry,
-    at_hand,
     common_x_axis,
     inertial_period,
     inside,
@@ -30,7 +30,6 @@ __all__ = [
     "Telemetry",
     "Writer",
     "XAxis",
-    "at_hand",
     "check_storage",
     "common_x_axis",
     "convert",
@@ -38,6 +37,7 @@ __all__ = [
     "inertial_period",
     "inside",
     "is_map",
+    "pieces",
     "read_all",
     "read_stretch",
     "read_truth",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
+from fit.telemetry.pieces import pieces
 from fit.units import same_unit
 
 MAX_MEMBERS = 10_000  # of a file
@@ -58,13 +59,13 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np
 def check_time(place: str, time: NDArray[np.float64], fs: float, start: int = 0) -> None:
     """Refuse a time axis [s] that is not uniform with steps of 1/fs; its first sample has number `start`."""
     check_finite(place, time, start)
-    step = np.diff(time)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
-    uneven = np.flatnonzero(np.abs(step * fs - 1) > 1e-3)
-    if uneven.size and np.ptp(step) * fs <= 2e-3:
-        raise InputError(f"{place}: steps of {step[0]:g} s, expected 1/fs = {1 / fs:g} s")
-    if uneven.size:
-        n = int(uneven[0])
+    steps = (np.diff(time[piece]) for piece in pieces(time.size, overlap=1))
+    extremes = np.array([(step.min(), step.max()) for step in steps])
+    if np.any(np.abs(extremes * fs - 1) > 1e-3):
+        if np.ptp(extremes) * fs <= 2e-3:
+            raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
+        n = int(np.argmax(np.abs(np.diff(time) * fs - 1) > 1e-3))
         raise InputError(
             f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
@@ -76,7 +77,7 @@ def check_time(place: str, time: NDArray[np.float64], fs: float, start: int = 0)
 
 def check_finite(place: str, values: NDArray[np.float64], start: int = 0) -> None:
     """Refuse a value that is missing or infinite; the first one has number `start`."""
-    if not np.isfinite(values).all():
+    if not all(np.isfinite(values[piece]).all() for piece in pieces(values.size)):
         n = int(np.argmin(np.isfinite(values)))
         raise InputError(f"{place}: {values[n]} at sample {start + n}, expected a finite value")
 
@@ -144,6 +145,8 @@ def check_values(
 
 def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
     """Refuse more missing samples than may be masked in what a calibration needs, given by place."""
+    if not any(lost.any() for lost in missing.values()):
+        return
     together = np.any(list(missing.values()), axis=0)
     present = np.flatnonzero(~together)
     longest = int(np.diff(present, prepend=-1, append=together.size).max()) - 1

@@ -5,8 +5,9 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,8 +124,8 @@ class Telemetry(Displayed):
         return dataset
 
 
-def read(path: Path) -> Telemetry:
-    """Read one telemetry file; its group ``/truth`` is not touched.
+def read(path: Path, *, own: bool = False) -> Telemetry:
+    """Read one telemetry file; its group ``/truth`` is not touched. See `read_all` for `own`.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def read(path: Path) -> Telemetry:
     telemetry = read_stretch(path, 0, None)
     missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
     check_missing(missing, telemetry.fs)
-    for name in telemetry.channels.keys() - set(REQUIRED):
+    for name in telemetry.channels.keys() - set(REQUIRED) if not own else ():
         telemetry.channels[name]  # its values are checked here, not in the middle of a fit
     return telemetry
 
@@ -194,7 +195,8 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     paths : sequence of Path
         Files and folders.
     own : bool
-        They were written by this program just now, so that no other process need try them first.
+        They were written by this program just now: no other process need try them first, and what a
+        calibration can do without is checked only when it is asked for.
 
     Raises
     ------
@@ -205,7 +207,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     if not own:
         check(found)
     runs: dict[str, Telemetry] = {}
-    for telemetry in _with_one_time(each(read, found)):
+    for telemetry in _with_one_time(each(partial(read, own=own), found)):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -222,15 +224,6 @@ def _with_one_time(telemetries: Sequence[Telemetry]) -> Iterator[Telemetry]:
         known = next((axis for axis in axes if np.array_equal(axis, telemetry.time)), telemetry.time)
         axes += [known] * (known is telemetry.time)
         yield replace(telemetry, time=known)
-
-
-@contextmanager
-def at_hand(*telemetries: Telemetry | None) -> Iterator[None]:
-    """Keep the channels of runs in memory, once they are read, to the end of a piece of work."""
-    with ExitStack() as stack:
-        for channels in (t.channels for t in telemetries if t and isinstance(t.channels, _OnDemand)):
-            stack.enter_context(channels.kept())
-        yield
 
 
 def inertial_period(telemetry: Telemetry) -> str:
@@ -335,28 +328,12 @@ class _OnDemand(Mapping[str, NDArray[np.float64]]):
 
     def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
         self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
-        self._kept: dict[str, NDArray[np.float64]] | None = None
-
-    @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Read each channel once only."""
-        self._kept = {}
-        try:
-            yield
-        finally:
-            self._kept = None
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         if name not in self._names:
             raise KeyError(name)
-        if self._kept and name in self._kept:
-            return self._kept[name]
         with _opened(self._path) as file:
-            found = read_channel(file, self._path, name, self._part, self._fs)
-        if self._kept is not None:
-            found.flags.writeable = False  # others get the same one
-            self._kept[name] = found
-        return found
+            return read_channel(file, self._path, name, self._part, self._fs)
 
     def __contains__(self, name: object) -> bool:
         return name in self._names

@@ -1,6 +1,7 @@
-"""Threads: several for work that falls into parts, one for the linear algebra within."""
+"""Threads: several for work that falls into parts, one for the linear algebra within, one heap for all."""
 
+from fit.threads.heap import give_back, one_heap
 from fit.threads.parts import alone, each
 from fit.threads.single import one_thread
 
-__all__ = ["alone", "each", "one_thread"]
+__all__ = ["alone", "each", "give_back", "one_heap", "one_thread"]

@@ -16,17 +16,17 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectra, Spectrum
+from fit.signal import NoiseModel, Spectra, Spectrum, spectra
 from fit.weighing.likelihood import Likelihood, Weights, weights
 from fit.weighing.tones import drives, single_tone
 
 Array = NDArray[np.float64]
 
+_UNASKED = ("pandas", "matplotlib", "emcee")  # lmfit takes them in if they are there
 FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
 
 
@@ -107,13 +107,13 @@ class Block:
         if self.window is None:
             root = self._root(self.weights.score)
             return np.asarray(root.T @ root)
-        n, w = self.window.size, self.window
-        padded = np.zeros((n // 2 + 1, self.columns.shape[1]), dtype=np.complex128)
-        bins = slice(self.first, self.first + len(self.columns))
-        padded[bins] = self.columns * np.sqrt(self.weights.score)[:, None]
+        w = self.window
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
-        z = scipy.fft.irfft(padded, n, axis=0) * (n / 2) * w[:, None] * np.sqrt(2 / (w @ w))
+        z = spectra.series(self.columns * np.sqrt(self.weights.score)[:, None], self.first, w.size)
+        z *= w.size / 2
+        z *= w[:, None]
+        z *= np.sqrt(2 / (w @ w))
         return np.asarray(z.T @ z)
 
     def root(self, bins: slice) -> Array:
@@ -341,15 +341,14 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
 
 
 def _lmfit() -> Any:
-    """Return lmfit, which takes its time; without pandas, which it would only want for files of its own."""
-    absent = "pandas" not in sys.modules and "lmfit" not in sys.modules
-    if absent:
-        sys.modules["pandas"] = None  # type: ignore[assignment]
+    """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
+    kept_out = [name for name in _UNASKED if name not in sys.modules and "lmfit" not in sys.modules]
+    sys.modules.update(dict.fromkeys(kept_out))  # type: ignore[arg-type]
     try:
         return import_module("lmfit")
     finally:
-        if absent:
-            del sys.modules["pandas"]
+        for name in kept_out:
+            del sys.modules[name]
 
 
 def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:

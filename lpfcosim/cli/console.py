@@ -21,6 +21,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from fit.threads import give_back
+
 if TYPE_CHECKING:
     from fit.results import Results
     from fit.tables import Lines
@@ -76,6 +78,7 @@ class Console:
         with self._bars(TimeElapsedColumn()) as bars:
             bars.add_task(name, total=None)
             yield
+        give_back()
         self.note(f"{name}: {time.perf_counter() - started:.1f} s")
 
     @contextmanager

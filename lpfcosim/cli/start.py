@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import fit.errors
+from fit.threads import one_heap
 from lpfcosim.errors import InputError, LpfcosimError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def _status() -> int:
         from lpfcosim.running import nursery
 
         nursery.prepare()
+    one_heap()
     import typer  # here, so that an interrupt of the import is told like any other
 
     from lpfcosim.cli.app import app
