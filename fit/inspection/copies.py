@@ -73,7 +73,9 @@ class _Print:
 def matches(runs: Sequence[Run]) -> list[Match]:
     """Return every two runs, and the read-out, that hold the same noise."""
     found: list[Match] = []
-    heard = [(n, runs[n]) for n, silent in enumerate(each(_is_silent, runs)) if not silent]
+    shown = [n for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
+    silent = each(_is_silent, [runs[n] for n in shown])
+    heard = [(n, runs[n]) for n, is_silent in zip(shown, silent, strict=True) if not is_silent]
     for channel in ("o_1", "o_12"):
         prints = [made for made in each(partial(_print, channel), heard) if made is not None]
         for rate in sorted({p.rate for p in prints}):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fit.model import dynamics
@@ -23,6 +24,8 @@ COARSE = 0.1  # of the increments: where values are rounded so much, equal ones 
 LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
 SMALLEST = 200  # increments that tell whether values are rounded
 SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
+COINCIDENCE = 1e-5  # probability below which equal neighbours are no chance
+NEAR = 1e-3  # share of the increments that tells how many are about zero
 BLOCK = 500  # samples over which noise is compared
 TOGETHER = 256 * BLOCK  # samples that are in memory at a time
 JUMP, WILD = 20.0, 200.0  # standard deviations of what noise does; wild samples up to here are masked
@@ -111,11 +114,27 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
 def _repeated(x: Array, fs: float) -> Iterator[Oddity]:
     edge = int(SETTLED * fs)
     again = edge + np.flatnonzero(x[edge + 1 : -edge] == x[edge : -edge - 1]) + 1
+    if again.size and scipy.stats.poisson.sf(again.size - 1, _coincidences(x)) > COINCIDENCE:
+        return
     zero = x[again] == 0
     for which, what in ((again[zero], "is exactly 0"), (again[~zero], "repeats a sample")):
         if which.size:
             often = f" {which.size} times, first" * (which.size > 1)
             yield Oddity(f"{what}{often}", which[0] / fs, which[-1] / fs, again=True)
+
+
+def _coincidences(x: Array) -> float:
+    """Return how many neighbours to expect to be equal by chance, from the digits that values have."""
+    values, increments = x[np.isfinite(x)], np.abs(np.diff(x))
+    most = values[np.argmax(np.abs(values))]
+    if np.all(values[:LOOKED] == values[:LOOKED].astype(np.float32)):
+        digit = float(np.spacing(np.float32(most)))
+    else:
+        looked = values[: LOOKED : LOOKED // 200]
+        digits = next((d for d in range(5, 16) if all(float(f"{v:.{d}e}") == v for v in looked)), 16)
+        digit = 10.0 ** (np.floor(np.log10(abs(most))) - digits)
+    near = float(np.nanquantile(increments[increments > 0], NEAR))
+    return float(increments.size * NEAR * digit / (2 * near))
 
 
 def jumps(x: Array, fs: float) -> Iterator[Oddity]:

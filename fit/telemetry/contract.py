@@ -112,7 +112,7 @@ class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     run: _Name
     experiment: _Name
     kind: Literal["sysid", "noise"]
-    fs: Annotated[float, Field(ge=1e-3, le=10), _Unit("Hz")]
+    fs: Annotated[float, Field(ge=0.25, le=10), _Unit("Hz")]
     t0: Annotated[str, AfterValidator(_iso_8601)]
     F_max_1: _Force
     F_max_2: _Force

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.fmu, pytest.mark.slow]
+pytestmark = [pytest.mark.fmu, pytest.mark.long]
 
 
 def test_short_benchmark_works():

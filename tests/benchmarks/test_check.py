@@ -22,7 +22,7 @@ finally:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems count memory in another way")
 def test_five_hundred_experiments(quickstart, tmp_path):
     head, *tables = quickstart.read_text().split("[[experiments]]")

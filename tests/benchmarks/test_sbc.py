@@ -75,7 +75,7 @@ def test_a_log_is_continued_and_that_of_another_fit_refused(tmp_path, right):
         sbc.known(log, {**head, "sources": "b"})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_campaign_depends_on_its_number_alone():
     first, second = sbc.trial(10, plain=False), sbc.trial(10, plain=False)
     assert first == second

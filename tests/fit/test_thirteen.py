@@ -52,7 +52,7 @@ def test_a_hidden_force_acts_as_one_that_is_shown():
     assert np.abs(found["o_12"] - shown["o_12"]).max() < 1e-3 * np.abs(shown["o_12"]).max()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.stat
 def test_its_truths_are_recovered():
     """Chi2 of the errors of three campaigns; the limits are passed by chance twice in 1,000."""

@@ -32,7 +32,7 @@ def test_a_small_campaign_is_never_silently_wrong(name):
     assert judged.verdict(fault) not in ("silent", "cries wolf", "costs all"), judged
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_no_fault_passes_for_sound(fault):
     judged = judge(fault)

@@ -1,6 +1,6 @@
 """Many runs in one process, one after the other: nothing may pile up.
 
-    pytest -m slow tests/hostile/test_endurance.py --runs 2000 -s        prints what is in use on the way
+    pytest -m long tests/hostile/test_endurance.py --runs 2000 -s        prints what is in use on the way
 
 The runs load FMUs of FMI 2.0, of 3.0 and of both. Most of them fail, each in its own way. Once every kind has
 come and gone some times, open files, threads, mapped files and temporary folders must stay as they are, and
@@ -31,7 +31,7 @@ ALLOWANCE = 2048  # kB
 
 pytestmark = [
     pytest.mark.fmu,
-    pytest.mark.slow,
+    pytest.mark.long,
     pytest.mark.skipif(not (PROCESS / "statm").exists(), reason="reads what is in use from /proc"),
 ]
 

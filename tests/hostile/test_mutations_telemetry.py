@@ -389,7 +389,7 @@ def spoilt(run, rng):
         authority = {rng.choice(("F_max_1", "F_max_2", "N_max_1")): rng.choice((0.0, 1e-320, 1e3))}
         return replace(run, **authority, m_tm=rng.choice((1e-3, 1.928, 1e6)))
     elif how == 7:
-        return replace(run, fs=rng.choice((1e-3, 0.3, 10.0)), alignment_epoch=rng.choice((0, 7, 10**18)))
+        return replace(run, fs=rng.choice((0.25, 0.3, 10.0)), alignment_epoch=rng.choice((0, 7, 10**18)))
     else:
         return replace(run, kind=rng.choice(("noise", "sysid")), experiment=rng.choice(("A", "E", "x")))
     return replace(run, time=run.time[:n], channels=channels)

@@ -411,7 +411,7 @@ def test_files_tell_the_same_as_memory(files, quiet_day):
         assert there.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.stat
 def test_pulls_are_standard_normal():
     # 30 runs x 2 angles; sum of squared pulls within the 1e-5 quantiles of chi^2(30), mean within 4.5
@@ -421,7 +421,7 @@ def test_pulls_are_standard_normal():
     assert np.all((np.sum(found**2, axis=0) > 7.0) & (np.sum(found**2, axis=0) < 77.0))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.stat
 def test_loud_torques_leave_the_pulls_standard_normal():
     # 100 runs x 2 angles; least squares has a mean pull of +0.9 for delta_phi. Mean within 0.4: four standard

@@ -106,7 +106,7 @@ def test_linear_gaussian_case(linear_case, tmp_path):
     assert chain.burn_in == chain.steps // 10
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.stat
 def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
     # the mean of a whole chain scatters between chains by sigma / sqrt(ess): in 8 chains of 3 parameters the
@@ -151,7 +151,6 @@ def test_curvature_is_that_of_the_true_sigmas(fitted):
     assert at[1 : P + 1] == pytest.approx(at[P + 1 :], abs=0.01 * h)  # it is flat where least squares ends
 
 
-@pytest.mark.slow
 def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     with pytest.raises(FitError, match="not converged after 50 steps: too few to tell"):
@@ -187,7 +186,6 @@ def test_seed_decides(linear_case, tmp_path):
     assert not np.any(a == c)
 
 
-@pytest.mark.slow
 def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
     posterior = Posterior(linear_case[0])
     monkeypatch.setattr(sampling, "APART", 1e-3)
@@ -207,7 +205,6 @@ def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
     assert np.array_equal(_stored(tmp_path / "a"), _stored(tmp_path / "b"))
 
 
-@pytest.mark.slow
 def test_chains_of_something_else_are_refused(linear_case, tmp_path):
     outcome, path = linear_case[0], tmp_path / "c.h5"
     with pytest.raises(FitError):
@@ -335,7 +332,6 @@ def calibrated(calibrated_once, tmp_path):
     return shutil.copytree(calibrated_once, tmp_path / "in") / "out"
 
 
-@pytest.mark.slow
 def test_command(lpfcosim, calibrated):
     status, _, err = lpfcosim("mcmc", calibrated, "--steps", 100, "--quiet")
     assert status == 1

@@ -105,6 +105,15 @@ def test_what_is_in_order_is_left_alone(channels):
     assert not said(**channels)
 
 
+def test_few_equal_neighbours_of_values_with_few_digits_are_chance():
+    steps = np.random.default_rng(5).normal(size=N)
+    x = np.array([float(f"{value:.6e}") for value in 1e-10 * (1 + 1e-3 * np.cumsum(steps))])
+    assert 1 <= np.count_nonzero(np.diff(x) == 0) < 30
+    assert not said(f_x_2=lambda _: x)
+    again = np.concatenate([x[:8000], x[7900:7999].repeat(2), x[8198:]])
+    assert "repeats a sample" in said(f_x_2=lambda _: again)[0]
+
+
 def test_a_command_that_nothing_feeds_back_may_stay_the_same():
     still = run("noise", f_x_1=lambda x: 0 * x, f_x_2=lambda x: 0 * x)
     driven = run(f_x_2=lambda x: np.where(np.arange(x.size) % 4000 < 2000, x, 0), f_x_1=lambda x: 0 * x)

@@ -22,6 +22,7 @@ WIDTHS = (1280, 390)
 A4 = 702  # of 96 to the inch, between the margins
 EVIL = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>')
 #: Every figure: its size, that of an image in it, and the widths of what was drawn or written in it.
+WIDER = "document.documentElement.scrollWidth > innerWidth"
 FIGURES = """[...document.querySelectorAll("figure")].map(figure => {
   const box = figure.getBoundingClientRect(), picture = figure.querySelector("img");
   const parts = [...figure.querySelectorAll("canvas, .matrix, .numbers")].filter(e => e.checkVisibility());
@@ -140,8 +141,9 @@ def in_order(page, figures, *, scripts=True):
         while scripts and not page.evaluate(DRAWN):
             assert time.monotonic() < deadline
             time.sleep(0.2)
-        time.sleep(0.3)
-        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        while page.evaluate(WIDER):  # charts follow the window a moment later
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
         assert page.evaluate(OVERFLOW) == []
         found = page.evaluate(FIGURES)
         assert len(found) == figures

@@ -196,9 +196,9 @@ def test_units_and_missing_values_that_fits_states(runs, tmp_path):
 def test_no_time_column(runs, tmp_path):
     as_csv(tmp_path / f"{runs[0].run}.csv", columns_of(runs[0]))
     text = re.sub(r"\[time\]\n.*\n.*\n", "", map_of(runs[:1], "csv"))
-    (tmp_path / "map.toml").write_text(text.replace("[attributes]", '[attributes]\nfs = "100 mHz"'))
+    (tmp_path / "map.toml").write_text(text.replace("[attributes]", '[attributes]\nfs = "500 mHz"'))
     (path,) = convert([tmp_path / "map.toml"], tmp_path / "telemetry", any_gaps=False)
-    np.testing.assert_allclose(read(path).time, 10.0 * runs[0].time)
+    np.testing.assert_allclose(read(path).time, 2.0 * runs[0].time)
 
 
 def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):

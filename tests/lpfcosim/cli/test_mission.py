@@ -65,10 +65,10 @@ def test_operations_are_one_experiment():
 def test_approximations_bias_nothing(plan, redraw):
     """Noise-free injections, weights from noise runs: estimates are off by what the fit approximates."""
     plan = montecarlo.numbered(plan, 4, redraw=redraw)
-    telemetries = []
+    telemetries, rng = [], np.random.default_rng(1)
     for run in plan.runs:
         if run.kind == "noise":
-            drawn = spectral.Simulation(run, CHANNELS).record(np.random.default_rng(1))
+            drawn = spectral.Simulation(run, CHANNELS).record(rng)
         else:
             drawn = planning.response(replace(run, noise=Noise()))
         telemetries.append(in_memory(run, {name: drawn[name] for name in CHANNELS}))

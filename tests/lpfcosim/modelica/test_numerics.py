@@ -338,7 +338,7 @@ def test_the_cases_are_what_they_are_meant_to_be():
     assert np.all(np.abs(oracle("Plant, as in flight")[-1, :2]) > 1e-9 * np.exp(19))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_rounding_of_the_oracle_itself(name):
     with mp.workdps(30):

@@ -19,7 +19,7 @@ from lpfcosim.running import cluster, runner
 from tests.hostile.faulty import SEGFAULT, after, faulty
 from tests.lpfcosim.cli.test_montecarlo import SMALL
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
@@ -73,7 +73,6 @@ def test_an_error_is_a_result_and_the_others_go_on(connection):
     assert str(found["bad"]) == "as asked"
 
 
-@pytest.mark.slow
 def test_workers_killed_are_made_good(connection, tmp_path, files):
     marks = {name: tmp_path / name for name in "abc"}
     reaper = threading.Thread(target=kill, args=(list(marks.values()),))
@@ -94,7 +93,6 @@ def kill(marks):
         time.sleep(0.05)
 
 
-@pytest.mark.slow
 def test_what_kills_every_worker_is_named(connection):
     found = dict(connection.results(work, 1, {"fatal": "die"}, {}))
     assert str(found["fatal"]).startswith("fatal: every worker that took it on died")
@@ -133,7 +131,6 @@ def test_a_scheduler_lost_is_told(tmp_path):
         scheduler.wait()
 
 
-@pytest.mark.slow
 def test_montecarlo_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcosim, pytestconfig):
     (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
     kills = max(1, pytestconfig.getoption("--kills") // 5)
@@ -165,7 +162,6 @@ def kill_workers(address, log, kills, first):
 
 
 @pytest.mark.fmu
-@pytest.mark.slow
 def test_run_is_that_of_one_process_though_workers_die(address, tmp_path, lpfcosim):
     (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
     command = ("run", "two.toml", "--quiet")
