@@ -128,6 +128,19 @@ KINDS: Mapping[str, Kind] = {
         words="The telemetry is not in the frame it states",
         unsound=True,
     ),
+    "controller_differs": Kind(
+        "Put the controller that flew into the campaign (`[control]` or `[fmus]`): its gain and the gain of "
+        "the actuation are one number to the read-out.",
+        severity=Severity.FAILURE,
+        words="The simulated controller is not the one that flew",
+        unsound=True,
+    ),
+    "loop_differs": Kind(
+        "See which of the two lacks something: look at chi2 of both, and at what the FMUs have that the "
+        "equation of motion has not.",
+        severity=Severity.DOUBT,
+        words="The FMUs and the equation of motion differ",
+    ),
     "left_out": Kind(
         "Mend what is named and fit again; the fit of the others is not touched by it.",
         severity=Severity.DOUBT,
@@ -171,6 +184,12 @@ KINDS: Mapping[str, Kind] = {
         severity=Severity.DOUBT,
         words="For too long at the limit of authority",
         unsound=True,
+    ),
+    "at_bound": Kind(
+        "Widen `bounds` in the table [identify], or look for what the FMUs lack; what is told of the others "
+        "holds only if the bound does.",
+        severity=Severity.DOUBT,
+        words="Parameters are held at their bounds",
     ),
     "attenuated": Kind(
         "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
@@ -266,6 +285,9 @@ KINDS: Mapping[str, Kind] = {
     "single_tone": Kind(
         "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
         "least three times lower or higher.",
+    ),
+    "stepped_back": Kind(
+        "Nothing to do if the search ended well; start values closer to the result spare it.",
     ),
     "star_tracker_reversed": Kind(
         "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last.",

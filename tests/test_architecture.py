@@ -32,12 +32,12 @@ LAYERS = {
             "settings",
             "results",
         ),
-        *("model", "weighing", "inspection", "estimate", "judgement", "deltag", "pipeline"),
+        *("model", "weighing", "inspection", "estimate", "judgement", "identification", "deltag", "pipeline"),
         *("tables", "figures", "journal", "report", "api"),
     ),
     "lpfcosim": (
         *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
-        *("modelica", "cosim", "export", "running", "api", "design", "cli", "__main__"),
+        *("modelica", "cosim", "export", "running", "identify", "api", "design", "cli", "__main__"),
     ),
 }
 #: What the simulator takes of the estimators outside its command line: how a telemetry file is written.

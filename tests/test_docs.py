@@ -35,6 +35,7 @@ NOT_RUN = {
 }  # first words of the lines of console blocks
 LONG = {
     ("lpfcosim", "design"),
+    ("lpfcosim", "identify"),
     ("lpfcosim", "montecarlo"),
     ("lpfcosim", "mcmc"),
     ("lpfcosim", "run"),

@@ -27,6 +27,7 @@ __all__ = [
     "forecast",
     "hierarchy",
     "inertial",
+    "irls",
     "known_of",
     "levels",
     "louder",

@@ -12,7 +12,7 @@ from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
 from fit.inspection import prepare
 from fit.results import Results
-from fit.settings import settings
+from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.weighing import Experiment, Run
 
@@ -35,6 +35,34 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     return results, read_all([directory / p for p in recorded])
 
 
+def experiments(
+    results: Results, telemetries: Sequence[Telemetry], where: Path
+) -> tuple[list[Experiment], Settings]:
+    """Return the experiments of the joint fit of `results`, prepared as they were for it, and its settings.
+
+    Raises
+    ------
+    InputError
+        If the results do not say how they came about.
+    """
+    if results.joint is None or not results.joint.parameters:
+        raise InputError(f"{where}: joint: expected a joint fit that determined parameters")
+    runs = {t.run: t for t in telemetries}
+    said = results.provenance
+    joint, pairs, chosen = said.joint_runs, said.noise_runs, said.settings
+    if joint is None or pairs is None or chosen is None:
+        raise InputError(f"{where}: provenance: expected joint_runs, noise_runs and settings; fit once more")
+    for name in (*joint, *pairs.values()):
+        if name not in runs:
+            raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
+    found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
+    how = settings(chosen, f"{where}: provenance.settings")
+    prepared = [prepare(e, how).experiment for e in found]
+    levels = said.levels or []
+    loud = louder.judged(prepared, how)
+    return [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared], how
+
+
 def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Outcome:
     """Repeat the joint fit of `results`, with its runs, pairs and settings.
 
@@ -54,31 +82,14 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
     FitError
         If no trustworthy estimate comes out.
     """
-    if results.joint is None or not results.joint.parameters:
-        raise InputError(f"{where}: joint: expected a joint fit that determined parameters")
-    runs = {t.run: t for t in telemetries}
-    said = results.provenance
-    joint, pairs, chosen = said.joint_runs, said.noise_runs, said.settings
-    if joint is None or pairs is None or chosen is None:
-        raise InputError(f"{where}: provenance: expected joint_runs, noise_runs and settings; fit once more")
-    for name in (*joint, *pairs.values()):
-        if name not in runs:
-            raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
-    experiments = [
-        Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
-    ]
-    how = settings(chosen, f"{where}: provenance.settings")
-    prepared = [prepare(e, how).experiment for e in experiments]
-    levels = said.levels or []
-    loud = louder.judged(prepared, how)
-    again = [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared]
+    again, how = experiments(results, telemetries, where)
     outcome = fit_joint(again, how)
     steps = [measure(e, outcome, at) for at, e in enumerate(again)]
     if any(steps):
         again = [replace(e, unsteady=of_run) for e, of_run in zip(again, steps, strict=True)]
         outcome = fit_joint(again, how)
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
-    for name, estimate in results.joint.parameters.items():
+    for name, estimate in (results.joint.parameters if results.joint else {}).items():
         if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:
             raise InputError(
                 f"{where}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "

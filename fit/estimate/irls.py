@@ -240,6 +240,7 @@ def iterate(
     held: Callable[[Sequence[linear.Block], Array, Array], Held],
     rule: Rule | None = None,
     departing: Sequence[Width] = (),
+    admitted: Callable[[Array, Array], Array] = lambda _, to: to,
 ) -> Outcome:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
 
@@ -255,6 +256,8 @@ def iterate(
         When to stop.
     departing : sequence of Width
         Departures of experiments, see `reweight`.
+    admitted : callable
+        Tells from an estimate and the next one how far to go.
 
     Raises
     ------
@@ -285,7 +288,7 @@ def iterate(
         if iteration >= SETTLED and float(move[determined] @ move_before[determined]) < 0:
             step /= 2  # lest weights and parameters swing against each other
         move_before = move
-        theta = theta + step * (found - theta)
+        theta = admitted(theta, theta + step * (found - theta))
     raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations")
 
 

@@ -53,7 +53,7 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     """
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
     lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
-    found = report(outcome, experiments, names, [*lost, *_doubts(outcome, experiments), *_scatter(outcome)])
+    found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *_scatter(outcome)])
     return replace(found, stiffness=sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments]))
 
 
@@ -163,6 +163,10 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None)
         if not any(np.any(run.channels["f_x_1"]) for run in runs):
             return "no run drives test mass 1, one with an injection into F_x_1 would determine it"
         return "test mass 1 is hardly driven, a larger injection into F_x_1 would determine it"
+    if any("." in name for name in names):  # of an FMU, nothing but its name is known
+        if len(names) > 1:
+            return "the read-outs answer to them only together"
+        return "the read-outs hardly answer to it"
     authority = {"alpha_x": "F_max", "alpha_phi": "N_max"}
     varied = {f"{alpha}_{j}": f"{key}_{j}" for alpha, key in authority.items() for j in (1, 2)}
     keys = [varied[name] for name in names if name in varied]
@@ -202,7 +206,7 @@ def _scatter(outcome: Outcome) -> list[FitWarning]:
     return found
 
 
-def _doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarning]:
+def doubts(outcome: Outcome, experiments: Sequence[Experiment]) -> list[FitWarning]:
     """Warn of what the sigmas rest on and might not hold."""
     found = [
         FitWarning(

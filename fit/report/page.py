@@ -17,6 +17,7 @@ from fit.files import atomic
 from fit.paper import joint_names, joint_parameter
 from fit.report import charts
 from fit.report import experiments as report_experiments
+from fit.report import identified as report_identified
 from fit.report import motion as report_motion
 from fit.report import noise as report_noise
 from fit.report import sampling as report_sampling
@@ -37,7 +38,7 @@ _SPREAD = ("settings", "versions")  # tables with a line for each entry
 
 
 def write_report(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> Path:
-    """Write ``report.html``; what ``mcmc`` and ``montecarlo`` left in the folder joins the page.
+    """Write ``report.html``; what ``identify``, ``mcmc`` and ``montecarlo`` left in the folder joins it.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     Raises
     ------
     InputError
-        If a telemetry file can no longer be read, or ``mcmc.json`` or ``montecarlo.json`` is none.
+        If a telemetry file can no longer be read, or what another command left is not what it leaves.
     """
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
@@ -67,6 +68,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     parts = [
         *report_mission.parts(results, telemetries),
         *report_noise.parts(results, telemetries, products),
+        *report_identified.parts(results, directory),
         *report_sampling.parts(results, directory),
     ]
     page = (

@@ -4,6 +4,6 @@ Everything in the file is checked here, so that a mistake is told before anythin
 """
 
 from lpfcosim.campaign.campaign import Campaign, Experiment
-from lpfcosim.campaign.wishes import Wishes
+from lpfcosim.campaign.wishes import Sought, Wishes
 
-__all__ = ["Campaign", "Experiment", "Wishes", "loading", "montecarlo", "names", "schema", "units"]
+__all__ = ["Campaign", "Experiment", "Sought", "Wishes", "loading", "montecarlo", "names", "schema", "units"]

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from lpfcosim.campaign import history
-from lpfcosim.campaign.wishes import Wishes
+from lpfcosim.campaign.wishes import Sought, Wishes
 from lpfcosim.spacecraft import (
     FS,
     LIVING,
@@ -67,8 +67,8 @@ class Campaign:
     """A validated campaign; ``t0`` is the start of its first run, ISO 8601 UTC.
 
     ``events`` happen to all runs; ``tail_scatter`` is that of the 1/f noise of Delta g between experiments.
-    ``fit`` is what the file says about the fit, ``design`` what it asks of a design, ``tables`` all that it
-    says together with what it extends, as written.
+    ``fit`` is what the file says about the fit, ``design`` what it asks of a design, ``identify`` what it
+    seeks, ``tables`` all that it says together with what it extends, as written.
     """
 
     name: str
@@ -84,6 +84,7 @@ class Campaign:
     tail_scatter: float = 0.0
     fit: Mapping[str, object] = field(default_factory=dict)
     design: Wishes = field(default_factory=Wishes)
+    identify: Mapping[str, Sought] = field(default_factory=dict)
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -135,10 +136,10 @@ class Campaign:
         """SHA-256 of what the file says: comments, order of keys and choice of units do not count.
 
         Nor does where an FMU lies; what it is stands beside this digest in the provenance. Nor what is said
-        of the fit and of a design, which changes nothing in the telemetry.
+        of the fit, of a design and of what is sought, which changes nothing in the telemetry.
         """
         said = asdict(self)
-        del said["fit"], said["design"], said["tables"]
+        del said["fit"], said["design"], said["identify"], said["tables"]
         crafts = [e["spacecraft"] for e in said["experiments"] if e["spacecraft"]]
         for place in (said, said["truth"], *said["experiments"], *crafts):
             for key in _LATER & place.keys():

@@ -94,6 +94,7 @@ def _build(table: CampaignTable) -> Campaign:
         tail_scatter=table.events.tail_scatter if table.events else 0.0,
         fit=table.fit,
         design=table.design.record(),
+        identify={name: entry.record() for name, entry in table.identify.items()},
     )
     _check_order(campaign, entries)
     if table.sweep and not table.fmus:

@@ -20,6 +20,7 @@ from lpfcosim.campaign.designs import DesignTable
 from lpfcosim.campaign.events import EventsTable
 from lpfcosim.campaign.injections import InjectionTable
 from lpfcosim.campaign.names import Name
+from lpfcosim.campaign.sought import SoughtTables
 from lpfcosim.campaign.units import (
     Acceleration,
     AccelerationNoise,
@@ -355,6 +356,7 @@ class CampaignTable(Table):
     fit: dict[str, Any] = {}
     fmus: dict[Model, FmuTable] = {}
     design: DesignTable = DesignTable()
+    identify: SoughtTables = {}
     defaults: DefaultsTable = DefaultsTable()
     sweep: SweepTable | None = None
     experiments: Annotated[list[ExperimentTable], Field(min_length=1, examples=["[[experiments]] …"])]

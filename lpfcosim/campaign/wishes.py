@@ -1,4 +1,4 @@
-"""What a campaign asks of a design: what it is to be good at, and what it must not exceed."""
+"""What a campaign asks of a design and of an identification: what is sought, and within which limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,6 +8,7 @@ Goal = Literal["geometric mean", "worst ratio"]
 Held = Literal["peaks and rms of thrust", "peaks", "rms"]
 Limited = Literal["o_1", "o_12", "F_x_1", "F_x_2", "F_x_sc"]
 Kind = Literal["peak", "rms", "slew"]
+Shared = Literal["campaign", "alignment_epoch", "experiment"]
 
 
 @dataclass(frozen=True)
@@ -53,3 +54,13 @@ class Wishes:
     weights: Mapping[str, float] = field(default_factory=dict)
     sigmas: Mapping[str, float] = field(default_factory=dict)
     no_worse: float | None = None
+
+
+@dataclass(frozen=True)
+class Sought:
+    """What a campaign says of a parameter that is sought; None where it says nothing."""
+
+    start: float | None = None
+    bounds: tuple[float, float] | None = None
+    width: float | None = None
+    shared: Shared | None = None

@@ -1,11 +1,11 @@
-"""Commands for planners as a user sees them; calling one reads in the code behind it."""
+"""Commands for planners, and identification, as a user sees them; calling one reads in the code behind it."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lpfcosim.cli.common import CampaignFile, Jobs, Quiet, examples
+from lpfcosim.cli.common import CampaignFile, Jobs, Out, Quiet, Trust, examples
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -60,3 +60,34 @@ def design(
     from lpfcosim.cli.console import Console
 
     cli_design.design(campaign, out, Console(quiet=quiet, as_json=as_json), jobs=jobs)
+
+
+@app.command(
+    epilog=examples("lpfcosim identify quickstart.toml", "lpfcosim identify mine.toml flight/*.h5 --out mine")
+)
+def identify(
+    campaign: CampaignFile,
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="PATH", help="Telemetry, folders, maps [default: what run left in DIR]."),
+    ] = None,
+    out: Out = None,
+    trusted: Trust = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print identified.json instead of a table.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Estimate parameters of the FMUs in the loop.
+
+    The table [identify] of the campaign names them: any parameter of any FMU, with start, bounds and what
+    shares it. Without the table, they are those of `lpfcosim fit`. The closed loop is simulated through the
+    FMUs with trial values. o_1 and f_x_1 are imposed as measured, o_12 is compared. All else is as the
+    campaign says, the controllers too. The folder holds identified.json, and report.html has a section on
+    it, with the differences from `lpfcosim fit`.
+    """
+    from lpfcosim.cli import identify as cli_identify
+    from lpfcosim.cli.console import Console
+
+    console = Console(quiet=quiet, as_json=as_json)
+    cli_identify.identify_files(campaign, paths or [], out, console, trusted=trusted)

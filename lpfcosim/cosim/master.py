@@ -102,11 +102,18 @@ def blocks(
     where.reset()
     with contextlib.ExitStack() as stack:
         slaves = start(stack, run, found, where)
-        try:
+        with refusing(run.name, slaves):
             yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
-        except FMICallException as error:
-            said = "".join(f"; {s.name}: {s.said}" for s in slaves if s.said)
-            raise RunError(f"run '{run.name}': an FMU refused a call: {error}{said}") from None
+
+
+@contextlib.contextmanager
+def refusing(run: str, slaves: Iterable[Slave]) -> Iterator[None]:
+    """Say in one sentence that an FMU refused a call, and what it said."""
+    try:
+        yield
+    except FMICallException as error:
+        said = "".join(f"; {s.name}: {s.said}" for s in slaves if s.said)
+        raise RunError(f"run '{run}': an FMU refused a call: {error}{said}") from None
 
 
 def start(
@@ -130,22 +137,28 @@ def start(
     return slaves
 
 
-def _refused(run: Run, slave: Slave, status: int, time: float) -> RunError:
+def _refused(run: str, slave: Slave, status: int, time: float) -> RunError:
     said = _SAID.get(status, f"returns status {status}")
-    return RunError(f"run '{run.name}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
+    return RunError(f"run '{run}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
 
 
-class Loop:
-    """The slaves around their bus, which holds the feeds of a sample, then all outputs, then constants.
+class Network:
+    """Slaves around their bus, which holds the feeds of a sample, then all outputs, then constants.
 
     Parameters
     ----------
-    run : Run
-        What is simulated.
+    name : str
+        Of the run, for messages.
+    h : float
+        Step [s].
     components : sequence of Component
-        What they are connected to, in the order of the steps.
+        What the slaves are connected to, in the order of the steps.
     slaves : list of Slave
         One for each component, with its inputs and outputs in their order.
+    feeds : sequence of str
+        Signals from outside.
+    record : iterable of str
+        Sources, named as in `Component.inputs`, of what is recorded.
     engine : {"compiled", "fmpy"}
         Which loop steps them.
     where : Where, optional
@@ -154,24 +167,24 @@ class Loop:
 
     def __init__(
         self,
-        run: Run,
+        name: str,
+        h: float,
         components: Sequence[Component],
         slaves: list[Slave],
-        engine: Engine,
+        feeds: Sequence[str],
+        record: Iterable[str],
+        engine: Engine = "compiled",
         where: Where | None = None,
     ) -> None:
-        self._run, self._slaves, self._where = run, slaves, where or Where()
-        self._noise = drive.stream(run)
-        self._feeds = drive.names(run)
-        self._channels = world_of(run).record
-        self._n_feeds = len(self._feeds)
-        place = {name: i for i, name in enumerate(self._feeds)}
+        self._name, self._h, self._slaves, self._where = name, h, slaves, where or Where()
+        self._n_feeds = len(feeds)
+        place = {name: i for i, name in enumerate(feeds)}
         bus = [0.0] * self._n_feeds
         self._outputs = []
         for slave, component in zip(slaves, components, strict=True):
             self._outputs.append(slice(len(bus), len(bus) + len(slave.outputs.values)))
-            for name, at in zip(component.outputs, slave.outputs.places, strict=True):
-                place[f"{component.model}.{name}"] = len(bus) + at
+            for output, at in zip(component.outputs, slave.outputs.places, strict=True):
+                place[f"{component.model}.{output}"] = len(bus) + at
             bus += [0.0] * len(slave.outputs.values)
         self._sources = []
         for slave, component in zip(slaves, components, strict=True):
@@ -182,21 +195,8 @@ class Loop:
                 sources[at] = place[source]
             self._sources.append(sources)
         self._bus = np.array(bus)
-        self._record = np.array([place[source] for source in self._channels.values()], dtype=np.int32)
+        self._record = np.array([place[source] for source in record], dtype=np.int32)
         self._compiled = _Compiled(slaves, self._sources, self._outputs) if engine == "compiled" else None
-
-    def blocks(self) -> Iterator[dict[str, Array]]:
-        """Simulate the whole run."""
-        for start in range(0, self._run.n_samples, BLOCK):
-            stop = min(start + BLOCK, self._run.n_samples)
-            drawn = {**drive.injections(self._run, start, stop), **self._noise.take(stop - start)}
-            feeds = np.stack([drawn[name] for name in self._feeds])  # each signal by itself, as it is drawn
-            if start == 0:
-                self.initialize(feeds[:, 0])
-            recorded = np.empty((len(self._record), stop - start))
-            self.advance(feeds.T, recorded.T, start)
-            self._check_range(recorded, start)
-            yield dict(zip(self._channels, recorded, strict=True))
 
     def initialize(self, feeds: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
@@ -216,22 +216,22 @@ class Loop:
         Parameters
         ----------
         feeds : array, shape (n, …)
-            `drive.names`, sample by sample.
+            The signals from outside, sample by sample.
         recorded : array, shape (n, …)
-            Filled with the channels of `World.record`.
+            Filled with what is recorded.
         start : int
             Number of the first sample.
         """
         if self._compiled is None:
             self._plain(feeds, recorded, start)
         else:
-            self._compiled(self._bus, feeds, self._record, recorded, start, self._run.h, self._where)
+            self._compiled(self._bus, feeds, self._record, recorded, start, self._h, self._where)
         if self._where.status:
             slave = self._slaves[self._where.slave]
-            raise _refused(self._run, slave, self._where.status, self._where.sample * self._run.h)
+            raise _refused(self._name, slave, self._where.status, self._where.sample * self._h)
 
     def _plain(self, feeds: Array, recorded: Array, start: int) -> None:
-        bus, h, record, where = self._bus.tolist(), self._run.h, self._record.tolist(), self._where
+        bus, h, record, where = self._bus.tolist(), self._h, self._record.tolist(), self._where
         steps = list(zip(self._slaves, self._sources, self._outputs, strict=True))
         for i, feed in enumerate(feeds.tolist()):
             where.sample = start + i
@@ -247,21 +247,63 @@ class Loop:
         self._bus[:] = bus
         where.sample, where.slave = start + len(feeds), -1
 
-    def _check_range(self, recorded: Array, start: int) -> None:
-        limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else _LARGEST for c in self._channels]
-        least, most = recorded.min(axis=1), recorded.max(axis=1)  # both NaN where one sample is
-        if not np.all((-least <= limits) & (most <= limits)):
-            lost = ~(np.abs(recorded) <= np.array(limits)[:, None])
-            i = int(lost.any(axis=0).argmax())
-            j = int(lost[:, i].argmax())
-            channel = list(self._channels)[j]
-            how = (
-                f"leaves its range of {READ_OUT_RANGE:g} m"
-                if np.isfinite(recorded[j, i])
-                else "is not finite"
-            )
-            time = (start + i) * self._run.h
-            raise RunError(f"run '{self._run.name}' diverges: {channel} {how} at {time:.1f} s")
+
+class Loop(Network):
+    """The slaves of a run as it is simulated: fed with its injections and noise, recorded as its channels.
+
+    Parameters
+    ----------
+    run : Run
+        What is simulated.
+    components, slaves, engine, where
+        As of `Network`.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        components: Sequence[Component],
+        slaves: list[Slave],
+        engine: Engine,
+        where: Where | None = None,
+    ) -> None:
+        self._run, self._noise = run, drive.stream(run)
+        self._feeds, self._channels = drive.names(run), world_of(run).record
+        record = self._channels.values()
+        super().__init__(run.name, run.h, components, slaves, self._feeds, record, engine, where)
+
+    def blocks(self) -> Iterator[dict[str, Array]]:
+        """Simulate the whole run."""
+        for start in range(0, self._run.n_samples, BLOCK):
+            stop = min(start + BLOCK, self._run.n_samples)
+            drawn = {**drive.injections(self._run, start, stop), **self._noise.take(stop - start)}
+            feeds = np.stack([drawn[name] for name in self._feeds])  # each signal by itself, as it is drawn
+            if start == 0:
+                self.initialize(feeds[:, 0])
+            recorded = np.empty((len(self._channels), stop - start))
+            self.advance(feeds.T, recorded.T, start)
+            check_range(self._run, list(self._channels), recorded, start)
+            yield dict(zip(self._channels, recorded, strict=True))
+
+
+def check_range(run: Run, channels: Sequence[str], recorded: Array, start: int) -> None:
+    """Refuse channels, shape (channels, n), from sample ``start`` on that are not finite, or out of range.
+
+    Raises
+    ------
+    RunError
+        Gives channel and time.
+    """
+    limits = [READ_OUT_RANGE if c in ("o_1", "o_12") else _LARGEST for c in channels]
+    least, most = recorded.min(axis=1), recorded.max(axis=1)  # both NaN where one sample is
+    if not np.all((-least <= limits) & (most <= limits)):
+        lost = ~(np.abs(recorded) <= np.array(limits)[:, None])
+        i = int(lost.any(axis=0).argmax())
+        j = int(lost[:, i].argmax())
+        finite = np.isfinite(recorded[j, i])
+        how = f"leaves its range of {READ_OUT_RANGE:g} m" if finite else "is not finite"
+        time = (start + i) * run.h
+        raise RunError(f"run '{run.name}' diverges: {channels[j]} {how} at {time:.1f} s")
 
 
 class _SlaveTable(ctypes.Structure):

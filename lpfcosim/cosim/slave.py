@@ -105,9 +105,7 @@ class Slave:
         self.version = int(description.fmiVersion[0])
         self._variables = {v.name: v for v in description.modelVariables}
         self.inputs, self.outputs = self._port(inputs), self._port(outputs)
-        settings = self._port(list(parameters))
-        for place, value in zip(settings.places, parameters.values(), strict=True):
-            settings.values[place] = value
+        settings = self._settings(parameters)
         kind = FMU2Slave if self.version == 2 else FMU3Slave
         try:
             with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load
@@ -127,6 +125,21 @@ class Slave:
             self._initialize(settings)
         except FMICallException as error:
             raise InputError(f"{archive}: cannot be initialised: {error}{self.reason}") from None
+
+    def restart(self, parameters: Mapping[str, float]) -> None:
+        """Take the instance back to its start, and give it these parameters; nothing is loaded anew.
+
+        Raises
+        ------
+        RunError
+            If it refuses.
+        """
+        self.said = ""
+        try:
+            self.fmu.reset()
+            self._initialize(self._settings(parameters))
+        except FMICallException as error:
+            raise RunError(f"{self._archive}: cannot be started again: {error}{self.reason}") from None
 
     @property
     def reason(self) -> str:
@@ -157,6 +170,12 @@ class Slave:
         else:
             self.fmu.enterInitializationMode(startTime=0.0)
         self._set(settings)
+
+    def _settings(self, parameters: Mapping[str, float]) -> Port:
+        settings = self._port(list(parameters))
+        for place, value in zip(settings.places, parameters.values(), strict=True):
+            settings.values[place] = value
+        return settings
 
     def _free(self) -> None:
         if self.version == 2:

@@ -14,7 +14,7 @@ from tests.campaign_text import ONE_EXPERIMENT
 
 GROUPS = {
     (): "new check run fit report figures deltag montecarlo mcmc margins reproduce trust schema "
-    "forecast design fmu",
+    "forecast design identify fmu",
     ("fmu",): "build list validate export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]

@@ -1,0 +1,184 @@
+"""Parameters of a simulated loop, estimated from telemetry with the weighing and the iteration of the fit."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.estimate import irls, verdict
+from fit.identification import comparison
+from fit.identification.protocol import Free, Loop, joint_parameters, share
+from fit.identification.weighing import Reference, Simulated
+from fit.model import Sharing, dynamics
+from fit.results import Results
+from fit.settings import Settings
+from fit.threads import each, one_thread
+from fit.warnings import FitWarning
+from fit.weighing import Experiment, Likelihood, linear
+
+Array = NDArray[np.float64]
+
+HALVED = 12  # times at most that a step is halved lest the loop be unstable
+AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
+
+
+@one_thread
+def identify(
+    experiments: Sequence[Experiment], free: Sequence[Free], loop: Loop, calibrated: Results, chosen: Settings
+) -> Results:
+    """Estimate parameters of a simulated loop.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Prepared as for the joint fit.
+    free : sequence of Free
+        The parameters.
+    loop : Loop
+        Simulates the runs.
+    calibrated : Results
+        Of the same telemetry by the equation of motion: with it the loop is inverted, and against it the
+        result is held.
+    chosen : Settings
+        Of the fit.
+
+    Returns
+    -------
+    Results
+        With a joint fit alone. Its provenance has besides ``from_fit``, by how many sigmas the calibration
+        differs, and ``commands``, by how much relative the recorded ones differ from those of the controller.
+
+    Raises
+    ------
+    InputError
+        If the estimator has no counterpart here.
+    FitError
+        If the loop cannot be simulated where the search begins, or no trustworthy estimate comes out.
+    """
+    likelihood = chosen.estimator
+    if likelihood == "flscov":
+        raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
+    references = [_dynamics(e, calibrated, chosen) for e in experiments]
+    search = _Search(experiments, free, loop, references, likelihood)
+    outcome = irls.iterate(search.weighings, search.parameters, search.held, admitted=search.admitted)
+    names = {p.name: p.name for p in search.parameters}
+    named = {name: name for name in names if name not in search.bound}
+    lost = verdict.indeterminable(outcome, experiments, named)
+    found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
+    differs: dict[str, float] = {}
+    apart: list[FitWarning] = []
+    if calibrated.joint:
+        differs = comparison.differences(found, calibrated.joint)
+        apart = comparison.apart(found, calibrated.joint)
+    of_runs = [search.of_run(k, outcome.solution.theta) for k in range(len(experiments))]
+    commands = comparison.replayed([e.sysid for e in experiments], loop, of_runs)
+    more = (*comparison.misled(commands, list(found)), *apart, *search.told())
+    said = calibrated.provenance
+    provenance = replace(
+        said,
+        more={**said.more, "from_fit": differs, "commands": commands},
+        **dict.fromkeys(("cross_talk_periods", "subtraction", "scatter", "inertial_runs", "inertial_band")),
+    )
+    return Results(replace(found, warnings=(*found.warnings, *more)), {}, {}, {}, provenance)
+
+
+class _Search:
+    """The joint parameters, the runs that tell them, and how far a step may go.
+
+    Attributes
+    ----------
+    parameters : list of Parameter
+        The P parameters, with where the search begins.
+    weighings : list of Simulated
+        One for each experiment.
+    bound : set of str
+        Parameters that want beyond their bounds, and are held there.
+    """
+
+    def __init__(
+        self,
+        experiments: Sequence[Experiment],
+        free: Sequence[Free],
+        loop: Loop,
+        references: Sequence[Array],
+        likelihood: Likelihood,
+    ) -> None:
+        joint = joint_parameters(free, [e.sysid.telemetry for e in experiments])
+        low, high = np.array([each.bounds for _, each in joint.values()]).T
+        start = np.clip([p.value for p, _ in joint.values()], low, high)
+        found = zip(joint.values(), start.tolist(), strict=True)
+        self.parameters = [replace(p, value=value) for (p, _), value in found]
+        self.bound: set[str] = set()
+        self._low, self._high, self._stepped = low, high, list[str]()
+        self._widths = np.array([p.prior_sigma for p in self.parameters])
+        self._names = tuple(each.name for each in free)
+        self._shares = [share(free, e.sysid.telemetry, list(joint)) for e in experiments]
+        self.weighings = [
+            Simulated(
+                experiment,
+                loop,
+                Reference(references[k], self.of_run(k, start)),
+                self._names,
+                self._shares[k],
+                (self._widths, low, high),
+                "marginalised" if experiment.levels else likelihood,
+            )
+            for k, experiment in enumerate(experiments)
+        ]
+
+    def of_run(self, k: int, theta: Array) -> dict[str, float]:
+        """Return the parameters of the k-th experiment by name."""
+        return dict(zip(self._names, (self._shares[k] @ theta).tolist(), strict=True))
+
+    def held(self, blocks: Sequence[linear.Block], theta: Array, _: Array) -> irls.Held:
+        """Hold by its natural scale what the data do not tell, and at its bound what wants beyond."""
+        lost, directions = linear.blind(linear.information(blocks, theta), self._widths)
+        uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
+        beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
+        self.bound = {p.name for p, out in zip(self.parameters, beyond, strict=True) if out}
+        centre = np.where(beyond, theta, [p.value for p in self.parameters])
+        scale = np.where(beyond, AT_BOUND, 1.0) * self._widths
+        rows = np.diag(1 / scale)[lost | beyond]
+        return irls.Held(linear.Prior(centre, rows), lost | beyond, directions, None)
+
+    def admitted(self, theta: Array, to: Array) -> Array:
+        """Return the next estimate, shape (P,): within its bounds, and with loops that can be simulated."""
+        to = np.clip(to, self._low, self._high)
+        for _ in range(HALVED):
+            try:
+                each(partial(_reach, theta=to), self.weighings)
+            except FitError as error:
+                self._stepped.append(str(error))
+                to = (theta + to) / 2
+            else:
+                return to
+        raise FitError(f"no step leads on, however short: {self._stepped[-1]}")
+
+    def told(self) -> list[FitWarning]:
+        """Warn of bounds that are reached, and tell of steps that were taken back."""
+        found = []
+        if self.bound:
+            names = tuple(p.name for p in self.parameters if p.name in self.bound)
+            message = f"the data want {', '.join(names)} beyond its bounds, where it is held"
+            found.append(FitWarning("at_bound", names, message))
+        if self._stepped:
+            count, why = len(self._stepped), self._stepped[-1]
+            message = f"{count} steps of the search were halved, the last one because of this: {why}"
+            found.append(FitWarning("stepped_back", (), message))
+        return found
+
+
+def _reach(weighing: Simulated, theta: Array) -> None:
+    weighing.reach(theta)
+
+
+def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:
+    """Return what a calibration says of `dynamics.PARAMETERS` of a run, shape (7,), or else the flight."""
+    run, sharing = experiment.sysid.telemetry, Sharing(chosen.shared)
+    known = calibrated.joint.values if calibrated.joint else {}
+    parameters = sharing.parameters([(run, dynamics.PARAMETERS)])
+    values = [known.get(p.name, p.value) for p in parameters]
+    return sharing.matrix(run, dynamics.PARAMETERS, [p.name for p in parameters]) @ values

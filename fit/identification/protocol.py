@@ -1,0 +1,114 @@
+"""What an identification asks of whoever simulates the loop; and the parameters it looks for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.paper import FLIGHT, Parameter, joint_parameter
+from fit.settings import Group
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+#: What is imposed on a loop: the force commanded on test mass 1 [m s^-2], and stray thrust [N].
+FORCE_1, THRUST = "f_x_1", "F_noise_x_sc"
+
+
+class Loop(Protocol):
+    """A simulation of the closed loop. All series are at the rate of the loop (`dynamics.LOOP_PERIOD`)."""
+
+    def response(
+        self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
+    ) -> Mapping[str, Array]:
+        """Return the read-outs ``o_1`` and ``o_12`` [m] of a run with parameters theta.
+
+        Parameters
+        ----------
+        run : Telemetry
+            Which run: its injections drive the loop, from its first sample on.
+        theta : mapping of str to float
+            Parameters by name, SI.
+        inputs : mapping of str to ndarray, each of shape (N,)
+            `FORCE_1` and `THRUST`, in place of what drives them otherwise; zero where left out.
+
+        Returns
+        -------
+        mapping of str to ndarray, each of shape (N,)
+
+        Raises
+        ------
+        FitError
+            If the loop is not stable, or cannot be simulated.
+        """
+
+    def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
+        """Return the force [m s^-2] on test mass 2 that the controller asks for in answer to o_12 [m].
+
+        Raises
+        ------
+        FitError
+            If it cannot be simulated.
+        """
+
+    def direct(self, run: Telemetry) -> Array:
+        """Return the force [m s^-2] that is commanded on test mass 2 past the controller."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter to be identified.
+
+    Attributes
+    ----------
+    name : str
+        Of the fit where that has the same, or ``Model.parameter``.
+    start : float, optional
+        Where to begin; the flight value of what the fit knows.
+    width : float, optional
+        Its natural scale. Data that tell it worse leave it undetermined.
+    bounds : tuple of float
+        Least and largest value that are tried.
+    shared : str
+        Over what it has one value.
+    unit : str
+        Its unit.
+    """
+
+    name: str
+    start: float | None = None
+    width: float | None = None
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    shared: Group = "campaign"
+    unit: str = "1"
+
+    def of(self, run: Telemetry) -> Parameter:
+        """Return the parameter where it holds for a run: with epoch or experiment at the end of its name."""
+        name = self.name if self.shared == "campaign" else f"{self.name}_{getattr(run, self.shared)}"
+        base = f"{self.name}_{run.alignment_epoch}" if self.name == "delta_ifo" else self.name
+        if base in FLIGHT or self.name == "delta_ifo":
+            known = joint_parameter(base)
+        else:
+            scale = abs(self.start or 0.0) or 1.0
+            what = f"parameter {self.name}"
+            known = Parameter(self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, what, False)
+        start = known.value if self.start is None else self.start
+        return replace(known, name=name, value=start, prior_sigma=self.width or known.prior_sigma)
+
+
+def joint_parameters(free: Sequence[Free], runs: Sequence[Telemetry]) -> dict[str, tuple[Parameter, Free]]:
+    """Return the parameters of a joint fit by name, each with what it came from."""
+    found: dict[str, tuple[Parameter, Free]] = {}
+    for each in free:
+        ordered = sorted(runs, key=lambda run: run.alignment_epoch) if each.shared != "experiment" else runs
+        for run in ordered:
+            parameter = each.of(run)
+            found.setdefault(parameter.name, (parameter, each))
+    return found
+
+
+def share(free: Sequence[Free], run: Telemetry, names: Sequence[str]) -> Array:
+    """Return the map from the P joint parameters `names` to the K of a run, shape (K, P)."""
+    return np.array([[float(each.of(run).name == name) for name in names] for each in free])

@@ -1,0 +1,122 @@
+"""The channels of a run at the rate of the loop, and what made it move: forces from motions, both ways."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.model import dynamics
+from fit.signal import derivatives
+from fit.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+RATE = 1 / dynamics.LOOP_PERIOD  # Hz
+LOW = (0.1e-3, 0.2e-3)  # Hz: below, the loop lets so little thrust through that noise would pass for it
+HIGH = (0.5, 1.0)  # Hz: above, nothing reaches the fitted band
+EDGE = 100.0  # s, over which what is imposed comes in and goes out
+MEMORY = 4096.0  # s, after which the loop has forgotten a push
+
+
+def at_loop_rate(telemetry: Telemetry, channel: str) -> Array:
+    """Return a channel at the rate of the loop, shape (N,); gaps are bridged.
+
+    Raises
+    ------
+    InputError
+        If the rate of the run does not divide that of the loop.
+    """
+    factor = round(RATE / telemetry.fs)
+    if abs(factor * telemetry.fs - RATE) > 1e-6 * RATE:
+        raise InputError(
+            f"{telemetry.path}: sampled at {telemetry.fs:g} Hz, expected a rate that divides {RATE:g} Hz"
+        )
+    x = derivatives.bridge(telemetry.channels[channel], telemetry.fs)[0]
+    if factor == 1:
+        return x
+    ends = np.linspace(x[0], x[-1], x.size)  # what is resampled begins and ends at zero
+    fine = np.interp(np.arange(x.size * factor) / factor, np.arange(x.size), ends)
+    return np.asarray(scipy.signal.resample_poly(x - ends, factor, 1) + fine, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Times [s] of what is left of a run after the low-pass and the stencils, and where it is valid."""
+
+    fs: float
+    time: Array
+    valid: NDArray[np.bool_]
+
+
+def reduced(telemetry: Telemetry, of_fit: dynamics.Channels) -> Reduced:
+    """Return the grid on which `force` puts a run, and what of it the fit's own channels leave."""
+    taps, factor = derivatives.low_pass(RATE)
+    size = (round(telemetry.time.size * RATE / telemetry.fs) - taps.size) // factor + 1
+    first = taps.size // 2 / RATE + telemetry.time[0]
+    time = first + np.arange(size) * factor / RATE
+    at = np.rint((time - of_fit.time[0]) * of_fit.fs).astype(int)
+    inside = (at >= 0) & (at < of_fit.time.size)
+    kept = np.where(inside, of_fit.valid[np.clip(at, 0, of_fit.time.size - 1)], True)
+    half = slice(derivatives.HALF, -derivatives.HALF)
+    return Reduced(RATE / factor, time[half], ~derivatives.reached(~kept))
+
+
+def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:
+    """Return the force that made a change of o_12, shape (N,) [m]: the loop inverted (eq. deltagjointfit).
+
+    Parameters
+    ----------
+    o_12, f_x_2 : ndarray, shape (N,)
+        A change of the read-out at the rate of the loop, and what the controller answers.
+    theta : ndarray, shape (7,)
+        Of `dynamics.PARAMETERS`: the loop that is inverted.
+
+    Returns
+    -------
+    ndarray
+        On the grid of `reduced` [m s^-2]. A loop left to itself has none, whatever state it began in.
+    """
+    taps, factor = derivatives.low_pass(RATE)
+    moved, pushed = (derivatives.decimate(x, taps, factor) for x in (o_12, f_x_2))
+    none = np.zeros(moved.size)
+    run = dynamics.Channels(
+        RATE / factor, none, none, moved, none, pushed, {}, np.ones(none.size, dtype=bool), 0
+    )
+    return dynamics.total(dynamics.columns(run, dynamics.delays(theta)), theta)
+
+
+def thrust(motion: Array, push: Callable[[Array], Array], unit: float) -> Array:
+    """Return the stray thrust [N], shape (N,), that moves test mass 1 like this, in mid-band.
+
+    Parameters
+    ----------
+    motion : ndarray, shape (N,)
+        Of o_1 [m].
+    push : callable
+        Returns how o_1 answers a stray thrust.
+    unit : float
+        Of the thrust with which to try [N].
+    """
+    n = min(round(MEMORY * RATE), motion.size)
+    blow = np.zeros(n)
+    blow[0] = unit
+    answer = push(blow) / unit
+    size = scipy.fft.next_fast_len(motion.size + n, real=True)
+    f = scipy.fft.rfftfreq(size, 1 / RATE)
+    passed = _rise(f, *LOW) * (1 - _rise(f, *HIGH))
+    of_loop = scipy.fft.rfft(answer, size)
+    spectrum = scipy.fft.rfft(motion * _flanks(motion.size), size)
+    made = np.divide(spectrum * passed, of_loop, out=np.zeros_like(spectrum), where=passed > 0)
+    return np.asarray(scipy.fft.irfft(made, size)[: motion.size], dtype=np.float64)
+
+
+def _rise(f: Array, low: float, high: float) -> Array:
+    return np.asarray(np.sin(np.pi / 2 * np.clip((f - low) / (high - low), 0, 1)) ** 2)
+
+
+def _flanks(n: int) -> Array:
+    rise = np.minimum(np.arange(n) + 1, np.arange(n)[::-1] + 1) / (EDGE * RATE)
+    return np.asarray(np.sin(np.pi / 2 * np.minimum(rise, 1)) ** 2)

@@ -1,0 +1,226 @@
+"""Runs of a simulated loop as weighted least squares, linear about the last trial."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.identification import series
+from fit.identification.protocol import FORCE_1, THRUST, Loop
+from fit.signal import NoiseModel, Spectra, spectra
+from fit.weighing import Experiment, Likelihood, Run, linear, shapes, smooth_noise, weights
+
+Array = NDArray[np.float64]
+
+MOVED = 3.0  # sigma, from where the derivatives were taken, after which they are taken anew
+STEP = 1e-3  # of its natural scale, by which a parameter is varied before its sigma is known
+SHORTER = 6  # times that a difference is tried before a trial that fails is told
+PUSH = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
+
+
+@dataclass(frozen=True)
+class Linearised(linear.Block):
+    """A whitened run: the residual at a trial, then its derivatives by the P parameters.
+
+    Attributes
+    ----------
+    at : ndarray, shape (P,)
+        The trial.
+    """
+
+    at: Array = field(kw_only=True)
+
+    def coefficients(self, theta: Array) -> Array:
+        """As those of `linear.Block`."""
+        moved = theta - (self.at if theta.ndim == 1 else self.at[:, None])
+        return np.concatenate([np.ones_like(theta[:1]), moved])
+
+    def gradient(self, theta: Array) -> Array:
+        """As that of `linear.Block`."""
+        return np.eye(theta.size + 1, theta.size, k=-1)
+
+    def jacobian(self, theta: Array) -> Array:
+        """As that of `linear.Block`."""
+        return np.asarray(self.R @ self.gradient(theta))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The loop that is inverted to tell a force from a motion; it stays while parameters move.
+
+    Attributes
+    ----------
+    dynamics : ndarray, shape (7,)
+        Of `dynamics.PARAMETERS`.
+    theta : mapping of str to float
+        Of the loop that is simulated, for its controller.
+    """
+
+    dynamics: Array
+    theta: Mapping[str, float]
+
+
+class Imposed:
+    """A run beside the simulated loop, on which is imposed what was measured and is not to be predicted.
+
+    Parameters
+    ----------
+    run : Run
+        As measured, with what is masked.
+    loop : Loop
+        Simulates it.
+    reference : Reference
+        With which forces are told from motions.
+    """
+
+    def __init__(self, run: Run, loop: Loop, reference: Reference) -> None:
+        self.telemetry, self._loop, self._reference = run.telemetry, loop, reference
+        self._o_1, self._o_12, force_1 = (
+            series.at_loop_rate(run.telemetry, name) for name in ("o_1", "o_12", "f_x_1")
+        )
+        self._inputs = {FORCE_1: force_1, THRUST: np.zeros(force_1.size)}
+        self._grid = series.reduced(run.telemetry, run.channels)
+        self._glitches = (
+            shapes.columns(run.glitches, self._grid.time, self._grid.fs) if run.glitches else None
+        )
+
+    def residual(self, theta: Mapping[str, float]) -> Array:
+        """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
+        found = self._response(theta)
+        missing = self._o_1 - found["o_1"]
+
+        def push(blow: Array) -> Array:
+            still = {FORCE_1: np.zeros(blow.size)}
+            with_blow = self._loop.response(self.telemetry, theta, {**still, THRUST: blow})
+            without = self._loop.response(self.telemetry, theta, {**still, THRUST: np.zeros(blow.size)})
+            return with_blow["o_1"] - without["o_1"]
+
+        self._inputs[THRUST] = self._inputs[THRUST] + series.thrust(missing, push, PUSH)
+        return self._force(self._o_12 - self._response(theta)["o_12"])
+
+    def derivative(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
+        """Return what the residual at one trial is less than at another."""
+        return self._force(self._response(below)["o_12"] - self._response(above)["o_12"])
+
+    def transformed(self, columns: Sequence[Array]) -> Spectra:
+        """Return the spectra of series on the grid of residuals."""
+        values = np.stack(columns, axis=1)
+        return spectra.transform(values, self._grid.valid, self._grid.fs, beside=self._glitches)
+
+    def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
+        return self._loop.response(self.telemetry, theta, self._inputs)
+
+    def _force(self, o_12: Array) -> Array:
+        answer = self._loop.command(self.telemetry, self._reference.theta, o_12)
+        return series.force(o_12, answer, self._reference.dynamics)
+
+
+class Simulated:
+    """Weighs an experiment by its noise run, both against the simulated loop.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        As it is to be fitted.
+    loop : Loop
+        Simulates it.
+    reference : Reference
+        See `Imposed`.
+    names : sequence of str
+        The K parameters of the experiment.
+    share : ndarray, shape (K, P)
+        Map from the P joint parameters to these.
+    scales : tuple of ndarray, each of shape (P,)
+        Natural scales, and bounds.
+    likelihood : str
+        What the residual is taken to be like.
+    """
+
+    settled = True
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        loop: Loop,
+        reference: Reference,
+        names: Sequence[str],
+        share: Array,
+        scales: tuple[Array, Array, Array],
+        likelihood: Likelihood,
+    ) -> None:
+        self._sysid = Imposed(experiment.sysid, loop, reference)
+        self._noise = experiment.noise and Imposed(experiment.noise, loop, reference)
+        self._names, self._share, self._likelihood = names, share, likelihood
+        self._widths, self._low, self._high = scales
+        self._model: NoiseModel | None = None
+        self._slopes: list[Array] = []
+        self._residuals: list[Array] = []
+        self._at = self._reached = np.full(share.shape[1], np.nan)
+
+    def reach(self, theta: Array) -> None:
+        """Simulate the runs with theta, shape (P,), which `block` is to be asked for next.
+
+        Raises
+        ------
+        FitError
+            If that cannot be done.
+        """
+        if not np.array_equal(theta, self._reached):
+            of_run = self._of_run(theta)
+            self._residuals = [run.residual(of_run) for run in (self._sysid, self._noise) if run]
+            self._reached = theta
+
+    def block(self, theta: Array, covariance: Array, iteration: int) -> Linearised:
+        """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
+        self.reach(theta)
+        residual = self._residuals[0]
+        sigma = np.sqrt(np.diag(covariance))
+        step = np.where(sigma > 0, np.minimum(sigma, 10 * STEP * self._widths), STEP * self._widths)
+        if not np.max(np.abs(theta - self._at) / step) < MOVED:
+            self._slopes = self._derivatives(theta, step, residual.size)
+            self._at = theta
+        terms = self._sysid.transformed([residual, *self._slopes])
+        if self._noise:
+            quiet = self._noise.transformed([self._residuals[1]])
+            self._model = smooth_noise(quiet, np.ones(1), None, self._model)
+        else:
+            c = np.eye(1 + theta.size)[0]
+            gradient = np.eye(theta.size + 1, theta.size, k=-1)
+            self._model = smooth_noise(terms, c, (gradient, covariance), self._model)
+        U, _ = linear.whiten(terms, self._model.expected(terms.f))
+        u = np.abs(U[:, 0]) ** 2 if iteration else np.full(len(U), 2.0)
+        return Linearised(
+            tau=terms.tau,
+            columns=U,
+            weights=weights(self._likelihood, terms.f, u),
+            window=terms.window,
+            tone=None,
+            share=self._share,
+            noise=self._model,
+            taken=terms.nuisance.shape[1],
+            at=theta,
+        )
+
+    def _of_run(self, theta: Array) -> dict[str, float]:
+        return dict(zip(self._names, (self._share @ theta).tolist(), strict=True))
+
+    def _derivatives(self, theta: Array, step: Array, size: int) -> list[Array]:
+        seen = np.any(self._share != 0, axis=0).tolist()
+        return [
+            self._derivative(theta, h * unit) if sees else np.zeros(size)
+            for h, unit, sees in zip(step, np.eye(step.size), seen, strict=True)
+        ]
+
+    def _derivative(self, theta: Array, h: Array) -> Array:
+        """Return the derivative by a parameter from a central difference, if need be a shorter one."""
+        for _ in range(SHORTER):
+            above, below = np.minimum(theta + h, self._high), np.maximum(theta - h, self._low)
+            try:
+                moved = self._sysid.derivative(self._of_run(above), self._of_run(below))
+            except FitError as error:
+                h, failed = h / 4, error
+            else:
+                return moved / float(np.sum(above - below))
+        raise failed

@@ -1,0 +1,60 @@
+"""Table ``[identify]`` of a campaign file: the parameters that `lpfcosim identify` looks for."""
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, field_validator
+
+from fit.errors import quote
+from fit.files import Table, problem
+from lpfcosim.campaign.values import Number
+from lpfcosim.campaign.wishes import Shared, Sought
+
+
+class SoughtTable(Table):
+    """[identify.MODEL.PARAMETER]: a parameter that `lpfcosim identify` looks for, in the unit of its FMU.
+
+    Where the search begins, least and largest value that is tried, the natural scale (data that tell it worse
+    leave it undetermined), and over what it has one value.
+    """
+
+    start: Number | None = None
+    bounds: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    width: Annotated[Number, Field(gt=0)] | None = None
+    shared: Shared | None = None
+
+    @field_validator("bounds")
+    @classmethod
+    def _ascending(cls, bounds: list[float]) -> list[float]:
+        if bounds[0] >= bounds[1]:
+            raise problem(f"from {bounds[0]:g} to {bounds[1]:g}, expected the lower bound first")
+        return bounds
+
+    def record(self) -> Sought:
+        """Return it as the campaign knows it."""
+        bounds = (self.bounds[0], self.bounds[1]) if self.bounds else None
+        return Sought(self.start, bounds, self.width, self.shared)
+
+
+def _flat(said: Any) -> Any:
+    """Write ``{Model: {name: …}}`` as ``{"Model.name": …}``, as TOML lets one do."""
+    if not isinstance(said, dict):
+        return said
+    found: dict[str, Any] = {}
+    for key, value in said.items():
+        nested = isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values())
+        entries = {f"{key}.{name}": v for name, v in value.items()} if nested else {key: value}
+        for name, entry in entries.items():
+            if name in found:
+                raise problem(f"{quote(name)} is there twice")
+            found[name] = entry
+    return found
+
+
+def _either(schema: dict[str, Any]) -> None:
+    """Let editors know both ways to write it."""
+    one = schema["additionalProperties"]
+    schema["additionalProperties"] = {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
+
+
+#: By ``Model.parameter``, or by the name that the fit has for it.
+SoughtTables = Annotated[dict[str, SoughtTable], BeforeValidator(_flat), Field(json_schema_extra=_either)]

@@ -1,0 +1,121 @@
+"""The command ``identify``: parameters of the FMUs in the loop, estimated from telemetry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import fit.errors
+from fit.estimate import earlier, pulls
+from fit.identification import Free, identify
+from fit.report import page as fit_report
+from fit.results import Results, write
+from fit.settings import Group, settings
+from fit.telemetry import Telemetry
+from lpfcosim.campaign import Campaign, loading
+from lpfcosim.cli import fmu as cli_fmu
+from lpfcosim.cli.common import about, check_folder
+from lpfcosim.cli.console import Console
+from lpfcosim.cli.fit import calibrated, telemetry
+from lpfcosim.errors import InputError
+from lpfcosim.identify import Simulation, Target
+from lpfcosim.running import fmus as archives
+from lpfcosim.running import folder
+
+RESULTS = "identified.json"  # which the report looks for
+#: What a search takes as a rule: rounds, simulations of every run in each, rounds that vary the parameters.
+ROUNDS, IMPOSED, VARIED = 4, 4, 2
+
+
+def identify_files(
+    campaign: Path, paths: Sequence[Path], out: Path | None, console: Console, *, trusted: bool
+) -> None:
+    """Estimate the parameters that a campaign seeks from telemetry, and report.
+
+    Raises
+    ------
+    FitError
+        At the end, if sigmas do not hold.
+    """
+    plan = loading.load(campaign)
+    directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
+    check_folder(directory, "telemetry")
+    fmus = cli_fmu.fmus(plan, console)
+    if paths:
+        _fitted(campaign, plan, paths, directory, console)
+    elif not (directory / "results.json").is_file():
+        raise InputError(
+            f"{directory / 'results.json'}: no such file, expected what lpfcosim run leaves, or telemetry: "
+            f"give the command lpfcosim run {campaign}, or add files to this one"
+        )
+    with console.stage("reading"):
+        results, telemetries = earlier.load(directory)
+    with folder.held(directory), ExitStack() as stack:
+        with about(campaign):
+            held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
+        found = _identified(plan, campaign, held, results, telemetries, directory, console)
+        document = write(found, directory / RESULTS)
+        with console.stage("report"):
+            page = fit_report.write_report(directory, results, telemetries)
+    console.table(found)
+    console.document(document)
+    console.say(f"identified: {directory / RESULTS}, report: {page}")
+    for place, warning in found.unsound:
+        raise fit.errors.FitError(f"{directory / RESULTS}: {place}: {warning.message}")
+
+
+def _fitted(campaign: Path, plan: Campaign, paths: Sequence[Path], directory: Path, console: Console) -> None:
+    """Fit telemetry by the equation of motion; that this is unsound must not keep from a better model."""
+    chosen = settings(plan.fit, f"{campaign}: fit")
+    found = telemetry(console, paths, directory, any_gaps=False)
+    (directory / "results.json").unlink(missing_ok=True)
+    try:
+        calibrated(console, directory, found, chosen)
+    except fit.errors.FitError as error:
+        if not (directory / "results.json").is_file():
+            raise
+        console.note(f"warning: {error}")
+
+
+def _identified(
+    plan: Campaign,
+    campaign: Path,
+    fmus: Mapping[str, Path],
+    results: Results,
+    telemetries: Sequence[Telemetry],
+    directory: Path,
+    console: Console,
+) -> Results:
+    with console.stage("preparation"):
+        experiments, chosen = earlier.experiments(results, telemetries, directory / "results.json")
+    runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
+    with ExitStack() as stack, about(campaign):
+        loop = Simulation(stack, plan, runs, fmus)
+        free = [_free(target) for target in loop.targets]
+        total = ROUNDS * IMPOSED * len(runs) + VARIED * 2 * len(free) * len(experiments)
+        with console.counted("simulations", total) as loop.told:
+            found = identify(experiments, free, loop, results, chosen)
+    sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
+    more = {**found.provenance.more, "identified": sought}
+    found = replace(found, provenance=replace(found.provenance, more=more))
+    return pulls.with_truth(found, telemetries)
+
+
+def _free(target: Target) -> Free:
+    """Return a parameter as the estimation has it."""
+    sought = target.sought
+    start = sought.start
+    if "." in target.name and start is None:
+        start = target.given
+    low, high = sought.bounds or (-float("inf"), float("inf"))
+    width = sought.width
+    if "." in target.name and width is None and not start:
+        if sought.bounds is None:
+            raise InputError(
+                f"identify.{target.name}: starts at 0, which tells no scale; expected a width or bounds"
+            )
+        width = (high - low) / 2
+    of_epoch: Group = "alignment_epoch" if target.name == "delta_ifo" else "campaign"
+    return Free(target.name, start, width, (low, high), sought.shared or of_epoch, target.unit)

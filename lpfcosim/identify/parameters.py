@@ -1,0 +1,142 @@
+"""Which parameters of which FMUs are sought, and what they start from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fit.errors import quote
+from fit.files import closest
+from lpfcosim.campaign import Campaign, Sought
+from lpfcosim.cosim import Interface
+from lpfcosim.errors import InputError
+from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
+
+#: What the fit has under the same name, and what follows from others: C_j = lambda_j tau_j.
+SHARED_NAMES = (
+    *("lambda_1", "lambda_2", "omega2_1_0", "omega2_2_0"),
+    *("alpha_x_1", "alpha_phi_1", "alpha_x_2", "alpha_phi_2", "delta_ifo"),
+)
+DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
+_HELD = ("h",)  # the step of the loop is no parameter of it
+
+
+@dataclass(frozen=True)
+class Target:
+    """A parameter of an FMU.
+
+    Attributes
+    ----------
+    name : str
+        As results have it: that of the fit where it has the same, else ``Model.parameter``.
+    model, variable : str
+        The FMU in its place, and its own name of the parameter.
+    given : float
+        Its value where nothing else is said, in the unit of the FMU.
+    unit : str
+        Its unit.
+    sought : Sought
+        What the campaign says of it.
+    """
+
+    name: str
+    model: str
+    variable: str
+    given: float
+    unit: str
+    sought: Sought
+
+
+def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Target, ...]:
+    """Return what a campaign seeks; without a table ``[identify]``, all that the fit estimates too.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter, or it cannot be set.
+    """
+    by_model = {i.model: i for i in found}
+    values = world_of(run).parameters(run)
+    of_fit = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
+    sought = dict(plan.identify) or {name: Sought() for name in of_fit}
+    resolved = []
+    for key, entry in sought.items():
+        where = f"identify.{key}"
+        model, dot, name = key.partition(".")
+        if not dot:
+            model, name = _place(key, by_model, where), DELAYS[key][1] if key in DELAYS else key
+        if model not in by_model:
+            raise InputError(f"{where}: the loop has no {quote(model)}{closest(model, by_model)}")
+        resolved.append(_target(key, name, by_model[model], values[model], entry))
+    names = [target.name for target in resolved]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"identify: {name} is sought twice, expected once")
+    at = [(target.model, target.variable) for target in resolved]
+    for target in resolved:
+        if at.count((target.model, target.variable)) > 1:
+            raise InputError(f"identify: {target.model}.{target.variable} is sought under two names")
+    return tuple(resolved)
+
+
+def _place(name: str, by_model: Mapping[str, Interface], where: str) -> str:
+    """Return the model that has a parameter of the fit."""
+    wanted = DELAYS[name][1] if name in DELAYS else name
+    if wanted in (*SHARED_NAMES, "tau_1", "tau_2"):
+        for model, interface in by_model.items():
+            if wanted in interface.settings and interface.takes(wanted):
+                return model
+        raise InputError(f"{where}: no FMU of the loop takes {wanted}")
+    known = [*SHARED_NAMES, *DELAYS]
+    raise InputError(f"{where}: expected a table of a model, or a parameter of the fit{closest(name, known)}")
+
+
+def _target(key: str, name: str, interface: Interface, values: Mapping[str, float], sought: Sought) -> Target:
+    ours = name in interface.settings and interface.takes(name)
+    variable = interface.name(name) if ours else name
+    where = f"identify.{key}: {interface.archive}"
+    parameters = [v.name for v in interface.variables.values() if v.causality == "parameter"]
+    try:
+        record = interface.variable(variable)
+    except InputError:
+        raise InputError(
+            f"{where}: has no parameter {quote(variable)}{closest(variable, parameters)}"
+        ) from None
+    if record.causality != "parameter" or record.variability == "constant" or name in _HELD:
+        kind = "held by the loop" if name in _HELD else f"of causality '{record.causality}'"
+        raise InputError(f"{where}: {quote(variable)} is {kind}; expected a parameter that can be set")
+    if record.type not in ("Real", "Float64"):
+        raise InputError(f"{where}: {quote(variable)} is of type {record.type}; expected a real number")
+    own = interface.replacement.values if interface.replacement else {}
+    given = values[name] if ours else own.get(variable)
+    if given is None:
+        given = float(str(record.start if record.start is not None else 0.0).split()[0])
+    shared = ours and name in SHARED_NAMES
+    told = key if key in DELAYS else name if shared else f"{interface.model}.{name}"
+    unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
+    return Target(told, interface.model, variable, given, unit, sought)
+
+
+def settings(
+    of: Sequence[Target], theta: Mapping[str, float], gains: Mapping[str, float]
+) -> dict[str, dict[str, float]]:
+    """Return the parameters of a trial by model.
+
+    Parameters
+    ----------
+    of : sequence of Target
+        What is sought.
+    theta : mapping of str to float
+        Its values by name.
+    gains : mapping of str to float
+        lambda_1 and lambda_2 where they are not sought.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for target in of:
+        value = theta[target.name]
+        if target.name in DELAYS:
+            gain = DELAYS[target.name][0]
+            value /= theta.get(gain, gains[gain])
+        found.setdefault(target.model, {})[target.variable] = value
+    return found

@@ -1,0 +1,169 @@
+"""The closed loop of every run of a telemetry, simulated through the FMUs with trial values."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fit.errors
+from fit.telemetry import Telemetry, utc
+from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import interfaces
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.identify import trials
+from lpfcosim.identify.parameters import settings, targets
+from lpfcosim.identify.trials import Trials
+from lpfcosim.spacecraft import Authority, Run
+from lpfcosim.worlds import drive
+
+Array = NDArray[np.float64]
+
+_GUIDANCE = ("guidance_o_1", "guidance_o_12")
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """A run as it is simulated: what drives it, its whole loop, and its controller alone."""
+
+    run: Run
+    feeds: Mapping[str, Array]
+    loop: Trials
+    controller: Trials
+    jitters: bool
+
+
+class Simulation:
+    """All runs of a telemetry, their FMUs loaded; a `fit.identification.Loop`.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Frees the FMUs.
+    plan : Campaign
+        Tells what is in the loop, and what drives each run.
+    telemetries : sequence of Telemetry
+        The runs.
+    fmus : mapping of str to Path
+        The FMU of each component.
+
+    Attributes
+    ----------
+    targets : tuple of Target
+        The parameters that are sought.
+    told : callable
+        Told after every simulation of a run how many there were.
+
+    Raises
+    ------
+    InputError
+        If the campaign does not know a run or a parameter, or an FMU does not fit its place.
+    """
+
+    def __init__(
+        self,
+        stack: contextlib.ExitStack,
+        plan: Campaign,
+        telemetries: Sequence[Telemetry],
+        fmus: Mapping[str, Path],
+    ) -> None:
+        self.told: Callable[[int], None] = lambda _: None
+        self._done = 0
+        first = _run(plan, telemetries[0])
+        self.targets = targets(plan, first, interfaces(first, fmus))
+        self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
+        self._loaded = {t.run: _load(stack, plan, t, fmus) for t in telemetries}
+
+    def response(
+        self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
+    ) -> Mapping[str, Array]:
+        """Return o_1 and o_12 of a run, see `fit.identification.Loop`."""
+        loaded = self._loaded[run.run]
+        n = inputs["f_x_1"].size
+        feeds = {name: x[:n] for name, x in loaded.feeds.items()}
+        force = inputs["f_x_1"]
+        more = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
+        feeds |= {**more, "F_noise_x_sc": inputs["F_noise_x_sc"], "g_2": np.full(n, loaded.run.dc)}
+        found = self._simulated(loaded.loop, n, feeds, theta)
+        self._done += 1
+        self.told(self._done)
+        return found
+
+    def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
+        """Return what the controller of test mass 2 asks for, see `fit.identification.Loop`."""
+        found = self._simulated(self._loaded[run.run].controller, o_12.size, {"o_12": o_12}, theta)
+        return found["f_control_2"]
+
+    def direct(self, run: Telemetry) -> Array:
+        """Return the force commanded past the controller, see `fit.identification.Loop`."""
+        loaded = self._loaded[run.run]
+        return loaded.feeds["F_x_2"] / loaded.run.m_tm
+
+    def _simulated(
+        self, of: Trials, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
+    ) -> dict[str, Array]:
+        try:
+            return of.simulate(n, feeds, settings(self.targets, theta, self._gains))
+        except (RunError, InputError) as error:
+            raise fit.errors.FitError(str(error)) from None
+
+
+def _run(plan: Campaign, telemetry: Telemetry) -> Run:
+    """Return the run of a campaign that a telemetry is of, as the telemetry has it."""
+    for run in plan.runs:
+        if (run.experiment, run.kind) == (telemetry.experiment, telemetry.kind):
+            break
+    else:
+        known = ", ".join(dict.fromkeys(run.experiment for run in plan.runs))
+        raise InputError(
+            f"{telemetry.path}: a {telemetry.kind} run of experiment '{telemetry.experiment}', of which the "
+            f"campaign has none (it has {known})"
+        )
+    (F_1, N_1), (F_2, N_2) = telemetry.authority
+    return replace(
+        run,
+        truth=plan.truth,
+        authority=Authority(run.authority.name, F_1, F_2, N_1, N_2),
+        alignment_epoch=telemetry.alignment_epoch,
+        m_tm=telemetry.m_tm,
+        dc=-plan.truth.lambda_2 * float(np.nanmean(telemetry.channels["f_x_2"])),
+    )
+
+
+def _load(
+    stack: contextlib.ExitStack, plan: Campaign, telemetry: Telemetry, fmus: Mapping[str, Path]
+) -> _Loaded:
+    run = _run(plan, telemetry)
+    if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
+        some = next(iter(run.truth.delta_ifo.values()))
+        run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
+    found = interfaces(run, fmus)
+    loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
+    controller = trials.controller(stack, replace(run, dc=0.0), found)
+    jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
+    return _Loaded(run, _driven(run, telemetry), loop, controller, jitters)
+
+
+def _driven(run: Run, telemetry: Telemetry) -> dict[str, Array]:
+    """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
+    n = round(telemetry.time.size * run.fs / telemetry.fs)
+    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + telemetry.time[0]
+    start = round(since * run.fs)
+    feeds = drive.injections(run, start, start + n)
+    recorded = {name for name in _GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
+    needed = {i.into for i in run.injections} - recorded
+    if needed and not -n < start < run.n_samples:
+        raise InputError(
+            f"{telemetry.path}: starts at {telemetry.t0}, when the campaign does not inject its "
+            f"{', '.join(sorted(needed))}; expected a start at {run.t0}, that of the campaign, or a "
+            f"recording of it at {run.fs:g} Hz"
+        )
+    for name in recorded:
+        x = telemetry.channels[name]
+        there = np.isfinite(x)
+        feeds[name] = np.interp(np.arange(n), np.flatnonzero(there), x[there])
+    return feeds

@@ -1,0 +1,156 @@
+"""Parameters of a simulated loop, found again from telemetry of another simulation; no FMU takes part."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fit import pipeline
+from fit.errors import FitError, InputError
+from fit.identification import Free, identify
+from fit.settings import settings
+from fit.telemetry import Telemetry
+from fit.weighing import pair
+from lpfcosim.running import telemetry
+from lpfcosim.spacecraft import Noise, Sine, Truth
+from lpfcosim.worlds import world_of
+from tests.fit.identification.linear_loop import LinearLoop
+
+CHOSEN = settings({"include_short": True, "glitches": False})
+TONES = (
+    Sine("guidance_o_12", 10e-9, 1.5e-3, 4, 300),
+    Sine("guidance_o_12", 5e-9, 13e-3, 12, 3100),
+    Sine("guidance_o_1", 5e-9, 6e-3, 20, 1000),
+)
+TRUTH = Truth(lambda_2=1.06, C_2=0.2, omega2_2_0=-4.6e-7)
+
+
+@pytest.fixture(scope="module")
+def flown(make_run):
+    """An experiment of 5400 s and its noise run, at 10 Hz, from the reference plant."""
+    runs = [
+        make_run(
+            name=name, experiment="A", kind=kind, n_samples=54000, seed=3, truth=TRUTH, dc=5e-12,
+            noise=Noise(oms=35e-15, thruster=0.15e-6, plateau=5.6e-15, tail=1.5),
+            injections=TONES if kind == "sysid" else (),
+        )
+        for name, kind in (("A", "sysid"), ("A-noise", "noise"))
+    ]  # fmt: skip
+    found = []
+    for run in runs:
+        said, channels = telemetry.attributes(run), world_of(run).simulate(run)
+        known = {name: said.pop(name) for name in list(said) if name in Telemetry.__dataclass_fields__}
+        more = {"path": Path(run.name), "time": run.time, "channels": channels, "units": {}}
+        found.append(Telemetry(**known, **more, attributes=said))
+    return runs, found, pipeline.calibrate(found, CHOSEN)
+
+
+FREE = (
+    Free("lambda_2"),
+    Free("C_2"),
+    Free("omega2_1_0"),
+    Free("omega2_2_0"),
+    Free("delta_ifo", shared="alignment_epoch"),
+)
+
+
+def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3):
+    runs, telemetries, calibrated = flown
+    blank = [replace(run, truth=Truth(), dc=0.0) for run in runs]  # what is not sought has its flight value
+    loop = LinearLoop(
+        [replace(run, suspension=replace(run.suspension, unity_gain=unity_gain)) for run in blank]
+    )
+    loop.refused = refused
+    return identify(pair(telemetries), free, loop, calibrated, CHOSEN)
+
+
+@pytest.fixture(scope="module")
+def found(flown):
+    return identified(flown)
+
+
+def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, found):
+    truth = {
+        "lambda_2": 1.06,
+        "C_2": 0.2,
+        "omega2_1_0": -3.99e-7,
+        "omega2_2_0": -4.6e-7,
+        "delta_ifo_1": -2.2e-5,
+    }
+    assert set(found.joint) == set(truth)
+    for name, value in truth.items():
+        assert abs(found.joint[name].value - value) < 4 * found.joint[name].sigma
+    alone = flown[2].experiments["A"]
+    stiffness = -317 * 2200e-12 - 27.4e3 * 10.4e-12  # of the authority
+    same = {"lambda_2": ("lambda_2", 0), "C_2": ("C_2", 0), "omega2_2_0": ("omega2_2", stiffness)}
+    for name, (theirs, more) in same.items():
+        assert abs(found.joint[name].value + more - alone[theirs].value) < 0.05 * alone[theirs].sigma
+        assert found.joint[name].sigma == pytest.approx(alone[theirs].sigma, rel=0.02)
+    assert found.joint.chi2 == pytest.approx(alone.chi2, rel=1e-3)
+    assert found.joint.dof == alone.dof
+    assert not found.joint.unsound
+
+
+def test_recorded_commands_are_those_of_the_controller(found):
+    assert found.provenance.more["commands"]["A"] < 1e-9
+
+
+@pytest.mark.slow
+def test_a_wrong_controller_is_seen_in_the_commands_and_not_in_chi2(flown, found):
+    told = identified(flown, unity_gain=1.0005e-3).joint
+    assert told.chi2 == pytest.approx(found.joint.chi2, rel=1e-3)
+    assert abs(told["lambda_2"].value - found.joint["lambda_2"].value) > 3 * told["lambda_2"].sigma
+    codes = {w.code: w for w in told.warnings}
+    assert codes["controller_differs"].parameters == ("lambda_2", "C_2")
+    assert "A by 0.00" in codes["controller_differs"].message
+    assert told.unsound
+
+
+def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_out(flown):
+    told = identified(flown, (*FREE, Free("Controller.f_u", 1e-3, 1e-4))).joint
+    (blind,) = [w for w in told.warnings if w.code == "indeterminable"]
+    assert {"lambda_2", "Controller.f_u"} <= set(blind.parameters) <= {"lambda_2", "C_2", "Controller.f_u"}
+    assert "only together" in blind.message
+    assert {"omega2_2_0", "delta_ifo_1"} <= set(told)
+
+
+@pytest.mark.slow
+def test_a_pole_of_the_controller_is_found(flown):
+    told = identified(flown, (*FREE, Free("Controller.f_p", 6.6e-3))).joint
+    pole = told["Controller.f_p"]
+    assert abs(pole.value - 6e-3) < 4 * pole.sigma < 0.02 * 6e-3
+
+
+@pytest.mark.slow
+def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown, found):
+    tried: list[float] = []
+
+    def refused(theta):  # the first value far from the start
+        if abs(theta["lambda_2"] - 0.9) > 0.02:
+            tried.append(theta["lambda_2"])
+        return bool(tried) and theta["lambda_2"] == tried[0]
+
+    told = identified(flown, (Free("lambda_2", 0.9), *FREE[1:]), refused).joint
+    assert told["lambda_2"].value == pytest.approx(found.joint["lambda_2"].value, abs=1e-6)
+    (back,) = [w for w in told.warnings if w.code == "stepped_back"]
+    assert "the loop is not stable" in back.message
+
+
+def test_a_search_that_cannot_begin_is_refused(flown):
+    with pytest.raises(FitError, match="not stable"):
+        identified(flown, refused=lambda _theta: True)
+
+
+@pytest.mark.slow
+def test_a_parameter_that_wants_beyond_its_bound_is_held_there_and_told(flown):
+    start = (Free("lambda_2", bounds=(1.065, 1.2)), *FREE[1:])
+    told = identified(flown, start).joint
+    assert "lambda_2" not in told
+    (bound,) = [w for w in told.warnings if w.code == "at_bound"]
+    assert bound.parameters == ("lambda_2",)
+
+
+def test_the_estimator_of_ltpda_takes_no_loop(flown):
+    runs, telemetries, calibrated = flown
+    with pytest.raises(InputError, match="flscov"):
+        identify(pair(telemetries), FREE, LinearLoop(runs), calibrated, settings({"estimator": "flscov"}))

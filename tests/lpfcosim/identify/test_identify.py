@@ -1,0 +1,144 @@
+"""The command ``identify``: from telemetry to parameters of the FMUs, and what it refuses."""
+
+import json
+import shutil
+
+import pytest
+
+from tests import ROOT
+
+pytestmark = pytest.mark.fmu
+
+CAMPAIGN = """
+schema = "lpf-campaign/1"
+name = "short"
+seed = 7
+
+[noise]
+oms = "35 fm Hz^-0.5"
+thruster = "0.15 uN Hz^-0.5"
+plateau = "5.6 fm s^-2 Hz^-0.5"
+tail = 1.5
+
+[authority.A]
+F_max_1 = "0 pN"
+F_max_2 = "2200 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+
+[fit]
+include_short = true
+glitches = false
+
+[[experiments]]
+name = "A"
+authority = "A"
+duration = "100 min"
+noise_duration = "100 min"
+dc = "5e-12 m s^-2"
+"""
+TONES = (
+    ("guidance_o_12", "1.5 mHz", "10 nm", 4, "300 s"),
+    ("guidance_o_12", "13 mHz", "5 nm", 12, "3100 s"),
+    ("guidance_o_1", "6 mHz", "5 nm", 20, "1000 s"),
+)
+for into, frequency, amplitude, cycles, start in TONES:
+    CAMPAIGN += f"""
+[[experiments.injections]]
+into = "{into}"
+shape = "sine"
+frequency = "{frequency}"
+amplitude = "{amplitude}"
+cycles = {cycles}
+start = "{start}"
+"""
+SOUGHT = """
+[identify]
+lambda_2 = {}
+C_2 = {}
+Plant.omega2_1_0 = { start = -5e-7, bounds = [-1e-6, 0] }
+Plant.omega2_2_0 = { start = -5e-7, bounds = [-1e-6, 0] }
+OpticalMetrology.delta_ifo = { shared = "experiment" }
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    (tmp_path / "short.toml").write_text(CAMPAIGN)
+    return tmp_path / "short.toml"
+
+
+@pytest.fixture
+def done(lpfcosim, campaign, tmp_path_factory):
+    """The folder of a campaign that was run, simulated once a session."""
+    kept = tmp_path_factory.getbasetemp() / "identify-short"
+    if not kept.exists():
+        status, _, err = lpfcosim("run", campaign, "--quiet", "--out", kept)
+        assert status == 0, err
+    shutil.copytree(kept, campaign.with_suffix(""))
+    return campaign
+
+
+def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
+    done.write_text(CAMPAIGN + SOUGHT)
+    status, out, err = lpfcosim("identify", done, "--json")
+    assert status == 0, err
+    found = json.loads(out)
+    folder = done.with_suffix("")
+    assert found == json.loads((folder / "identified.json").read_text())
+    assert found["schema"] == "lpf-results/1"
+    assert found["joint"]["names"] == ["lambda_2", "C_2", "omega2_1_0", "omega2_2_0", "delta_ifo_A"]
+    fitted = json.loads((folder / "results.json").read_text())["experiments"]["A"]["parameters"]
+    for name, theirs in (("lambda_2", "lambda_2"), ("C_2", "C_2"), ("delta_ifo_A", "delta_ifo")):
+        mine = found["joint"]["parameters"][name]
+        assert abs(mine["value"] - fitted[theirs]["value"]) < 0.05 * mine["sigma"]
+        assert abs(mine["pull"]) < 4
+    assert found["provenance"]["commands"]["A"] < 1e-9
+    assert found["provenance"]["identified"]["omega2_2_0"] == {"model": "Plant", "variable": "omega2_2_0"}
+
+
+@pytest.mark.parametrize(
+    ("sought", "said"),
+    [
+        ("Plant.omega2_2 = {}", 'has no parameter "omega2_2", did you mean "omega2_2_0"'),
+        ("Plnt.omega2_2_0 = {}", 'identify.Plnt.omega2_2_0: the loop has no "Plnt", did you mean "Plant"'),
+        ("Plant.h = {}", "held by the loop"),
+        ("Plant.x_1 = {}", "of causality 'output'; expected a parameter"),
+        ("omega_2 = {}", "expected a table of a model, or a parameter of the fit"),
+        ("lambda_2 = {}\nActuation.lambda_2 = {}", "lambda_2 is sought twice"),
+        ("C_2 = {}\nPlant.tau_2 = {}", "Plant.tau_2 is sought under two names"),
+        ("Actuation.lambda_bend_2 = {}", "starts at 0, which tells no scale; expected a width or bounds"),
+        ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
+        ("lambda_2 = { begin = 1 }", "begin"),
+    ],
+)
+def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
+    done.write_text(f"{CAMPAIGN}\n[identify]\n{sought}\n")
+    status, out, err = lpfcosim("identify", done)
+    assert (status, out) == (2, "")
+    assert said in err.splitlines()[-1]
+    assert "Traceback" not in err
+
+
+def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign):
+    status, _, err = lpfcosim("identify", campaign)
+    assert status == 2
+    assert f"give the command lpfcosim run {campaign}" in err
+
+
+@pytest.mark.slow
+def test_quickstart_agrees_with_the_fit(lpfcosim, tmp_path):
+    campaign = ROOT / "campaigns" / "quickstart.toml"
+    assert lpfcosim("run", campaign, "--quiet")[0] == 0
+    status, _, err = lpfcosim("identify", campaign, "--quiet")
+    assert status == 0, err
+    found, fitted = (
+        json.loads((tmp_path / "quickstart" / f"{name}.json").read_text())["joint"]
+        for name in ("identified", "results")
+    )
+    assert set(found["names"]) == set(fitted["names"])
+    for name, mine in found["parameters"].items():
+        theirs = fitted["parameters"][name]
+        assert abs(mine["value"] - theirs["value"]) < 0.05 * theirs["sigma"]
+        assert mine["sigma"] == pytest.approx(theirs["sigma"], rel=0.01)
+    assert found["chi2"] == pytest.approx(fitted["chi2"], rel=1e-3)
