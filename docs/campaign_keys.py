@@ -29,6 +29,7 @@ TABLES = {  # in the order of a campaign file
     "FmuTable": "[fmus.MODEL]",
     "DesignTable": "[design]",
     "CapTable": "[design.limits.QUANTITY]",
+    "ChoicesTable": "[design.authority]",
     "SoughtTable": "[identify.MODEL.PARAMETER]",
 }
 

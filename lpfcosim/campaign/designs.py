@@ -1,17 +1,19 @@
 """Table ``[design]`` of a campaign file."""
 
+from math import prod
 from typing import Annotated, get_args
 
 from pydantic import Field, Strict, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
-from lpfcosim.campaign.units import FORCE, LENGTH, Frequency, Quantity
-from lpfcosim.campaign.values import Number
+from lpfcosim.campaign.units import FORCE, LENGTH, Force, Frequency, Quantity, Torque
+from lpfcosim.campaign.values import Duration, Number, Swept
 from lpfcosim.campaign.wishes import Cap, Goal, Held, Kind, Limited, Wishes
 
 _SPEED = Quantity("a speed", "m s^-1", "0.5 nm/s", "positive")
 _RATE = Quantity("a force per time", "N s^-1", "10 pN/s", "positive", largest=1)
+MANY = 64  # settings that are tried
 Positive = Annotated[Number, Field(gt=0)]
 
 
@@ -21,6 +23,15 @@ class CapTable(Table):
     peak: str | None = None
     rms: str | None = None
     slew: str | None = None
+
+
+class ChoicesTable(Table):
+    """[design.authority]: values that settings of the actuation may have, the same for all experiments."""
+
+    F_max_1: Swept[Force] = []
+    F_max_2: Swept[Force] = []
+    N_max_1: Swept[Torque] = []
+    N_max_2: Swept[Torque] = []
 
 
 class DesignTable(Table):
@@ -35,6 +46,17 @@ class DesignTable(Table):
     weights: dict[str, Positive] = {}
     sigmas: dict[str, Positive] = {}
     no_worse: Positive | None = None
+    hours: Annotated[Duration, Field(gt=0)] | None = None
+    shortest: Annotated[Duration, Field(ge=3600)] = 21600.0
+    authority: ChoicesTable = ChoicesTable()
+
+    @field_validator("authority")
+    @classmethod
+    def _few(cls, authority: ChoicesTable) -> ChoicesTable:
+        combinations = prod(len(values) or 1 for values in vars(authority).values())
+        if combinations > MANY:
+            raise problem(f"{combinations} settings to try, expected {MANY} at most")
+        return authority
 
     @field_validator("limits")
     @classmethod
@@ -54,8 +76,10 @@ class DesignTable(Table):
     def record(self) -> Wishes:
         """Return the wishes as the design knows them."""
         caps = tuple(cap for quantity, table in self.limits.items() for cap in _caps(quantity, table))
-        said = self.model_dump(exclude={"limits", "forbidden"})
-        return Wishes(caps=caps, forbidden=tuple((low, high) for low, high in self.forbidden), **said)
+        said = self.model_dump(exclude={"limits", "forbidden", "authority"})
+        authority = {name: tuple(values) for name, values in vars(self.authority).items() if values}
+        forbidden = tuple((low, high) for low, high in self.forbidden)
+        return Wishes(caps=caps, forbidden=forbidden, authority=authority, **said)
 
 
 def _caps(quantity: Limited, table: CapTable) -> list[Cap]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-Goal = Literal["geometric mean", "worst ratio"]
+Goal = Literal["geometric mean", "worst ratio", "least hours"]
 Held = Literal["peaks and rms of thrust", "peaks", "rms"]
 Limited = Literal["o_1", "o_12", "F_x_1", "F_x_2", "F_x_sc"]
 Kind = Literal["peak", "rms", "slew"]
@@ -28,7 +28,8 @@ class Wishes:
     Attributes
     ----------
     goal : str
-        The weighted geometric mean of the sigmas, or the largest of them relative to what is wanted.
+        The weighted geometric mean of the sigmas, the largest of them relative to what is wanted, or the
+        hours in which all are as small as is wanted.
     held : str
         What of its own the campaign must not exceed, run by run, where `caps` do not say it.
     caps : tuple of Cap
@@ -43,6 +44,12 @@ class Wishes:
         By parameter: how much it counts (1), and the sigma that is wanted (that of before).
     no_worse : float, optional
         No sigma may be larger than this many times what is wanted.
+    hours : float, optional
+        To be shared out among the runs with tones [s]; they last as long as they do otherwise.
+    shortest : float
+        Of these runs, where hours are free [s].
+    authority : mapping of str to tuple of float
+        Values that settings of the actuation may have, SI.
     """
 
     goal: Goal = "geometric mean"
@@ -54,6 +61,9 @@ class Wishes:
     weights: Mapping[str, float] = field(default_factory=dict)
     sigmas: Mapping[str, float] = field(default_factory=dict)
     no_worse: float | None = None
+    hours: float | None = None
+    shortest: float = 21600.0
+    authority: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

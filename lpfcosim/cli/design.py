@@ -15,10 +15,12 @@ from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned
-from lpfcosim.design import CLOSE, Design, Foresight, Told, problem, search, text, through_fmus
+from lpfcosim.design import CLOSE, Design, Foresight, Told, text, through_fmus
+from lpfcosim.design import design as sought
 from lpfcosim.errors import InputError, RunError
 
 SCHEMA = "lpf-design/1"
+HOUR = 3600.0
 
 
 def design(campaign: Path, out: Path | None, console: Console, *, jobs: int | None) -> None:
@@ -37,14 +39,11 @@ def design(campaign: Path, out: Path | None, console: Console, *, jobs: int | No
     foresight = Foresight(lambda of: sight.sights(planned(of), chosen), expected)
     told = Told(
         lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
-        lambda value: console.note(f"tones: {value:.4f}"),
+        lambda step, value: console.note(f"{step}: {value:.4f}"),
     )
     try:
-        with about(campaign):
-            with console.stage("forecast"):
-                sought = problem(plan, foresight)
-            with console.stage("search"):
-                found = search(sought, foresight, told)
+        with about(campaign), console.stage("search"):
+            found = sought(plan, foresight, told)
     except fit.errors.InputError as error:
         raise InputError(f"{campaign}: {error}") from None
     with console.stage("check through the FMUs"):
@@ -77,7 +76,7 @@ def _document(found: Design, stepped: dict[str, dict[str, float]]) -> dict[str, 
             name: {
                 "sigma_before": before[name],
                 "sigma_after": found.after.get(name),
-                "sigma_bound": found.alone[name],
+                "sigma_bound": found.alone.get(name),
             }
             for name in found.problem.wanted
         },
@@ -90,6 +89,9 @@ def _document(found: Design, stepped: dict[str, dict[str, float]]) -> dict[str, 
             for stage in found.problem.stages
         },
         "efficiency": found.efficiency,
+        "complete": found.complete,
+        "hours": found.hours / HOUR,
+        "hours_bound": None if found.fewest is None else found.fewest / HOUR,
     }
 
 
@@ -98,14 +100,22 @@ def _table(found: Design) -> Lines:
     for name in found.problem.wanted:
         before, after = found.problem.before[name], found.after.get(name)
         told = ("", "") if after is None else (f"{after:.2g}", f"{after / before:.3f}")
-        rows.append((name, f"{before:.2g}", *told, f"{found.alone[name] / before:.3f}"))
+        alone = f"{found.alone[name] / before:.3f}" if name in found.alone else ""
+        rows.append((name, f"{before:.2g}", *told, alone))
     return Lines(("parameter", "sigma", "designed", "ratio", "ratio at best, alone"), tuple(rows))
 
 
 def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, console: Console) -> None:
     kind = "largest ratio" if found.problem.objective.worst else "geometric mean of the ratios"
     console.say("")
+    if not found.complete:
+        console.say("interrupted: these are the best tones found so far")
     console.say(f"{kind}: {found.value:.4f}; bound at the limits on rms: {found.optimum.bound:.4f}")
+    if found.fewest is not None:
+        console.say(
+            f"{found.hours / HOUR:.2f} h with tones; no design within the limits on rms does with less than "
+            f"{found.fewest / HOUR:.2f} h"
+        )
     lost = [name for name in found.problem.wanted if name not in found.after]
     if lost:
         raise RunError(f"{path}: the design does not determine {', '.join(lost)}, which the campaign did")

@@ -54,7 +54,7 @@ def begun(
         f = optimum.frequencies[n]
         cost = np.abs(stage.responses(f)[1]) ** 2
         share = np.sqrt(np.einsum("nyl,nll->nl", cost, optimum.powers[n].real).max(axis=1))
-        if all(limit.kind == "rms" for limit in stage.bounds):
+        if not any(limit.of_wave for limit in stage.bounds):
             wanted = np.concatenate([f[share > 0.1 * share.max()], stage.frequencies(SPREAD, forbidden)])
         else:
             wanted = _harmonics(stage, span, max(SLOWEST[trial % len(SLOWEST)], spacing))

@@ -11,7 +11,8 @@ from fit.telemetry import read_all
 from lpfcosim import api
 from lpfcosim.campaign import Campaign
 from lpfcosim.design import limits
-from lpfcosim.design.search import Design, with_tones
+from lpfcosim.design.search import Design
+from lpfcosim.design.sought import with_tones
 from lpfcosim.spacecraft import FS, Actuation, Noise
 
 CLOSE = 1e-3  # relative, by which a limit may be passed and still counts as kept

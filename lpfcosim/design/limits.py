@@ -1,6 +1,6 @@
 """What a design must not exceed: peak, rms and slew of motions, forces and thrust, run by run."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "F_x_2": ("f_x_2", "N"),
     "F_x_sc": ("F_x_sc", "N"),
 }
-KINDS = ("peak", "rms", "slew")
+KINDS = ("peak", "rms", "slew", "authority")
 NOTHING = 1e-30  # below which there is no limit to compare with: what nobody drives stays undriven
 
 
@@ -32,7 +32,8 @@ class Limit:
     quantity : str
         One of the `QUANTITIES`.
     kind : str
-        One of the `KINDS`: largest magnitude, root mean square over the run, largest change per second.
+        One of the `KINDS`: largest magnitude, root mean square over the run, largest change per second, and
+        largest magnitude where no more can be commanded.
     value : float
         What it must not exceed, SI.
     """
@@ -40,6 +41,11 @@ class Limit:
     quantity: str
     kind: str
     value: float
+
+    @property
+    def of_wave(self) -> bool:
+        """Whether it depends on the phases of tones; only by mistake does anything reach an authority."""
+        return self.kind in ("peak", "slew")
 
     @property
     def name(self) -> str:
@@ -78,10 +84,10 @@ def reached(run: Run, of: Mapping[str, Array], kind: str) -> dict[str, float]:
     return {name: measure(x) for name, x in of.items()}
 
 
-def own(run: Run, held: Iterable[tuple[str, str]]) -> tuple[Limit, ...]:
+def own(run: Run, held: Collection[tuple[str, str]]) -> tuple[Limit, ...]:
     """Return what the tones of a run reach themselves, of each pair of quantity and kind in `held`."""
     of = driven(run)
-    found = {kind: reached(run, of, kind) for kind in KINDS}
+    found = {kind: reached(run, of, kind) for _, kind in held}
     return tuple(Limit(name, kind, found[kind][name]) for name, kind in held if name in of)
 
 

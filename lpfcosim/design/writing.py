@@ -6,6 +6,7 @@ from typing import Any
 
 import tomli_w
 
+from fit import units
 from lpfcosim.campaign import Campaign, Experiment
 from lpfcosim.design.search import Design
 from lpfcosim.design.tones import Tone
@@ -41,7 +42,7 @@ def text(design: Design, name: str, source: str) -> str:
         tomli_w.dumps(deep),
     ]
     parts += [
-        _experiment(raw, design.tones.get(experiment.name))
+        _experiment(raw | _other(raw, experiment), design.tones.get(experiment.name))
         for raw, experiment in zip(_raw(design.campaign), design.campaign.experiments, strict=True)
     ]
     return "\n".join(part for part in parts if part)
@@ -90,6 +91,16 @@ def _raw(campaign: Campaign) -> list[dict[str, Any]]:
         return [_with_sequences({**defaults, **raw}, tables) for raw in tables["experiments"]]
     base = _with_sequences({**defaults, **tables["experiments"][0]}, tables)
     return [_swept(base, experiment) for experiment in campaign.experiments]
+
+
+def _other(raw: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
+    """Return the settings and the duration of an experiment where they are not what the file says."""
+    found: dict[str, Any] = {}
+    if raw["authority"] != experiment.authority.name:
+        found["authority"] = experiment.authority.name
+    if round(units.to_si(raw["duration"], "s") * FS) != experiment.n_samples:
+        found["duration"] = f"{experiment.n_samples / FS / 60:.12g} min"
+    return found
 
 
 def _with_sequences(raw: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:

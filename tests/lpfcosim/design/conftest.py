@@ -52,7 +52,7 @@ def pair(tmp_path_factory):
 @pytest.fixture(scope="session")
 def sought(pair, foresight):
     """What is sought at equal rms."""
-    from lpfcosim.design import problem
+    from lpfcosim.design.sought import problem
 
     return problem(replace(pair, design=replace(pair.design, held="rms", sines=4)), foresight)
 
@@ -66,8 +66,11 @@ def optimum(sought):
 
 @pytest.fixture(scope="session")
 def designed(sought, foresight):
-    from lpfcosim.design import Told, search
+    from lpfcosim.design import Told
+    from lpfcosim.design.search import search
 
     said = SimpleNamespace(bounds=[], values=[])
-    told = Told(lambda value, bound: said.bounds.append((value, bound)), said.values.append)
+    told = Told(
+        lambda value, bound: said.bounds.append((value, bound)), lambda _, value: said.values.append(value)
+    )
     return search(sought, foresight, told), said

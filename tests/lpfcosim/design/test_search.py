@@ -8,8 +8,10 @@ import pytest
 
 from fit.estimate.forecast import NoneTakesPartError
 from lpfcosim.campaign import loading
-from lpfcosim.design import limits, problem, search, text
+from lpfcosim.design import limits, text
 from lpfcosim.design.objective import Objective
+from lpfcosim.design.search import search
+from lpfcosim.design.sought import problem
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import TaperedSine
 from lpfcosim.worlds import world_of
@@ -140,11 +142,11 @@ def test_mistakes_are_one_sentence(pair, foresight):
 
 
 def test_without_the_solver_one_sentence_tells_what_to_install(monkeypatch):
-    from lpfcosim.design import programme
+    from lpfcosim.design import solving
 
     monkeypatch.setitem(__import__("sys").modules, "cvxpy", None)
     with pytest.raises(InputError, match=r"pip install 'lpfcosim\[design\]'"):
-        programme.solver()
+        solving.solver()
 
 
 @pytest.mark.slow

@@ -1,0 +1,80 @@
+"""A design from a campaign: settings first, then hours, then tones."""
+
+from dataclasses import replace
+
+from lpfcosim.campaign import Campaign
+from lpfcosim.design import hours, programme, settings
+from lpfcosim.design.hours import HOUR
+from lpfcosim.design.search import Design, Told, search
+from lpfcosim.design.solving import Hours
+from lpfcosim.design.sought import Foresight, Problem, problem
+from lpfcosim.errors import InputError
+
+LAST = 0.99  # worst ratio from which on fewer hours are not worth another search
+SEARCHES = 5  # for the least hours, at most
+SPARE = 1.002  # of the hours that one search leads the next to expect
+BISECTIONS = 8
+
+
+def design(plan: Campaign, foresight: Foresight, told: Told) -> Design:
+    """Return the best design of a campaign, as its table ``[design]`` asks for it.
+
+    Raises
+    ------
+    InputError
+        If the campaign has nothing to free, its wishes do not fit it, or nothing is as good as asked.
+    """
+    wishes = plan.design
+    sought = problem(plan, foresight)
+    if wishes.authority:
+        sought = settings.settled(sought, foresight, told)
+    if wishes.goal == "least hours":
+        return _soonest(sought, foresight, told)
+    if wishes.hours is None:
+        return search(sought, foresight, told)
+    shared, best = hours.shared(sought, wishes.hours, foresight, told)
+    found = search(shared, foresight, told)
+    return replace(found, optimum=replace(found.optimum, bound=best.bound))
+
+
+def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
+    """Return the design that makes all sigmas as small as wanted in the least hours that are found."""
+    least = float(hours.shortest(sought).sum())
+    most = sought.plan.design.hours
+    total = most or max(least, sum(stage.sight.duration for stage in sought.stages))
+    best: Design | None = None
+    for _ in range(SEARCHES):
+        shared, _ = hours.shared(sought, total, foresight, told)
+        found = search(shared, foresight, told)
+        told.value(f"worst ratio in {found.hours / HOUR:.2f} h", found.value)
+        if found.value <= 1 and (best is None or found.hours < best.hours):
+            best = found
+        done = found.value <= 1 and (found.value > LAST or total <= least)
+        if done or not found.complete or (found.value > 1 and total == most):
+            break
+        total = max(least, total * found.value**2 * SPARE)
+        total = min(total, most) if most else total
+    if best is None:
+        worst = max(found.problem.wanted, key=lambda name: found.ratios.get(name, float("inf")))
+        raise InputError(
+            f"design.hours: in {found.hours / HOUR:.3g} h some sigma stays at {found.value:.3g} times what "
+            f"is wanted; {worst} is among those that hinder"
+        )
+    return replace(best, fewest=_fewest(sought, least, best.hours))
+
+
+def _fewest(sought: Problem, least: float, enough: float) -> float:
+    """Return a time [s] in which no design reaches what is wanted, or the shortest there is."""
+    low, high = least, enough
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        bound = programme.optimum(
+            sought.stages,
+            sought.fixed,
+            sought.objective,
+            sought.plan.design.forbidden,
+            rounds=1,
+            hours=Hours(middle, hours.shortest(sought)),
+        ).bound
+        low, high = (middle, high) if bound > 1 else (low, middle)
+    return low

@@ -1,0 +1,80 @@
+"""Hours as part of a design: shared out among experiments, or as few as reach what is wanted."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import quote
+from lpfcosim.campaign import Campaign
+from lpfcosim.design import programme
+from lpfcosim.design.programme import Optimum
+from lpfcosim.design.search import AFTER, Told
+from lpfcosim.design.solving import Hours
+from lpfcosim.design.sought import Foresight, Problem, changed
+from lpfcosim.errors import InputError
+from lpfcosim.spacecraft import FS, Sine
+
+Array = NDArray[np.float64]
+
+WHOLE = 60.0  # s, of which a run has a whole number
+HOUR = 3600.0
+
+
+def shared(sought: Problem, total: float, foresight: Foresight, told: Told) -> tuple[Problem, Optimum]:
+    """Return the same with its hours shared out at best, and the programme that shared them.
+
+    Raises
+    ------
+    InputError
+        If they are too few, or an experiment would reach into the next.
+    """
+    least = shortest(sought)
+    if total < least.sum():
+        raise InputError(
+            f"design.hours: {total / HOUR:g} h are too few, the experiments last "
+            f"{least.sum() / HOUR:g} h at the least"
+        )
+    forbidden = sought.plan.design.forbidden
+    hours = Hours(total, least)
+    best = programme.optimum(
+        sought.stages, sought.fixed, sought.objective, forbidden, told.bound, hours=hours
+    )
+    lasting = np.maximum(np.floor(best.durations / WHOLE) * WHOLE, least)
+    names = [stage.run.experiment for stage in sought.stages]
+    plan = with_durations(sought.plan, dict(zip(names, lasting.tolist(), strict=True)))
+    return changed(plan, sought.before, sought.own, foresight), best
+
+
+def shortest(sought: Problem) -> Array:
+    """Return how long each experiment lasts at the least [s]: what is no tone of it stays as it is."""
+    ends = [
+        max((i.end + AFTER for i in stage.run.injections if not isinstance(i, Sine)), default=0.0)
+        for stage in sought.stages
+    ]
+    return np.maximum(np.ceil(np.array(ends) / WHOLE) * WHOLE, sought.plan.design.shortest)
+
+
+def with_durations(plan: Campaign, durations: Mapping[str, float]) -> Campaign:
+    """Return a campaign whose experiments with these names last as long [s].
+
+    Raises
+    ------
+    InputError
+        If one would reach into the next.
+    """
+    experiments = tuple(
+        replace(e, n_samples=round(durations[e.name] * FS)) if e.name in durations else e
+        for e in plan.experiments
+    )
+    found = replace(plan, experiments=experiments)
+    for before, run in zip(found.runs[:-1], found.runs[1:], strict=True):
+        end = datetime.fromisoformat(before.t0) + timedelta(seconds=before.n_samples / FS)
+        if datetime.fromisoformat(run.t0) < end:
+            raise InputError(
+                f"design.hours: experiment {quote(before.experiment)} would reach into "
+                f"{quote(run.experiment)}, which has a start t0 of its own"
+            )
+    return found

@@ -1,0 +1,206 @@
+"""What is sought: the experiments of a campaign with their limits, and what they are to tell."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.files import closest
+from lpfcosim.campaign import Campaign, Wishes
+from lpfcosim.design import limits
+from lpfcosim.design.limits import Limit
+from lpfcosim.design.objective import Objective
+from lpfcosim.design.stage import Sight, Stage
+from lpfcosim.errors import InputError
+from lpfcosim.spacecraft import Run, Sine
+
+Array = NDArray[np.float64]
+
+ENOUGH = 600  # frequencies, among which one must be allowed
+HELD: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "peaks and rms of thrust": (
+        *((name, "peak") for name in limits.QUANTITIES if name != "F_x_sc"),
+        ("F_x_sc", "rms"),
+    ),
+    "peaks": tuple((name, "peak") for name in limits.QUANTITIES),
+    "rms": tuple((name, "rms") for name in limits.QUANTITIES),
+}
+
+
+class Sights(Protocol):
+    """What the experiments of a campaign tell, see `fit.estimate.sight.Sights`."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the P parameters."""
+
+    @property
+    def widths(self) -> Array:
+        """Of their weak priors, shape (P,)."""
+
+    @property
+    def each(self) -> Sequence[Sight]:
+        """The experiments."""
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """What a fit will know of a campaign.
+
+    Attributes
+    ----------
+    sights : callable
+        From a campaign to what its experiments tell, frequency by frequency.
+    forecast : callable
+        From a campaign to the sigmas of its joint fit, by parameter.
+    """
+
+    sights: Callable[[Campaign], Sights]
+    forecast: Callable[[Campaign], Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is sought.
+
+    Attributes
+    ----------
+    plan : Campaign
+        The campaign as it is.
+    names : tuple of str
+        Of the P parameters.
+    before : mapping of str to float
+        Sigmas of the campaign as it is.
+    stages : tuple of Stage
+        The experiments.
+    fixed : ndarray, shape (P, P)
+        Information beside them, scaled.
+    objective : Objective
+        What counts.
+    own : mapping of str to tuple of Limit
+        What the tones of the campaign reached to begin with, by experiment.
+    """
+
+    plan: Campaign
+    names: tuple[str, ...]
+    before: Mapping[str, float]
+    stages: tuple[Stage, ...]
+    fixed: Array
+    objective: Objective
+    own: Mapping[str, tuple[Limit, ...]]
+
+    @property
+    def known(self) -> Array:
+        """Information without any tone, scaled, shape (P, P)."""
+        return np.asarray(self.fixed + sum(stage.known for stage in self.stages))
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """The parameters that count."""
+        return tuple(self.names[i] for i in self.objective.wanted)
+
+
+def problem(plan: Campaign, foresight: Foresight) -> Problem:
+    """Return what is sought.
+
+    Raises
+    ------
+    InputError
+        If the campaign has nothing to free, or its wishes do not fit it.
+    """
+    wishes = plan.design
+    before = foresight.forecast(plan)
+    for key, table in (("weights", wishes.weights), ("sigmas", wishes.sigmas)):
+        for name in table:
+            if name not in before:
+                raise InputError(f"design.{key}: the fit tells no {name}{closest(name, before)}")
+    if not before:
+        raise InputError("the fit of this campaign determines nothing, expected injections to begin with")
+    own = {run.experiment: limits.own(run, HELD[wishes.held]) for run in plan.runs if run.kind == "sysid"}
+    return changed(plan, before, own, foresight)
+
+
+def changed(
+    plan: Campaign,
+    before: Mapping[str, float],
+    own: Mapping[str, tuple[Limit, ...]],
+    foresight: Foresight,
+) -> Problem:
+    """Return the same for other hours or settings than those that `before` and `own` come from.
+
+    Raises
+    ------
+    InputError
+        If the campaign has nothing to free, or its wishes do not fit it.
+    """
+    wishes = plan.design
+    bare = with_tones(plan, {e.name: () for e in plan.experiments})
+    told = foresight.sights(bare)
+    names, widths = told.names, told.widths
+    lost = np.array([name not in before for name in names])
+    scale = np.array(
+        [wishes.sigmas.get(n, before.get(n, w)) for n, w in zip(names, widths, strict=True)], dtype=float
+    )
+    runs = {run.experiment: run for run in bare.runs if run.kind == "sysid"}
+    stages = tuple(
+        Stage(runs[sight.name], sight, _limits(runs[sight.name], own[sight.name], wishes), scale)
+        for sight in told.each
+    )
+    free = tuple(stage for stage in stages if stage.loops)
+    if not free:
+        raise InputError("there is nothing to free: no loop of any experiment is driven by tones")
+    for stage in free:
+        if not stage.frequencies(ENOUGH, wishes.forbidden).size:
+            raise InputError(f"design.forbidden: experiment {stage.run.experiment} has no frequency left")
+    fixed = np.diag(np.where(lost, (scale / widths) ** 2, 0.0))
+    fixed = fixed + sum((stage.known for stage in stages if not stage.loops), np.zeros_like(fixed))
+    objective = _objective(wishes, [n for n in names if n in before], names)
+    return Problem(plan, names, before, free, fixed, objective, own)
+
+
+def _objective(wishes: Wishes, wanted: Sequence[str], names: Sequence[str]) -> Objective:
+    weights = np.array([wishes.weights.get(name, 1.0) for name in wanted])
+    most = np.full(len(wanted), np.inf if wishes.no_worse is None else wishes.no_worse)
+    index = np.array([names.index(name) for name in wanted], dtype=np.intp)
+    return Objective(index, weights / weights.sum(), wishes.goal != "geometric mean", most)
+
+
+def _limits(run: Run, own: Sequence[Limit], wishes: Wishes) -> tuple[Limit, ...]:
+    """Return the limits of a run: its own, or those that the wishes have instead, and its authority."""
+    capped = {cap.quantity for cap in wishes.caps}
+    found = [limit for limit in own if limit.quantity not in capped]
+    resting = limits.resting(run)
+    authority = {"F_x_1": run.authority.F_max_1, "F_x_2": run.authority.F_max_2}
+    for cap in wishes.caps:
+        value = cap.value * authority[cap.quantity] if cap.of_authority else cap.value
+        if cap.kind == "peak":
+            value -= resting.get(cap.quantity, 0.0)
+        if value <= 0 and not (cap.of_authority and cap.quantity == "F_x_1"):
+            raise InputError(
+                f"design.limits.{cap.quantity}.{cap.kind}: run {run.name} is beyond it without any tone"
+            )
+        found.append(Limit(cap.quantity, cap.kind, max(value, 0.0)))
+    peaks = {limit.quantity for limit in found if limit.kind == "peak"}
+    for quantity, most in authority.items():
+        left = most - resting.get(quantity, 0.0)
+        if most > 0 and left <= 0:
+            raise InputError(f"{quantity} of run {run.name} is beyond its authority without any tone")
+        if quantity not in peaks and most > 0:
+            found.append(Limit(quantity, "authority", left))
+    return tuple(found)
+
+
+def with_tones(plan: Campaign, tones_of: Mapping[str, Sequence[Sine]]) -> Campaign:
+    """Return a campaign with other tones in the experiments named."""
+    experiments = tuple(
+        replace(
+            e,
+            injections=(*(i for i in e.injections if not isinstance(i, Sine)), *tones_of[e.name]),
+        )
+        if e.name in tones_of
+        else e
+        for e in plan.experiments
+    )
+    return replace(plan, experiments=experiments)
