@@ -27,6 +27,7 @@ Bands = Sequence[tuple[float, float]]
 COARSE, FINE = 30, 600  # frequencies
 ROUNDS = 3  # of adding the frequencies at which more could be told
 TOLERANCE = 1e-4  # relative, of what more could be told
+RAISED = (1e-6, 1e-4, 1e-3, 1e-2)  # prices, relative to the highest
 NEARLY = 0.95  # weight of a parameter that is to count alone
 
 
@@ -163,7 +164,20 @@ class _Fine:
         self.stage, self.frequency = stage, frequency
         self._told, self._cost, _ = whitened(stage, frequency)
 
-    def dearest(self, dual: Array, multipliers: Array) -> Array:
+    def worth(self, dual: Array, multipliers: Array) -> tuple[float, Array]:
+        """Return what no tones tell more than, and by frequency what the best tone tells over its cost.
+
+        Any prices of the limits do. Those of the solver are right to some digits only, and what hardly has a
+        price would make tones free: of those that are raised a little the best are taken.
+        """
+        found = []
+        for more in RAISED:
+            mu = multipliers + more * multipliers.max()
+            gain = self._dearest(dual, mu)
+            found.append((float(gain.max() * mu.sum()), gain))
+        return min(found, key=lambda one: one[0])
+
+    def _dearest(self, dual: Array, multipliers: Array) -> Array:
         """Return, by frequency, what the best tone tells over what the multipliers have it cost."""
         K = np.einsum("npi,pq,nqj->nij", self._told.conj(), dual, self._told, optimize=True)
         A = np.einsum("nyi,y,nyj->nij", self._cost.conj(), multipliers, self._cost, optimize=True)
@@ -198,10 +212,9 @@ def _most(
     """
     rates, gains = [], []
     for each, mu in zip(fine, solved.multipliers, strict=True):
-        mu = mu + 1e-6 * mu.max()  # what hardly has a price makes nothing free
-        gains.append(each.dearest(Z, mu))
-        of_run = float(np.sum(Z * each.stage.known) + gains[-1].max() * mu.sum())
-        rates.append(of_run / each.stage.sight.duration)
+        tones, gain = each.worth(Z, mu)
+        gains.append(gain)
+        rates.append((float(np.sum(Z * each.stage.known)) + tones) / each.stage.sight.duration)
     rate = np.array(rates)
     if hours is None:
         told = float(rate @ [each.stage.sight.duration for each in fine])
