@@ -7,6 +7,7 @@ from fit.errors import FitError, InputError
 from fit.estimate import (
     Known,
     Outcome,
+    attenuation,
     bump,
     centrifugal,
     fit_experiment,
@@ -223,8 +224,8 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
     judged = _judged(ready, alone, together, chosen)
-    cross_talk = _cross_talk(ready, together, judged, chosen)
-    return Results(judged.joint, judged.experiments, cross_talk, {}, _provenance(ready, together, chosen))
+    joint, cross_talk = _cross_talk(ready, together, judged, chosen)
+    return Results(joint, judged.experiments, cross_talk, {}, _provenance(ready, together, chosen))
 
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
@@ -353,14 +354,16 @@ def _of_experiment(
 
 def _cross_talk(
     ready: _Ready, together: _Together | None, judged: _Judged, chosen: Settings
-) -> dict[str, Fit]:
-    """Return the cross-talk of every epoch; where runs turn, it holds the Euler force."""
-    if not together:
-        return {}
-    found = bump.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared))
+) -> tuple[Fit | None, dict[str, Fit]]:
+    """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
+    if not (together and judged.joint and any(e.sysid.channels.means for e in ready.taking_part)):
+        return judged.joint, {}
+    told = bump.unattenuated(together.outcome, ready.taking_part)
+    joint = attenuation.leakage(judged.joint, together.outcome, told.freed)
+    found = bump.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared), told)
     if any(rotation.sources(e.sysid.telemetry) for e in ready.taking_part):
         found = {epoch: bump.joined(fit) for epoch, fit in found.items()}
-    return {epoch: _doubted(fit, judged.joint) for epoch, fit in found.items()}
+    return joint, {epoch: _doubted(fit, judged.joint) for epoch, fit in found.items()}
 
 
 def _warned(fit: Fit, more: Iterable[FitWarning]) -> Fit:

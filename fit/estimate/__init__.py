@@ -18,6 +18,7 @@ __all__ = [
     "Planned",
     "Posterior",
     "Pulls",
+    "attenuation",
     "bump",
     "centrifugal",
     "departures",

@@ -18,12 +18,12 @@ with its sigma. Where it is not, the sums stay, and that is said.
 """
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import couplings
+from fit.estimate import attenuation, couplings
 from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
@@ -51,13 +51,52 @@ SEPARATED, JOINED = "euler_separated", "euler_included"
 _TURNED = inertial.along(inertial.BASELINE).keys()
 
 
-def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing) -> dict[str, Fit]:
+@dataclass(frozen=True)
+class Unattenuated:
+    """A joint fit freed, as far as instruments allow, of what noise in the read-outs of motion does to it.
+
+    Attributes
+    ----------
+    freed : Freed
+        The fit, and which parameters have instruments.
+    shift : ndarray, shape (P,)
+        By how much such noise is expected to shift it still, see `expected_shift`.
+    """
+
+    freed: couplings.Freed
+    shift: Array
+
+
+def unattenuated(outcome: Outcome, experiments: Sequence[Experiment]) -> Unattenuated:
+    """Free the joint fit of the noise of the read-outs of spacecraft motion.
+
+    Raises
+    ------
+    FitError
+        If a noise PSD cannot be fitted.
+    """
+    weighed = weigh(outcome, experiments)
+    shift = expected_shift(outcome, weighed)
+    told = zip(outcome.parameters, (shift / outcome.solution.sigma).tolist(), strict=True)
+    off = {p.name: by for p, by in told if not abs(by) < NEGLIGIBLE}
+    freed = couplings.free(outcome, weighed, off)
+    if freed.names:
+        shift = expected_shift(freed.outcome, weighed, freed.names)
+    return Unattenuated(freed, shift)
+
+
+def cross_talk(
+    outcome: Outcome, experiments: Sequence[Experiment], sharing: Sharing, found: Unattenuated
+) -> dict[str, Fit]:
     """Return the couplings of eq. bump by alignment epoch.
 
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
     are those of the joint fit. Its warnings: ``indeterminable``; ``attenuated``, with the coefficients to
     expect of read-outs without noise, where no instruments free them of it; ``instruments`` where they do;
     ``correlation`` of delta_ifo with every b_i.
+
+    The sigma of an attenuated coefficient holds the attenuation to expect; where that cannot be told, the
+    coefficient is not in the fit.
 
     Parameters
     ----------
@@ -67,25 +106,18 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sha
         What was fitted.
     sharing : Sharing
         What they share.
+    found : Unattenuated
+        Of the same fit.
 
     Raises
     ------
     FitError
-        If a sigma is no positive number, or a noise PSD cannot be fitted.
+        If a sigma is no positive number.
     """
     of_epoch, delta_ifo = _names(experiments, sharing)
-    if not of_epoch:
-        return {}
-    weighed = weigh(outcome, experiments)
-    shift = expected_shift(outcome, weighed)
-    notable = ~(abs(shift) < NEGLIGIBLE * outcome.solution.sigma)
-    off = {p.name for p, told in zip(outcome.parameters, notable, strict=True) if told}
-    freed = couplings.free(outcome, weighed, off)
-    if freed.names:
-        shift = expected_shift(freed.outcome, weighed, freed.names)
-    fits = {}
+    freed, shift, fits = found.freed, found.shift, {}
     for epoch, names in of_epoch.items():
-        fits[str(epoch)] = report(
+        told = report(
             freed.outcome,
             experiments,
             names,
@@ -96,6 +128,8 @@ def cross_talk(outcome: Outcome, experiments: Sequence[Experiment], sharing: Sha
                 _correlation(outcome, names, delta_ifo[epoch]),
             ],
         )
+        off = {own: shift[i] for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, ""))}
+        fits[str(epoch)] = attenuation.widened(told, off)
     return fits
 
 
@@ -181,7 +215,8 @@ def _attenuated(outcome: Outcome, shift: Array, names: Mapping[str, str], delta_
     message = (
         "the noise of the read-outs of spacecraft motion attenuates "
         + ", ".join(f"{name} ({what})" for name, what in told.items())
-        + "; these coefficients subtract best but are no unbiased couplings"
+        + "; these coefficients subtract best but are no unbiased couplings: their sigmas hold the shift to "
+        "expect, and where that cannot be told none is given"
     )
     if np.isfinite(shift[row]):
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"

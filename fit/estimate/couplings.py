@@ -21,7 +21,7 @@ comes first then tells b_3, and the other half the loop. That costs a factor of 
 What is subtracted from Delta g_x stays least squares: that subtracts best, attenuated or not.
 """
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +37,7 @@ from fit.weighing import linear
 Array = NDArray[np.float64]
 
 FREE = 30.0  # width of the weak prior of t_k, about zero: the largest T is some 2
-WEAK = 10.0  # times the sigma of least squares: instruments that tell less are none
+WEAK = 10.0  # times the sigma of least squares: instruments that tell less are none, unless it is off by more
 DROWNED = 0.7  # share of noise in what the data say, from which instruments tell nothing
 
 
@@ -57,7 +57,7 @@ class Freed:
     names: frozenset[str]
 
 
-def free(outcome: Outcome, weighed: Sequence[Weighed], off: Container[str]) -> Freed:
+def free(outcome: Outcome, weighed: Sequence[Weighed], off: Mapping[str, float]) -> Freed:
     """Free b_3 to b_6 of attenuation, wherever all runs of an alignment epoch have the instruments for it.
 
     All else is solved along, so that nothing is held at what attenuated coefficients made of it.
@@ -68,9 +68,9 @@ def free(outcome: Outcome, weighed: Sequence[Weighed], off: Container[str]) -> F
         Of the joint fit.
     weighed : sequence of Weighed
         Its runs.
-    off : container of str
-        Parameters that read-out noise shifts. A mean of which none is among them keeps least squares and its
-        smaller sigma.
+    off : mapping of str to float
+        Parameters that read-out noise shifts, and by how many sigma; NaN where that cannot be told. A mean of
+        which none is among them keeps least squares and its smaller sigma.
 
     Raises
     ------
@@ -100,11 +100,12 @@ def free(outcome: Outcome, weighed: Sequence[Weighed], off: Container[str]) -> F
         if not useless:
             solution = _solved(outcome, runs)
             cost = solution.sigma / outcome.solution.sigma
+            worth = [np.fmax(WEAK, abs(off.get(p.name, 0.0))) for p in outcome.parameters]
             useless = {
                 mean.place
                 for run in runs
                 for mean, j in zip(run.means, run.accelerations, strict=True)
-                if cost[j] > WEAK
+                if cost[j] > worth[j]
             }
         if not useless:
             names = frozenset(outcome.parameters[j].name for run in runs for j in run.freed)

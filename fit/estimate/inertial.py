@@ -29,13 +29,14 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.estimate import centrifugal
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
+from fit.inspection import long_noise
 from fit.model import dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
 from fit.telemetry import Telemetry, common_x_axis
 from fit.warnings import FitWarning
-from fit.weighing import check_left, linear, smooth_noise, weights
+from fit.weighing import check_left, linear, shapes, smooth_noise, weights
 
 Array = NDArray[np.float64]
 
@@ -157,12 +158,17 @@ class _Turning:
         fitted = (delta_g_x + g_Omega, inertial.euler(motion.dOmega, d), length)
         columns = np.column_stack([*fitted, g_Omega, apart, uncertain])
         # Constants and ramps are projected out below; large ones would cost digits.
-        whole = spectra.transform(columns - columns.mean(axis=0), terms.valid & motion.valid, terms.fs)
+        columns -= columns.mean(axis=0)
+        valid = terms.valid & motion.valid
+        struck = long_noise.glitches(columns[:, :LAST], valid, terms.time, BAND)
+        beside = shapes.columns(struck, terms.time, terms.fs) if struck else None
+        whole = spectra.transform(columns, valid, terms.fs, beside=beside)
         check_left(run, whole.window, "missing samples in read-outs, torques or angles")
         self._terms = whole.band(*BAND)
         self._model: NoiseModel | None = None
         self.run, self.correlation, self.missing = run.run, of_run.correlation, channels.missing
-        self.warnings = [*found.warnings, *slow.warnings, *of_run.warnings]
+        glitched = long_noise.told(run.run, struck, run.duration)
+        self.warnings = [*found.warnings, *slow.warnings, *of_run.warnings, *([glitched] if glitched else [])]
 
     def block(self, theta: Array, covariance: Array, _: int) -> _Rotation:
         """Return the run weighed at the estimate theta of that covariance."""

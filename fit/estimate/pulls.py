@@ -25,9 +25,10 @@ def with_truth(
 ) -> Results:
     """Return `results` with truth and pull wherever the truth is known.
 
-    The joint fit tells of a gain that scatters between experiments what it scatters about. Any other value
-    that differs between the runs of a fit is no truth of that fit. Only runs that a section was fitted to
-    count: what was carried over from an earlier calibration stays as it is.
+    The joint fit tells of a gain that scatters between experiments what it scatters about, a fit of
+    cross-talk that drifts the mean over its runs, the longer counting for more. Any other value that differs
+    between the runs of a fit is no truth of that fit. Only runs that a section was fitted to count: what was
+    carried over from an earlier calibration stays as it is.
 
     Parameters
     ----------
@@ -55,7 +56,10 @@ def with_truth(
         results,
         joint=results.joint and _fit_with_truth(results.joint, [_mean(truth) for _, truth in driven]),
         experiments=section(results.experiments, driven, lambda t: t.experiment),
-        cross_talk=section(results.cross_talk, driven, lambda t: str(t.alignment_epoch)),
+        cross_talk={
+            epoch: _fit_with_truth(fit, [_over_time(fit, epoch, driven, d)])
+            for epoch, fit in results.cross_talk.items()
+        },
         inertial=section(results.inertial, noise, inertial_period),
     )
 
@@ -64,6 +68,23 @@ def _mean(truth: Mapping[str, float]) -> dict[str, float]:
     """Return a run's truth with what scatters between experiments replaced by what it scatters about."""
     means = {name.removesuffix("_mean"): v for name, v in truth.items() if name.endswith("_mean")}
     return {**truth, **means}
+
+
+def _over_time(fit: Fit, epoch: str, driven: _Truths, d: float) -> dict[str, float]:
+    """Return what is true of the cross-talk of an epoch on the mean over its runs, weighed by duration."""
+    runs = [(t.duration, _told(fit, truth, d)) for t, truth in driven if str(t.alignment_epoch) == epoch]
+    known = [(time, truth) for time, truth in runs if truth]
+    if not known or len(known) < len(runs):
+        return {}
+    weights = [time for time, _ in known]
+    first = known[0][1]
+    return {
+        name: first[name]
+        if all(truth.get(name) == first[name] for _, truth in known)
+        else float(np.average([truth[name] for _, truth in known], weights=weights))
+        for name in bump.COEFFICIENTS
+        if all(name in truth for _, truth in known)
+    }
 
 
 def _told(fit: Fit, truth: dict[str, float], d: float) -> dict[str, float]:

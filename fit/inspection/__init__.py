@@ -7,4 +7,14 @@ against the whole of it; saturation is masked, glitches are masked or taken out.
 from fit.inspection.leftout import LeftOut, told
 from fit.inspection.masks import Prepared, prepare, prepare_each, searches
 
-__all__ = ["LeftOut", "Prepared", "admission", "leftout", "prepare", "prepare_each", "searches", "told"]
+__all__ = [
+    "LeftOut",
+    "Prepared",
+    "admission",
+    "leftout",
+    "long_noise",
+    "prepare",
+    "prepare_each",
+    "searches",
+    "told",
+]

@@ -261,6 +261,22 @@ def test_a_truth_given_directly_wins_over_the_stiffness_model(tmp_path):
     assert with_truth(results, [run]).experiments["A1"].parameters["omega2_2"].truth == -5e-7
 
 
+def test_the_truth_of_cross_talk_that_drifts_is_the_mean_over_its_runs(tmp_path):
+    runs = []
+    for name, b_1, hours in (("A1", 1e-5, 6), ("B1", 2e-5, 18)):
+        run = telemetry(tmp_path, name, {"b_1": b_1, "b_3": 3e-5})
+        runs.append(replace(run, time=np.arange(hours * 3600) * 1.0, fs=1.0))
+    fit = make_fit(b_1=2.75e-5, b_3=3e-5)
+    fit = replace(fit, parameters={name: replace(e, sigma=1e-5) for name, e in fit.parameters.items()})
+    found = with_truth(make_results(cross_talk={"1": fit}), runs).cross_talk["1"].parameters
+    assert found["b_1"].truth == pytest.approx(1.75e-5)
+    assert found["b_1"].pull == pytest.approx(1.0)
+    assert found["b_3"].truth == 3e-5
+    runs[1] = telemetry(tmp_path, "C1", {})
+    unknown = with_truth(make_results(cross_talk={"1": fit}), runs).cross_talk["1"].parameters
+    assert unknown["b_1"].truth is None
+
+
 def test_truth_of_lengths_that_hold_the_euler_force_is_that_of_the_sums(tmp_path):
     truth = {"b_1": 1.887e-4, "b_2": -3.38e-5, "delta_phi": -0.47e-3, "delta_eta": -0.066e-3}
     run = telemetry(tmp_path, "A1", truth)

@@ -40,7 +40,7 @@ def two_epochs(motion, other=None, **options):
 
 def fitted(runs):
     outcome = fit_joint(runs, settings())
-    return outcome, cross_talk(outcome, runs, SHARING)
+    return outcome, cross_talk(outcome, runs, SHARING, bump.unattenuated(outcome, runs))
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +181,7 @@ def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
     """A gain of each experiment's own and one for all are told apart by the width that the data gave."""
     runs, _, plain = noisy
     outcome = fit_joint(runs, settings({"scatter": ["lambda_2"]}))
-    found = cross_talk(outcome, runs, SHARING)
+    found = cross_talk(outcome, runs, SHARING, bump.unattenuated(outcome, runs))
     for epoch, fit in plain.items():
         assert found[epoch].parameters.keys() == fit.parameters.keys()
         for name, e in fit.parameters.items():

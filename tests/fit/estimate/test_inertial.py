@@ -255,6 +255,39 @@ def test_without_star_tracker_sigma_widens_and_it_is_told(three_days, found):
     assert fit.parameters["delta_eta"].sigma > 1.1 * found.parameters["delta_eta"].sigma
 
 
+def struck(telemetry, glitches):
+    """Return telemetry with forces on test mass 2: begin [s], fall [s] and velocity [m s-1] of each."""
+    time, omega2 = telemetry.time, World().omega2_2
+    g = np.zeros(time.size)
+    for begin, fall, velocity in glitches:
+        after = np.clip(time - begin, 0, None)
+        g += velocity / (fall - 5) * (np.exp(-after / fall) - np.exp(-after / 5)) * (time >= begin)
+    s2 = -((2 * np.pi * np.fft.rfftfreq(time.size, time[1] - time[0])) ** 2)
+    o_12 = np.fft.irfft(np.fft.rfft(g) / (s2 + omega2), time.size)
+    return replace(telemetry, channels={**telemetry.channels, "o_12": telemetry.channels["o_12"] + o_12})
+
+
+def test_glitches_are_taken_out_of_long_noise_runs(three_days, found):
+    glitches = [(40_000, 900, 3e-11), (100_000, 30, -2e-11), (110_000, 3000, 2e-11), (200_000, 200, 1e-11)]
+    after = fitted(struck(three_days[0], glitches))
+    (told,) = (w for w in after.warnings if w.code == "glitches")
+    for begin, *_ in glitches:
+        assert any(span.begin - 600 < begin < span.end + 600 for span in told.spans)
+    for name, e in after.parameters.items():
+        clean = found.parameters[name]
+        assert e.sigma < 1.5 * clean.sigma  # twenty times, were they left in
+        assert abs(e.value - clean.value) < 2 * clean.sigma
+    assert "glitches" not in codes(found)
+
+
+def test_more_than_glitches_would_make_is_left_in(quiet_day):
+    rng = np.random.default_rng(0)
+    often = [(t, f, v) for t, f, v in zip(np.linspace(9e3, 8e4, 40), 200 * 5 ** rng.random(40),
+                                          2e-11 * rng.standard_normal(40), strict=True)]  # fmt: skip
+    told = fitted(struck(quiet_day[0], often))
+    assert any("none is taken out" in w.message for w in told.warnings)
+
+
 def test_missing_samples_are_masked(three_days, found, quiet_day):
     telemetry = three_days[0]
     gaps = without(telemetry, (1000, 1003), (100_000, 100_400), (200_000, 200_001))

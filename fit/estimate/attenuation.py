@@ -1,0 +1,79 @@
+"""What becomes of estimates that noise in the read-outs of spacecraft motion has moved."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.estimate.couplings import Freed
+from fit.estimate.irls import Outcome
+from fit.results import Fit
+from fit.warnings import FitWarning
+
+Array = NDArray[np.float64]
+
+NOTABLE = 0.1  # sigma, by which instruments must move an estimate to be worth their sigma
+
+
+def widened(fit: Fit, shift: Mapping[str, float]) -> Fit:
+    """Return a fit whose sigmas hold an expected shift.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of couplings.
+    shift : mapping of str to float
+        The shift to expect of each parameter, SI; NaN where it cannot be told: that one is withheld.
+    """
+    names = list(fit.parameters)
+    off = np.array([shift.get(name, 0.0) for name in names])
+    kept = np.flatnonzero(np.isfinite(off))
+    sigma = np.sqrt(np.diag(fit.covariance))
+    far = np.abs(off) > sigma  # less is what sigma allows for
+    covariance = (fit.covariance + np.diag(np.where(far & np.isfinite(off), off, 0.0) ** 2))[
+        np.ix_(kept, kept)
+    ]
+    wider = np.sqrt(np.diag(covariance))
+    parameters = {
+        names[i]: replace(fit.parameters[names[i]], sigma=float(s)) if far[i] else fit.parameters[names[i]]
+        for i, s in zip(kept.tolist(), wider, strict=True)
+    }
+    return replace(fit, parameters=parameters, covariance=covariance)
+
+
+def leakage(joint: Fit, outcome: Outcome, freed: Freed) -> Fit:
+    """Return the joint fit with delta_ifo as it is beside couplings that are free of noise.
+
+    Where the thrusters move the spacecraft along x and sideways at once, o_1 answers for what attenuated
+    couplings leave: least squares then finds delta_ifo off as well.
+
+    Parameters
+    ----------
+    joint : Fit
+        By least squares.
+    outcome : Outcome
+        Of it.
+    freed : Freed
+        The same with instruments.
+    """
+    if not freed.names:
+        return joint
+    names, before, after = list(joint.parameters), outcome.solution, freed.outcome.solution
+    scale, moved, parameters = np.ones(len(names)), {}, dict(joint.parameters)
+    for i, p in enumerate(outcome.parameters):
+        apart = (before.theta[i] - after.theta[i]) / before.sigma[i]
+        if p.name in names and p.name.startswith("delta_ifo") and abs(apart) > NOTABLE:
+            wider = max(float(after.sigma[i] / before.sigma[i]), 1.0)
+            sigma = joint.parameters[p.name].sigma * wider
+            parameters[p.name] = replace(parameters[p.name], value=float(after.theta[i]), sigma=sigma)
+            scale[names.index(p.name)], moved[p.name] = wider, float(apart)
+    if not moved:
+        return joint
+    message = (
+        "given beside couplings that are free of the noise of their read-outs; least squares is off by so "
+        "many sigma: " + ", ".join(f"{name} ({by:+.1f})" for name, by in moved.items())
+    )
+    warning = FitWarning("instruments", tuple(moved), message)
+    covariance = joint.covariance * np.outer(scale, scale)
+    return replace(joint, parameters=parameters, covariance=covariance, warnings=(*joint.warnings, warning))

@@ -1,0 +1,202 @@
+"""The simulated mission beside the flight, point by point: ``python -m tests.benchmarks.flight mission``.
+
+The folder is that of ``lpfcosim run campaigns/mission.toml``. Everything is read from its results and
+telemetry, or computed from these, but for the forecast of the fit that the flight made: gains common to all
+experiments, cross-talk not subtracted (eq. deltagjointfit). ``--docs`` writes the tables into
+docs/mission.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import scipy
+
+from fit import deltag
+from fit.estimate import forecast as forecasts
+from fit.estimate.residuals import about_mean
+from fit.model import dynamics
+from fit.paper import FLIGHT
+from fit.results import Fit, Results, load
+from fit.settings import settings
+from fit.telemetry import Telemetry, read_all
+from fit.weighing import Experiment, Run
+from lpfcosim.campaign import loading
+from lpfcosim.cli.planned import planned
+from tests import ROOT
+
+CAMPAIGN = ROOT / "campaigns" / "mission.toml"
+DOCS = ROOT / "docs" / "mission.md"
+BEGIN, END = "<!-- from flight.py -->", "<!-- end of flight.py -->"
+MOTION = {name for parts in dynamics.MEANS.values() for name in parts}
+#: Frequencies [Hz], the stretches that are averaged [s], and what the flight has there in fm s^-2 Hz^-1/2.
+SPECTRA = (
+    (1e-4, 40_000.0, "11, by 1/f from 1.1 ± 0.3 at 1 mHz (arXiv 2405.05207)"),
+    (1e-3, 7200.0, "5.57 (2016), 1.74 (2017) and the tail of 1.1 (section Introduction; arXiv 2405.05207)"),
+    (1e-2, 3600.0, "5.57 ± 0.04 (2016), 1.74 ± 0.05 (2017, above 2 mHz; section Introduction)"),
+    (3e-2, 3600.0, "the same, and 1.2 of read-out (35 fm Hz^-1/2, PRL 116, 231101)"),
+    (5e-2, 3600.0, "the same, and 3.5 of read-out"),
+)
+BAND = 1.25  # from f / BAND to f BAND
+EULER = {  # table Eulerfit, mrad
+    "1": ((-0.47, 0.03), (-0.066, 0.007)),
+    "2": ((-0.40, 0.03), (-0.032, 0.003)),
+    "3": ((-0.39, 0.02), (-0.137, 0.003)),
+}
+
+
+def as_flown() -> Fit:
+    """Return the forecast of a fit as the flight made it: common gains, cross-talk not subtracted."""
+
+    def bare(plan):
+        def make() -> Experiment:
+            made = plan.make()
+            told = made.sysid.telemetry
+            channels = {name: x for name, x in told.channels.items() if name not in MOTION}
+            run = Run(replace(told, channels=channels))
+            return Experiment(run, run if made.noise else None)
+
+        return replace(plan, make=make)
+
+    plans = [bare(plan) for plan in planned(loading.load(CAMPAIGN))]
+    return forecasts.expected_fit(plans, settings({"scatter": []}), {})
+
+
+def parameters(results: Results, flown: Fit) -> Iterator[str]:
+    """The fourteen of table jointfit."""
+    heads = ("parameter", "flight, table jointfit", "truth here", "found", "off by sigma")
+    yield f"| {' | '.join((*heads, 'sigma / flight', 'as flown / flight'))} |"
+    yield "|---|---|---|---|---|---|---|"
+    for name, told in FLIGHT.items():
+        if name not in flown.parameters:
+            continue
+        as_then = f"{flown.parameters[name].sigma / told.sigma:.2f}"
+        e = results.joint.parameters.get(name)
+        here = ("", "withheld", "", "")
+        if e is not None:
+            here = (
+                f"{e.truth:.5g}",
+                f"{e.value:.5g} ± {e.sigma:.1g}",
+                f"{e.pull:+.1f}",
+                f"{e.sigma / told.sigma:.2f}",
+            )
+        yield f"| {name} | {told.value:.5g} ± {told.sigma:.1g} | " + " | ".join((*here, as_then)) + " |"
+
+
+def angles(results: Results) -> Iterator[str]:
+    """The six of table Eulerfit."""
+    heads = ("angle, period", "flight, table Eulerfit [mrad]", "truth here", "found", "off by sigma")
+    yield f"| {' | '.join((*heads, 'sigma / flight'))} |"
+    yield "|---|---|---|---|---|---|"
+    for period, told in EULER.items():
+        for name, (value, sigma) in zip(("delta_phi", "delta_eta"), told, strict=True):
+            e = results.inertial[period].parameters[name]
+            yield (
+                f"| {name}, {period} | {value:.3g} ± {sigma:g} | {1e3 * e.truth:.3g} "
+                f"| {1e3 * e.value:.4f} ± {1e3 * e.sigma:.4f} | {e.pull:+.1f} | {1e3 * e.sigma / sigma:.2f} |"
+            )
+
+
+def struck(results: Results) -> dict[str, list[tuple[float, float]]]:
+    """Return begin and end of the glitches that the fit found, by run."""
+    fits = [*results.experiments.values(), *results.inertial.values()]
+    spans = [s for f in fits for w in f.warnings if w.code == "glitches" for s in w.spans]
+    found: dict[str, list[tuple[float, float]]] = {}
+    for span in spans:
+        found.setdefault(span.run, []).append((span.begin, span.end))
+    return found
+
+
+def level(
+    x: np.ndarray, fs: float, f: float, length: float, spans: Sequence[tuple[float, float]]
+) -> tuple[float, int]:
+    """Return the ASD about a frequency over stretches without glitches, and how many there are."""
+    n, powers = round(length * fs), []
+    for first in range(0, x.size - n + 1, n // 2):
+        part, begin, end = x[first : first + n], first / fs, (first + n) / fs
+        if not np.isfinite(part).all() or any(a < end and b > begin for a, b in spans):
+            continue
+        at, power = scipy.signal.periodogram(part, fs, "blackmanharris", detrend="linear")
+        powers.append(power[(at > f / BAND) & (at < f * BAND)].mean())
+    return (float(np.sqrt(np.mean(powers))), len(powers)) if powers else (float("nan"), 0)
+
+
+def spectra(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
+    """Delta g_x and Delta g by date."""
+    yield "| noise run | date | " + " | ".join(f"{1e3 * f:g} mHz" for f, _, _ in SPECTRA) + " |"
+    yield "|---|---|" + "---|" * len(SPECTRA)
+    found = struck(results)
+    for run in sorted((r for r in runs if r.kind == "noise"), key=lambda r: r.t0):
+        product = deltag.delta_g(run, results)
+        told = []
+        for f, length, _ in SPECTRA:
+            both = [
+                level(product.channels[name], product.fs, f, length, found.get(run.run, ()))
+                for name in ("delta_g_x", "delta_g")
+            ]
+            told.append(" → ".join(f"{1e15 * asd:.1f}" for asd, _ in both) if both[0][1] else "")
+        yield f"| {run.run} | {run.t0[:10]} | " + " | ".join(told) + " |"
+    yield "| flight | | " + " | ".join(said for _, _, said in SPECTRA) + " |"
+
+
+def points(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
+    """What is one number each."""
+    yield "| | flight | here |"
+    yield "|---|---|---|"
+    own = {k: f.parameters["lambda_2"] for k, f in results.experiments.items() if "lambda_2" in f.parameters}
+    statistic = about_mean([*own.values()])
+    farthest = 100 * max(abs(e.value / statistic.mean - 1) for e in own.values())
+    yield f"| chi2_red of lambda_2 by experiment | near 90 (section Results) | {statistic.chi2_red:.0f} |"
+    yield f"| farthest lambda_2 from the mean | about 0.5 % (section Results) | {farthest:.2f} % |"
+    spread = 100 * np.std([e.value for e in own.values()], ddof=1) / statistic.mean
+    yield f"| rms of lambda_2 by experiment | 0.28 % (1.080 ± 0.003, section Results) | {spread:.2f} % |"
+    days, true = sum(r.duration for r in runs) / 86400, 0
+    for run in runs:
+        with h5py.File(run.path) as file:
+            true += file["truth"]["glitch_begin"].size if "glitch_begin" in file["truth"] else 0
+    seen = sum(map(len, struck(results).values()))
+    yield (
+        f"| glitches a day | about 1 (arXiv 2205.11938) | {true / days:.2f} in {days:.1f} days; of {true} "
+        f"glitches {seen} stretches were found |"
+    )
+    for epoch, fit in results.cross_talk.items():
+        (told,) = (w.message for w in fit.warnings if w.code == "correlation")
+        numbers = ", ".join(f"{v} ({b})" for v, b in re.findall(r"([+-]\d\.\d+) \((b_\d)\)", told))
+        said = "non-negligible, not given (section Joint analysis)"
+        yield f"| correlation of delta_ifo_{epoch} with b_i | {said} | {numbers} |"
+
+
+def tables(folder: Path) -> Mapping[str, list[str]]:
+    """Return every table by its heading, as lines of Markdown."""
+    results = load(folder / "results.json")
+    runs = read_all([folder / "telemetry"], own=True)
+    return {
+        "Table jointfit": [*parameters(results, as_flown())],
+        "Table Eulerfit": [*angles(results)],
+        "Gains, glitches, correlation": [*points(results, runs)],
+        "Spectra by date": [*spectra(results, runs)],
+    }
+
+
+def main() -> None:
+    """Print the tables, and write them if asked to."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--docs", action="store_true", help="write the tables into docs/mission.md")
+    asked = parser.parse_args()
+    text = "\n\n".join(f"### {head}\n\n" + "\n".join(lines) for head, lines in tables(asked.folder).items())
+    print(text)
+    if asked.docs:
+        page = DOCS.read_text(encoding="utf-8")
+        before, after = page.split(BEGIN)[0], page.split(END)[1]
+        DOCS.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

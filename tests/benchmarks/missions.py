@@ -1,0 +1,186 @@
+"""Many missions with truths of their own: are the sigmas of what a mission claims true?
+
+    python -m tests.benchmarks.missions -n 200 --log missions.jsonl
+
+draws `campaigns/mission.toml` again and again: noise, glitches, levels of the noise, scatter of the gains,
+truths (gains within 5 %, all else within 30 % of the flight's) and, where asked for, cross-talk and
+misalignments. It fits each as `lpfcosim run` does and tells the pulls.
+
+* By default the thirteen experiments with their noise runs, along x, drawn from the spectra of the closed
+  loop (`lpfcosim.plant.spectral`).
+* ``--whole``: the same with the whole spacecraft.
+* ``--euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
+
+What is done is in the log; the same command continues it. A mission depends on its number, not on when or
+beside what it is done.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from hashlib import sha256
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a process for each processor does better
+
+import numpy as np
+
+from fit.errors import CalibrationError
+from fit.estimate import pulls
+from fit.pipeline import calibrate
+from fit.results import Results
+from fit.settings import settings
+from lpfcosim.campaign import Campaign, loading, montecarlo
+from lpfcosim.cli.montecarlo import _channels
+from lpfcosim.cli.planned import in_memory
+from lpfcosim.errors import LpfcosimError
+from lpfcosim.plant import spectral
+from lpfcosim.running.telemetry import truth
+from tests import ROOT
+from tests.benchmarks.sbc import known
+
+CAMPAIGN = ROOT / "campaigns" / "mission.toml"
+SPREAD = 0.3  # of cross-talk and misalignments about those of the campaign, relative, even
+Line = dict[str, Any]
+
+
+def drawn(plan: Campaign, number: int, *, whole: bool) -> Campaign:
+    """Return mission `number`: its experiments alone, with truths of its own."""
+    plan = montecarlo.numbered(plan, number, redraw=True)
+    rng = np.random.default_rng([plan.seed, 1])
+    b, misaligned = 1 + rng.uniform(-SPREAD, SPREAD, 6), 1 + rng.uniform(-SPREAD, SPREAD, 2)
+    experiments = []
+    for e in plan.experiments:
+        craft = None
+        if whole:
+            delta_phi, delta_eta = misaligned * (e.spacecraft.delta_phi, e.spacecraft.delta_eta)
+            lever = replace(
+                e.spacecraft, delta_phi=-e.spacecraft.delta_phi, delta_eta=-e.spacecraft.delta_eta
+            )
+            left = np.array(lever.compensated().b)  # after the lever arm
+            own = replace(e.spacecraft, b=tuple(left * b), delta_phi=delta_phi, delta_eta=delta_eta)
+            craft = own.compensated()
+        if e.n_samples:
+            experiments.append(
+                replace(e, spacecraft=craft, inertial_period=e.inertial_period if whole else 0)
+            )
+    return replace(plan, experiments=tuple(experiments))
+
+
+def fitted(plan: Campaign, number: int) -> Results:
+    """Return the fit of a mission whose runs are drawn from spectra."""
+    runs = []
+    for run in plan.runs:
+        rng = np.random.default_rng([number, plan.seed, *run.name.encode()])
+        runs.append(in_memory(run, spectral.Simulation(run, _channels(run)).record(rng)))
+    results = calibrate(runs, settings(dict(plan.fit), "missions"))
+    return pulls.with_truth(results, runs, {run.name: truth(run) for run in plan.runs})
+
+
+def trial(number: int, *, whole: bool) -> Line:
+    """Draw a mission and fit it; what is kept of it, or what went wrong."""
+    plan = drawn(loading.load(CAMPAIGN), number, whole=whole)
+    try:
+        found = fitted(plan, number)
+    except (CalibrationError, LpfcosimError) as error:
+        return {"number": number, "failed": str(error)}
+    fits = {"": found.joint} | {f"{epoch}: ": fit for epoch, fit in found.cross_talk.items()}
+    line: Line = {"number": number, "pulls": {}, "sigmas": {}, "withheld": [], "unsound": []}
+    for place, fit in fits.items():
+        if fit is None:
+            continue
+        line["unsound"] += [f"{place}{w.code}" for w in fit.unsound]
+        line["withheld"] += [
+            f"{place}{name}" for w in fit.warnings if w.code == "indeterminable" for name in w.parameters
+        ]
+        for name, estimate in fit.parameters.items():
+            if estimate.pull is not None:
+                line["pulls"][place + name] = estimate.pull
+                line["sigmas"][place + name] = estimate.sigma
+    line["left_out"] = sorted(plan_names(plan) - set(found.provenance.joint_runs))
+    line["scatter"] = {name: told["value"] for name, told in (found.provenance.scatter or {}).items()}
+    return line
+
+
+def plan_names(plan: Campaign) -> set[str]:
+    """Return the names of the runs with injections."""
+    return {run.name for run in plan.runs if run.kind == "sysid"}
+
+
+def header(*, whole: bool) -> Line:
+    """Return what a log is of: another campaign or fit makes another."""
+    files = sorted([*(ROOT / "fit").rglob("*.py"), *(ROOT / "lpfcosim" / "plant").rglob("*.py")])
+    total = sha256(b"".join(file.read_bytes() for file in files))
+    return {"digest": loading.load(CAMPAIGN).digest, "whole": whole, "sources": total.hexdigest()}
+
+
+def run(n: int, log: Path, jobs: int, *, whole: bool) -> list[Line]:
+    """Do what is missing of the first `n` missions; return all that are done, in their order."""
+    lines = {int(line["number"]): line for line in known(log, header(whole=whole))}
+    missing = [number for number in range(n) if number not in lines]
+    started = time.perf_counter()
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, log.open("a", encoding="utf-8") as file:
+        futures = [pool.submit(trial, m, whole=whole) for m in missing]
+        for done, future in enumerate(as_completed(futures), 1):
+            line = future.result()
+            lines[int(line["number"])] = line
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            spent = time.perf_counter() - started
+            print(f"{done} of {len(missing)}, {spent / done:.1f} s each", file=sys.stderr, flush=True)
+    return [lines[number] for number in sorted(lines)]
+
+
+def table(lines: Sequence[Line]) -> list[str]:
+    """Return pulls by parameter as lines of Markdown, and above them what became of the missions."""
+    failed = [line for line in lines if "failed" in line]
+    unsound = [line for line in lines if line.get("unsound")]
+    sound = [line for line in lines if "pulls" in line and not line["unsound"]]
+    fewer = sum(bool(line["left_out"]) for line in sound)
+    scattered = sum(bool(line["scatter"]) for line in sound)
+    text = [
+        f"{len(lines)} missions: {len(failed)} gave no joint fit, {len(unsound)} one that is not sound; the "
+        f"{len(sound)} others are counted. {fewer} left out an experiment, {scattered} modelled the scatter "
+        "of gains.",
+        "",
+        "| parameter | n | mean pull | standard deviation | within 1 sigma | largest |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in dict.fromkeys(p for line in sound for p in line["pulls"]):
+        p = np.array([line["pulls"][name] for line in sound if name in line["pulls"]])
+        text.append(
+            f"| {name} | {p.size} | {p.mean():+.2f} ± {p.std(ddof=1) / np.sqrt(p.size):.2f} "
+            f"| {p.std(ddof=1):.2f} ± {1 / np.sqrt(2 * p.size):.2f} | {100 * np.mean(abs(p) < 1):.0f} % "
+            f"| {abs(p).max():.1f} |"
+        )
+    return text
+
+
+def main() -> None:
+    """Draw, fit, tell."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-n", type=int, default=200, help="how many missions")
+    parser.add_argument("--log", type=Path, required=True, help="what is done; continued")
+    parser.add_argument("--whole", action="store_true", help="with the whole spacecraft")
+    parser.add_argument("--jobs", type=int, default=1)
+    asked = parser.parse_args()
+    lines = run(asked.n, asked.log, asked.jobs, whole=asked.whole)
+    print("\n".join(table(lines)))
+    for line in lines:
+        if "failed" in line:
+            print(f"{line['number']}: {line['failed']}")
+    print(Counter(code for line in lines for code in line.get("unsound", ())))
+
+
+if __name__ == "__main__":
+    main()
