@@ -9,7 +9,10 @@ import fit
 from tests.oracles import synthetic
 from tests.oracles.contract_file import write_contract_file
 
-ALL = {"correlation", "e1b-D-breakdown", "e1r-D-responses", "e1s-D-spectra", "e1t-D-residual", "quantiles"}
+ALL = {
+    *("e1b-D-breakdown", "e1r-D-responses", "e1s-D-spectra", "e1t-D-residual"),
+    *("correlation", "leakage", "quantiles"),
+}
 
 
 @pytest.fixture(scope="module")
