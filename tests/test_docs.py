@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/fit/test_api.py
+SLOW = (DOCS / "own-plant.md",)  # a plant in Python is stepped by the minute
 FIRST = (ROOT / "README.md", DOCS / "first-hour.md", DOCS / "flight-telemetry.md")  # one leads to the next
 NOT_RUN = {
     "dask",
@@ -180,8 +181,18 @@ def test_first_pages(runner):
             runner.run(block)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if p not in (*FIRST, ELSEWHERE)], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if p not in (*FIRST, *SLOW, ELSEWHERE)], ids=lambda p: p.stem
+)
 def test_page(page, runner):
+    for block in blocks(page):
+        runner.run(block)
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+@pytest.mark.parametrize("page", SLOW, ids=lambda p: p.stem)
+def test_slow_page(page, runner):
     for block in blocks(page):
         runner.run(block)
 

@@ -76,7 +76,7 @@ def _mismatch(run: Run, loop: Loop, theta: Mapping[str, float]) -> float:
     left, whole = (derivatives.decimate(x, taps, factor) for x in (recorded - asked, recorded))
     half = slice(derivatives.HALF, -derivatives.HALF)
     kept = grid.valid & (grid.time - telemetry.time[0] > SETTLED)
-    beside = np.stack([np.ones(grid.time.size), grid.time], axis=1)[kept]
+    beside = np.column_stack([np.ones(grid.time.size), grid.time, grid.steps])[kept]
     rms = [
         float(np.sqrt(np.mean((x - beside @ np.linalg.lstsq(beside, x, rcond=None)[0]) ** 2)))
         for x in (left[half][kept], whole[half][kept])

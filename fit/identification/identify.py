@@ -1,6 +1,6 @@
 """Parameters of a simulated loop, estimated from telemetry with the weighing and the iteration of the fit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -58,31 +58,53 @@ def identify(
     FitError
         If the loop cannot be simulated where the search begins, or no trustworthy estimate comes out.
     """
-    likelihood = chosen.estimator
-    if likelihood == "flscov":
+    if chosen.estimator == "flscov":
         raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
     references = [_dynamics(e, calibrated, chosen) for e in experiments]
-    search = _Search(experiments, free, loop, references, likelihood)
-    outcome = irls.iterate(search.weighings, search.parameters, search.held, admitted=search.admitted)
+    begin = partial(_Search, experiments, free, loop, references)
+    search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
     names = {p.name: p.name for p in search.parameters}
     named = {name: name for name in names if name not in search.bound}
     lost = verdict.indeterminable(outcome, experiments, named)
     found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
-    differs: dict[str, float] = {}
-    apart: list[FitWarning] = []
-    if calibrated.joint:
-        differs = comparison.differences(found, calibrated.joint)
-        apart = comparison.apart(found, calibrated.joint)
     of_runs = [search.of_run(k, outcome.solution.theta) for k in range(len(experiments))]
     commands = comparison.replayed([e.sysid for e in experiments], loop, of_runs)
-    more = (*comparison.misled(commands, list(found)), *apart, *search.told())
-    said = calibrated.provenance
+    more = [*comparison.misled(commands, list(found)), *search.told(), *map(_louder, levels)]
+    differs: dict[str, float] = {}
+    if calibrated.joint:
+        differs = comparison.differences(found, calibrated.joint)
+        more += comparison.apart(found, calibrated.joint)
     provenance = replace(
-        said,
-        more={**said.more, "from_fit": differs, "commands": commands},
+        calibrated.provenance,
+        more={**calibrated.provenance.more, "from_fit": differs, "commands": commands},
+        levels=levels,
         **dict.fromkeys(("cross_talk_periods", "subtraction", "scatter", "inertial_runs", "inertial_band")),
     )
     return Results(replace(found, warnings=(*found.warnings, *more)), {}, {}, {}, provenance)
+
+
+def _searched(
+    begin: Callable[[Likelihood, Sequence[bool]], "_Search"],
+    experiments: Sequence[Experiment],
+    likelihood: Likelihood,
+    chosen: Settings,
+) -> tuple["_Search", irls.Outcome, list[str]]:
+    """Search; return also the experiments whose noise levels are marginalised.
+
+    Where the data chose them in the fit, the equation may only have lacked what the loop has: they are
+    marginalised if the loop leaves too much as well.
+    """
+    told = [e.levels for e in experiments]
+    by_data = chosen.levels == ["auto"]
+    search = begin(likelihood, [of_own and not by_data for of_own in told])
+    outcome = search.outcome()
+    if by_data and any(told):
+        excess = [_excess(block, outcome.solution.theta) for block in outcome.blocks]
+        told = [of_own and x > verdict.DOUBTFUL for of_own, x in zip(told, excess, strict=True)]
+        if any(told):
+            search = begin(likelihood, told)
+            outcome = search.outcome()
+    return search, outcome, [e.name for e, of_own in zip(experiments, told, strict=True) if of_own]
 
 
 class _Search:
@@ -105,6 +127,7 @@ class _Search:
         loop: Loop,
         references: Sequence[Array],
         likelihood: Likelihood,
+        levels: Sequence[bool],
     ) -> None:
         joint = joint_parameters(free, [e.sysid.telemetry for e in experiments])
         low, high = np.array([each.bounds for _, each in joint.values()]).T
@@ -124,10 +147,14 @@ class _Search:
                 self._names,
                 self._shares[k],
                 (self._widths, low, high),
-                "marginalised" if experiment.levels else likelihood,
+                "marginalised" if levels[k] else likelihood,
             )
             for k, experiment in enumerate(experiments)
         ]
+
+    def outcome(self) -> irls.Outcome:
+        """Search."""
+        return irls.iterate(self.weighings, self.parameters, self.held, admitted=self.admitted)
 
     def of_run(self, k: int, theta: Array) -> dict[str, float]:
         """Return the parameters of the k-th experiment by name."""
@@ -173,6 +200,18 @@ class _Search:
 
 def _reach(weighing: Simulated, theta: Array) -> None:
     weighing.reach(theta)
+
+
+def _louder(name: str) -> FitWarning:
+    told = (
+        "the residual is not as loud as the noise run; the level of its noise is marginalised in narrow bands"
+    )
+    return FitWarning("levels", (), f"{name}: {told}")
+
+
+def _excess(block: linear.Block, theta: Array) -> float:
+    """Return by how much chi^2 per degree of freedom of a run departs from 1."""
+    return abs(float(np.sum((block.plain @ block.coefficients(theta)) ** 2)) / block.size - 1)
 
 
 def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:

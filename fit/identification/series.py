@@ -18,6 +18,7 @@ RATE = 1 / dynamics.LOOP_PERIOD  # Hz
 LOW = (0.1e-3, 0.2e-3)  # Hz: below, the loop lets so little thrust through that noise would pass for it
 HIGH = (0.5, 1.0)  # Hz: above, nothing reaches the fitted band
 EDGE = 100.0  # s, over which what is imposed comes in and goes out
+FORGOTTEN = 200.0  # s after a gap, when a controller but for its integrator is what it is without
 MEMORY = 4096.0  # s, after which the loop has forgotten a push
 
 
@@ -44,11 +45,24 @@ def at_loop_rate(telemetry: Telemetry, channel: str) -> Array:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Times [s] of what is left of a run after the low-pass and the stencils, and where it is valid."""
+    """What is left of a run after the low-pass and the stencils.
+
+    Attributes
+    ----------
+    fs : float
+        Sample rate [Hz].
+    time : ndarray, shape (N,)
+        Seconds since the start of the run.
+    valid : ndarray of bool, shape (N,)
+        False where something is masked, or where a controller has not forgotten a gap.
+    steps : ndarray, shape (N, number of gaps)
+        For every gap in o_12, a step at its end: what the integrator of the controller missed.
+    """
 
     fs: float
     time: Array
     valid: NDArray[np.bool_]
+    steps: Array
 
 
 def reduced(telemetry: Telemetry, of_fit: dynamics.Channels) -> Reduced:
@@ -61,7 +75,13 @@ def reduced(telemetry: Telemetry, of_fit: dynamics.Channels) -> Reduced:
     inside = (at >= 0) & (at < of_fit.time.size)
     kept = np.where(inside, of_fit.valid[np.clip(at, 0, of_fit.time.size - 1)], True)
     half = slice(derivatives.HALF, -derivatives.HALF)
-    return Reduced(RATE / factor, time[half], ~derivatives.reached(~kept))
+    steps = []
+    missing = derivatives.bridge(telemetry.channels["o_12"], telemetry.fs)[1]
+    for begin, end in derivatives.stretches(missing):
+        kept &= (time < telemetry.time[begin]) | (time > telemetry.time[end - 1] + FORGOTTEN)
+        steps.append((time > telemetry.time[end - 1]).astype(float)[half])
+    found = np.stack(steps, axis=1) if steps else np.empty((size - 2 * derivatives.HALF, 0))
+    return Reduced(RATE / factor, time[half], ~derivatives.reached(~kept), found)
 
 
 def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:

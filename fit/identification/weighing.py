@@ -82,9 +82,10 @@ class Imposed:
         )
         self._inputs = {FORCE_1: force_1, THRUST: np.zeros(force_1.size)}
         self._grid = series.reduced(run.telemetry, run.channels)
-        self._glitches = (
-            shapes.columns(run.glitches, self._grid.time, self._grid.fs) if run.glitches else None
-        )
+        beside = [self._grid.steps]
+        if run.glitches:
+            beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
+        self._beside = np.hstack(beside)
 
     def residual(self, theta: Mapping[str, float]) -> Array:
         """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
@@ -107,7 +108,7 @@ class Imposed:
     def transformed(self, columns: Sequence[Array]) -> Spectra:
         """Return the spectra of series on the grid of residuals."""
         values = np.stack(columns, axis=1)
-        return spectra.transform(values, self._grid.valid, self._grid.fs, beside=self._glitches)
+        return spectra.transform(values, self._grid.valid, self._grid.fs, beside=self._beside)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)

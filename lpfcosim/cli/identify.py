@@ -13,7 +13,7 @@ from fit.identification import Free, identify
 from fit.report import page as fit_report
 from fit.results import Results, write
 from fit.settings import Group, settings
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, read_truth
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
@@ -100,7 +100,15 @@ def _identified(
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))
-    return pulls.with_truth(found, telemetries)
+    return pulls.with_truth(found, telemetries, {t.run: _truth(t, plan, loop.targets) for t in telemetries})
+
+
+def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> dict[str, float]:
+    """Return what is true of a run; if this very campaign simulated it, of every parameter of an FMU."""
+    known = read_truth(telemetry.path) if telemetry.path.is_file() else {}
+    if telemetry.attributes.get("campaign_digest") != plan.digest:
+        return known
+    return {t.name: t.given for t in sought if "." in t.name} | known
 
 
 def _free(target: Target) -> Free:

@@ -23,6 +23,7 @@ from lpfcosim.worlds import drive
 
 Array = NDArray[np.float64]
 
+QUIET = 0.02  # share of a run without direct forces, that suffices to see what is held
 _GUIDANCE = ("guidance_o_1", "guidance_o_12")
 
 
@@ -84,10 +85,10 @@ class Simulation:
         """Return o_1 and o_12 of a run, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
         n = inputs["f_x_1"].size
-        feeds = {name: x[:n] for name, x in loaded.feeds.items()}
+        feeds = {name: x[:n] for name, x in loaded.feeds.items() if name != "F_x_1"}  # part of f_x_1
         force = inputs["f_x_1"]
-        more = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
-        feeds |= {**more, "F_noise_x_sc": inputs["F_noise_x_sc"], "g_2": np.full(n, loaded.run.dc)}
+        imposed = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
+        feeds |= {**imposed, "F_noise_x_sc": inputs["F_noise_x_sc"], "g_2": np.full(n, loaded.run.dc)}
         found = self._simulated(loaded.loop, n, feeds, theta)
         self._done += 1
         self.told(self._done)
@@ -130,7 +131,6 @@ def _run(plan: Campaign, telemetry: Telemetry) -> Run:
         authority=Authority(run.authority.name, F_1, F_2, N_1, N_2),
         alignment_epoch=telemetry.alignment_epoch,
         m_tm=telemetry.m_tm,
-        dc=-plan.truth.lambda_2 * float(np.nanmean(telemetry.channels["f_x_2"])),
     )
 
 
@@ -141,11 +141,22 @@ def _load(
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
         some = next(iter(run.truth.delta_ifo.values()))
         run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
+    feeds = _driven(run, telemetry)
+    run = replace(run, dc=_balance(run, telemetry, feeds))
     found = interfaces(run, fmus)
     loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
     controller = trials.controller(stack, replace(run, dc=0.0), found)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
-    return _Loaded(run, _driven(run, telemetry), loop, controller, jitters)
+    return _Loaded(run, feeds, loop, controller, jitters)
+
+
+def _balance(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array]) -> float:
+    """Return the constant acceleration that the commands hold, as the run shows it without direct forces."""
+    factor = round(run.fs / telemetry.fs)
+    quiet = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
+    quiet = quiet[::factor] if np.mean(quiet) > QUIET else np.ones(telemetry.time.size, dtype=bool)
+    force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][quiet])) for j in (1, 2))
+    return run.truth.lambda_1 * force_1 - run.truth.lambda_2 * force_2
 
 
 def _driven(run: Run, telemetry: Telemetry) -> dict[str, Array]:
