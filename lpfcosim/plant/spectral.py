@@ -60,23 +60,55 @@ class Simulation:
             The channels, SI.
         """
         C = len(self._mean)
-        spectrum = np.zeros((self._period // 2 + 1, C), dtype=np.complex128)
+        spectrum = np.zeros((C, self._period // 2 + 1), dtype=np.complex128)
+        inside = spectrum[:, 1 : self._log_f.size + 1]
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
             L = self._factor(self._log_f[block])
-            drawn = generator.standard_normal((len(L), C, 2)).view(np.complex128)
-            spectrum[1:][: self._log_f.size][block] = (L @ drawn)[:, :, 0]
-        noise = scipy.fft.irfft(spectrum * np.sqrt(self._period * planning.RATE) / 2, self._period, axis=0)[
-            : self._n
-        ]
+            drawn = generator.standard_normal((L.shape[1], C, 2)).view(np.complex128)[:, :, 0].T
+            for (i, j), of_bins in zip(_lower(C), L, strict=True):
+                inside[i, block] += of_bins * drawn[j]
+        spectrum *= np.sqrt(self._period * planning.RATE) / 2
         return {
-            name: np.where(self._lost, np.nan, x + noise[:, i])
+            name: np.where(self._lost, np.nan, x + scipy.fft.irfft(spectrum[i], self._period)[: self._n])
             for i, (name, x) in enumerate(self._mean.items())
         }
 
 
-def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> scipy.interpolate.CubicSpline:
-    """Return L(log f), shape (C, C), with the one-sided cross-spectra L L^*, low-pass included."""
+class _Splines:
+    """Splines of several functions on evenly spaced knots; the usual ones look for every place anew.
+
+    Parameters
+    ----------
+    knots : ndarray, shape (K,)
+        Evenly spaced.
+    values : ndarray of complex, shape (K, S)
+        There.
+    """
+
+    def __init__(self, knots: Array, values: Complex) -> None:
+        self._first, self._step = knots[0], (knots[-1] - knots[0]) / (knots.size - 1)
+        found = scipy.interpolate.CubicSpline(knots, values)
+        self._coefficients = np.ascontiguousarray(found.c.transpose(2, 0, 1))
+
+    def __call__(self, x: Array) -> Complex:
+        """Return the values at `x`, shape (S, N)."""
+        last = self._coefficients.shape[2] - 1
+        at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, last)
+        beyond = x - (self._first + self._step * at)
+        found = np.empty((len(self._coefficients), x.size), dtype=np.complex128)
+        for of, (cubic, square, slope, level) in zip(found, self._coefficients, strict=True):
+            of[:] = ((cubic[at] * beyond + square[at]) * beyond + slope[at]) * beyond + level[at]
+        return found
+
+
+def _lower(C: int) -> list[tuple[int, int]]:
+    """Return the places of a lower triangle, shape (C, C)."""
+    return [(i, j) for i in range(C) for j in range(i + 1)]
+
+
+def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> _Splines:
+    """Return L(log f) with the one-sided cross-spectra L L^*, low-pass included: its lower triangle."""
     n = int(GRID * (high - low) / np.log(10)) + 2
     f = np.exp(np.linspace(low, high, n))
     s = world_of(run).system(run)
@@ -92,4 +124,5 @@ def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> scipy
     taps = decimation.taps(round(run.fs / planning.RATE))
     lags = (np.arange(taps.size) - taps.size // 2) / run.fs
     low_pass = np.cos(2 * np.pi * f[:, None] * lags) @ taps
-    return scipy.interpolate.CubicSpline(np.log(f), L * phase[:, None, :] * low_pass[:, None, None])
+    L = L * phase[:, None, :] * low_pass[:, None, None]
+    return _Splines(np.log(f), np.stack([L[:, i, j] for i, j in _lower(len(rows))], axis=1))

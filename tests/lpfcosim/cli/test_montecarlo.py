@@ -4,6 +4,8 @@ import json
 import multiprocessing as mp
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -137,6 +139,27 @@ def test_a_process_that_is_killed_loses_its_campaign_only(small, tmp_path, lpfco
     assert lpfcosim(*command)[0] == 0
     assert not lost.parent.exists()
     assert json.loads((log.parent / "montecarlo.json").read_text(encoding="utf-8"))["n"] == 6
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+@pytest.mark.slow
+def test_killed_with_all_its_processes_it_continues_to_the_same_document(small, tmp_path, lpfcosim):
+    options = ("-n", "5", "--jobs", "2", "--redraw", "--quiet")
+    assert lpfcosim("montecarlo", small, *options, "--out", tmp_path / "sound")[0] == 0
+    command = [sys.executable, "-m", "lpfcosim", "montecarlo", str(small), *options, "--out", "struck"]
+    log = tmp_path / "struck" / "campaigns.jsonl"
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL, start_new_session=True)
+    while process.poll() is None and not (log.exists() and log.read_text(encoding="utf-8").count("\n") > 2):
+        time.sleep(0.02)
+    assert process.poll() is None, "it was done before it was killed"
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    before = log.read_bytes()
+    before = before[: before.rfind(b"\n") + 1]
+    assert lpfcosim("montecarlo", small, *options, "--out", log.parent)[0] == 0
+    assert log.read_bytes().startswith(before), "what was finished was done again"
+    documents = [(log.parent.parent / name / "montecarlo.json").read_bytes() for name in ("sound", "struck")]
+    assert documents[0] == documents[1]
 
 
 @pytest.mark.parametrize(
