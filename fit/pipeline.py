@@ -26,7 +26,7 @@ from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
 from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.threads import each, one_thread
+from fit.threads import each, one_thread, upto, within
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
 
@@ -50,14 +50,16 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
-    experiments = pair(telemetries)
+    with within(0.0, 0.1):
+        experiments = pair(telemetries)
     if not experiments:
         raise InputError(
             f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
+    with within(0.1, 1.0):
+        return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
 
 
 @one_thread
@@ -215,11 +217,13 @@ class _Judged:
 def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
+    upto(0.6)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
+    upto(0.9)
     together = _together(ready, alone, chosen, misfits)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
@@ -230,9 +234,11 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
+    upto(0.2)
     first = admission.faults([e for e in found if e.name not in chosen.exclude])
     left_out = first.left_out
     faulty = {f.experiment for f in left_out}
+    upto(0.4)
     made = prepare_each(found, chosen, faulty)
     prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
@@ -381,8 +387,7 @@ def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> 
         run = e.sysid.telemetry
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
-    sharing = Sharing(chosen.shared)
-    best = bump.subtraction(together.outcome, ready.taking_part, sharing) if together else {}
+    best = bump.subtraction(together.outcome, ready.taking_part, Sharing(chosen.shared)) if together else {}
     return Provenance(
         joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
         noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},

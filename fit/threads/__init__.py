@@ -2,6 +2,7 @@
 
 from fit.threads.heap import give_back, one_heap
 from fit.threads.parts import alone, each
+from fit.threads.progress import following, tell, upto, within
 from fit.threads.single import one_thread
 
-__all__ = ["alone", "each", "give_back", "one_heap", "one_thread"]
+__all__ = ["alone", "each", "following", "give_back", "one_heap", "one_thread", "tell", "upto", "within"]

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
+from fit.threads.progress import following, tell
+
 _R = TypeVar("_R")
 _T = TypeVar("_T")
 
@@ -25,13 +27,26 @@ def each(function: Callable[[_T], _R], items: Iterable[_T]) -> list[_R]:
     """Return what a function makes of every item, in their order; threads share the work.
 
     What it raises for the first of them that fails is raised here. Parts of parts are done one by one.
+    Whoever follows the work (`fit.threads.progress`) is told of every item.
     """
     work = list(items)
     threads = 1 if _ALONE.get() else min(processors(), len(work))
     if threads < 2:
-        return [function(item) for item in work]
+        return list(_told((_apart(function, item) for item in work), len(work)))
     with ThreadPoolExecutor(threads, initializer=_ALONE.set, initargs=(True,)) as pool:
-        return list(pool.map(function, work))
+        return list(_told(pool.map(function, work), len(work)))
+
+
+def _apart(function: Callable[[_T], _R], item: _T) -> _R:
+    """Return what a function makes of an item; what it says of its own parts is nobody's business."""
+    with following(None):
+        return function(item)
+
+
+def _told(results: Iterable[_R], n: int) -> Iterator[_R]:
+    for done, result in enumerate(results, start=1):
+        tell(done / n)
+        yield result
 
 
 @contextmanager

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import rich.console
@@ -16,16 +18,48 @@ from rich.progress import (
     ProgressColumn,
     SpinnerColumn,
     TextColumn,
-    TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.table import Table
 
-from fit.threads import give_back
+from fit.threads import following, give_back
 
 if TYPE_CHECKING:
     from fit.results import Results
     from fit.tables import Lines
+
+
+FIRST = 2.0  # s, after which a line tells how far work is; the next one after twice as long
+
+
+@dataclass
+class Spoken:
+    """How far a piece of work is.
+
+    Attributes
+    ----------
+    name : str
+        What it is called.
+    done : float
+        The share of it, from 0 to 1.
+    """
+
+    name: str
+    done: float = 0.0
+    _started: float = field(default_factory=time.perf_counter)
+
+    @property
+    def seconds(self) -> float:
+        """For how long it has been under way."""
+        return time.perf_counter() - self._started
+
+    def line(self) -> str:
+        """Say it, and about how long it will still take."""
+        if not 0 < self.done < 1:
+            return f"{self.name}: for {self.seconds:.0f} s so far"
+        left = self.seconds * (1 / self.done - 1)
+        told = f"{left:.0f} s" if left < 100 else f"{left / 60:.0f} min"
+        return f"{self.name}: {100 * self.done:.0f} %, about {told} left"
 
 
 class Console:
@@ -73,13 +107,19 @@ class Console:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a piece of work whose progress is not known, and how long it takes."""
-        started = time.perf_counter()
-        with self._bars(TimeElapsedColumn()) as bars:
-            bars.add_task(name, total=None)
-            yield
+        """Announce a piece of work that tells its progress by itself, if it does, and how long it takes."""
+        with self._bars(BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn()) as bars:
+            task = bars.add_task(name, total=None)
+            with self._spoken(name) as spoken:
+
+                def told(done: float) -> None:
+                    spoken.done = done
+                    bars.update(task, total=1.0, completed=done)
+
+                with following(told):
+                    yield
         give_back()
-        self.note(f"{name}: {time.perf_counter() - started:.1f} s")
+        self.note(f"{name}: {spoken.seconds:.1f} s")
 
     @contextmanager
     def counted(self, name: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
@@ -87,17 +127,19 @@ class Console:
 
         Yields the function to tell how many are done by now.
         """
-        started, made = time.perf_counter(), done
+        made = done
         with self._bars(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as bars:
             task = bars.add_task(name, total=total, completed=done)
+            with self._spoken(name) as spoken:
 
-            def advance(now: int) -> None:
-                nonlocal made
-                made = now
-                bars.update(task, completed=now)
+                def advance(now: int) -> None:
+                    nonlocal made
+                    made = now
+                    spoken.done = (now - done) / max(total - done, 1)
+                    bars.update(task, completed=now)
 
-            yield advance
-        self.note(f"{name}: {made}, {time.perf_counter() - started:.1f} s")
+                yield advance
+        self.note(f"{name}: {made}, {spoken.seconds:.1f} s")
 
     @contextmanager
     def samples(
@@ -108,9 +150,11 @@ class Console:
         On a terminal there is a bar for all and one for each run under way. Yields the functions to tell
         ``(run, samples done)``, and ``(run)`` of one that need not be simulated.
         """
-        started = time.perf_counter()
         simulated = dict(sizes)
-        with self._bars(BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn()) as bars:
+        with (
+            self._bars(BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn()) as bars,
+            self._spoken("simulation") as spoken,
+        ):
             whole = bars.add_task("simulation", total=sum(sizes.values()))
             tasks = {name: bars.add_task(name, total=size, visible=False) for name, size in sizes.items()}
             made = dict.fromkeys(sizes, 0)
@@ -119,6 +163,7 @@ class Console:
                 made[name] = done
                 bars.update(tasks[name], completed=done, visible=done < sizes[name])
                 bars.update(whole, completed=sum(made.values()))
+                spoken.done = sum(made.values()) / max(sum(simulated.values()), 1)
                 if done == sizes[name] and not self._live:
                     self.note(f"run {name}: {done} samples")
 
@@ -131,8 +176,28 @@ class Console:
             yield advance, keep
         n = len(sizes) - len(simulated)
         kept = f", {n} runs kept" if n and self._live else ""
-        total = sum(simulated.values())
-        self.note(f"simulation: {total} samples{kept}, {time.perf_counter() - started:.1f} s")
+        self.note(f"simulation: {sum(simulated.values())} samples{kept}, {spoken.seconds:.1f} s")
+
+    @contextmanager
+    def _spoken(self, name: str) -> Iterator[Spoken]:
+        """Say in plain lines, where there are no bars, how far a piece of work is."""
+        spoken, over = Spoken(name), threading.Event()
+
+        def speak() -> None:
+            wait = FIRST
+            while not over.wait(wait):
+                self.note(spoken.line())
+                wait *= 2  # of what takes hours nobody wants a line every few seconds
+
+        thread = threading.Thread(target=speak, daemon=True)
+        if not self._live and not self._quiet:
+            thread.start()
+        try:
+            yield spoken
+        finally:
+            over.set()
+            if thread.ident:
+                thread.join()
 
     def table(self, results: Results) -> None:
         """Show the parameters of the joint fit, or of the only experiment, and of the inertial periods."""

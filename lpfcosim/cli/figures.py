@@ -17,7 +17,8 @@ from lpfcosim.running import folder, runner, workers
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
     """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
-    results, telemetries = earlier.load(directory)
+    with console.stage("reading"):
+        results, telemetries = earlier.load(directory)
     place = directory / "figures"
     check_folder(directory, "figures")
     known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}
@@ -27,7 +28,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
     chosen = [name for name in known if not names or any(part in name for part in names)]
     with folder.held(directory):
         place.mkdir(exist_ok=True)
-        with console.counted("reading", len(chosen)) as progress:
+        with console.counted("spectra", len(chosen)) as progress:
             items = {}
             for name in chosen:
                 items[name] = (place, name, known.pop(name).draw())

@@ -10,7 +10,8 @@ from lpfcosim.running import folder
 
 def report(directory: Path, console: Console) -> None:
     """Rebuild the report from what a folder holds."""
-    results, telemetries = earlier.load(directory)
+    with console.stage("reading"):
+        results, telemetries = earlier.load(directory)
     with folder.held(directory), console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")

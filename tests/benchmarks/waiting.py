@@ -119,7 +119,7 @@ def watched(arguments: Sequence[str], checkout: Path, folder: Path, **environmen
         cpu, most, said = 0.0, (0.0, 0.0), []
         for line in process.stderr or ():
             said.append(line)
-            stage = SAID.get(line.partition(":")[0], "")
+            stage = SAID.get(line.partition(":")[0], "") if line.endswith(" s\n") else ""
             if not stage:
                 continue
             now, peaks = time.perf_counter(), family.turned()
