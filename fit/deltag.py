@@ -34,6 +34,7 @@ from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation,
 from fit.results import Fit, Results, check_frame, sound_joint
 from fit.signal import Excess, derivatives
 from fit.telemetry import Telemetry, Writer, inertial_period, read_stretch, samples
+from fit.threads import tell
 from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
@@ -163,6 +164,7 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
         for time, channels in _series(path, head.fs, recipe):
             writer.append(time, {name: channels[name] for name in described})
             excess.add(channels["delta_g_x"], channels["delta_g"])
+            tell((time[-1] - head.time[0]) * head.fs / size.samples)
         notes, told = _told(recipe, excess)
         for name, value in told.items():
             writer.annotate(name, value)

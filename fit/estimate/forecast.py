@@ -25,7 +25,7 @@ from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.signal import derivatives
-from fit.threads import each, one_thread
+from fit.threads import each, one_thread, within
 from fit.weighing import (
     Experiment,
     Likelihood,
