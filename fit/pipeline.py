@@ -26,7 +26,7 @@ from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
 from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.threads import each, one_thread, upto, within
+from fit.threads import each, one_thread, upto
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
 
@@ -50,16 +50,15 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
-    with within(0.0, 0.1):
-        experiments = pair(telemetries)
+    upto(0.1)  # as the shares below, about what it takes of the time
+    experiments = pair(telemetries)
     if not experiments:
         raise InputError(
             f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    with within(0.1, 1.0):
-        return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
+    return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
 
 
 @one_thread
@@ -124,12 +123,11 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
 
 def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     """Take the Euler force off the cross-talk of every epoch whose runs lie in one fitted period."""
-    found = dict(results.cross_talk)
+    found, apart = dict(results.cross_talk), separation(results.provenance.frame)
     for epoch, period in (results.provenance.cross_talk_periods or {}).items():
         told = period in fits and not centrifugal.contradicts(fits[period].warnings)
         if told and epoch in found and not bump.is_separated(found[epoch]):
-            d = separation(results.provenance.frame)
-            found[epoch] = bump.separate(found[epoch], fits[period], period, d)
+            found[epoch] = bump.separate(found[epoch], fits[period], period, apart)
     return found
 
 
@@ -217,13 +215,13 @@ class _Judged:
 def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     ready = _prepared(found, chosen)
-    upto(0.6)
+    upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
-    upto(0.9)
+    upto(0.95)
     together = _together(ready, alone, chosen, misfits)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
@@ -234,11 +232,10 @@ def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
-    upto(0.2)
+    upto(0.25)
     first = admission.faults([e for e in found if e.name not in chosen.exclude])
-    left_out = first.left_out
-    faulty = {f.experiment for f in left_out}
-    upto(0.4)
+    left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
+    upto(0.45)
     made = prepare_each(found, chosen, faulty)
     prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}

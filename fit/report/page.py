@@ -28,7 +28,7 @@ from fit.report.verdict import matters, verdict
 from fit.results import Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
-from fit.threads import each, within
+from fit.threads import each, upto
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
@@ -62,8 +62,8 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
     joint_table = None if joint is None else tables.table(joint, [joint_parameter(name) for name in names])
-    with within(0.0, 0.8):
-        sections = _drawn(report_experiments.sections(results, telemetries))
+    upto(0.8)
+    sections = _drawn(report_experiments.sections(results, telemetries))
     products = Products(results)
     motion = _drawn(report_motion.parts(results, telemetries, products))
     parts = [
@@ -95,8 +95,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
             **_scripts(),
         )
     )
-    path = directory / "report.html"
-    atomic.write(path, page)
+    atomic.write(path := directory / "report.html", page)
     return path
 
 

@@ -18,6 +18,7 @@ from rich.progress import (
     ProgressColumn,
     SpinnerColumn,
     TextColumn,
+    TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.table import Table
@@ -46,7 +47,7 @@ class Spoken:
 
     name: str
     done: float = 0.0
-    _started: float = field(default_factory=time.perf_counter)
+    _started: float = field(default_factory=lambda: time.perf_counter())
 
     @property
     def seconds(self) -> float:
@@ -108,7 +109,7 @@ class Console:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Announce a piece of work that tells its progress by itself, if it does, and how long it takes."""
-        with self._bars(BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn()) as bars:
+        with self._bars(BarColumn(), TimeElapsedColumn(), TimeRemainingColumn()) as bars:
             task = bars.add_task(name, total=None)
             with self._spoken(name) as spoken:
 

@@ -43,4 +43,4 @@ def test_a_fit_tells_how_far_it_is():
         calibrate(runs)
     assert told == sorted(told)
     assert len(told) >= 8
-    assert 0 < told[0] < 0.1 < 0.9 < told[-1] <= 1
+    assert 0 < told[0] < 0.1 < 0.9 <= told[-1] <= 1
