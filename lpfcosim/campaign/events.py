@@ -1,9 +1,9 @@
 """The table [events] of a campaign file: what happens unasked."""
 
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fit.files import Table, problem
 from lpfcosim.campaign.units import AccelerationNoise, Quantity
@@ -65,6 +65,14 @@ class EventsTable(Table):
                 f"expected {50 * events.LOST:.2g} % at most: telemetry may lack 1 %"
             )
         return rate
+
+    @model_validator(mode="after")
+    def _none_for_nothing(self) -> Self:
+        for what, rate in (("glitch_", "glitches_per_day"), ("gap_", "gaps_per_day")):
+            idle = [key for key in self.model_fields_set if key.startswith(what)]
+            if idle and rate not in self.model_fields_set:
+                raise problem(f"{min(idle)} does nothing without {rate}")
+        return self
 
     @field_validator("plateau")
     @classmethod
