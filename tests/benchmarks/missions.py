@@ -6,10 +6,10 @@ draws `campaigns/mission.toml` again and again: noise, glitches, levels of the n
 truths (gains within 5 %, all else within 30 % of the flight's) and, where asked for, cross-talk and
 misalignments. It fits each as `lpfcosim run` does and tells the pulls.
 
-* By default the thirteen experiments with their noise runs, along x, drawn from the spectra of the closed
+* ``--kind x``: the thirteen experiments with their noise runs, along x, drawn from the spectra of the closed
   loop (`lpfcosim.plant.spectral`).
-* ``--whole``: the same with the whole spacecraft.
-* ``--euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
+* ``--kind whole``: the same with the whole spacecraft.
+* ``--kind euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
 
 What is done is in the log; the same command continues it. A mission depends on its number, not on when or
 beside what it is done.
@@ -21,6 +21,7 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -37,32 +38,42 @@ import numpy as np
 
 from fit.errors import CalibrationError
 from fit.estimate import pulls
+from fit.estimate.inertial import fit_period
+from fit.paper import joint_names, joint_parameter
 from fit.pipeline import calibrate
-from fit.results import Results
+from fit.results import Estimate, Fit, Results
 from fit.settings import settings
+from fit.telemetry import read_all
 from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.montecarlo import _channels
 from lpfcosim.cli.planned import in_memory
 from lpfcosim.errors import LpfcosimError
+from lpfcosim.modelica import build
 from lpfcosim.plant import spectral
+from lpfcosim.running import runner
 from lpfcosim.running.telemetry import truth
+from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 from tests import ROOT
 from tests.benchmarks.sbc import known
 
 CAMPAIGN = ROOT / "campaigns" / "mission.toml"
 SPREAD = 0.3  # of cross-talk and misalignments about those of the campaign, relative, even
+DAYS = 3  # of noise for an Euler fit
+LAMBDA = 8e-4  # sigma of the gains in a mission of which they scatter
+KINDS = ("x", "whole", "euler")
 Line = dict[str, Any]
 
 
-def drawn(plan: Campaign, number: int, *, whole: bool) -> Campaign:
-    """Return mission `number`: its experiments alone, with truths of its own."""
+def drawn(plan: Campaign, number: int, kind: str) -> Campaign:
+    """Return mission `number`: what `kind` needs of it, with truths of its own."""
     plan = montecarlo.numbered(plan, number, redraw=True)
     rng = np.random.default_rng([plan.seed, 1])
     b, misaligned = 1 + rng.uniform(-SPREAD, SPREAD, 6), 1 + rng.uniform(-SPREAD, SPREAD, 2)
     experiments = []
     for e in plan.experiments:
         craft = None
-        if whole:
+        if kind != "x":
             delta_phi, delta_eta = misaligned * (e.spacecraft.delta_phi, e.spacecraft.delta_eta)
             lever = replace(
                 e.spacecraft, delta_phi=-e.spacecraft.delta_phi, delta_eta=-e.spacecraft.delta_eta
@@ -70,11 +81,46 @@ def drawn(plan: Campaign, number: int, *, whole: bool) -> Campaign:
             left = np.array(lever.compensated().b)  # after the lever arm
             own = replace(e.spacecraft, b=tuple(left * b), delta_phi=delta_phi, delta_eta=delta_eta)
             craft = own.compensated()
-        if e.n_samples:
-            experiments.append(
-                replace(e, spacecraft=craft, inertial_period=e.inertial_period if whole else 0)
-            )
+        if kind == "euler" and not e.n_samples:
+            experiments.append(replace(e, spacecraft=craft, n_noise_samples=DAYS * 864_000))
+        if kind != "euler" and e.n_samples:
+            period = e.inertial_period if craft else 0
+            experiments.append(replace(e, spacecraft=craft, inertial_period=period))
     return replace(plan, experiments=tuple(experiments))
+
+
+def known_dynamics(run: Run) -> Fit:
+    """Return a joint fit that found the truth, with sigmas of a mission."""
+    known = {name: joint_parameter(name) for name in joint_names([run.alignment_epoch])}
+    about = run.about or run.truth
+    true = vars(about) | {f"delta_ifo_{k}": v for k, v in about.delta_ifo.items()}
+    estimates = {
+        name: Estimate(float(true[name]), LAMBDA if name.startswith("lambda") else p.sigma, p.unit)
+        for name, p in known.items()
+    }
+    return Fit(estimates, np.diag([e.sigma**2 for e in estimates.values()]), 1.0, 1, True, ())
+
+
+def rotated(number: int) -> Line:
+    """Step three days of noise of one period, in turn, and fit the misalignment."""
+    runs = drawn(loading.load(CAMPAIGN), number, "euler").runs
+    run = runs[number % len(runs)]
+    fmus = build.build([c.model for c in world_of(run).components])
+    with tempfile.TemporaryDirectory() as folder:
+        runner.record(run, fmus, Path(folder) / "run.h5", {})
+        found = fit_period(read_all([Path(folder)], own=True), known_dynamics(run))
+    true = {name: getattr(run.spacecraft, name) for name in found.parameters}
+    turned = found.centrifugal
+    return {
+        "number": number,
+        "pulls": {name: (e.value - true[name]) / e.sigma for name, e in found.parameters.items()}
+        | ({"coefficient of g_Omega": (turned.value - 1) / turned.sigma} if turned else {}),
+        "sigmas": {name: e.sigma for name, e in found.parameters.items()},
+        "period": run.inertial_period,
+        "unsound": [w.code for w in found.unsound],
+        "left_out": [],
+        "scatter": {},
+    }
 
 
 def fitted(plan: Campaign, number: int) -> Results:
@@ -87,10 +133,12 @@ def fitted(plan: Campaign, number: int) -> Results:
     return pulls.with_truth(results, runs, {run.name: truth(run) for run in plan.runs})
 
 
-def trial(number: int, *, whole: bool) -> Line:
+def trial(number: int, kind: str) -> Line:
     """Draw a mission and fit it; what is kept of it, or what went wrong."""
-    plan = drawn(loading.load(CAMPAIGN), number, whole=whole)
     try:
+        if kind == "euler":
+            return rotated(number)
+        plan = drawn(loading.load(CAMPAIGN), number, kind)
         found = fitted(plan, number)
     except (CalibrationError, LpfcosimError) as error:
         return {"number": number, "failed": str(error)}
@@ -117,20 +165,20 @@ def plan_names(plan: Campaign) -> set[str]:
     return {run.name for run in plan.runs if run.kind == "sysid"}
 
 
-def header(*, whole: bool) -> Line:
+def header(kind: str) -> Line:
     """Return what a log is of: another campaign or fit makes another."""
     files = sorted([*(ROOT / "fit").rglob("*.py"), *(ROOT / "lpfcosim" / "plant").rglob("*.py")])
     total = sha256(b"".join(file.read_bytes() for file in files))
-    return {"digest": loading.load(CAMPAIGN).digest, "whole": whole, "sources": total.hexdigest()}
+    return {"digest": loading.load(CAMPAIGN).digest, "kind": kind, "sources": total.hexdigest()}
 
 
-def run(n: int, log: Path, jobs: int, *, whole: bool) -> list[Line]:
+def run(n: int, log: Path, jobs: int, kind: str) -> list[Line]:
     """Do what is missing of the first `n` missions; return all that are done, in their order."""
-    lines = {int(line["number"]): line for line in known(log, header(whole=whole))}
+    lines = {int(line["number"]): line for line in known(log, header(kind))}
     missing = [number for number in range(n) if number not in lines]
     started = time.perf_counter()
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, log.open("a", encoding="utf-8") as file:
-        futures = [pool.submit(trial, m, whole=whole) for m in missing]
+        futures = [pool.submit(trial, m, kind) for m in missing]
         for done, future in enumerate(as_completed(futures), 1):
             line = future.result()
             lines[int(line["number"])] = line
@@ -171,10 +219,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-n", type=int, default=200, help="how many missions")
     parser.add_argument("--log", type=Path, required=True, help="what is done; continued")
-    parser.add_argument("--whole", action="store_true", help="with the whole spacecraft")
+    parser.add_argument("--kind", choices=KINDS, default="x")
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
-    lines = run(asked.n, asked.log, asked.jobs, whole=asked.whole)
+    lines = run(asked.n, asked.log, asked.jobs, asked.kind)
     print("\n".join(table(lines)))
     for line in lines:
         if "failed" in line:
