@@ -42,11 +42,12 @@ def widened(fit: Fit, shift: Mapping[str, float]) -> Fit:
     return replace(fit, parameters=parameters, covariance=covariance)
 
 
-def leakage(joint: Fit, outcome: Outcome, freed: Freed) -> Fit:
+def leakage(joint: Fit, outcome: Outcome, freed: Freed, shift: Array) -> Fit:
     """Return the joint fit with delta_ifo as it is beside couplings that are free of noise.
 
     Where the thrusters move the spacecraft along x and sideways at once, o_1 answers for what attenuated
-    couplings leave: least squares then finds delta_ifo off as well.
+    couplings leave: least squares then finds delta_ifo off as well. Its sigma holds by how much instruments
+    move it, for they are no better known than that, and what attenuated couplings leave still.
 
     Parameters
     ----------
@@ -56,23 +57,25 @@ def leakage(joint: Fit, outcome: Outcome, freed: Freed) -> Fit:
         Of it.
     freed : Freed
         The same with instruments.
+    shift : ndarray, shape (P,)
+        What is still expected of attenuation, SI; NaN where it cannot be told.
     """
-    if not freed.names:
-        return joint
     names, before, after = list(joint.parameters), outcome.solution, freed.outcome.solution
     scale, moved, parameters = np.ones(len(names)), {}, dict(joint.parameters)
     for i, p in enumerate(outcome.parameters):
         apart = (before.theta[i] - after.theta[i]) / before.sigma[i]
-        if p.name in names and p.name.startswith("delta_ifo") and abs(apart) > NOTABLE:
-            wider = max(float(after.sigma[i] / before.sigma[i]), 1.0)
-            sigma = joint.parameters[p.name].sigma * wider
+        left = float(np.nan_to_num(shift[i])) / before.sigma[i]
+        if p.name in names and p.name.startswith("delta_ifo") and max(abs(apart), abs(left)) > NOTABLE:
+            wider = np.sqrt(max(after.sigma[i] / before.sigma[i], 1.0) ** 2 + apart**2 + left**2)
+            sigma = joint.parameters[p.name].sigma * float(wider)
             parameters[p.name] = replace(parameters[p.name], value=float(after.theta[i]), sigma=sigma)
             scale[names.index(p.name)], moved[p.name] = wider, float(apart)
     if not moved:
         return joint
     message = (
-        "given beside couplings that are free of the noise of their read-outs; least squares is off by so "
-        "many sigma: " + ", ".join(f"{name} ({by:+.1f})" for name, by in moved.items())
+        "given beside couplings that are free of the noise of their read-outs, as far as there are "
+        "instruments, with sigmas that hold the difference; least squares is off by so many sigma: "
+        + ", ".join(f"{name} ({by:+.1f})" for name, by in moved.items())
     )
     warning = FitWarning("instruments", tuple(moved), message)
     covariance = joint.covariance * np.outer(scale, scale)

@@ -1,7 +1,7 @@
 """The part of the report on how loud Delta g is: by date, by authority, beside flight and LISA."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,12 +17,14 @@ from fit.signal import Estimator, LogSpectrum, log_psd
 from fit.tables import Cell, Grid, Line
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
+from fit.warnings import masked
 
 Array = NDArray[np.float64]
 
 _HIGHEST = max(high for _, high in figures.BANDS.values())
 _SHORTEST = 14400.0  # s, of a run whose lower band has ordinates enough
 _SURE = 3.0  # sigma, from which a law is shown
+_LEFT = 0.5  # share of a run that glitches must leave for its level to be told
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,18 @@ class Products:
     def __init__(self, results: Results) -> None:
         self._results = results
         self._totals: dict[str, Total] = {}
+        fits = [*results.experiments.values(), *results.inertial.values()]
+        self._warnings = [w for fit in fits for w in fit.warnings if w.code == "glitches"]
 
     def terms(self, run: Telemetry) -> Telemetry:
-        """Return Delta g and all of its terms, see `fit.deltag.delta_g`."""
+        """Return Delta g and all of its terms, see `fit.deltag.delta_g`; NaN where a glitch was found."""
         product = deltag.delta_g(run, self._results)
+        struck = np.zeros(product.time.size, dtype=bool)
+        for begin, end in masked(self._warnings, run.run):
+            struck |= (product.time >= begin) & (product.time <= end)
+        if struck.any():
+            channels = {name: np.where(struck, np.nan, x) for name, x in product.channels.items()}
+            product = replace(product, channels=channels)
         self._totals[run.run] = Total(product.channels["delta_g"], product.fs)
         return product
 
@@ -56,7 +66,10 @@ class Products:
 def parts(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
     """Return the section, where there are two noise runs or more and a joint fit to calibrate them with."""
     runs = [t for t in telemetries if t.kind == "noise" and t.duration >= 0.995 * _SHORTEST]
-    if results.joint is None or results.joint.unsound or len(runs) < 2:
+    if results.joint is None or results.joint.unsound:
+        return []
+    runs = [run for run in runs if np.mean(np.isfinite(products.total(run).delta_g)) > _LEFT]
+    if len(runs) < 2:
         return []
     points = [_point(run, products.total(run)) for run in runs]
     law = figures.law(points)
@@ -73,7 +86,8 @@ def parts(results: Results, telemetries: Sequence[Telemetry], products: Products
         Drawing(
             "noise-date",
             "Level of Delta g in every noise run against date, in two bands",
-            "Level of Δg in every noise run (root of the mean power), all corrections made, against date. "
+            "Level of Δg in every noise run (root of the mean power) beside its glitches, all corrections "
+            "made, against date. "
             "Squares: what the flight found above 1 and 2 mHz. Dashed: what LISA asks of two test masses.",
             partial(figures.by_date, points),
         ),

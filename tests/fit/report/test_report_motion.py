@@ -1,6 +1,7 @@
 """The report's sections on spacecraft motion: tables, figures, and what the figures are drawn from."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from fit.report.motion import parts
 from fit.report.noise import Products
 from fit.results import Estimate, Fit
 from fit.telemetry.reader import read_all
+from fit.warnings import FitWarning, Span
 from tests.oracles import rotation_synthetic as synthetic
 
 pytestmark = pytest.mark.slow
@@ -67,6 +69,19 @@ def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
     for line in runs:
         plain, low = (float(cell.value) for cell in line.cells[2:])
         assert 1 < plain < low  # a plateau, and a tail that rises to low frequencies
+
+
+def test_glitches_are_no_noise(found):
+    results, telemetries = found
+    spans = (Span("night-1", 1e4, 2e4), Span("night-2", 0.0, 1e5))
+    warning = FitWarning("glitches", (), "some", spans=spans)
+    struck = replace(results.inertial["3"], warnings=(warning,))
+    products = Products(replace(results, inertial={"3": struck}))
+    product = products.terms(telemetries[0])
+    inside = (product.time >= 1e4) & (product.time <= 2e4)
+    for name in ("delta_g", "delta_g_x", "g_dOmega"):
+        assert np.array_equal(np.isnan(product.channels[name]), inside)
+    assert report_noise.parts(results, telemetries, products) == []  # of the other too little is left
 
 
 def test_a_calibration_without_a_joint_fit_has_no_levels(found):
