@@ -24,4 +24,5 @@ __all__ = [
     "noise",
     "runs",
     "stiffness",
+    "tones",
 ]

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 import fit.errors
@@ -15,19 +16,33 @@ from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned
-from lpfcosim.design import CLOSE, Design, Foresight, Told, text, through_fmus
+from lpfcosim.design import (
+    CLOSE,
+    Design,
+    Foresight,
+    Robustness,
+    Told,
+    robustness,
+    telling,
+    text,
+    through_fmus,
+)
 from lpfcosim.design import design as sought
 from lpfcosim.errors import InputError, RunError
 
 SCHEMA = "lpf-design/1"
 HOUR = 3600.0
+FORMATS = (".svg", ".pdf", ".png")
 
 
-def design(campaign: Path, out: Path | None, console: Console, *, jobs: int | None) -> None:
+def design(
+    campaign: Path, out: Path | None, figure: Path | None, console: Console, *, jobs: int | None
+) -> None:
     """Write a campaign with the best injections that are found."""
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}-designed.toml")
     _check_name(path, campaign)
+    _check_figure(figure)
     if plan.replacements:
         raise InputError(f"{campaign}: fmus: a design knows the loops of our FMUs alone, expected no others")
     chosen = settings(plan.fit, f"{campaign}: fit")
@@ -46,13 +61,47 @@ def design(campaign: Path, out: Path | None, console: Console, *, jobs: int | No
             found = sought(plan, foresight, told)
     except fit.errors.InputError as error:
         raise InputError(f"{campaign}: {error}") from None
-    with console.stage("check through the FMUs"):
-        stepped = through_fmus(found, jobs)
     atomic.write(path, text(found, path.stem, campaign.name))
     loading.load(path)
-    console.document(json.dumps(_document(found, stepped), indent=1, allow_nan=False))
+    with console.stage("check through the FMUs"):
+        stepped = through_fmus(found, jobs)
+    box = None
+    if found.complete:
+        with console.stage("other truths and noise"):
+            box = robustness(found, foresight)
+    console.document(json.dumps(_document(found, stepped, box), indent=1, allow_nan=False))
     console.show(_table(found))
+    if figure:
+        _draw(found, figure)
     _tell(found, stepped, path, console)
+    if box:
+        console.say(
+            f"at {box.draws} corners of a box of truths (gains 5 %, stiffness and delays 30 %) and noise "
+            f"(half to twice): sigmas up to {100 * box.loss:.1f} % larger, relative to the best there, than "
+            f"here; limits reached up to {box.reached:.3f}"
+        )
+    console.say(f"{path}: written; simulate it with: lpfcosim run {path}")
+
+
+def _check_figure(figure: Path | None) -> None:
+    if figure and figure.suffix not in FORMATS:
+        raise InputError(f"{figure}: expected a name that ends in {', '.join(FORMATS)}")
+    if figure and not figure.parent.is_dir():
+        raise InputError(f"{figure}: {figure.parent} is not a folder, expected one that is there")
+
+
+def _draw(found: Design, path: Path) -> None:
+    """Draw what tones tell by frequency, with those of the design."""
+    from fit.figures import tones
+    from fit.journal import drawn, save  # takes its time
+
+    frequency = np.geomspace(4e-4, 0.095, 300)
+    chosen = [
+        (f"{name}: {tone.injection.into}", tone.injection.frequency, tone.without)
+        for name, of in found.tones.items()
+        for tone in of
+    ]
+    save(drawn(tones.tones(frequency, telling(found, frequency), chosen)), path)
 
 
 def _check_name(path: Path, campaign: Path) -> None:
@@ -68,7 +117,9 @@ def _check_name(path: Path, campaign: Path) -> None:
         raise InputError(f"{path}: is the campaign itself, expected another name")
 
 
-def _document(found: Design, stepped: dict[str, dict[str, float]]) -> dict[str, object]:
+def _document(
+    found: Design, stepped: dict[str, dict[str, float]], box: Robustness | None
+) -> dict[str, object]:
     before = found.problem.before
     return {
         "schema": SCHEMA,
@@ -88,6 +139,7 @@ def _document(found: Design, stepped: dict[str, dict[str, float]]) -> dict[str, 
             }
             for stage in found.problem.stages
         },
+        "robustness": box and {"loss": box.loss, "reached": box.reached, "corners": box.draws},
         "efficiency": found.efficiency,
         "complete": found.complete,
         "hours": found.hours / HOUR,
@@ -129,4 +181,3 @@ def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, conso
         raise RunError(f"{path}: the FMUs pass limits: {'; '.join(passed)}")
     largest = max(reached for of in stepped.values() for reached in of.values())
     console.say(f"stepped through the FMUs, every limit is kept; the most that is reached is {largest:.4f}")
-    console.say(f"{path}: written; simulate it with: lpfcosim run {path}")

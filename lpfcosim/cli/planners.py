@@ -44,6 +44,10 @@ def design(
         Path | None,
         typer.Option("--out", metavar="D.toml", help="Campaign to write [default: NAME-designed.toml]."),
     ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE", help="Draw what tones tell by frequency (svg, pdf, png)."),
+    ] = None,
     jobs: Jobs = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-design/1.")] = False,
     quiet: Quiet = False,
@@ -59,7 +63,7 @@ def design(
     from lpfcosim.cli import design as cli_design
     from lpfcosim.cli.console import Console
 
-    cli_design.design(campaign, out, Console(quiet=quiet, as_json=as_json), jobs=jobs)
+    cli_design.design(campaign, out, figure, Console(quiet=quiet, as_json=as_json), jobs=jobs)
 
 
 @app.command(

@@ -6,8 +6,21 @@ are then sought that come near to it. What a fit will know is told by `Foresight
 
 from lpfcosim.design.checking import CLOSE, through_fmus
 from lpfcosim.design.designing import design
+from lpfcosim.design.robustness import Robustness, robustness
 from lpfcosim.design.search import Design, Told
 from lpfcosim.design.sought import Foresight
+from lpfcosim.design.telling import telling
 from lpfcosim.design.writing import text
 
-__all__ = ["CLOSE", "Design", "Foresight", "Told", "design", "text", "through_fmus"]
+__all__ = [
+    "CLOSE",
+    "Design",
+    "Foresight",
+    "Robustness",
+    "Told",
+    "design",
+    "robustness",
+    "telling",
+    "text",
+    "through_fmus",
+]

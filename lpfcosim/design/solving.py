@@ -81,7 +81,7 @@ def whitened(stage: Stage, frequency: Array) -> tuple[Complex, Complex, Complex]
 class _Programme:
     """The convex programme on grids of frequencies, as the solver takes it.
 
-    Parameters may be correlated to five digits, at which a solver may give up. It is then given combinations
+    Parameters may be correlated to five digits, at which a solver loses its own. It is given combinations
     of them, of which an even spread of power would tell each as well as the others (`turned`).
     """
 
@@ -173,11 +173,11 @@ class _Programme:
 def solution(
     stages: Sequence[Stage], grids: Sequence[Array], fixed: Array, objective: Objective, hours: Hours | None
 ) -> Solved:
-    """Solve the programme, if need be in other combinations of the parameters."""
+    """Solve the programme, with parameters as they are only where no solution is found otherwise."""
     try:
-        return _Programme(stages, grids, fixed, objective, hours, turned=False).solve()
-    except RunError:
         return _Programme(stages, grids, fixed, objective, hours, turned=True).solve()
+    except RunError:
+        return _Programme(stages, grids, fixed, objective, hours, turned=False).solve()
 
 
 def _turn(stages: Sequence[Stage], parts: Sequence[tuple[Complex, Complex, Complex]], known: Array) -> Array:

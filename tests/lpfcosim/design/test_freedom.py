@@ -1,0 +1,131 @@
+"""Designs with free hours and settings, interrupted ones, and what becomes of them elsewhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpfcosim.design import Told, hours, programme, robustness, settings, telling, text
+from lpfcosim.design.designing import design
+from lpfcosim.design.search import search
+from lpfcosim.design.solving import Hours
+from lpfcosim.design.sought import changed, problem
+from lpfcosim.errors import InputError
+
+SILENT = Told(lambda value, bound: None, lambda step, value: None)
+
+
+def with_wishes(sought, **more):
+    return replace(sought, plan=replace(sought.plan, design=replace(sought.plan.design, **more)))
+
+
+def test_commands_stay_within_their_authority(sought):
+    for stage in sought.stages:
+        (limit,) = (limit for limit in stage.limits if limit.kind == "authority")
+        assert limit.quantity == "F_x_2"
+        held = abs(stage.run.dc) * stage.run.m_tm
+        assert limit.value == pytest.approx(stage.run.authority.F_max_2 - held, rel=0.1)
+
+
+def test_hours_go_where_they_tell_most(sought, optimum):
+    longer = programme.optimum(
+        sought.stages, sought.fixed, sought.objective, (), hours=Hours(86400.0, np.full(2, 21600.0))
+    )
+    assert longer.durations.sum() == pytest.approx(86400, rel=1e-4)
+    assert longer.durations.min() > 21590
+    assert 0 <= longer.gap < 5e-3
+    # twice the hours tell twice as much, if they are shared out no worse than evenly
+    assert longer.bound < optimum.value / np.sqrt(2) * 1.001
+    assert longer.bound > optimum.bound / 2
+
+
+def test_too_few_hours_are_told(sought, foresight):
+    with pytest.raises(InputError, match=r"design.hours: 9 h are too few, .* last 12 h at the least"):
+        hours.shared(sought, 9 * 3600.0, foresight, SILENT)
+
+
+def test_an_experiment_does_not_reach_into_the_next(pair):
+    first, second = pair.experiments
+    fixed = replace(pair, experiments=(first, replace(second, t0="2016-04-16T22:00:00+00:00")))
+    with pytest.raises(InputError, match=r'"A" would reach into "D"'):
+        hours.with_durations(fixed, {"A": 50000.0})
+
+
+def test_bands_that_leave_nothing_are_told(sought, foresight):
+    plan = with_wishes(sought, forbidden=((1e-5, 1.0),)).plan
+    with pytest.raises(InputError, match=r"design.forbidden: experiment A has no frequency left"):
+        changed(plan, sought.before, sought.own, foresight)
+
+
+@pytest.mark.slow
+def test_settings_that_tell_more_are_found(pair, foresight):
+    allowed = {"F_max_2": (50e-12, 2200e-12), "N_max_1": (1.5e-12, 10.4e-12)}
+    sought = problem(replace(pair, design=replace(pair.design, held="rms", authority=allowed)), foresight)
+    # both experiments alike tell nothing of what a setting does
+    alike = {e.name: sought.plan.experiments[0].authority for e in sought.plan.experiments}
+    worse = changed(settings._with(sought.plan, alike), sought.before, sought.own, foresight)
+    found = settings.settled(worse, foresight, SILENT)
+    a, b = (e.authority for e in found.plan.experiments)
+    assert a.F_max_2 != b.F_max_2
+    assert a.N_max_1 != b.N_max_1
+
+    def value(of):
+        return programme.optimum(of.stages, of.fixed, of.objective, (), rounds=1).value
+
+    assert value(found) < 0.7 * value(worse)
+
+
+@pytest.mark.slow
+def test_interrupted_it_gives_the_best_so_far(sought, foresight):
+    said = []
+
+    def value(step, reached):
+        said.append(reached)
+        if step.startswith("trial 2"):
+            raise KeyboardInterrupt
+
+    found = search(sought, foresight, replace(SILENT, value=value))
+    assert not found.complete
+    assert found.after.keys() == found.problem.before.keys()
+    assert found.value < 1
+    assert max(x for of in found.reached.values() for x in of.values()) < 1 + 1e-6
+
+    def at_once(step, reached):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search(sought, foresight, replace(SILENT, value=at_once))
+
+
+@pytest.mark.slow
+def test_the_least_hours_reach_what_is_wanted(pair, foresight):
+    # twice the sigmas that three experiments' worth of time would give are soon reached
+    found = design(
+        replace(pair, design=replace(pair.design, goal="least hours", held="peaks", shortest=21600.0)),
+        foresight,
+        SILENT,
+    )
+    assert found.value <= 1
+    assert found.fewest <= found.hours * (1 + 1e-6)
+    assert found.hours == pytest.approx(2 * 21600, rel=1e-3)
+    written = text(found, "soon", "pair.toml")
+    assert "[design]" not in written
+
+
+@pytest.mark.slow
+def test_elsewhere_a_design_loses_little(designed, foresight):
+    found, _ = designed
+    lost = robustness(found, foresight)
+    assert -0.01 < lost.loss < 0.1
+    assert 0.9 < lost.reached < 1.2
+
+
+@pytest.mark.slow
+def test_what_one_tone_would_tell(designed):
+    found, _ = designed
+    f = np.geomspace(5e-4, 0.09, 40)
+    told = telling(found, f)
+    assert told.keys() == set(found.problem.wanted)
+    peak = {name: f[np.argmax(x)] for name, x in told.items()}
+    assert peak["omega2_2_0"] < 5e-3 < 1e-2 < peak["C_2"]
+    assert peak["delta_ifo_1"] > 1e-2
