@@ -200,7 +200,16 @@ def faults(schema, value):
     return sorted({".".join(map(str, fault.absolute_path)) for fault in found})
 
 
-CAMPAIGNS = ("quickstart", "spacecraft", "mission-x", "mission", "operations", "inertial", "sweep")
+CAMPAIGNS = (
+    "quickstart",
+    "spacecraft",
+    "mission-x",
+    "designed",
+    "mission",
+    "operations",
+    "inertial",
+    "sweep",
+)
 
 
 @pytest.mark.parametrize("name", CAMPAIGNS)

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpfcosim.campaign import loading
 from lpfcosim.design import Told, hours, programme, robustness, settings, telling, text
 from lpfcosim.design.designing import design
 from lpfcosim.design.search import search
 from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import changed, problem
 from lpfcosim.errors import InputError
+from tests import ROOT
 
 SILENT = Told(lambda value, bound: None, lambda step, value: None)
 
@@ -129,3 +131,15 @@ def test_what_one_tone_would_tell(designed):
     peak = {name: f[np.argmax(x)] for name, x in told.items()}
     assert peak["omega2_2_0"] < 5e-3 < 1e-2 < peak["C_2"]
     assert peak["delta_ifo_1"] > 1e-2
+
+
+@pytest.mark.slow
+def test_the_redesigned_mission_is_what_it_says(foresight):
+    before, after = (
+        foresight.forecast(loading.load(ROOT / "campaigns" / f"{name}.toml"))
+        for name in ("mission-x", "designed")
+    )
+    assert after.keys() == before.keys()
+    ratios = np.array([after[name] / before[name] for name in before])
+    assert ratios.max() < 1
+    assert np.exp(np.mean(np.log(ratios))) == pytest.approx(0.4867, rel=1e-3)
