@@ -8,7 +8,12 @@ loop is compiled with -O2. The time per step counts the exchange between the FMU
 recording; drawing noise and writing the file count neither there nor in `ratio_to_monolithic`, but do in
 `hours_per_second`. The line before the last says what is left of the ratio when both loops have their noise
 drawn, and when both write their file, which is what a user sees. Peak memory is that of a
-whole run into a file, each length in a process of its own. The last line is JSON.
+whole run into a file, each length in a process of its own.
+
+Then it tells where a step goes, along x and of the whole spacecraft, in processor time: what computes nothing
+but takes and gives all values tells the price of the calls; what records nothing tells that of recording; the
+rest of the loop is arithmetic. The rest of a whole run into a file is file, low-pass, start and end. The last
+line is JSON.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -130,17 +136,7 @@ def loops(hours: float, repeat: int) -> dict[str, float]:
     plain = feeds[: min(len(feeds), 20_000)]  # as slow as it is, a part suffices
     out = {name: np.zeros((len(feeds), len(world_of(run).record))) for name in ("ours", "fmpy", "monolithic")}
     with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "monolithic.so"
-        flags = [flag.replace("-O3", "-O2") for flag in FLAGS]
-        command = [
-            *compiler().command,
-            *flags,
-            "-o",
-            str(library),
-            str(MONOLITHIC),
-        ]
-        subprocess.run(command, check=True)
-        c = ctypes.CDLL(str(library))
+        c = compiled(MONOLITHIC, Path(folder) / "monolithic.so")
         constants = monolith(run)
         times: dict[str, list[float]] = {name: [] for name in (*out, "noise")}
         for _ in range(repeat):
@@ -171,6 +167,68 @@ def whole_run(hours: float) -> tuple[float, float]:
         runner.record(run, fmus, Path(folder) / "run.h5", runner.provenance(plan, fmus))
         seconds = time.perf_counter() - started
     return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
+    """Microseconds of processor time of what a step of the first run of a campaign consists of."""
+    plan = loading.load(QUICKSTART.with_name(f"{campaign}.toml"))
+    run = replace(plan.runs[0], n_samples=round(hours * 36_000))
+    fmus = build.build([c.model for c in world_of(run).components])
+    times: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        nothing = compiled(HERE / "nothing.c", Path(folder) / "nothing.so")
+        for _ in range(repeat):
+            drawn = spent(lambda: draw(run))
+            own, quiet = (stepped(run, fmus, record=record) for record in (True, False))
+            calls = stepped(run, fmus, record=False, instead=nothing)
+            whole = spent(lambda: runner.record(run, fmus, Path(folder) / "run.h5", {}))
+            found = {
+                "step": own,
+                "arithmetic": quiet - calls,
+                "calls and exchange": calls,
+                "recording": own - quiet,
+                "noise": drawn,
+                "file": whole - own - drawn,
+            }
+            for name, seconds in found.items():
+                times.setdefault(name, []).append(1e6 * seconds / run.n_samples)
+    return {name: round(statistics.median(t), 3) for name, t in times.items()}
+
+
+def stepped(run: Run, fmus: dict[str, Path], *, record: bool, instead: ctypes.CDLL | None = None) -> float:
+    """Processor seconds of the loop over a run, block by block; with other functions instead of the FMUs'."""
+    noise = drive.stream(run)
+    with contextlib.ExitStack() as stack:
+        found = interfaces(run, fmus)
+        loop = master.Loop(run, [i.component for i in found], master.start(stack, run, found), "compiled")
+        for row in loop._compiled._table if instead else ():
+            for name in ("set", "get", "step"):
+                setattr(row, name, ctypes.cast(getattr(instead, name), ctypes.c_void_p))
+        loop._record = loop._record if record else loop._record[:0]
+        seconds = 0.0
+        for start in range(0, run.n_samples, master.BLOCK):
+            stop = min(start + master.BLOCK, run.n_samples)
+            drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
+            feeds = np.stack([drawn[name] for name in drive.names(run)])
+            if start == 0:
+                loop.initialize(feeds[:, 0])
+            out = np.zeros((len(loop._record), stop - start))
+            seconds += spent(lambda f=feeds, o=out, s=start: loop.advance(f.T, o.T, s))
+        return seconds
+
+
+def spent(work: Callable[[], object]) -> float:
+    """Seconds of processor time that something takes."""
+    started = time.process_time()
+    work()
+    return time.process_time() - started
+
+
+def compiled(source: Path, library: Path) -> ctypes.CDLL:
+    """Compile C as it is read most plainly, with -O2."""
+    flags = [flag.replace("-O3", "-O2").replace("=hidden", "=default") for flag in FLAGS]
+    subprocess.run([*compiler().command, *flags, "-o", str(library), str(source)], check=True)
+    return ctypes.CDLL(str(library))
 
 
 def apart(hours: float) -> tuple[float, float]:
@@ -211,9 +269,17 @@ def main() -> None:
         f"ratio to the monolithic loop: {each['ours'] / each['monolithic']:.2f} alone, "
         f"{with_noise:.2f} with the noise drawn in both, {with_file:.2f} with noise and file in both"
     )
+    of_steps = {
+        name: parts(name, 0.5 if options.short else 4.0, repeat) for name in ("mission-x", "inertial")
+    }
+    for name, us in of_steps.items():
+        print(
+            f"{name}: {', '.join(f'{part} {value:.3f}' for part, value in us.items())} us of processor time"
+        )
     print(
         json.dumps(
             {
+                "parts": of_steps,
                 "us_per_step": round(each["ours"], 4),
                 "speedup_over_fmpy": round(each["fmpy"] / each["ours"], 1),
                 "ratio_to_monolithic": round(each["ours"] / each["monolithic"], 2),

@@ -15,6 +15,8 @@ def test_short_benchmark_works():
     done = subprocess.run([sys.executable, script, "--short"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
+    for parts in figures.pop("parts").values():
+        assert set(parts) == {"step", "arithmetic", "calls and exchange", "recording", "noise", "file"}
     assert set(figures) == {
         "us_per_step",
         "speedup_over_fmpy",

@@ -3,7 +3,8 @@
     python tests/benchmarks/waiting.py                          all campaigns, then the fit on a busy machine
     python tests/benchmarks/waiting.py quickstart --rounds 3
     python tests/benchmarks/waiting.py --before CHECKOUT        another checkout takes turns, for ratios
-    python tests/benchmarks/waiting.py --docs                   writes README and docs/benchmarks.md
+    python tests/benchmarks/waiting.py --docs                   writes README and docs/benchmarks.md, too
+    python tests/benchmarks/waiting.py --told FILE --docs       ... from what was printed before
 
 A stage ends where the command says so on standard error. `cpu` is the time on all processors, `mb` the
 memory of the largest process, `mb_all` that of all of them, pages that they share counted once. Of several
@@ -219,13 +220,15 @@ def tables(told: Mapping[str, object]) -> str:
     campaigns: dict[str, Figures] = told["campaigns"]  # type: ignore[assignment]
     commands: dict[str, Figures] = told["commands"]  # type: ignore[assignment]
     ratios: dict[str, dict[str, float]] = told.get("ratios", {})  # type: ignore[assignment]
-    lines = [f"On {told['machine']}.\n", f"| `run` | {' | '.join(STAGES)} | memory |", "|---" * 9 + "|"]
+    columns = (*STAGES, "all processes")
+    lines = [f"On {told['machine']}.\n", f"| `run` | {' | '.join(columns)} |", "|---" * 9 + "|"]
     for name, of in campaigns.items():
-        seconds = " | ".join(f"{of[stage]['s']:.1f} s" for stage in STAGES)
-        lines.append(f"| `{name}.toml` | {seconds} | {of['total']['mb']:.0f} MB |")
-    lines += ["", f"| `{OF_COMMANDS}` | total | memory |", "|---" * 3 + "|"]
+        cells = (f"{of[stage]['s']:.1f} s, {of[stage]['mb']:.0f} MB" for stage in STAGES)
+        lines.append(f"| `{name}.toml` | {' | '.join(cells)} | {of['total']['mb_all']:.0f} MB |")
+    lines += ["", f"| `{OF_COMMANDS}` | total | all processes |", "|---" * 3 + "|"]
     for name, of in commands.items():
-        lines.append(f"| `{name}` | {of['total']['s']:.1f} s | {of['total']['mb']:.0f} MB |")
+        whole = of["total"]
+        lines.append(f"| `{name}` | {whole['s']:.1f} s, {whole['mb']:.0f} MB | {whole['mb_all']:.0f} MB |")
     if ratios:
         lines += ["", "| as fast as before | times |", "|---" * 2 + "|"]
         lines += [f"| `{name}` | {of['total']:.1f} |" for name, of in ratios.items()]
@@ -255,7 +258,7 @@ def write(told: Mapping[str, object], readme: Path, page: Path) -> None:
 
 
 def main() -> None:
-    """Measure what is asked for."""
+    """Measure, or take what was measured; print it, and write it where it belongs."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -263,7 +266,18 @@ def main() -> None:
     parser.add_argument("--before", type=Path, help="another checkout, to compare with")
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--docs", action="store_true", help="write the tables into the documentation")
+    parser.add_argument("--told", type=Path, help="what was printed before, to be written anew")
     given = parser.parse_args()
+    lines = given.told.read_text(encoding="utf-8").splitlines() if given.told else ()
+    told = json.loads(lines[-1]) if lines else found(given)
+    print(tables(told))
+    if given.docs:
+        write(told, ROOT / "README.md", ROOT / "docs" / "benchmarks.md")
+    print(json.dumps(told))
+
+
+def found(given: argparse.Namespace) -> dict[str, object]:
+    """Measure what is asked for."""
     with tempfile.TemporaryDirectory() as place:
         checkouts = [ROOT, *([given.before.resolve()] if given.before else [])]
         folders = {checkout: Path(place) / str(n) for n, checkout in enumerate(checkouts)}
@@ -271,10 +285,10 @@ def main() -> None:
             folder.mkdir()
         runs = {name: ("run", str(ROOT / "campaigns" / f"{name}.toml")) for name in given.campaigns}
         others = COMMANDS if OF_COMMANDS in runs else {"start": COMMANDS["start"]}
-        found = measured({**runs, **others}, folders, given.rounds)
+        took = measured({**runs, **others}, folders, given.rounds)
         telemetry = folders[ROOT] / [OF_COMMANDS, *runs][OF_COMMANDS not in runs] / "telemetry"
         load = under_load(telemetry, given.rounds)
-    now = {name: by[str(ROOT)] for name, by in found.items()}
+    now = {name: by[str(ROOT)] for name, by in took.items()}
     told: dict[str, object] = {
         "machine": machine(),
         "campaigns": {name: now[name] for name in runs},
@@ -282,15 +296,12 @@ def main() -> None:
         "load": load,
     }
     if given.before:
-        before = {name: by[str(checkouts[1])] for name, by in found.items()}
+        before = {name: by[str(checkouts[1])] for name, by in took.items()}
         told["ratios"] = {
-            name: {s: round(before[name][s]["s"] / max(took["s"], 1e-9), 2) for s, took in of.items()}
+            name: {s: round(before[name][s]["s"] / max(t["s"], 1e-9), 2) for s, t in of.items()}
             for name, of in now.items()
         }
-    print(tables(told))
-    if given.docs:
-        write(told, ROOT / "README.md", ROOT / "docs" / "benchmarks.md")
-    print(json.dumps(told))
+    return told
 
 
 if __name__ == "__main__":
