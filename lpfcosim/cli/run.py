@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import fit.errors
@@ -16,13 +18,14 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.fit import calibrated
 from lpfcosim.cli.planned import begun
 from lpfcosim.cosim import Engine, Interface, placement
 from lpfcosim.errors import RunError
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, runner
 from lpfcosim.worlds import world_of
+
+_FIT = "lpfcosim.cli.fit"  # takes its time, and is read in while others simulate
 
 
 def run(
@@ -64,6 +67,7 @@ def _simulated(
             (directory / name).unlink(missing_ok=True)
         folder.keep(directory, plan.tables, {r.model: fmus[r.model] for r in plan.replacements}, origin)
 
+    threading.Thread(target=import_module, args=[_FIT], daemon=True).start()
     with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
         listener = runner.Listener(progress, kept, console.note, begin)
         done = runner.simulate(plan, directory / "telemetry", fmus, how, listener)
@@ -79,6 +83,7 @@ def _fitted(
     complete, missing = _divide(plan, done)
     if not complete:
         raise _error(plan, done, directory)
+    calibrated = import_module(_FIT).calibrated
     told = partial(_with_missing, missing=missing)
     try:
         calibrated(console, directory, complete, chosen, own=True, origin=done.origin, told=told)
