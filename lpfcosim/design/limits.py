@@ -20,7 +20,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "F_x_sc": ("F_x_sc", "N"),
 }
 KINDS = ("peak", "rms", "slew", "authority")
-NOTHING = 1e-30  # below which there is no limit to compare with: what nobody drives stays undriven
+NOTHING = {"m": 1e-13, "N": 1e-16}  # up to which nothing is meant: less than the noise of a second
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,11 @@ class Limit:
     quantity: str
     kind: str
     value: float
+
+    @property
+    def of_nothing(self) -> bool:
+        """Whether it is on what nobody drives, and what other loops hardly move."""
+        return self.value <= NOTHING[QUANTITIES[self.quantity][1]]
 
     @property
     def of_wave(self) -> bool:
@@ -101,6 +106,6 @@ def resting(run: Run) -> dict[str, float]:
 
 def excess(run: Run, limits: Iterable[Limit], of: Mapping[str, Array]) -> dict[str, float]:
     """Return how far quantities go, in units of each limit; by the name of the limit."""
-    kept = [limit for limit in limits if limit.value > NOTHING]
+    kept = [limit for limit in limits if not limit.of_nothing]
     found = {kind: reached(run, of, kind) for kind in {limit.kind for limit in kept}}
     return {limit.name: found[limit.kind][limit.quantity] / limit.value for limit in kept}

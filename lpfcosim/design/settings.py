@@ -24,6 +24,7 @@ from lpfcosim.spacecraft import Authority
 Array = NDArray[np.float64]
 
 ROUNDS = 4  # times that the programme is solved anew, at most
+HARDLY = 1e13  # condition of information from which on settings leave some parameter untold
 BETTER = 1e-3  # relative, by which the objective must fall for another one
 
 
@@ -84,6 +85,8 @@ def _exchanged(sought: Problem, best: Optimum, candidates: list[Problem]) -> dic
 
     def value(choice: list[int]) -> float:
         information = sought.fixed + sum(each[k][1] for each, k in zip(of_each, choice, strict=True))
+        if np.linalg.cond(information) > HARDLY:
+            return np.inf
         return objective.slope(objective.logs(information))[0]
 
     least, moved = value(now), True

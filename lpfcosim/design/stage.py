@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.design.limits import NOTHING, QUANTITIES, Limit
+from lpfcosim.design.limits import QUANTITIES, Limit
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft import Run, Target
 from lpfcosim.worlds import System, world_of
@@ -77,12 +77,12 @@ class Stage:
     @cached_property
     def bounds(self) -> tuple[Limit, ...]:
         """Limits above nothing; a quantity that may not move at all closes the loop that moves it."""
-        return tuple(limit for limit in self.limits if limit.value > NOTHING)
+        return tuple(limit for limit in self.limits if not limit.of_nothing)
 
     @cached_property
     def loops(self) -> tuple[str, ...]:
         """Loops that tones may go into, by the read-out or force they move."""
-        closed = {limit.quantity for limit in self.limits if limit.value <= NOTHING}
+        closed = {limit.quantity for limit in self.limits if limit.of_nothing}
         first = ("F_x_1",) if self.run.authority.F_max_1 > 0 and self._named("F_x_1") else ()
         return tuple(loop for loop in ("o_1", "o_12", *first) if loop not in closed)
 
