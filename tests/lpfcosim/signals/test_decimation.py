@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy
 
 from lpfcosim.running import telemetry
 from lpfcosim.signals import decimation
@@ -60,3 +61,12 @@ def test_file_carries_rate_and_times(make_run, tmp_path):
         assert file.attrs["fs"] == 1.0
         assert file["time"][0] == pytest.approx(decimation.taps(10).size // 2 / 10)
         np.testing.assert_allclose(np.diff(file["time"]), 1.0)
+
+
+@pytest.mark.parametrize("size", [263, 300, 2500, 2501, 10_262])
+def test_the_filter_has_the_bits_of_scipy(size):
+    low_pass = decimation.taps(10)
+    x = np.random.default_rng(size).standard_normal(size).cumsum()
+    np.testing.assert_array_equal(
+        decimation._LowPass(low_pass)(x), scipy.signal.oaconvolve(x, low_pass, mode="valid")
+    )
