@@ -12,7 +12,7 @@ misalignments. It fits each as `lpfcosim run` does and tells the pulls.
 * ``--kind euler``: the Euler fit, from three days of noise of a period, stepped through the FMUs.
 
 What is done is in the log; the same command continues it. A mission depends on its number, not on when or
-beside what it is done.
+beside what it is done. ``--docs`` draws nothing, and writes the table of a log into docs/mission.md.
 """
 
 from __future__ import annotations
@@ -61,7 +61,12 @@ CAMPAIGN = ROOT / "campaigns" / "mission.toml"
 SPREAD = 0.3  # of cross-talk and misalignments about those of the campaign, relative, even
 DAYS = 3  # of noise for an Euler fit
 LAMBDA = 8e-4  # sigma of the gains in a mission of which they scatter
-KINDS = ("x", "whole", "euler")
+KINDS = {
+    "x": "The thirteen experiments, along x",
+    "whole": "The same with the whole spacecraft",
+    "euler": "The Euler fit, three days of noise",
+}
+DOCS = ROOT / "docs" / "mission.md"
 Line = dict[str, Any]
 
 
@@ -214,6 +219,15 @@ def table(lines: Sequence[Line]) -> list[str]:
     return text
 
 
+def write(kind: str, told: Sequence[str]) -> None:
+    """Put a table into the page."""
+    begin, end = f"<!-- from missions.py {kind} -->", f"<!-- end of missions.py {kind} -->"
+    page = DOCS.read_text(encoding="utf-8")
+    before, after = page.split(begin)[0], page.split(end)[1]
+    text = "\n".join([begin, f"### {KINDS[kind]}", "", *told, end])
+    DOCS.write_text(f"{before}{text}{after}", encoding="utf-8")
+
+
 def main() -> None:
     """Draw, fit, tell."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -221,7 +235,12 @@ def main() -> None:
     parser.add_argument("--log", type=Path, required=True, help="what is done; continued")
     parser.add_argument("--kind", choices=KINDS, default="x")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--docs", action="store_true", help="write the table of the log, draw nothing")
     asked = parser.parse_args()
+    if asked.docs:
+        _, *done = asked.log.read_text(encoding="utf-8").splitlines()
+        write(asked.kind, table([json.loads(line) for line in done]))
+        return
     lines = run(asked.n, asked.log, asked.jobs, asked.kind)
     print("\n".join(table(lines)))
     for line in lines:
