@@ -48,8 +48,8 @@ class Products:
         """Return Delta g and all of its terms, see `fit.deltag.delta_g`; NaN where a glitch was found."""
         product = deltag.delta_g(run, self._results)
         struck = np.zeros(product.time.size, dtype=bool)
-        for begin, end in masked(self._warnings, run.run):
-            struck |= (product.time >= begin) & (product.time <= end)
+        for begin, end in masked(self._warnings, run.run):  # the loudest take twice as long to fade
+            struck |= (product.time >= begin) & (product.time <= 2 * end - begin)
         if struck.any():
             channels = {name: np.where(struck, np.nan, x) for name, x in product.channels.items()}
             product = replace(product, channels=channels)

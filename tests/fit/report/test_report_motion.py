@@ -78,7 +78,7 @@ def test_glitches_are_no_noise(found):
     struck = replace(results.inertial["3"], warnings=(warning,))
     products = Products(replace(results, inertial={"3": struck}))
     product = products.terms(telemetries[0])
-    inside = (product.time >= 1e4) & (product.time <= 2e4)
+    inside = (product.time >= 1e4) & (product.time <= 3e4)
     for name in ("delta_g", "delta_g_x", "g_dOmega"):
         assert np.array_equal(np.isnan(product.channels[name]), inside)
     assert report_noise.parts(results, telemetries, products) == []  # of the other too little is left
