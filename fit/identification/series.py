@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 RATE = 1 / dynamics.LOOP_PERIOD  # Hz
 LOW = (0.1e-3, 0.2e-3)  # Hz: below, the loop lets so little thrust through that noise would pass for it
 HIGH = (0.5, 1.0)  # Hz: above, nothing reaches the fitted band
+PASSED, STOPPED, RIPPLE = 0.2, 0.8, 120.0  # of the rate of an archive, that is filled up; dB
 EDGE = 100.0  # s, over which what is imposed comes in and goes out
 FORGOTTEN = 200.0  # s after a gap, when a controller but for its integrator is what it is without
 MEMORY = 4096.0  # s, after which the loop has forgotten a push
@@ -40,7 +41,10 @@ def at_loop_rate(telemetry: Telemetry, channel: str) -> Array:
         return x
     ends = np.linspace(x[0], x[-1], x.size)  # what is resampled begins and ends at zero
     fine = np.interp(np.arange(x.size * factor) / factor, np.arange(x.size), ends)
-    return np.asarray(scipy.signal.resample_poly(x - ends, factor, 1) + fine, dtype=np.float64)
+    count, beta = scipy.signal.kaiserord(RIPPLE, 2 * (STOPPED - PASSED) / factor)
+    taps = scipy.signal.firwin(count | 1, (STOPPED + PASSED) / factor, window=("kaiser", beta))
+    found = scipy.signal.upfirdn(factor * taps, x - ends, up=factor)[taps.size // 2 :][: fine.size]
+    return np.asarray(found + fine, dtype=np.float64)
 
 
 @dataclass(frozen=True)

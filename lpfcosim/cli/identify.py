@@ -12,17 +12,20 @@ from fit.estimate import earlier, pulls
 from fit.identification import Free, identify
 from fit.report import page as fit_report
 from fit.results import Results, write
-from fit.settings import Group, settings
+from fit.settings import Group, Settings, settings
 from fit.telemetry import Telemetry, read_truth
+from fit.threads import alone
+from fit.weighing import Experiment
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated, telemetry
-from lpfcosim.errors import InputError
+from lpfcosim.cosim import Where
+from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
 from lpfcosim.identify import Simulation, Target
 from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder
+from lpfcosim.running import folder, runner, workers
 
 RESULTS = "identified.json"  # which the report looks for
 #: What a search takes as a rule: rounds, simulations of every run in each, rounds that vary the parameters.
@@ -88,15 +91,65 @@ def _identified(
     directory: Path,
     console: Console,
 ) -> Results:
+    if plan.replacements:
+        return _apart(plan, campaign, fmus, directory, console)
     with console.stage("preparation"):
-        experiments, chosen = earlier.experiments(results, telemetries, directory / "results.json")
-    runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
+        prepared = earlier.experiments(results, telemetries, directory / "results.json")
     with ExitStack() as stack, about(campaign):
-        loop = Simulation(stack, plan, runs, fmus)
-        free = [_free(target) for target in loop.targets]
-        total = ROUNDS * IMPOSED * len(runs) + VARIED * 2 * len(free) * len(experiments)
+        loop = _simulation(stack, plan, prepared[0], fmus)
+        runs, parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
+        total = ROUNDS * IMPOSED * runs + VARIED * 2 * parameters * len(prepared[0])
         with console.counted("simulations", total) as loop.told:
-            found = identify(experiments, free, loop, results, chosen)
+            return _found(plan, loop, prepared, results, telemetries)
+
+
+def _apart(
+    plan: Campaign, campaign: Path, fmus: Mapping[str, Path], directory: Path, console: Console
+) -> Results:
+    """Identify in a process of its own, that FMUs of other origin may crash."""
+    name = "identification"
+    setting = workers.Setting(_alone, directory, directory / "logs", "{}")
+    with console.stage(name):
+        ((_, outcome),) = workers.results(setting, {name: (plan, campaign, dict(fmus), directory)}, 1)
+    if isinstance(outcome, workers.Lost):
+        raise RunError(f"{name}: {runner.culprit(plan.runs[0], outcome)} {outcome.how}")
+    if isinstance(outcome, LpfcosimError):
+        raise outcome
+    assert isinstance(outcome, Results)
+    return outcome
+
+
+def _alone(
+    plan: Campaign, campaign: Path, fmus: Mapping[str, Path], directory: Path, where: Where
+) -> Results:
+    """Do that, in a worker: one thread, so that it is known which FMU is at work."""
+    with ours(), alone(), ExitStack() as stack, about(campaign):
+        results, telemetries = earlier.load(directory)
+        prepared = earlier.experiments(results, telemetries, directory / "results.json")
+        loop = _simulation(stack, plan, prepared[0], fmus, where)
+        return _found(plan, loop, prepared, results, telemetries)
+
+
+def _simulation(
+    stack: ExitStack,
+    plan: Campaign,
+    experiments: Sequence[Experiment],
+    fmus: Mapping[str, Path],
+    where: Where | None = None,
+) -> Simulation:
+    runs = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
+    return Simulation(stack, plan, runs, fmus, where)
+
+
+def _found(
+    plan: Campaign,
+    loop: Simulation,
+    prepared: tuple[Sequence[Experiment], Settings],
+    results: Results,
+    telemetries: Sequence[Telemetry],
+) -> Results:
+    experiments, chosen = prepared
+    found = identify(experiments, [_free(target) for target in loop.targets], loop, results, chosen)
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))

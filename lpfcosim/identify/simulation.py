@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import fit.errors
 from fit.telemetry import Telemetry, utc
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import interfaces
+from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.identify import trials
 from lpfcosim.identify.parameters import settings, targets
@@ -51,6 +51,8 @@ class Simulation:
         The runs.
     fmus : mapping of str to Path
         The FMU of each component.
+    where : Where, optional
+        Kept up to date, if but one thread asks.
 
     Attributes
     ----------
@@ -71,13 +73,14 @@ class Simulation:
         plan: Campaign,
         telemetries: Sequence[Telemetry],
         fmus: Mapping[str, Path],
+        where: Where | None = None,
     ) -> None:
         self.told: Callable[[int], None] = lambda _: None
         self._done = 0
         first = _run(plan, telemetries[0])
         self.targets = targets(plan, first, interfaces(first, fmus))
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
-        self._loaded = {t.run: _load(stack, plan, t, fmus) for t in telemetries}
+        self._loaded = {t.run: _load(stack, plan, t, fmus, where) for t in telemetries}
 
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
@@ -135,7 +138,11 @@ def _run(plan: Campaign, telemetry: Telemetry) -> Run:
 
 
 def _load(
-    stack: contextlib.ExitStack, plan: Campaign, telemetry: Telemetry, fmus: Mapping[str, Path]
+    stack: contextlib.ExitStack,
+    plan: Campaign,
+    telemetry: Telemetry,
+    fmus: Mapping[str, Path],
+    where: Where | None,
 ) -> _Loaded:
     run = _run(plan, telemetry)
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
@@ -144,8 +151,8 @@ def _load(
     feeds = _driven(run, telemetry)
     run = replace(run, dc=_balance(run, telemetry, feeds))
     found = interfaces(run, fmus)
-    loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"))
-    controller = trials.controller(stack, replace(run, dc=0.0), found)
+    loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"), where)
+    controller = trials.controller(stack, replace(run, dc=0.0), found, where)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
     return _Loaded(run, feeds, loop, controller, jitters)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.cosim import Interface, master
+from lpfcosim.cosim import Interface, Where, master
 from lpfcosim.errors import RunError
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Run
@@ -36,6 +36,8 @@ class Trials:
         Signals from outside.
     record : mapping of str to str
         What is recorded, and its source.
+    where : Where, optional
+        Kept up to date, if this is the only loop that is stepped at a time.
     """
 
     def __init__(
@@ -45,14 +47,17 @@ class Trials:
         found: Sequence[Interface],
         feeds: Sequence[str],
         record: Mapping[str, str],
+        where: Where | None,
     ) -> None:
-        self._run, self._found = run, found
+        self._run, self._found, self._where = run, found, where or Where()
         self._feeds, self._record = feeds, record
         self._given = world_of(run).parameters(run)
-        self._slaves = master.start(stack, run, found)
+        self._slaves = master.start(stack, run, found, self._where)
+        self._where.rest()
         components = [i.component for i in found]
-        self._network = master.Network(run.name, run.h, components, self._slaves, feeds, record.values())
-        self._fresh = True
+        self._network = master.Network(
+            run.name, run.h, components, self._slaves, feeds, record.values(), where=self._where
+        )
 
     def simulate(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
         """Step through `n` samples.
@@ -76,8 +81,12 @@ class Trials:
         RunError
             If an FMU refuses, or the loop is not stable.
         """
-        with master.refusing(self._run.name, self._slaves):
-            return self._simulated(n, inputs, changed)
+        self._where.reset()
+        try:
+            with master.refusing(self._run.name, self._slaves):
+                return self._simulated(n, inputs, changed)
+        finally:
+            self._where.rest()
 
     def _simulated(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
         for slave, i in zip(self._slaves, self._found, strict=True):
@@ -100,14 +109,20 @@ class Trials:
 
 
 def whole_loop(
-    stack: contextlib.ExitStack, run: Run, found: Sequence[Interface], record: Iterable[str]
+    stack: contextlib.ExitStack,
+    run: Run,
+    found: Sequence[Interface],
+    record: Iterable[str],
+    where: Where | None = None,
 ) -> Trials:
     """Load all FMUs of a run, to record some of its channels."""
     sources = world_of(run).record
-    return Trials(stack, run, found, drive.names(run), {name: sources[name] for name in record})
+    return Trials(stack, run, found, drive.names(run), {name: sources[name] for name in record}, where)
 
 
-def controller(stack: contextlib.ExitStack, run: Run, found: Sequence[Interface]) -> Trials:
+def controller(
+    stack: contextlib.ExitStack, run: Run, found: Sequence[Interface], where: Where | None = None
+) -> Trials:
     """Load the controller of test mass 2 along x by itself, fed with its own inputs.
 
     Raises
@@ -121,5 +136,5 @@ def controller(stack: contextlib.ExitStack, run: Run, found: Sequence[Interface]
             feeds = tuple(i.component.inputs)
             place = Component(i.model, {name: name for name in feeds}, i.component.outputs)
             alone = [replace(i, component=place)]
-            return Trials(stack, run, alone, feeds, {output: f"{i.model}.{output}"})
+            return Trials(stack, run, alone, feeds, {output: f"{i.model}.{output}"}, where)
     raise RunError(f"run '{run.name}': no FMU of the loop has the output {output}")

@@ -126,6 +126,53 @@ def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign)
     assert f"give the command lpfcosim run {campaign}" in err
 
 
+ODD = """
+import os
+from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Float64
+
+class NAME(Fmi3Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.time = self.o_12 = self.guidance_o_12 = self.f_control_2 = 0.0
+        for name, causality in (("time", "independent"), ("o_12", "input"), ("guidance_o_12", "input"),
+                                ("f_control_2", "output")):
+            self.register_variable(Float64(name, causality=getattr(Fmi3Causality, causality),
+                                           variability=Fmi3Variability.continuous))
+
+    def do_step(self, current_time, step_size):
+        if current_time > 4.95:
+            WHAT
+        return Fmi3StepResult(status=Fmi3Status.ok)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "what", "said"),
+    [
+        ("Aborts", "os.abort()", "identification: the SuspensionControl FMU crashed"),
+        (
+            "Discards",
+            "return Fmi3StepResult(status=Fmi3Status.discard)",
+            "the SuspensionControl FMU reports 'discard' at 5.0 s",
+        ),
+    ],
+)
+def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, what, said):
+    pythonfmu3 = pytest.importorskip("pythonfmu3")
+    (tmp_path / f"{name}.py").write_text(ODD.replace("NAME", name).replace("WHAT", what))
+    pythonfmu3.FmuBuilder.build_FMU(tmp_path / f"{name}.py", dest=tmp_path)
+    unused = '["h", "f_u", "f_z", "f_i", "f_p", "f_r", "f_x_2_start"]'
+    done.write_text(f'{CAMPAIGN}\n[fmus.SuspensionControl]\npath = "{name}.fmu"\nunused = {unused}\n')
+    before = (done.with_suffix("") / "results.json").read_bytes()
+    status, _, err = lpfcosim("identify", done, "--trust")
+    assert status == 1
+    assert said in err.splitlines()[-1]
+    assert "Traceback" not in err
+    assert (done.with_suffix("") / "results.json").read_bytes() == before
+    assert not (done.with_suffix("") / "identified.json").exists()
+
+
 @pytest.mark.slow
 def test_quickstart_agrees_with_the_fit(lpfcosim, tmp_path):
     campaign = ROOT / "campaigns" / "quickstart.toml"

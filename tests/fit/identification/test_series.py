@@ -1,0 +1,64 @@
+"""Channels at the rate of the loop, and forces told from motions."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy
+
+from fit.errors import InputError
+from fit.identification import series
+
+
+def archive(fs, x):
+    return SimpleNamespace(fs=fs, channels={"x": x}, path="run.h5")
+
+
+@pytest.mark.parametrize("fs", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("f", [1e-3, 0.05, 0.1])
+def test_an_archive_is_filled_up_in_the_fitted_band(fs, f):
+    time = np.arange(3000 * fs) / fs
+    found = series.at_loop_rate(archive(fs, np.sin(2 * np.pi * f * time) + 1e-3 * time), "x")
+    fine = np.arange(found.size) / series.RATE
+    inside = (fine > 300) & (fine < 2700)
+    assert found.size == 3000 * series.RATE
+    assert np.max(np.abs(found - np.sin(2 * np.pi * f * fine) - 1e-3 * fine)[inside]) < 5e-6
+
+
+def test_a_rate_that_does_not_divide_that_of_the_loop_is_refused():
+    with pytest.raises(InputError, match="sampled at 3 Hz, expected a rate that divides 10 Hz"):
+        series.at_loop_rate(archive(3.0, np.zeros(10)), "x")
+
+
+def test_a_force_is_told_from_the_motion_that_it_makes():
+    omega2, lambda_2, delay = -1e-6, 1.0, 0.25  # a whole number of samples and half a hold
+    theta = np.array([1.0, lambda_2, 0.0, lambda_2 * delay, omega2, 0.0, 0.0])
+    n = 40000
+    asked = 1e-12 * np.sin(2 * np.pi * 5e-3 * np.arange(n) / series.RATE)
+    stray = 3e-13 * np.sin(2 * np.pi * 2e-2 * np.arange(n) / series.RATE)
+    acts = np.concatenate([np.zeros(2), asked[:-2]])  # the command of two samples ago, held
+    k, h = np.sqrt(-omega2), 1 / series.RATE
+    step = scipy.linalg.expm(np.array([[0, 1, 0], [k**2, 0, 1], [0, 0, 0]]) * h)
+    x, state = np.empty(n), np.zeros(2)
+    for i in range(n):
+        x[i] = state[0]
+        state = step[:2, :2] @ state + step[:2, 2] * (acts[i] + stray[i])
+    found = series.force(x, asked, theta)
+    first = (n / series.RATE - found.size) // 2  # s, lost to low-pass and stencils
+    lag = 0.5 / series.RATE  # what is held for a sample acts half of it later
+    expected = 3e-13 * np.sin(2 * np.pi * 2e-2 * (np.arange(found.size) + first - lag))
+    inside = slice(200, -200)
+    assert np.max(np.abs(found - expected)[inside]) < 1e-2 * 3e-13
+
+
+def test_the_thrust_that_moved_a_loop_is_found():
+    decay = scipy.signal.butter(1, [5e-4, 0.05], "bandpass", fs=series.RATE, output="sos")
+
+    def push(thrust):
+        return scipy.signal.sosfilt(decay, thrust)
+
+    n = 60000
+    thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
+    found = series.thrust(push(thrust), push, 1.0)
+    inside = slice(20000, -5000)
+    assert np.max(np.abs(found - thrust)[inside]) < 1e-2
