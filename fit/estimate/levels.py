@@ -112,9 +112,10 @@ def measure(experiment: Experiment, outcome: Outcome, noise: NoiseModel, at: int
     residual = _Residual.of(experiment, outcome, at)
     basis = noise.basis(residual.f)
     variance = np.sum((basis @ noise.covariance) * basis, axis=1)
+    told = np.log(residual.f) > noise.knots[0] - 1e-9  # a short noise run says nothing of slower noise
     found = []
     for band, (low, high) in enumerate(pairwise(EDGES)):
-        bins = (residual.f > low) & (residual.f <= high)
+        bins = told & (residual.f > low) & (residual.f <= high)
         if np.count_nonzero(bins) < FEW:
             continue
         mean, left = basis[bins].mean(axis=0), residual.left[bins].sum()

@@ -40,6 +40,9 @@ LEAST_REACH = 2.0  # s, the same; the stencils add some 10 s, as they do to miss
 HIGHEST = 0.3  # of the highest ratio: what is lower may be due to what is higher
 ROUNDS = 60  # to get from the highest ratio to the threshold, in both runs
 LONGER = 1.2  # a mask goes with any shape, so that one must be that much clearer than a bell curve
+RAISED = (
+    0.5  # noise of the narrowest bell curve, in units of what the PSD tells, that a short glitch has raised
+)
 MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
 MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
@@ -130,7 +133,9 @@ class _Search:
         ratios, sigma = self._ratios(noise)
         highest = ratios.max(axis=0)
         bells = (ratios * sigma[:, None]).max(axis=0)
-        long = pursue(self._view(noise))
+        # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
+        short = sigma[0] < RAISED and highest.max() > THRESHOLD
+        long = [] if short else pursue(self._view(noise))
         clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, bells)]
         if clear:
             self._shapes += clear

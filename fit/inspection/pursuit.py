@@ -28,7 +28,7 @@ BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
 LEAST = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
 LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
 KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
-FINEST = 1e-3  # of tau, to which begin and tau are sought
+FINEST = 1e-3  # of tau, to which begin and times are sought
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _strongest(view: View, filters: Sequence[_Filter]) -> Glitch | None:
 
 
 def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
-    """Move begin and tau of a glitch to where it takes most; None if that is too little."""
+    """Move begin and times of a glitch to where it takes most; None if that is too little."""
     best, column = start, view.column(start)
     if column is None:
         return None
@@ -196,6 +196,7 @@ def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
         near = [
             *(replace(best, begin=best.begin + s * step * tau) for s in (-1, 1)),
             *(replace(best, shape=replace(best.shape, tau=tau * np.exp(s * step))) for s in (-1, 1)),
+            *(replace(best, shape=best.shape.turned(s * step)) for s in (-1, 1)),
         ]
         columns = [
             (view.column(glitch), glitch) for glitch in near if shortest <= glitch.shape.tau <= longest

@@ -1,13 +1,14 @@
 """Shapes of glitches in Delta g, and the columns that take them out of a run.
 
 In flight a glitch was a double exponential that lasted seconds to hours (arXiv 2205.11938): one-sided where
-it carried an impulse, of two signs where it carried none. Single exponentials, sharp and blunt, added up as
-often as it takes, come as close to any of these as the noise can tell. Each is made from its transform, so
-that it begins between samples and holds nothing beyond the fitted band that could be folded into it.
+it carried an impulse, of two signs where it carried none. The shapes are those and what rises before it
+falls, of any two times; added up as often as it takes, they come as close to other ones as the noise can
+tell. Each is made from its transform, so that it begins between samples and holds nothing beyond the fitted
+band that could be folded into it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -17,15 +18,17 @@ from fit.signal import Spectrum, derivatives
 
 Array = NDArray[np.float64]
 
-#: By name, the transform as a function of ``s = 2 pi i f tau``: ``exp(-t)``, ``t exp(-t)``, its derivative
-#: ``(1 - t) exp(-t)``, ``exp(t)`` that ends, and ``exp(-|t|)``; t is in units of tau since the begin.
+#: By name, the transform as a function of ``s = 2 pi i f tau`` but for the factor ``1 / (1 + q s)`` of the
+#: other time: what is pushed and falls, what is pushed back, what rises and ends.
 KINDS: Mapping[str, Callable[[Spectrum], Spectrum]] = {
-    "sharp": lambda s: 1 / (1 + s),
-    "blunt": lambda s: 1 / (1 + s) ** 2,
-    "swinging": lambda s: s / (1 + s) ** 2,
+    "pushed": lambda s: 1 / (1 + s),
+    "swinging": lambda s: s / (1 + s),
     "rising": lambda s: 1 / (1 - s),
-    "even": lambda s: 1 / (1 - s**2),
 }
+#: What is looked for first, with the other time over tau, q: ``exp(-t)``, ``t exp(-t)``, its derivative
+#: ``(1 - t) exp(-t)``, ``exp(t)`` that ends, and ``exp(-|t|)``; t is in units of tau since the begin.
+SOUGHT = (("pushed", 0.0), ("pushed", 1.0), ("swinging", 1.0), ("rising", 0.0), ("pushed", -1.0))
+LEAST = {"swinging": 0.02}  # q; -1 where nothing is said
 LASTS = 4.0  # tau after the begin until which a glitch is said to last
 PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
@@ -35,15 +38,20 @@ SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
 
 @dataclass(frozen=True)
 class Shape:
-    """One of the `KINDS` and its tau [s]."""
+    """One of the `KINDS`, its tau [s], and its other time over that: before the begin if negative."""
 
     kind: str
     tau: float
+    other: float = 0.0
 
     def transform(self, f: Array) -> Spectrum:
         """Return the transform of the shape that begins at zero, at the frequencies f [Hz], shape (B,)."""
         s = np.asarray(2j * np.pi * self.tau * f, dtype=np.complex128)
-        return np.asarray(KINDS[self.kind](s), dtype=np.complex128)
+        return np.asarray(KINDS[self.kind](s) / (1 + self.other * s), dtype=np.complex128)
+
+    def turned(self, by: float) -> "Shape":
+        """Return the shape whose other time is longer by so much, in tau, as far as that goes."""
+        return replace(self, other=float(np.clip(self.other + by, LEAST.get(self.kind, -1.0), 1.0)))
 
 
 @dataclass(frozen=True)
@@ -56,8 +64,9 @@ class Glitch:
     @property
     def span(self) -> tuple[float, float]:
         """Begin and end [s] of where it is notable."""
-        reach, kind = LASTS * self.shape.tau, self.shape.kind
-        return self.begin - reach * (kind in ("rising", "even")), self.begin + reach * (kind != "rising")
+        reach, q = LASTS * self.shape.tau, self.shape.other
+        before, after = (1.0, q) if self.shape.kind == "rising" else (-q, 1.0)
+        return self.begin - reach * max(before, 0.0), self.begin + reach * max(after, 0.0)
 
     def series(self, time: Array, fs: float) -> Array:
         """Return it at the evenly spaced instants `time` [s], shape (N,), no higher than about 1."""
@@ -79,7 +88,7 @@ def bank(duration: float) -> list[Shape]:
     shortest, longest = bounds(duration)
     steps = int(PER_DECADE * np.log10(longest / shortest))
     taus = shortest * 10 ** (np.arange(steps + 1) / PER_DECADE)
-    return [Shape(kind, float(tau)) for tau in taus for kind in KINDS]
+    return [Shape(kind, float(tau), q) for tau in taus for kind, q in SOUGHT]
 
 
 def columns(found: Sequence[Glitch], time: Array, fs: float) -> Array:

@@ -24,7 +24,6 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 
-from fit.deltag import delta_g
 from fit.errors import CalibrationError
 from fit.pipeline import calibrate
 from fit.results import Results
@@ -73,7 +72,7 @@ def stepped(run: Run, _: int) -> Telemetry:
     return in_memory(archived, {name: np.asarray(channels[name]) for name in world.record})
 
 
-def alarms(results: Results, runs: list[Telemetry]) -> Iterator[tuple[str, str, str]]:
+def alarms(results: Results) -> Iterator[tuple[str, str, str]]:
     """Yield where, by which code and in which words something is said of a campaign."""
     fits = {"joint": results.joint} if results.joint else {}
     for name in ("experiments", "cross_talk", "inertial"):
@@ -82,12 +81,6 @@ def alarms(results: Results, runs: list[Telemetry]) -> Iterator[tuple[str, str, 
         for warning in fit.warnings:
             if alarming(warning):
                 yield where, warning.code, warning.message
-    for run in runs if results.cross_talk and results.joint and not results.joint.unsound else ():
-        if run.kind == "noise":
-            for low, high in np.atleast_2d(
-                delta_g(run, results).attributes.get("louder_bands", np.empty((0, 2)))
-            ):
-                yield run.run, "louder_bands", f"{1e3 * low:.3g} to {1e3 * high:.3g} mHz"
 
 
 def alarming(warning: FitWarning) -> bool:
@@ -103,7 +96,7 @@ def trial(plan: Campaign, number: int, *, step: bool) -> dict[str, Any]:
         results = calibrate(runs, settings(plan.fit, "alarms"))
     except CalibrationError as error:
         return {"number": number, "alarms": [["", "failed", str(error)]]}
-    return {"number": number, "alarms": list(alarms(results, runs))}
+    return {"number": number, "alarms": list(alarms(results))}
 
 
 def main() -> None:

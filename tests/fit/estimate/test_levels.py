@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
+from fit.estimate import fit_experiment, levels
 from fit.pipeline import calibrate
 from fit.settings import settings
+from fit.weighing import pair as paired
 from tests.oracles.synthetic import World, pair, telemetry
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
@@ -79,3 +81,20 @@ def test_the_settings_may_insist():
     assert said.message.startswith("B: ")
     with pytest.raises(InputError, match=r"fit.levels: no experiment 'Z', there are A, B, C, D"):
         calibrate(campaign(), settings({"levels": ["Z"]}))
+
+
+def test_what_is_slower_than_the_noise_run_tells_no_level(monkeypatch):
+    # 65 h beside a noise run of 8 h: below its lowest frequency the PSD is a straight line, right or not
+    (e,) = paired(pair(World(), "A"))
+    outcome = fit_experiment(e)
+    noise = outcome.blocks[0].noise
+    plain = levels.measure(e, outcome, noise)
+    of = levels._Residual.of
+
+    def slower(*args):
+        r, f = of(*args), 1e-6 * np.arange(1, 9)
+        more = {"f": f, "power": np.full(8, 100.0), "left": np.ones(8)}
+        return replace(r, **{name: np.append(values, getattr(r, name)) for name, values in more.items()})
+
+    monkeypatch.setattr(levels._Residual, "of", slower)
+    assert np.array_equal(levels.measure(e, outcome, noise).log_ratio, plain.log_ratio)

@@ -46,6 +46,17 @@ def test_long_glitches_are_taken_out_and_cost_nothing():
     assert whole - left == len(after.sysid.glitches) > 0
 
 
+@pytest.mark.parametrize("rise", [1.8, 4.8])
+def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
+    struck_by = experiment("D4", ((), [Glitch(14321.3, rise, 6.0, "none", 1000.0, 2)]), seed=3)
+    after, (said,) = glitches.without_glitches(struck_by)
+    assert "taken out" not in said.message
+    assert after.noise.glitches == ()
+    assert sum(span.end - span.begin for span in said.spans) < 120
+    before, found = (fit_experiment(e) for e in (experiment("D4", seed=3), after))
+    assert np.max(np.abs(shifts(found, before))) < 0.2
+
+
 def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
     # five times the noise at low frequencies: a matter of chi2, not of glitches
     rng, sysid = np.random.default_rng(1), experiment("B4").sysid.telemetry
@@ -62,7 +73,7 @@ def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
 
 def test_a_glitch_is_made_between_samples_and_goes_out_whole():
     time = np.arange(5000.0)
-    shape = shapes.Shape("sharp", 300.0)
+    shape = shapes.Shape("pushed", 300.0)
     series = shapes.Glitch(shape, 1000.25).series(time, 1.0)
     after = time > 1010
     np.testing.assert_allclose(series[after], np.exp(-(time[after] - 1000.25) / 300), atol=1e-3)
