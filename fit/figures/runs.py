@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -26,7 +26,7 @@ from fit.figures.charts import (
 )
 from fit.model import dynamics
 from fit.signal import Binned, Estimator, derivatives
-from fit.telemetry import Telemetry
+from fit.telemetry import Telemetry, pieces
 
 Array = NDArray[np.float64]
 _Series = tuple[Array, Array]
@@ -148,11 +148,26 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     """
     run = dynamics.beyond(telemetry, HIGHEST)
     theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
-    found = dynamics.columns(run, dynamics.delays(theta))
-    del run  # of weeks, all of this fills the memory
-    terms = {} if telemetry.kind == "noise" else dynamics.terms(found, theta)
+    inner = slice(derivatives.HALF, -derivatives.HALF)
+    time, n = run.time[inner], run.time[inner].size
+    valid, total = np.empty(n, dtype=bool), np.empty(n)
+    terms = {} if telemetry.kind == "noise" else {term.name: np.empty(n) for term in dynamics.TERMS}
+    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF):  # of weeks, all columns fill the memory
+        found = dynamics.columns(_part(run, piece), dynamics.delays(theta))
+        there = slice(piece.start, piece.start + found.valid.size)
+        valid[there], total[there] = found.valid, dynamics.total(found, theta)
+        for name, term in (dynamics.terms(found, theta) if terms else {}).items():
+            terms[name][there] = term
     known = {name: term for name, term in terms.items() if np.any(term)}  # not where nothing is commanded
-    return Terms(found.fs, found.time, found.valid, dynamics.total(found, theta), known)
+    return Terms(run.fs, time, valid, total, known)
+
+
+def _part(run: dynamics.Channels, piece: slice) -> dynamics.Channels:
+    """Return a stretch of the channels of a run."""
+    of_run: dict[str, Any] = {
+        name: getattr(run, name)[piece] for name in ("time", "valid", *dynamics.CHANNELS)
+    }
+    return replace(run, **of_run, means={name: x[piece] for name, x in run.means.items()})
 
 
 @dataclass(frozen=True)
