@@ -7,17 +7,18 @@ of experiments needs, and it is linear in the power.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate.forecast import Expectation, NoneTakesPartError, Planned, channels_of, responses
+from fit.estimate.forecast import RULE, Expectation, NoneTakesPartError, Planned, channels_of, responses
+from fit.estimate.irls import Held, iterate, weakly_held
 from fit.model import Sharing, dynamics
 from fit.settings import Settings
 from fit.signal import spectra
-from fit.weighing import divide
+from fit.weighing import divide, linear
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -119,7 +120,17 @@ def sights(planned: Sequence[Planned], chosen: Settings) -> Sights:
     runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
     parameters = sharing.parameters(runs)
     names = [p.name for p in parameters]
-    each = [_sight(e, sharing.matrix(*run, names)) for e, run in zip(taking_part, runs, strict=True)]
+    for e, run in zip(taking_part, runs, strict=True):
+        e.share = sharing.matrix(*run, names)
+    known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
+    begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
+
+    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
+        return weakly_held(blocks, theta, begun, taking_part[0].share, more)
+
+    if any(p.name not in known for p in parameters):  # cross-talk: what a fit will find of it is less noise
+        iterate(taking_part, begun, held, RULE)
+    each = [_sight(e, e.share) for e in taking_part]
     return Sights(tuple(names), np.array([p.prior_sigma for p in parameters]), tuple(each))
 
 

@@ -32,6 +32,7 @@ from lpfcosim.errors import InputError, RunError
 
 SCHEMA = "lpf-design/1"
 HOUR = 3600.0
+SURE = 0.98  # of the bound, below which a forecast proves a mistake; both are right to 1 %
 FORMATS = (".svg", ".pdf", ".png")
 
 
@@ -171,6 +172,8 @@ def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, conso
     lost = [name for name in found.problem.wanted if name not in found.after]
     if lost:
         raise RunError(f"{path}: the design does not determine {', '.join(lost)}, which the campaign did")
+    if found.complete and found.value < SURE * found.optimum.bound:
+        raise RunError(f"{path}: the forecast of the design is below the bound, one of the two is wrong")
     passed = [
         f"{name}: {limit} at {reached:.4f} of its limit"
         for name, of in stepped.items()

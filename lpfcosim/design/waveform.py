@@ -156,7 +156,9 @@ class Chord:
 
     def _peak(self, Y: Complex, norm: float) -> tuple[float, Complex]:
         y = self._waves(Y)
-        top = float(np.max(np.abs(y))) or 1e-300
+        top = float(np.max(np.abs(y)))
+        if top == 0:  # what none of the loops moves
+            return 0.0, np.zeros_like(Y)
         ratio = np.abs(y) / top
         mean = float(np.mean(ratio**norm))
         weights = np.sign(y) * ratio ** (norm - 1) * mean ** (1 / norm - 1) / self._size

@@ -96,9 +96,9 @@ def _raw(campaign: Campaign) -> list[dict[str, Any]]:
 def _other(raw: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
     """Return the settings and the duration of an experiment where they are not what the file says."""
     found: dict[str, Any] = {}
-    if raw["authority"] != experiment.authority.name:
+    if raw.get("authority") != experiment.authority.name:
         found["authority"] = experiment.authority.name
-    if round(units.to_si(raw["duration"], "s") * FS) != experiment.n_samples:
+    if round(units.to_si(raw.get("duration", "0 s"), "s") * FS) != experiment.n_samples:
         found["duration"] = f"{experiment.n_samples / FS / 60:.12g} min"
     return found
 
