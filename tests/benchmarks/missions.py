@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
 import tempfile
 import time
@@ -195,7 +196,10 @@ def run(n: int, log: Path, jobs: int, kind: str) -> list[Line]:
 
 
 def table(lines: Sequence[Line]) -> list[str]:
-    """Return pulls by parameter as lines of Markdown, and above them what became of the missions."""
+    """Return pulls as lines of Markdown, and above them what became of the missions.
+
+    What has a value for each alignment epoch is one line.
+    """
     failed = [line for line in lines if "failed" in line]
     unsound = [line for line in lines if line.get("unsound")]
     sound = [line for line in lines if "pulls" in line and not line["unsound"]]
@@ -209,8 +213,11 @@ def table(lines: Sequence[Line]) -> list[str]:
         "| parameter | n | mean pull | standard deviation | within 1 sigma | largest |",
         "|---|---|---|---|---|---|",
     ]
-    for name in dict.fromkeys(p for line in sound for p in line["pulls"]):
-        p = np.array([line["pulls"][name] for line in sound if name in line["pulls"]])
+    pulled: dict[str, list[float]] = {}
+    for name, pull in (pair for line in sound for pair in line["pulls"].items()):
+        pulled.setdefault(re.sub(r"^\d+: |(?<=delta_ifo)_\d+$", "", name), []).append(pull)  # all epochs
+    for name, pulls_of in pulled.items():
+        p = np.array(pulls_of)
         text.append(
             f"| {name} | {p.size} | {p.mean():+.2f} ± {p.std(ddof=1) / np.sqrt(p.size):.2f} "
             f"| {p.std(ddof=1):.2f} ± {1 / np.sqrt(2 * p.size):.2f} | {100 * np.mean(abs(p) < 1):.0f} % "

@@ -40,14 +40,25 @@ def test_along_x_there_is_no_spacecraft(plan):
     assert {r.inertial_period: r.n_samples for r in runs} == dict.fromkeys((1, 2, 3), 3 * 864_000)
 
 
+@pytest.mark.slow
+def test_a_mission_along_x_is_fitted():
+    line = missions.trial(0, "x")
+    assert not line.get("failed") and not line["unsound"]
+    assert set(line["pulls"]) == set(missions.joint_names([1, 2, 3, 4]))
+    assert max(map(abs, line["pulls"].values())) < 4.5
+    assert "lambda_2" in line["scatter"]
+
+
 def test_the_table_counts_what_is_sound():
     kept = {"unsound": [], "left_out": [], "scatter": {"lambda_2": 0.003}}
-    lines = [{"number": n, "pulls": {"C_1": p}, **kept} for n, p in enumerate((-1.5, 0.5, 1.0))]
+    epochs = {"1: b_3": 1.0, "2: b_3": -1.0, "delta_ifo_1": 0.0, "delta_ifo_2": 0.0}
+    lines = [{"number": n, "pulls": {"C_1": p, **epochs}, **kept} for n, p in enumerate((-1.5, 0.5, 1.0))]
     lines += [
         {"number": 3, "failed": "no"},
         {"number": 4, "pulls": {"C_1": 9.0}, **kept, "unsound": ["levels"]},
     ]
-    head, *_, row = missions.table(lines)
+    head, *_, row, b_3, delta_ifo = missions.table(lines)
+    assert b_3.startswith("| b_3 | 6 |") and delta_ifo.startswith("| delta_ifo | 6 |")
     assert head.startswith(
         "5 missions: 1 gave no joint fit, 1 one that is not sound; the 3 others are counted"
     )
