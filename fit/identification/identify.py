@@ -61,15 +61,19 @@ def identify(
     if chosen.estimator == "flscov":
         raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
     references = [_dynamics(e, calibrated, chosen) for e in experiments]
-    begin = partial(_Search, experiments, free, loop, references)
+    known = {name for e in experiments for name in e.parameters}
+    along = [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
+    begin = partial(_Search, experiments, free, along, loop, references)
     search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
-    names = {p.name: p.name for p in search.parameters}
+    sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
+    names = {p.name: p.name for p in search.parameters if p.name in sought}
     named = {name: name for name in names if name not in search.bound}
     lost = verdict.indeterminable(outcome, experiments, named)
     found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
     of_runs = [search.of_run(k, outcome.solution.theta) for k in range(len(experiments))]
     commands = comparison.replayed([e.sysid for e in experiments], loop, of_runs)
-    more = [*comparison.misled(commands, list(found)), *search.told(), *map(_louder, levels)]
+    misfits = [_misfit(e.name, x) for e, x in zip(experiments, _excesses(outcome), strict=True) if _is_off(x)]
+    more = [*misfits, *comparison.misled(commands, list(found)), *search.told(), *map(_louder, levels)]
     differs: dict[str, float] = {}
     if calibrated.joint:
         differs = comparison.differences(found, calibrated.joint)
@@ -99,8 +103,7 @@ def _searched(
     search = begin(likelihood, [of_own and not by_data for of_own in told])
     outcome = search.outcome()
     if by_data and any(told):
-        excess = [_excess(block, outcome.solution.theta) for block in outcome.blocks]
-        told = [of_own and x > verdict.DOUBTFUL for of_own, x in zip(told, excess, strict=True)]
+        told = [of_own and _is_off(x) for of_own, x in zip(told, _excesses(outcome), strict=True)]
         if any(told):
             search = begin(likelihood, told)
             outcome = search.outcome()
@@ -124,12 +127,13 @@ class _Search:
         self,
         experiments: Sequence[Experiment],
         free: Sequence[Free],
+        along: Sequence[Free],
         loop: Loop,
         references: Sequence[Array],
         likelihood: Likelihood,
         levels: Sequence[bool],
     ) -> None:
-        joint = joint_parameters(free, [e.sysid.telemetry for e in experiments])
+        joint = joint_parameters((*free, *along), [e.sysid.telemetry for e in experiments])
         low, high = np.array([each.bounds for _, each in joint.values()]).T
         start = np.clip([p.value for p, _ in joint.values()], low, high)
         found = zip(joint.values(), start.tolist(), strict=True)
@@ -138,13 +142,18 @@ class _Search:
         self._low, self._high, self._stepped = low, high, list[str]()
         self._widths = np.array([p.prior_sigma for p in self.parameters])
         self._names = tuple(each.name for each in free)
-        self._shares = [share(free, e.sysid.telemetry, list(joint)) for e in experiments]
+        of_runs = [[each for each in along if each.name in e.parameters] for e in experiments]
+        self._shares = [
+            share((*free, *own), e.sysid.telemetry, list(joint))
+            for e, own in zip(experiments, of_runs, strict=True)
+        ]
         self.weighings = [
             Simulated(
                 experiment,
                 loop,
                 Reference(references[k], self.of_run(k, start)),
                 self._names,
+                [each.name for each in of_runs[k]],
                 self._shares[k],
                 (self._widths, low, high),
                 "marginalised" if levels[k] else likelihood,
@@ -158,7 +167,7 @@ class _Search:
 
     def of_run(self, k: int, theta: Array) -> dict[str, float]:
         """Return the parameters of the k-th experiment by name."""
-        return dict(zip(self._names, (self._shares[k] @ theta).tolist(), strict=True))
+        return dict(zip(self._names, (self._shares[k] @ theta).tolist(), strict=False))
 
     def held(self, blocks: Sequence[linear.Block], theta: Array, _: Array) -> irls.Held:
         """Hold by its natural scale what the data do not tell, and at its bound what wants beyond."""
@@ -209,9 +218,20 @@ def _louder(name: str) -> FitWarning:
     return FitWarning("levels", (), f"{name}: {told}")
 
 
-def _excess(block: linear.Block, theta: Array) -> float:
-    """Return by how much chi^2 per degree of freedom of a run departs from 1."""
-    return abs(float(np.sum((block.plain @ block.coefficients(theta)) ** 2)) / block.size - 1)
+def _misfit(name: str, excess: float) -> FitWarning:
+    told = f"the simulated loop leaves {excess:.3g} times the power of the noise run"
+    code = "chi2" if 1 / verdict.OFF < excess < verdict.OFF else "noise_mismatch"
+    return FitWarning(code, (), f"{name}: {told}")
+
+
+def _is_off(excess: float) -> bool:
+    return abs(excess - 1) > verdict.DOUBTFUL
+
+
+def _excesses(outcome: irls.Outcome) -> list[float]:
+    """Return chi^2 of every run by its degrees of freedom."""
+    left = [block.plain @ block.coefficients(outcome.solution.theta) for block in outcome.blocks]
+    return [float(x @ x) / block.size for x, block in zip(left, outcome.blocks, strict=True)]
 
 
 def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.paper import FLIGHT, Parameter, joint_parameter
+from fit.paper import Parameter, joint_parameter
 from fit.settings import Group
 from fit.telemetry import Telemetry
 
@@ -88,9 +88,9 @@ class Free:
         """Return the parameter where it holds for a run: with epoch or experiment at the end of its name."""
         name = self.name if self.shared == "campaign" else f"{self.name}_{getattr(run, self.shared)}"
         base = f"{self.name}_{run.alignment_epoch}" if self.name == "delta_ifo" else self.name
-        if base in FLIGHT or self.name == "delta_ifo":
+        try:
             known = joint_parameter(base)
-        else:
+        except KeyError:  # of an FMU alone
             scale = abs(self.start or 0.0) or 1.0
             what = f"parameter {self.name}"
             known = Parameter(self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, what, False)

@@ -77,6 +77,7 @@ class Imposed:
 
     def __init__(self, run: Run, loop: Loop, reference: Reference) -> None:
         self.telemetry, self._loop, self._reference = run.telemetry, loop, reference
+        self._run = run
         self._o_1, self._o_12, force_1 = (
             series.at_loop_rate(run.telemetry, name) for name in ("o_1", "o_12", "f_x_1")
         )
@@ -86,6 +87,16 @@ class Imposed:
         if run.glitches:
             beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
         self._beside = np.hstack(beside)
+
+    def along(self, names: Sequence[str]) -> Array:
+        """Return what coefficients of `dynamics.CROSS_TALK` multiply, shape (names, N), zero without it."""
+        found = self._run.columns((0.0, 0.0))
+        values = np.zeros((len(names), self._grid.time.size))
+        at = np.rint((self._grid.time - found.time[0]) * found.fs).astype(int)
+        for row, name in zip(values, names, strict=True):
+            if name in found.names:
+                row[:] = found.values[np.clip(at, 0, found.time.size - 1), found.names.index(name)]
+        return values
 
     def residual(self, theta: Mapping[str, float]) -> Array:
         """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
@@ -130,9 +141,11 @@ class Simulated:
     reference : Reference
         See `Imposed`.
     names : sequence of str
-        The K parameters of the experiment.
+        The first of the K parameters of the experiment, those of the loop.
+    along : sequence of str
+        The others, of `dynamics.CROSS_TALK`: of motion that the loop is not asked to predict.
     share : ndarray, shape (K, P)
-        Map from the P joint parameters to these.
+        Map from the P joint parameters to all of them.
     scales : tuple of ndarray, each of shape (P,)
         Natural scales, and bounds.
     likelihood : str
@@ -147,6 +160,7 @@ class Simulated:
         loop: Loop,
         reference: Reference,
         names: Sequence[str],
+        along: Sequence[str],
         share: Array,
         scales: tuple[Array, Array, Array],
         likelihood: Likelihood,
@@ -155,6 +169,7 @@ class Simulated:
         self._noise = experiment.noise and Imposed(experiment.noise, loop, reference)
         self._names, self._share, self._likelihood = names, share, likelihood
         self._widths, self._low, self._high = scales
+        self._along = [run.along(along) for run in (self._sysid, self._noise) if run]
         self._model: NoiseModel | None = None
         self._slopes: list[Array] = []
         self._residuals: list[Array] = []
@@ -176,15 +191,16 @@ class Simulated:
     def block(self, theta: Array, covariance: Array, iteration: int) -> Linearised:
         """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
         self.reach(theta)
-        residual = self._residuals[0]
+        n, of_run = len(self._names), self._share @ theta
+        left = [r + of_run[n:] @ x for r, x in zip(self._residuals, self._along, strict=True)]
         sigma = np.sqrt(np.diag(covariance))
         step = np.where(sigma > 0, np.minimum(sigma, 10 * STEP * self._widths), STEP * self._widths)
         if not np.max(np.abs(theta - self._at) / step) < MOVED:
-            self._slopes = self._derivatives(theta, step, residual.size)
+            self._slopes = self._derivatives(theta, step)
             self._at = theta
-        terms = self._sysid.transformed([residual, *self._slopes])
+        terms = self._sysid.transformed([left[0], *self._slopes])
         if self._noise:
-            quiet = self._noise.transformed([self._residuals[1]])
+            quiet = self._noise.transformed([left[1]])
             self._model = smooth_noise(quiet, np.ones(1), None, self._model)
         else:
             c = np.eye(1 + theta.size)[0]
@@ -205,13 +221,15 @@ class Simulated:
         )
 
     def _of_run(self, theta: Array) -> dict[str, float]:
-        return dict(zip(self._names, (self._share @ theta).tolist(), strict=True))
+        return dict(zip(self._names, (self._share @ theta).tolist(), strict=False))
 
-    def _derivatives(self, theta: Array, step: Array, size: int) -> list[Array]:
-        seen = np.any(self._share != 0, axis=0).tolist()
+    def _derivatives(self, theta: Array, step: Array) -> list[Array]:
+        n = len(self._names)
+        beside = self._share[n:].T @ self._along[0]
+        seen = np.any(self._share[:n] != 0, axis=0).tolist()
         return [
-            self._derivative(theta, h * unit) if sees else np.zeros(size)
-            for h, unit, sees in zip(step, np.eye(step.size), seen, strict=True)
+            self._derivative(theta, h * unit) if sees else known
+            for h, unit, sees, known in zip(step, np.eye(step.size), seen, beside, strict=True)
         ]
 
     def _derivative(self, theta: Array, h: Array) -> Array:

@@ -154,3 +154,11 @@ def test_the_estimator_of_ltpda_takes_no_loop(flown):
     runs, telemetries, calibrated = flown
     with pytest.raises(InputError, match="flscov"):
         identify(pair(telemetries), FREE, LinearLoop(runs), calibrated, settings({"estimator": "flscov"}))
+
+
+@pytest.mark.slow
+def test_a_plant_that_did_not_fly_makes_chi2_say_so_by_name(flown):
+    told = identified(flown, FREE[2:])  # the gain is 1.6 % off
+    (mismatch,) = [w for w in told.joint.warnings if w.code == "noise_mismatch"]
+    assert mismatch.message.startswith("A: the simulated loop leaves 10")
+    assert told.joint.unsound
