@@ -111,7 +111,8 @@ def main() -> None:
     parser.add_argument("--without", nargs="*", default=[], help="experiments to leave out")
     chosen = parser.parse_args()
     plan = loading.load(chosen.campaign)
-    plan = replace(plan, experiments=tuple(e for e in plan.experiments if e.name not in chosen.without))
+    kept = tuple(e for e in plan.experiments if e.name not in chosen.without)
+    plan = replace(plan, experiments=kept, events=None)  # glitches and gaps are no false alarms
     log = chosen.log or Path(f"{plan.name}-alarms.jsonl")
     lines = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     known = {line["number"] for line in lines}
