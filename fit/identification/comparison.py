@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from fit.identification import series
 from fit.identification.protocol import Loop
 from fit.results import Fit
 from fit.signal import derivatives
+from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 from fit.weighing import Run
 
@@ -47,46 +49,63 @@ def apart(found: Fit, calibrated: Fit) -> list[FitWarning]:
     return [FitWarning("loop_differs", tuple(far), message)]
 
 
-def replayed(runs: Sequence[Run], loop: Loop, theta: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Return by how much, relative, recorded commands differ from what the controller makes of read-outs.
+@dataclass(frozen=True)
+class Commands:
+    """By how much, relative, recorded commands differ from what the controller makes of the read-outs.
+
+    Attributes
+    ----------
+    mismatch : float
+        That.
+    unsure : float
+        How much of it the sigmas of identified parameters of the controller make.
+    """
+
+    mismatch: float
+    unsure: float
+
+
+def replayed(
+    run: Run, loop: Loop, theta: Mapping[str, float], sigmas: Mapping[str, float]
+) -> Commands | None:
+    """Replay the commands of a run through its controller; None without a recorded guidance.
 
     Parameters
     ----------
-    runs : sequence of Run
-        Those without a recorded guidance are left out.
+    run : Run
+        The run.
     loop : Loop
         With the controller.
-    theta : sequence of mapping of str to float
-        Parameters of every run.
+    theta, sigmas : mapping of str to float
+        Parameters of the run, and their sigmas.
     """
-    told = {}
-    for run, values in zip(runs, theta, strict=True):
-        if "guidance_o_12" in run.telemetry.channels:
-            told[run.telemetry.run] = _mismatch(run, loop, values)
-    return told
-
-
-def _mismatch(run: Run, loop: Loop, theta: Mapping[str, float]) -> float:
     telemetry = run.telemetry
+    if "guidance_o_12" not in telemetry.channels:
+        return None
     error = series.at_loop_rate(telemetry, "o_12") - series.at_loop_rate(telemetry, "guidance_o_12")
-    asked = loop.command(telemetry, theta, error) + loop.direct(telemetry)
-    taps, factor = derivatives.low_pass(series.RATE)
-    recorded = series.at_loop_rate(telemetry, "f_x_2")
+    asked = loop.command(telemetry, theta, error)
+    recorded = series.at_loop_rate(telemetry, "f_x_2") - loop.direct(telemetry)
     grid = series.reduced(telemetry, run.channels)
-    left, whole = (derivatives.decimate(x, taps, factor) for x in (recorded - asked, recorded))
-    half = slice(derivatives.HALF, -derivatives.HALF)
+    whole = _rms(recorded, telemetry, grid)
+    of_fmus = [name for name in theta if "." in name]  # the others are not the controller's
+    varied = [loop.command(telemetry, {**theta, name: theta[name] + sigmas[name]}, error) for name in of_fmus]
+    unsure = math.hypot(*(_rms(other - asked, telemetry, grid) for other in varied))
+    return Commands(_rms(recorded - asked, telemetry, grid) / whole, unsure / whole)
+
+
+def _rms(x: Array, telemetry: Telemetry, grid: series.Reduced) -> float:
+    """Return the rms of a command in the fitted band, without what an unknown state at the start adds."""
+    taps, factor = derivatives.low_pass(series.RATE)
     kept = grid.valid & (grid.time - telemetry.time[0] > SETTLED)
     beside = np.column_stack([np.ones(grid.time.size), grid.time, grid.steps])[kept]
-    rms = [
-        float(np.sqrt(np.mean((x - beside @ np.linalg.lstsq(beside, x, rcond=None)[0]) ** 2)))
-        for x in (left[half][kept], whole[half][kept])
-    ]
-    return rms[0] / rms[1]
+    y = derivatives.decimate(x, taps, factor)[derivatives.HALF : -derivatives.HALF][kept]
+    left = y - beside @ np.linalg.lstsq(beside, y, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
 
 
-def misled(found: Mapping[str, float], parameters: Sequence[str]) -> list[FitWarning]:
+def misled(found: Mapping[str, Commands], parameters: Sequence[str]) -> list[FitWarning]:
     """Warn of commands that are not those of the controller, by run; `parameters` rest on it."""
-    far = {name: value for name, value in found.items() if value > REPLAYED}
+    far = {n: c.mismatch for n, c in found.items() if c.mismatch > REPLAYED + UNLIKELY * c.unsure}
     if not far:
         return []
     told = ", ".join(f"{name} by {value:.2g}" for name, value in far.items())

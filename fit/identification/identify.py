@@ -1,6 +1,6 @@
 """Parameters of a simulated loop, estimated from telemetry with the weighing and the iteration of the fit."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -13,7 +13,7 @@ from fit.identification import comparison
 from fit.identification.protocol import Free, Loop, joint_parameters, share
 from fit.identification.weighing import Reference, Simulated
 from fit.model import Sharing, dynamics
-from fit.results import Results
+from fit.results import Provenance, Results
 from fit.settings import Settings
 from fit.threads import each, one_thread
 from fit.warnings import FitWarning
@@ -70,20 +70,18 @@ def identify(
     named = {name: name for name in names if name not in search.bound}
     lost = verdict.indeterminable(outcome, experiments, named)
     found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
-    of_runs = [search.of_run(k, outcome.solution.theta) for k in range(len(experiments))]
-    commands = comparison.replayed([e.sysid for e in experiments], loop, of_runs)
-    misfits = [_misfit(e.name, x) for e, x in zip(experiments, _excesses(outcome), strict=True) if _is_off(x)]
-    more = [*misfits, *comparison.misled(commands, list(found)), *search.told(), *map(_louder, levels)]
+    commands = search.commands(experiments, loop, outcome)
+    more = [
+        *_misfits(experiments, outcome),
+        *comparison.misled(commands, list(found)),
+        *search.told(),
+        *map(_louder, levels),
+    ]
     differs: dict[str, float] = {}
     if calibrated.joint:
         differs = comparison.differences(found, calibrated.joint)
         more += comparison.apart(found, calibrated.joint)
-    provenance = replace(
-        calibrated.provenance,
-        more={**calibrated.provenance.more, "from_fit": differs, "commands": commands},
-        levels=levels,
-        **dict.fromkeys(("cross_talk_periods", "subtraction", "scatter", "inertial_runs", "inertial_band")),
-    )
+    provenance = _provenance(calibrated, {"from_fit": differs, "commands": _mismatches(commands)}, levels)
     return Results(replace(found, warnings=(*found.warnings, *more)), {}, {}, {}, provenance)
 
 
@@ -169,6 +167,20 @@ class _Search:
         """Return the parameters of the k-th experiment by name."""
         return dict(zip(self._names, (self._shares[k] @ theta).tolist(), strict=False))
 
+    def commands(
+        self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.Outcome
+    ) -> dict[str, comparison.Commands]:
+        """Replay the recorded commands with what was found, by run."""
+        theta, covariance = outcome.solution.theta, outcome.solution.covariance
+        found = {}
+        for k, (experiment, to_run) in enumerate(zip(experiments, self._shares, strict=True)):
+            sigmas = np.sqrt(np.diag(to_run @ covariance @ to_run.T)).tolist()
+            of_run = dict(zip(self._names, sigmas, strict=False))
+            replayed = comparison.replayed(experiment.sysid, loop, self.of_run(k, theta), of_run)
+            if replayed:
+                found[experiment.sysid.telemetry.run] = replayed
+        return found
+
     def held(self, blocks: Sequence[linear.Block], theta: Array, _: Array) -> irls.Held:
         """Hold by its natural scale what the data do not tell, and at its bound what wants beyond."""
         lost, directions = linear.blind(linear.information(blocks, theta), self._widths)
@@ -218,10 +230,25 @@ def _louder(name: str) -> FitWarning:
     return FitWarning("levels", (), f"{name}: {told}")
 
 
-def _misfit(name: str, excess: float) -> FitWarning:
-    told = f"the simulated loop leaves {excess:.3g} times the power of the noise run"
-    code = "chi2" if 1 / verdict.OFF < excess < verdict.OFF else "noise_mismatch"
-    return FitWarning(code, (), f"{name}: {told}")
+def _provenance(calibrated: Results, more: Mapping[str, object], levels: list[str]) -> Provenance:
+    """Return that of the calibration without what an identification has not."""
+    said = calibrated.provenance
+    gone = dict.fromkeys(("cross_talk_periods", "subtraction", "scatter", "inertial_runs", "inertial_band"))
+    return replace(said, more={**said.more, **more}, levels=levels, **gone)
+
+
+def _misfits(experiments: Sequence[Experiment], outcome: irls.Outcome) -> list[FitWarning]:
+    """Warn of runs that the loop does not explain, by name."""
+    found = []
+    for e, excess in zip(experiments, _excesses(outcome), strict=True):
+        code = "chi2" if 1 / verdict.OFF < excess < verdict.OFF else "noise_mismatch"
+        told = f"{e.name}: the simulated loop leaves {excess:.3g} times the power of the noise run"
+        found += [FitWarning(code, (), told)] if _is_off(excess) else []
+    return found
+
+
+def _mismatches(commands: Mapping[str, comparison.Commands]) -> dict[str, float]:
+    return {run: of_run.mismatch for run, of_run in commands.items()}
 
 
 def _is_off(excess: float) -> bool:

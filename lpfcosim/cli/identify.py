@@ -21,9 +21,9 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated, telemetry
-from lpfcosim.cosim import Where
+from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
-from lpfcosim.identify import Simulation, Target
+from lpfcosim.identify import Simulation, Target, targets
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, runner, workers
 
@@ -46,6 +46,9 @@ def identify_files(
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
     check_folder(directory, "telemetry")
     fmus = cli_fmu.fmus(plan, console)
+    with about(campaign):
+        for target in targets(plan, plan.runs[0], interfaces(plan.runs[0], fmus)):
+            _free(target)  # before anything takes its time
     if paths:
         _fitted(campaign, plan, paths, directory, console)
     elif not (directory / "results.json").is_file():

@@ -3,7 +3,7 @@
 Nothing is estimated here. `fit.identification` asks for responses, and never sees an FMU.
 """
 
-from lpfcosim.identify.parameters import Target
+from lpfcosim.identify.parameters import Target, targets
 from lpfcosim.identify.simulation import Simulation
 
-__all__ = ["Simulation", "Target"]
+__all__ = ["Simulation", "Target", "targets"]
