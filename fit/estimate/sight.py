@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fit.estimate.forecast import RULE, Expectation, NoneTakesPartError, Planned, channels_of, responses
 from fit.estimate.irls import Held, iterate, weakly_held
 from fit.model import Sharing, dynamics
+from fit.paper import Parameter
 from fit.settings import Settings
 from fit.signal import spectra
 from fit.weighing import divide, linear
@@ -104,13 +105,43 @@ class Sights:
 
 
 def sights(planned: Sequence[Planned], chosen: Settings) -> Sights:
-    """Return what the experiments tell.
+    """Return what the experiments tell, at what is known of the parameters.
 
     Raises
     ------
     NoneTakesPartError
         If none of them takes part in a joint fit.
     """
+    taking_part, parameters = _together(planned, chosen)
+    names, widths = tuple(p.name for p in parameters), np.array([p.prior_sigma for p in parameters])
+    return Sights(names, widths, tuple(_sight(e, e.share) for e in taking_part))
+
+
+def found(planned: Sequence[Planned], chosen: Settings) -> dict[str, float]:
+    """Return what a fit will find of parameters that are not known, such as those of cross-talk.
+
+    Raises
+    ------
+    NoneTakesPartError
+        If none of the experiments takes part in a joint fit.
+    FitError
+        If the fit would come to nothing.
+    """
+    taking_part, parameters = _together(planned, chosen)
+    known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
+    if all(p.name in known for p in parameters):
+        return {}
+    begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
+
+    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
+        return weakly_held(blocks, theta, begun, taking_part[0].share, more)
+
+    theta = iterate(taking_part, begun, held, RULE).solution.theta
+    return {p.name: float(x) for p, x in zip(parameters, theta, strict=False) if p.name not in known}
+
+
+def _together(planned: Sequence[Planned], chosen: Settings) -> tuple[list[Expectation], list[Parameter]]:
+    """Return the experiments that take part in a joint fit, and its parameters."""
     everyone = [Expectation(p, chosen) for p in planned]
     kept = divide([e.experiment for e in everyone], chosen)[0]
     taking_part = [e for e in everyone if e.experiment in kept]
@@ -119,19 +150,9 @@ def sights(planned: Sequence[Planned], chosen: Settings) -> Sights:
     sharing = Sharing(chosen.shared)
     runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
     parameters = sharing.parameters(runs)
-    names = [p.name for p in parameters]
     for e, run in zip(taking_part, runs, strict=True):
-        e.share = sharing.matrix(*run, names)
-    known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
-    begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
-
-    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
-        return weakly_held(blocks, theta, begun, taking_part[0].share, more)
-
-    if any(p.name not in known for p in parameters):  # cross-talk: what a fit will find of it is less noise
-        iterate(taking_part, begun, held, RULE)
-    each = [_sight(e, e.share) for e in taking_part]
-    return Sights(tuple(names), np.array([p.prior_sigma for p in parameters]), tuple(each))
+        e.share = sharing.matrix(*run, [p.name for p in parameters])
+    return taking_part, parameters
 
 
 def _sight(expectation: Expectation, share: Array) -> Sight:

@@ -1,6 +1,8 @@
 """The command ``design``: the best injections within limits, as a campaign."""
 
 import json
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +54,12 @@ def design(
         gains = dict.fromkeys(("lambda_1", "lambda_2"), of.truth.lambda_scatter)
         return {n: e.sigma for n, e in forecasts.expected_fit(planned(of), chosen, gains).parameters.items()}
 
-    foresight = Foresight(lambda of: sight.sights(planned(of), chosen), expected)
+    def told_by(of: Campaign) -> sight.Sights:
+        # noise alone does not tell cross-talk as well: it is as the campaign will tell it
+        return sight.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
+
+    more = cache(lambda: sight.found(planned(plan), chosen))
+    foresight = Foresight(told_by, expected)
     told = Told(
         lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
         lambda step, value: console.note(f"{step}: {value:.4f}"),

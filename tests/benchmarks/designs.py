@@ -54,7 +54,7 @@ class Steady:
         self.energy, self.worth = float(power.mean()), stage.sight.worth(power)
         self.number = np.array([round(tone.frequency * self.length) for tone in tones])
         self.loop = np.array([self._loop(tone.into) for tone in tones])
-        self.size = np.array([tone.amplitude * np.exp(1j * tone.phase) for tone in tones])
+        self.size = np.array([tone.amplitude * np.exp(1j * (tone.phase - np.pi / 2)) for tone in tones])
         self.highest = round(0.095 * self.length)
 
     def _loop(self, into: str) -> int:
