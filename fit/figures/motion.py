@@ -21,7 +21,7 @@ _TERMS = {
 _ROTATION = {
     "delta_g_x": ("blue", "Δg_x", 0.9),
     "g_Omega": ("orange", "g_Ω", 0.7),
-    "g_dOmega": ("green", "g_Ω̇", 0.7),
+    "g_dOmega": ("green", "g_dΩ", 0.7),
     "delta_g": ("ink", "Δg", 1.2),
 }
 AT = 1e-4  # Hz, where the correction for rotation is judged

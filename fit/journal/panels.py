@@ -159,7 +159,7 @@ def _note(ax: Axes, note: Note) -> None:
 def _text(label: str) -> str:
     """Return a label with its subscripts as matplotlib sets them."""
     subscript = re.sub(r"_(\S+)", r"$_{\1}$", label)
-    return subscript.replace("Ω̇", r"\dot\Omega")
+    return subscript.replace("dΩ", r"\dot\Omega")
 
 
 def _in_days(panel: Panel) -> Panel:

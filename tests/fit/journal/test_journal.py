@@ -119,7 +119,7 @@ def test_long_names_do_not_break_a_figure(tmp_path):
 
 def test_subscripts_are_set():
     line = {"name": "x", "role": "ink", "x": np.arange(3.0), "y": np.arange(3.0)}
-    marks = tuple(Curve(label=label, **line) for label in ("Δg_x", "g_Ω̇", "ω²₂ o₁₂"))
+    marks = tuple(Curve(label=label, **line) for label in ("Δg_x", "g_dΩ", "ω²₂ o₁₂"))
     (ax,) = journal.drawn(Chart((Panel(TIME, TIME, marks, (0, 2), (0, 2), 1.0),), {})).figure.axes
     told = [text.get_text() for text in ax.get_legend().get_texts()]
     assert told == ["Δg$_{x}$", r"g$_{\dot\Omega}$", "ω²₂ o₁₂"]
