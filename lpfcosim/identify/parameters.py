@@ -93,6 +93,8 @@ def _place(name: str, by_model: Mapping[str, Interface], where: str) -> str:
 
 
 def _target(key: str, name: str, interface: Interface, values: Mapping[str, float], sought: Sought) -> Target:
+    mapped = interface.replacement.variables if interface.replacement else {}
+    name = {theirs: known for known, theirs in mapped.items()}.get(name, name)
     ours = name in interface.settings and interface.takes(name)
     variable = interface.name(name) if ours else name
     where = f"identify.{key}: {interface.archive}"
@@ -137,6 +139,6 @@ def settings(
         value = theta[target.name]
         if target.name in DELAYS:
             gain = DELAYS[target.name][0]
-            value /= theta.get(gain, gains[gain])
+            value /= theta[gain] if gain in theta else gains[gain]
         found.setdefault(target.model, {})[target.variable] = value
     return found

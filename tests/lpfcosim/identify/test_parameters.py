@@ -1,0 +1,51 @@
+"""Which parameter of which FMU is meant, and what a trial sets."""
+
+from dataclasses import replace
+
+import pytest
+
+from lpfcosim.campaign import Sought
+from lpfcosim.cosim import placement
+from lpfcosim.identify import targets
+from lpfcosim.identify.parameters import settings
+from lpfcosim.spacecraft.run import Replacement
+from tests.lpfcosim.cosim.foreign import renamed
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.fixture
+def resolved(make_run, plan, fmus):
+    def made(sought, *replacements):
+        run = make_run(replacements=replacements)
+        archives = {**fmus, **{r.model: r.archive for r in replacements}}
+        return targets(replace(plan, identify=sought), run, placement.interfaces(run, archives))
+
+    return made
+
+
+def test_without_a_table_all_of_the_fit_is_sought(resolved):
+    found = {t.name: (t.model, t.variable) for t in resolved({})}
+    assert list(found)[:4] == ["lambda_1", "lambda_2", "C_1", "C_2"]
+    assert found["C_2"] == ("Plant", "tau_2")
+    assert found["lambda_2"] == ("Actuation", "lambda_2")
+    assert found["delta_ifo"] == ("OpticalMetrology", "delta_ifo")
+    assert len(found) == 11
+
+
+def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
+    both = resolved({"C_2": Sought(), "lambda_2": Sought()})
+    theta = {"C_2": 0.2, "lambda_2": 1.25}
+    assert settings(both, theta, {}) == {"Plant": {"tau_2": 0.16}, "Actuation": {"lambda_2": 1.25}}
+    alone = resolved({"C_2": Sought()})
+    assert settings(alone, theta, {"lambda_2": 1.0, "lambda_1": 1.0})["Plant"] == {"tau_2": 0.16}
+
+
+@pytest.mark.parametrize("key", ["SuspensionControl.f_u", "SuspensionControl.bandwidth"])
+def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fmus, tmp_path, key):
+    archive = renamed(fmus["SuspensionControl"], tmp_path / "mine.fmu", {"f_u": "bandwidth"})
+    mine = Replacement("SuspensionControl", archive, {"f_u": "bandwidth"})
+    (target,) = resolved({key: Sought(start=1.1e-3)}, mine)
+    assert (target.name, target.variable) == ("SuspensionControl.f_u", "bandwidth")
+    assert (target.given, target.unit) == (1e-3, "Hz")
+    assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
