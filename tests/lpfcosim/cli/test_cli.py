@@ -271,7 +271,7 @@ def test_interrupt_ends_everything_at_once(short, tmp_path):
     try:
         begun = time.monotonic()
         while len(list(tmp_path.glob("short/telemetry/.*.part"))) < 2:
-            assert process.poll() is None
+            assert process.poll() is None, process.communicate()[1]
             assert time.monotonic() - begun < 60
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
