@@ -4,6 +4,7 @@ Least squares with the weights of the noise runs is repeated until nothing moves
 the sigmas hold. Forecasts, samples of the posterior and the pulls of many campaigns rest on the same fit.
 """
 
+from fit.estimate.angles import PlannedTurn
 from fit.estimate.forecast import Planned
 from fit.estimate.irls import Known, Outcome
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
@@ -16,8 +17,10 @@ __all__ = [
     "Known",
     "Outcome",
     "Planned",
+    "PlannedTurn",
     "Posterior",
     "Pulls",
+    "angles",
     "attenuation",
     "bump",
     "centrifugal",

@@ -81,7 +81,7 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     outcome = iterate(weighings, PARAMETERS, _held, rule)
     turning = _centrifugal(weighings, rule)
     solution = outcome.solution
-    theta, covariance, drowned = _freed(outcome)
+    theta, covariance, noisy = _freed(outcome)
     calibration = _of_calibration(outcome, weighings[0].correlation)
     covariance = (covariance + calibration)[:2, :2]
     sigma = np.sqrt(np.diag(covariance))
@@ -96,7 +96,7 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
         converged=outcome.converged,
         warnings=(
             *_warnings([(w.run, warning) for w in weighings for warning in w.warnings]),
-            *([_drowned()] if drowned else []),
+            *([drowned()] if noisy else []),
             *(centrifugal.judged(turning, x_axis)),
         ),
         masked_samples=sum(w.missing for w in weighings),
@@ -208,20 +208,7 @@ def _centrifugal(weighings: Sequence[_Turning], rule: Rule) -> Estimate:
 
 
 def _freed(outcome: Outcome) -> tuple[Array, Array, bool]:
-    """Free least squares of the attenuation by noise in dOmega.
-
-    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
-    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
-
-    Returns
-    -------
-    theta : ndarray, shape (4,)
-        Parameters.
-    covariance : ndarray, shape (4, 4)
-        Theirs, what the power of d happens to be included.
-    drowned : bool
-        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
-    """
+    """Free the least squares of an outcome of the attenuation by noise in dOmega, see `freed`."""
     solution, size = outcome.solution, len(NAMES)
     width = _widths(outcome.parameters)
     noise, happens = np.zeros((2, width.size, width.size))
@@ -233,16 +220,50 @@ def _freed(outcome: Outcome) -> tuple[Array, Array, bool]:
         happens[:size, :size] += spectra.spread(block.window) * power.T @ power / 2
     H = linear.information(outcome.blocks, solution.theta)
     H += outcome.prior.rows.T @ outcome.prior.rows
+    return freed(solution.theta, solution.covariance, H, noise, happens, width)
+
+
+def freed(
+    theta: Array, covariance: Array, H: Array, noise: Array, happens: Array, width: Array
+) -> tuple[Array, Array, bool]:
+    """Free least squares of the attenuation by noise in dOmega.
+
+    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
+    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
+
+    Parameters
+    ----------
+    theta, covariance : ndarray, shapes (P,) and (P, P)
+        What least squares finds.
+    H : ndarray, shape (P, P)
+        Its normal equations, priors included.
+    noise : ndarray, shape (P, P)
+        The part of them that is |d|^2.
+    happens : ndarray, shape (P, P)
+        Covariance of what that adds to their right-hand side.
+    width : ndarray, shape (P,)
+        Of the weak priors, which makes numbers comparable.
+
+    Returns
+    -------
+    theta : ndarray, shape (P,)
+        Parameters.
+    covariance : ndarray, shape (P, P)
+        Theirs, what the power of d happens to be included.
+    drowned : bool
+        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
+    """
     root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
     if np.linalg.eigvalsh(root @ noise @ root.T)[-1] > DROWNED:
-        return solution.theta, solution.covariance, True
+        return theta, covariance, True
     free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
     inverse = free @ np.linalg.inv(H)
-    covariance = free @ solution.covariance @ free.T + inverse @ happens @ inverse.T
-    return free @ solution.theta, covariance, False
+    covariance = free @ covariance @ free.T + inverse @ happens @ inverse.T
+    return free @ theta, covariance, False
 
 
-def _drowned() -> FitWarning:
+def drowned() -> FitWarning:
+    """Return the warning of angles that noise of the torques attenuates by what cannot be told."""
     message = (
         "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "
         "and delta_eta, by how much cannot be told"

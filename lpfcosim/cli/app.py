@@ -82,8 +82,8 @@ def check(
     """Tell what to expect of a campaign before it is run.
 
     It tells whether the campaign is valid, its runs, the stability margins of its loops, the expected
-    sigmas of the joint fit (those of `lpfcosim forecast`), and how long it will take. Nothing is simulated,
-    and no FMU is needed.
+    sigmas (those of `lpfcosim forecast`), and how long it will take. Nothing is simulated, and no FMU is
+    needed.
     """
     from lpfcosim.cli import check as cli_check
     from lpfcosim.cli.console import Console

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import fit.errors
 from fit import settings as fit_settings
-from fit.estimate import forecast
+from fit.estimate import angles, forecast
 from fit.results import Fit
 from fit.tables import Lines
 from fit.weighing import SHORTEST
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.forecast import left_out, table
-from lpfcosim.cli.planned import planned
+from lpfcosim.cli.forecast import left_out, messages, table
+from lpfcosim.cli.planned import planned, turning
 from lpfcosim.errors import InputError
 from lpfcosim.plant import margins, stability
 from lpfcosim.running import fmus, runner
@@ -33,7 +33,7 @@ def check(campaign: Path, console: Console) -> None:
     plan = loading.load(campaign)
     chosen = fit_settings.settings(plan.fit, f"{campaign}: fit")
     loops: list[margins.Margin] = []
-    expected, warnings = None, []
+    expected, periods, warnings = None, dict[str, Fit](), []
     try:
         _check_durations(plan)
         if plan.replacements:
@@ -43,15 +43,19 @@ def check(campaign: Path, console: Console) -> None:
             stability.check(*plan.runs)
             loops = margins.margins(plan.runs[0])
             with console.stage("forecast"):
-                expected = _forecast(plan, chosen)
+                try:
+                    expected = forecast.expected_fit(planned(plan), chosen)
+                    periods = angles.expected_periods(turning(plan.runs), expected)
+                except forecast.NoneTakesPartError:
+                    warnings.append(_why_none(plan))
+                except forecast.NoiselessError as error:
+                    warnings.append(f"no forecast: {error}")
             warnings += [left_out(name) for name in plan.truth.living]
-            if expected is None:
-                warnings.append(_why_none(plan))
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
     jobs = runner.processors()
     seconds = wall_time(plan, jobs)
-    warnings += [w.message for w in (expected.warnings if expected else ())]
+    warnings += messages(expected, periods) if expected else []
     told = {
         "schema": SCHEMA,
         "campaign": plan.name,
@@ -59,7 +63,7 @@ def check(campaign: Path, console: Console) -> None:
         "runs": [_run_document(run) for run in plan.runs],
         "duration": sum(map(_duration, plan.runs)),
         "loops": cli_margins.documents(loops),
-        "forecast": forecast.document(expected) if expected else None,
+        "forecast": forecast.document(expected, periods) if expected else None,
         "warnings": warnings,
         "wall_time": round(seconds),
     }
@@ -72,7 +76,7 @@ def check(campaign: Path, console: Console) -> None:
         console.show(cli_margins.table(loops))
         console.say("")
     if expected:
-        console.show(table(expected))
+        console.show(table(expected, periods))
         console.say("")
     idle = f"{jobs} idle processors" if jobs > 1 else "an idle processor"
     console.say(f"run: about {_about(seconds)} on {idle}, once the FMUs are built")
@@ -86,14 +90,6 @@ def wall_time(plan: Campaign, jobs: int) -> float:
     each = [RUN + run.n_samples * world.sample_cost for run in plan.runs]
     simulating = max(max(each), sum(each) / jobs)  # the longest run is not divided
     return STARTING + simulating + world.experiment_cost * len(plan.experiments)
-
-
-def _forecast(plan: Campaign, chosen: fit_settings.Settings) -> Fit | None:
-    """Return the joint fit to expect, None if no experiment takes part in one."""
-    try:
-        return forecast.expected_fit(planned(plan), chosen)
-    except forecast.NoneTakesPartError:
-        return None
 
 
 def _why_none(plan: Campaign) -> str:

@@ -1,18 +1,20 @@
 """The command ``forecast``: the sigmas of the joint fit before anything is simulated."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import fit.errors
+from fit.estimate import angles
 from fit.estimate import forecast as forecasts
-from fit.paper import FLIGHT
+from fit.paper import FLIGHT, misalignments
 from fit.results import Fit
 from fit.settings import settings
 from fit.tables import Lines
 from lpfcosim.campaign import loading
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.planned import planned
+from lpfcosim.cli.planned import planned, turning
 from lpfcosim.errors import InputError
 
 
@@ -30,16 +32,17 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         with console.stage("forecast"):
             gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
             expected = forecasts.expected_fit(planned(plan), chosen, gains)
+            periods = angles.expected_periods(turning(plan.runs), expected)
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
-    text = json.dumps(forecasts.document(expected), indent=1, allow_nan=False)
+    text = json.dumps(forecasts.document(expected, periods), indent=1, allow_nan=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "forecast.json").write_text(text + "\n", encoding="utf-8")
     console.document(text)
-    console.show(table(expected))
-    for warning in expected.warnings:
-        console.note(f"warning: {warning.message}")
+    console.show(table(expected, periods))
+    for message in messages(expected, periods):
+        console.note(f"warning: {message}")
 
 
 def left_out(name: str) -> str:
@@ -47,11 +50,24 @@ def left_out(name: str) -> str:
     return f"truth.{name}: the forecast leaves out gains that change within a run"
 
 
-def table(expected: Fit) -> Lines:
-    """Return the sigmas of a forecast beside those of flight."""
+def messages(expected: Fit, periods: Mapping[str, Fit]) -> list[str]:
+    """Return what to know of a joint fit to expect, and of the Euler fits of its inertial periods."""
+    of_periods = [
+        f"inertial period {period}: {w.message}" for period, of in periods.items() for w in of.warnings
+    ]
+    return [*(w.message for w in expected.warnings), *of_periods]
+
+
+def table(expected: Fit, periods: Mapping[str, Fit]) -> Lines:
+    """Return the sigmas of a forecast beside those of flight, last those of the angles by inertial period."""
+    flown = {name: parameter.sigma for name, parameter in FLIGHT.items()}
+    told = dict(expected.parameters)
+    for period, of in periods.items():
+        told |= {f"{name}_{period}": estimate for name, estimate in of.parameters.items()}
+        flown |= {f"{p.name}_{period}": p.sigma for p in misalignments(period) if p.flown}
     rows = []
-    for name, estimate in expected.parameters.items():
-        flown = FLIGHT[name].sigma if name in FLIGHT else None
-        beside = (f"{flown:.2g}", f"{estimate.sigma / flown:.2g}") if flown else ("", "")
+    for name, estimate in told.items():
+        sigma = flown.get(name)
+        beside = (f"{sigma:.2g}", f"{estimate.sigma / sigma:.2g}") if sigma else ("", "")
         rows.append((name, estimate.unit, f"{estimate.sigma:.2g}", *beside))
     return Lines(("parameter", "unit", "sigma", "flight sigma", "ratio"), tuple(rows))

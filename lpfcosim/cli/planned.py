@@ -1,6 +1,6 @@
 """A campaign as commands take it up: read, checked, and as the experiments that are planned."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fit.estimate import Planned
+from fit.estimate import Planned, PlannedTurn
+from fit.model import rotation
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry
 from fit.weighing import Experiment
@@ -19,6 +20,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.plant import planning, stability
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Run
+from lpfcosim.worlds import world_of
 
 
 def begun(campaign: Path, jobs: int | None, scheduler: str | None) -> tuple[Campaign, Settings]:
@@ -58,6 +60,27 @@ def planned(plan: Campaign) -> list[Planned]:
         )
         for run in driven
     ]
+
+
+def turning(runs: Sequence[Run]) -> list[PlannedTurn]:
+    """Return those of the runs that the inertial calibration may use: noise of the whole spacecraft.
+
+    Raises
+    ------
+    InputError
+        If a loop is unstable.
+    """
+    steered = [run for run in runs if run.kind == "noise" and world_of(run).turns(run)]
+    stability.check(*steered)
+    return [_turning(run) for run in steered]
+
+
+def _turning(run: Run) -> PlannedTurn:
+    still = np.broadcast_to(0.0, round(run.n_samples / run.fs * planning.RATE))
+    rates = world_of(run).turns(run)
+    phi, eta = (rates.get(f"attitude_{axis}", 0.0) for axis in rotation.AXES)
+    channels = dict.fromkeys(world_of(run).record, still)
+    return PlannedTurn(in_memory(run, channels), partial(planning.cross_spectra, run), (phi, eta))
 
 
 def _flown(run: Run, *, noisy: bool) -> Experiment:

@@ -293,6 +293,14 @@ def test_short_and_excluded_runs_stay_out(quickstart):
     assert "lambda_2" in forecast(short, settings({"include_short": True})).parameters
 
 
+def test_another_weighting_is_not_forecast_in_silence():
+    plan = expected(World(), SETS[:2])
+    told, usual = forecast(plan, settings({"estimator": "flscov"})), forecast(plan)
+    assert sigmas(told) == sigmas(usual)
+    (warning,) = [w for w in told.warnings if w not in usual.warnings]
+    assert warning.message.startswith("the forecast is that of the default estimator")
+
+
 def test_command_line(lpfcosim, quickstart, tmp_path):
     status, out, err = lpfcosim("forecast", quickstart, "--json", "--out", "told")
     assert status == 0, err

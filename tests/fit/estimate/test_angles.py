@@ -1,0 +1,120 @@
+"""The forecast of the inertial angles: against fits through FMUs, of the reference plant, and drawn."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.estimate.angles import expected_periods
+from fit.estimate.inertial import fit_period
+from lpfcosim.campaign import loading
+from lpfcosim.cli.planned import in_memory, turning
+from lpfcosim.plant import spectral
+from lpfcosim.signals import decimation
+from lpfcosim.spacecraft import Noise
+from lpfcosim.worlds import whole_plant
+from tests import ROOT
+from tests.oracles.rotation_synthetic import calibration
+
+INERTIAL = ROOT / "campaigns" / "inertial.toml"
+TOLD = [f"{k}_{j}" for axis in ("phi", "eta") for k in (f"N_{axis}", f"o_{axis}") for j in (1, 2, 12)]
+READ = [name for name in TOLD if name[0] + name[-2:] not in ("N12", "o_2")]
+CHANNELS = ["o_1", "o_12", "f_x_1", "f_x_2", *READ, "ast_phi", "ast_eta"]
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return loading.load(INERTIAL)
+
+
+def told(*runs):
+    return expected_periods(turning(runs), calibration().joint)
+
+
+def sigmas(fit):
+    return {name: estimate.sigma for name, estimate in fit.parameters.items()}
+
+
+def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
+    periods = told(*plan.runs)  # six-hour noise runs take no part
+    assert list(periods) == ["1", "2", "3"]
+    # measured with `lpfcosim run campaigns/inertial.toml`, see docs/benchmarks.md
+    measured = {"1": (0.020e-3, 0.0042e-3), "2": (0.012e-3, 0.0027e-3), "3": (0.006e-3, 0.0013e-3)}
+    for period, fit in periods.items():
+        assert tuple(sigmas(fit).values()) == pytest.approx(measured[period], rel=0.1)
+        drawn = plan.runs[[run.inertial_period for run in plan.runs].index(int(period))].spacecraft
+        truth = {"delta_phi": drawn.delta_phi, "delta_eta": drawn.delta_eta}
+        for name, estimate in fit.parameters.items():
+            assert abs(estimate.value - truth[name]) < 0.2 * estimate.sigma
+
+
+@pytest.mark.slow
+def test_agrees_with_a_fit_of_the_reference_plant(plan):
+    run = next(run for run in plan.runs if run.experiment == "P3a")
+    run = replace(run, n_samples=run.n_samples // 3 * 2)
+    channels = whole_plant.simulate(run)
+    low_pass = decimation.taps(10)
+    kept = {name: np.convolve(channels[name], low_pass, "valid")[::10] for name in CHANNELS}
+    found = fit_period([in_memory(run, kept)], calibration().joint)
+    # the spacecraft turns by noise of few bins, and by how much happens
+    assert sigmas(told(run)["3"]) == pytest.approx(sigmas(found), rel=0.2)
+
+
+@pytest.mark.slow
+def test_loud_torques_widen_as_they_do_in_fits(plan):
+    run = next(run for run in plan.runs if run.experiment == "P3a")
+    craft = replace(run.spacecraft, Omega_DC=(0.0, 0.0, 0.0))  # what is drawn does not hold the steady turn
+    loud = replace(run, spacecraft=craft, noise=replace(run.noise, torque=8e-12))
+    drawn, joint = spectral.Simulation(loud, CHANNELS), calibration().joint
+    fits = [fit_period([in_memory(loud, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)]
+    quiet, expected = sigmas(told(run)["3"]), sigmas(told(loud)["3"])
+    for name, sigma in expected.items():
+        assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
+        assert sigma > 1.02 * quiet[name]
+
+
+def test_drowned_in_torque_noise_as_the_fit_is(plan):
+    run = next(run for run in plan.runs if run.experiment == "P1")
+    (fit,) = told(replace(run, noise=replace(run.noise, torque=5e-10))).values()
+    assert "torque_noise" in {w.code for w in fit.warnings}
+
+
+def test_a_spacecraft_that_does_not_turn_tells_nothing(plan):
+    run = next(run for run in plan.runs if run.experiment == "P1")
+    along_x = {name: getattr(run.noise, name) for name in ("oms", "plateau", "tail", "thruster")}
+    (fit,) = told(replace(run, noise=Noise(**along_x))).values()
+    assert not fit.parameters
+    assert any("hardly turns" in w.message for w in fit.warnings)
+
+
+@pytest.fixture
+def short(tmp_path):
+    """Head, experiment A and half a day of noise of the shipped campaign."""
+    head, first, *others = INERTIAL.read_text(encoding="utf-8").split("[[experiments]]")
+    turning = next(text for text in others if 'name = "P1"' in text).replace('"3 d"', '"12 h"')
+    path = tmp_path / "short.toml"
+    path.write_text("[[experiments]]".join([head, first, turning]), encoding="utf-8")
+    return path
+
+
+def test_command_line_tells_the_angles(lpfcosim, short, tmp_path):
+    status, out, err = lpfcosim("forecast", short, "--out", "told")
+    assert status == 0, err
+    period = json.loads((tmp_path / "told" / "forecast.json").read_text(encoding="utf-8"))["inertial"]["1"]
+    assert period["names"] == ["delta_phi", "delta_eta"]
+    sigma = period["parameters"]["delta_phi"]["sigma"]
+    assert sigma == pytest.approx(0.020e-3 * np.sqrt(6), rel=0.3)  # that of three days, see above
+    (row,) = (line for line in out.splitlines() if "delta_phi_1" in line)
+    assert row.split() == ["delta_phi_1", "rad", f"{sigma:.2g}", "3e-05", f"{sigma / 3e-5:.2g}"]
+    assert "inertial period 1: the calibration does not determine" in err
+
+
+def test_without_noise_nothing_is_forecast(lpfcosim, short):
+    text = short.read_text(encoding="utf-8")
+    begin, end = text.index("[noise]"), text.index("# The standard six-hour")
+    short.write_text((text[:begin] + text[end:]).split("noise = {")[0], encoding="utf-8")
+    status, _, err = lpfcosim("forecast", short, "--quiet")
+    assert status == 2
+    assert err.startswith(f"lpfcosim: error: {short}: run A: without noise there are no sigmas to forecast")
+    assert len(err.splitlines()) == 1
