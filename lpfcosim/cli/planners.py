@@ -21,13 +21,13 @@ def forecast(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Tell the expected sigmas of the joint fit and of the inertial angles; needs no FMU.
+    """Tell the expected sigmas of the joint fit; needs no FMU.
 
     They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
     noise of the channels, which carries information too. They are those of the estimator and of the scatter
     between experiments that the campaign asks for; flscov counts as the default estimator, and a warning
     says so. They are means over many campaigns: those of one fit differ by up to 10 %, because it estimates
-    the noise PSDs. The angles of the inertial calibration follow by period, of the whole spacecraft only.
+    the noise PSDs. Those of the angles of the inertial calibration are told by period.
     """
     from lpfcosim.cli import forecast as cli_forecast
     from lpfcosim.cli.console import Console
