@@ -17,9 +17,9 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 import fit.errors
-from fit.estimate import pulls
+from fit.estimate import inertial, pulls
 from fit.files import documents
-from fit.model import dynamics
+from fit.model import dynamics, rotation
 from fit.pipeline import calibrate
 from fit.results import Results
 from fit.settings import Settings
@@ -304,6 +304,8 @@ def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
 
 
 def _channels(run: Run) -> list[str]:
-    """Return what the joint fit reads of what is recorded."""
+    """Return what fits read of what is recorded; of the star tracker that is long noise runs alone."""
     of_means = (name for parts in dynamics.MEANS.values() for name in parts)
-    return [*dynamics.CHANNELS, *(name for name in of_means if name in world_of(run).record)]
+    turning = run.kind == "noise" and run.n_samples / run.fs >= inertial.SHORTEST
+    stars = [f"ast_{axis}" for axis in rotation.AXES] if turning else []
+    return [*dynamics.CHANNELS, *(name for name in (*of_means, *stars) if name in world_of(run).record)]

@@ -45,6 +45,10 @@ class Simulation:
         self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
         self._n = self._mean["f_x_2"].size
+        for set_point, rate in world_of(run).turns(run).items():
+            follows = set_point.replace("attitude", "ast")
+            if follows in self._mean:
+                self._mean[follows] = self._mean[follows] + rate * np.arange(self._n) / planning.RATE
         self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
         self._period = scipy.fft.next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period

@@ -9,6 +9,7 @@ import pytest
 from fit.estimate.angles import expected_periods
 from fit.estimate.inertial import fit_period
 from lpfcosim.campaign import loading
+from lpfcosim.cli import montecarlo
 from lpfcosim.cli.planned import in_memory, turning
 from lpfcosim.plant import spectral
 from lpfcosim.signals import decimation
@@ -64,14 +65,24 @@ def test_agrees_with_a_fit_of_the_reference_plant(plan):
 @pytest.mark.slow
 def test_loud_torques_widen_as_they_do_in_fits(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
-    craft = replace(run.spacecraft, Omega_DC=(0.0, 0.0, 0.0))  # what is drawn does not hold the steady turn
-    loud = replace(run, spacecraft=craft, noise=replace(run.noise, torque=8e-12))
+    loud = replace(run, noise=replace(run.noise, torque=8e-12))
     drawn, joint = spectral.Simulation(loud, CHANNELS), calibration().joint
     fits = [fit_period([in_memory(loud, drawn.record(np.random.default_rng(i)))], joint) for i in range(4)]
     quiet, expected = sigmas(told(run)["3"]), sigmas(told(loud)["3"])
     for name, sigma in expected.items():
         assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
         assert sigma > 1.02 * quiet[name]
+
+
+@pytest.mark.slow
+def test_monte_carlo_fits_tell_as_much(plan):
+    run, joint = next(run for run in plan.runs if run.experiment == "P3a"), calibration().joint
+    fits = [fit_period([montecarlo._drawn(run, np.random.default_rng(i))], joint) for i in range(3)]
+    for name, sigma in sigmas(told(run)["3"]).items():
+        assert sigma == pytest.approx(np.mean([sigmas(fit)[name] for fit in fits]), rel=0.08)
+    for fit in fits:  # the steady turn is there too
+        assert fit.centrifugal.value == pytest.approx(1, abs=4.5 * fit.centrifugal.sigma)
+        assert fit.centrifugal.sigma < 0.1
 
 
 def test_drowned_in_torque_noise_as_the_fit_is(plan):
