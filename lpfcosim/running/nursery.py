@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import multiprocessing as mp
 import sys
+from contextlib import suppress
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext, SpawnContext
 
@@ -29,12 +30,13 @@ _prepared = False
 
 
 def prepare() -> None:
-    """Begin to read in what workers need, in a process that ends with this one; this one goes on."""
+    """Begin to read in what workers need, in a process that ends with this one, if there can be one."""
     global _prepared
     if sys.platform == "linux" and not _prepared:  # elsewhere libraries do not outlive a fork
         mp.set_forkserver_preload([*LIBRARIES])
-        forkserver.ensure_running()
-        _prepared = True
+        with suppress(OSError):  # a folder for its socket that is full, or whose path is too long for one
+            forkserver.ensure_running()
+            _prepared = True
 
 
 def context() -> ForkServerContext | SpawnContext:

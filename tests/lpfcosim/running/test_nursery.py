@@ -1,0 +1,23 @@
+"""Workers come from somewhere, whatever becomes of the server that reads in libraries for them."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+SCRIPT = (
+    "from lpfcosim.running import nursery; nursery.prepare(); print(nursery.context().get_start_method())"
+)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
+@pytest.mark.parametrize(("folder", "method"), [("", "forkserver"), ("long" * 30, "spawn")])
+def test_a_folder_with_a_long_path_for_temporary_files_is_no_hindrance(tmp_path, folder, method):
+    temporary = tmp_path / folder if folder else Path(tempfile.gettempdir())
+    temporary.mkdir(exist_ok=True)
+    env = {**os.environ, "TMPDIR": str(temporary)}
+    made = subprocess.run([sys.executable, "-c", SCRIPT], env=env, capture_output=True, text=True, check=True)
+    assert made.stdout.strip() == method
