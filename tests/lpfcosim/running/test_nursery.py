@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = (
+SCRIPT = "from lpfcosim.running import nursery as n; n.prepare(); print(n.context().get_start_method())"
     "from lpfcosim.running import nursery; nursery.prepare(); print(nursery.context().get_start_method())"
 )
 
