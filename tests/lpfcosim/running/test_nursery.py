@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 
 SCRIPT = "from lpfcosim.running import nursery as n; n.prepare(); print(n.context().get_start_method())"
-    "from lpfcosim.running import nursery; nursery.prepare(); print(nursery.context().get_start_method())"
-)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
