@@ -175,10 +175,22 @@ def _density(z: Array, columns: Array, widths: Sequence[Width], log_widths: Arra
     units = np.zeros(columns.shape[1])
     for width, log_width in zip(widths, log_widths, strict=True):
         units[list(width.members)] = np.exp(log_width) * width.units
-    axes, size, _ = np.linalg.svd(columns * units, full_matrices=False)
-    taken = np.sum((axes.T @ z) ** 2 * size**2 / (1 + size**2))
+    taken, log_det = absorbed(z, columns * units)
     priors = sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True))
-    return float(taken / 2 - np.sum(np.log1p(size**2)) / 2 + priors)
+    return float(taken / 2 - log_det / 2 + priors)
+
+
+def absorbed(z: Array, columns: Array) -> tuple[float, float]:
+    """Return what departures of width 1 take off the chi2 of data, and the log-determinant they cost.
+
+    Parameters
+    ----------
+    z, columns : ndarray, shapes (N,) and (N, P)
+        As for `evidence`.
+    """
+    axes, size, _ = np.linalg.svd(columns, full_matrices=False)
+    taken = np.sum((axes.T @ z) ** 2 * size**2 / (1 + size**2))
+    return float(taken), float(np.sum(np.log1p(size**2)))
 
 
 def integrate(normal: Normal, widths: Sequence[Width]) -> Mixture:

@@ -45,6 +45,7 @@ RAISED = (
 )
 MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
 MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
+TAKEN_OUT = "fitted along and taken out"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
@@ -230,26 +231,24 @@ class _Search:
             )
             return FitWarning(TOO_MANY, (), message)
         masks, end = self.run.masks[len(self._original.masks) :], float(self.run.telemetry.time[-1])
-        taken_out = _merged([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
-        told = [
-            f"{_counted(spans)} {what}, at " + ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in spans)
-            for spans, what in ((masks, "masked"), (taken_out, "fitted along and taken out"))
-            if spans
-        ]
+        taken_out = merged([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
+        told = [placed(s, what) for s, what in ((masks, "masked"), (taken_out, TAKEN_OUT)) if s]
         spans = tuple(Span(name, *span) for span in sorted([*masks, *taken_out]))
         return FitWarning("glitches", (), f"{name}: {'; '.join(told)}", spans=spans)
 
 
-def _counted(spans: Sequence[tuple[float, float]]) -> str:
-    return f"{len(spans)} glitch{'es' * (len(spans) > 1)}"
+def placed(spans: Sequence[tuple[float, float]], what: str) -> str:
+    """Say how many glitches there are, what was done with them, and where."""
+    where = ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in spans)
+    return f"{len(spans)} glitch{'es' * (len(spans) > 1)} {what}, at {where}"
 
 
-def _merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Join spans that overlap: several shapes may make one glitch."""
-    merged: list[tuple[float, float]] = []
+    found: list[tuple[float, float]] = []
     for begin, end in sorted(spans):
-        if merged and begin <= merged[-1][1]:
-            merged[-1] = merged[-1][0], max(end, merged[-1][1])
+        if found and begin <= found[-1][1]:
+            found[-1] = found[-1][0], max(end, found[-1][1])
         else:
-            merged.append((begin, end))
-    return merged
+            found.append((begin, end))
+    return found

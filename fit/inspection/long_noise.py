@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.inspection.first_fit import least
+from fit.inspection.glitches import TAKEN_OUT, merged, placed
 from fit.inspection.pursuit import View, pursue
 from fit.signal import NoiseModel, Spectra, fit_noise, spectra
 from fit.warnings import FitWarning, Span
@@ -114,15 +115,8 @@ def told(run: str, found: Sequence[Glitch] | None, duration: float) -> FitWarnin
     if found is None:
         message = "more stands out of the noise than glitches would; none is taken out"
         return FitWarning("glitches", (), message)
-    spans = [(max(begin, 0.0), min(end, duration)) for begin, end in (g.span for g in found)]
-    merged: list[tuple[float, float]] = []
-    for begin, end in sorted(spans):
-        if merged and begin <= merged[-1][1]:
-            merged[-1] = merged[-1][0], max(end, merged[-1][1])
-        else:
-            merged.append((begin, end))
-    if not merged:
+    spans = merged([(max(begin, 0.0), min(end, duration)) for begin, end in (g.span for g in found)])
+    if not spans:
         return None
-    where = ", ".join(f"{a:.0f} s ({b - a:.0f} s)" for a, b in merged)
-    message = f"{len(merged)} glitch{'es' * (len(merged) > 1)} fitted along and taken out, at {where}"
-    return FitWarning("glitches", (), message, spans=tuple(Span(run, *span) for span in merged))
+    message = placed(spans, TAKEN_OUT)
+    return FitWarning("glitches", (), message, spans=tuple(Span(run, *span) for span in spans))

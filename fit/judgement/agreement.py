@@ -219,8 +219,7 @@ def _scattering(voices: Regression, kinds: Kinds) -> Scattering | None:
     ratio, log_widths = hierarchy.evidence(voices.z, columns, widths)
     each = zip(widths, np.exp(log_widths), strict=True)
     scaled = columns * np.concatenate([np.full(len(w.members), width) for w, width in each])
-    axes, size, _ = np.linalg.svd(scaled, full_matrices=False)
-    taken = float(np.sum((axes.T @ voices.z) ** 2 * size**2 / (1 + size**2)))
+    taken, _ = hierarchy.absorbed(voices.z, scaled)
     whole = voices.whole
     left = Squares(whole.value - taken, whole.dof - len(kinds), whole.of_noise)
     return Scattering(tuple(kinds), tuple(np.exp(log_widths).tolist()), left, 2 * ratio)

@@ -25,6 +25,7 @@ from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.cosim import in_memory
 from tests.lpfcosim.cosim.foreign import edited, renamed
+from tests.odd_controller import built
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
@@ -354,24 +355,6 @@ def test_truths_that_hang_on_what_is_taken(run, model, missing, gone):
     assert world_of(run).untold(run, {model: missing}) == gone
 
 
-MISBEHAVING = """
-from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Float64
-
-class Odd(Fmi3Slave):
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.time = self.o_12 = self.guidance_o_12 = self.f_control_2 = 0.0
-        for name, causality in (("time", "independent"), ("o_12", "input"), ("guidance_o_12", "input"),
-                                ("f_control_2", "output")):
-            self.register_variable(Float64(name, causality=getattr(Fmi3Causality, causality),
-                                           variability=Fmi3Variability.continuous))
-
-    def do_step(self, current_time, step_size):
-        late = current_time > 4.95
-        WHAT
-"""
-
-
 @ENGINE
 @pytest.mark.parametrize(
     ("what", "told"),
@@ -389,12 +372,9 @@ class Odd(Fmi3Slave):
     ids=["ends", "infinite", "discards"],
 )
 def test_fmu_that_misbehaves_is_named_with_the_time(run, fmus, tmp_path, engine, what, told, request):
-    pythonfmu3 = pytest.importorskip("pythonfmu3")
-    source = tmp_path / f"odd_{request.node.callspec.id.replace('-', '_')}.py"  # Python keeps modules by name
-    source.write_text(MISBEHAVING.replace("WHAT", what))
-    archive = pythonfmu3.FmuBuilder.build_FMU(source, dest=tmp_path)
+    archive = built(tmp_path, f"Odd_{request.node.callspec.id.replace('-', '_')}", what)
     with pytest.raises(RunError, match=rf"^run 'run': the SuspensionControl FMU {told} at 5\.0 s"):
-        simulate(run, fmus, Replacement(SUSPENSION, Path(archive)), engine=engine)
+        simulate(run, fmus, Replacement(SUSPENSION, archive), engine=engine)
 
 
 @ENGINE

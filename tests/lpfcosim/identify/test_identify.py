@@ -6,34 +6,21 @@ import shutil
 import pytest
 
 from tests import ROOT
+from tests.campaign_text import ONE_EXPERIMENT
+from tests.odd_controller import built
 
 pytestmark = pytest.mark.fmu
 
-CAMPAIGN = """
+CAMPAIGN = f"""
 schema = "lpf-campaign/1"
 name = "short"
 seed = 7
-
-[noise]
-oms = "35 fm Hz^-0.5"
-thruster = "0.15 uN Hz^-0.5"
-plateau = "5.6 fm s^-2 Hz^-0.5"
-tail = 1.5
-
-[authority.A]
-F_max_1 = "0 pN"
-F_max_2 = "2200 pN"
-N_max_1 = "10.4 pN m"
-N_max_2 = "10.4 pN m"
 
 [fit]
 include_short = true
 glitches = false
 
-[[experiments]]
-name = "A"
-authority = "A"
-duration = "100 min"
+{ONE_EXPERIMENT.replace('"one"', '"A"')}duration = "100 min"
 noise_duration = "100 min"
 dc = "5e-12 m s^-2"
 """
@@ -126,42 +113,20 @@ def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign)
     assert f"give the command lpfcosim run {campaign}" in err
 
 
-ODD = """
-import os
-from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Float64
-
-class NAME(Fmi3Slave):
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.time = self.o_12 = self.guidance_o_12 = self.f_control_2 = 0.0
-        for name, causality in (("time", "independent"), ("o_12", "input"), ("guidance_o_12", "input"),
-                                ("f_control_2", "output")):
-            self.register_variable(Float64(name, causality=getattr(Fmi3Causality, causality),
-                                           variability=Fmi3Variability.continuous))
-
-    def do_step(self, current_time, step_size):
-        if current_time > 4.95:
-            WHAT
-        return Fmi3StepResult(status=Fmi3Status.ok)
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "what", "said"),
     [
-        ("Aborts", "os.abort()", "identification: the SuspensionControl FMU crashed"),
+        ("Aborts", "os.abort() if late else None", "identification: the SuspensionControl FMU crashed"),
         (
             "Discards",
-            "return Fmi3StepResult(status=Fmi3Status.discard)",
+            "return Fmi3StepResult(status=Fmi3Status.discard if late else Fmi3Status.ok)",
             "the SuspensionControl FMU reports 'discard' at 5.0 s",
         ),
     ],
 )
 def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, what, said):
-    pythonfmu3 = pytest.importorskip("pythonfmu3")
-    (tmp_path / f"{name}.py").write_text(ODD.replace("NAME", name).replace("WHAT", what))
-    pythonfmu3.FmuBuilder.build_FMU(tmp_path / f"{name}.py", dest=tmp_path)
+    built(tmp_path, name, what)
     unused = '["h", "f_u", "f_z", "f_i", "f_p", "f_r", "f_x_2_start"]'
     done.write_text(f'{CAMPAIGN}\n[fmus.SuspensionControl]\npath = "{name}.fmu"\nunused = {unused}\n')
     before = (done.with_suffix("") / "results.json").read_bytes()
