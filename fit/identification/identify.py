@@ -22,6 +22,11 @@ from fit.weighing import Experiment, Likelihood, linear
 Array = NDArray[np.float64]
 
 HALVED = 12  # times at most that a step is halved lest the loop be unstable
+#: Codes of what the fit says of the data as it was prepared, which holds here too.
+OF_DATA = (
+    *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "louder", "left_out", "excluded"),
+    *("short_run", "missing_run", "odd_samples", "guidance", "same_time"),
+)
 AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
 
 
@@ -71,7 +76,9 @@ def identify(
     lost = verdict.indeterminable(outcome, experiments, named)
     found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
     commands = search.commands(experiments, loop, outcome)
+    of_data = calibrated.joint.warnings if calibrated.joint else ()
     more = [
+        *(w for w in of_data if w.code in OF_DATA),
         *_misfits(experiments, outcome),
         *comparison.misled(commands, list(found)),
         *search.told(),

@@ -18,13 +18,27 @@ STIFFEST = 1e-4  # s^-2, of what an authority may cost; flight had 1e-6
 FLAT, VISITS = 3, 5  # samples in a row at the extreme value, and how often, that make it a limit
 DISTINCT = 0.2  # of the samples; with fewer values the command is quantised, and extremes repeat by chance
 FULL_RATE = 10.0  # Hz
+AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
+
+
+def at_limit(run: Telemetry, name: str) -> NDArray[np.bool_]:
+    """Tell where a command along x is at the limit of its authority, shape (N,)."""
+    f_x, most = run.channels[name], AT_LIMIT * limit_of(run, name)
+    if most <= 0:  # without authority there is only what leaks
+        return np.zeros(f_x.size, dtype=bool)
+    return (f_x >= most) | (f_x <= -most)
+
+
+def limit_of(run: Telemetry, name: str) -> float:
+    """Return the largest force per unit mass [m s^-2] that ``f_x_1`` or ``f_x_2`` may have."""
+    return float(getattr(run, f"F_max_{name[-1]}")) / run.m_tm
 
 
 def faults(run: Telemetry) -> Iterator[str]:
     """Yield what contradicts the authority of a run."""
     for j in (1, 2):
         yield from _stiff(run, j)
-        f_x, limit = run.channels[f"f_x_{j}"], getattr(run, f"F_max_{j}") / run.m_tm
+        f_x, limit = run.channels[f"f_x_{j}"], limit_of(run, f"f_x_{j}")
         at = _largest(f_x)
         if at is None:
             continue

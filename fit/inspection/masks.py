@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.inspection import authority
 from fit.inspection.glitches import TOO_MANY, without_glitches
 from fit.settings import Settings
 from fit.signal import derivatives
@@ -19,7 +20,6 @@ from fit.threads import each
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Run
 
-AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
 MOST_SATURATED = (
     0.3  # of a run; if saturation would take more, nothing is masked and the run cannot be trusted
 )
@@ -38,19 +38,15 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
         Code `SATURATED` or `TOO_LONG` if there are any.
     """
     telemetry = run.telemetry
-    limits = {
-        f"f_x_{j}": F_max / telemetry.m_tm
-        for j, F_max in ((1, telemetry.F_max_1), (2, telemetry.F_max_2))
-        if F_max > 0  # without authority there is only what leaks
-    }
-    flags = {name: _reached(telemetry.channels[name], AT_LIMIT * limit) for name, limit in limits.items()}
-    at_limit = np.any(list(flags.values()), axis=0) if flags else np.zeros(telemetry.time.size, bool)
-    if not at_limit.any():
+    flags = {name: authority.at_limit(telemetry, name) for name in ("f_x_1", "f_x_2")}
+    somewhere = np.any(list(flags.values()), axis=0)
+    if not somewhere.any():
         return run, ()
-    stretches = _stretches(telemetry, at_limit)
+    stretches = _stretches(telemetry, somewhere)
     masked = run.without(stretches)
     told = " and ".join(
-        f"{name} in {int(of.sum())} samples (F_max_{name[-1]}/m_tm = {limits[name]:.3g} m s-2)"
+        f"{name} in {int(of.sum())} samples "
+        f"(F_max_{name[-1]}/m_tm = {authority.limit_of(telemetry, name):.3g} m s-2)"
         for name, of in flags.items()
         if of.any()
     )
@@ -62,10 +58,6 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     spans = tuple(Span(telemetry.run, *stretch) for stretch in stretches)
     said = f"{said}; these are masked, {100 * left:.3g} % is left"
     return masked, (FitWarning(SATURATED, (), said, spans=spans),)
-
-
-def _reached(x: NDArray[np.float64], limit: float) -> NDArray[np.bool_]:
-    return (x >= limit) | (x <= -limit)
 
 
 def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

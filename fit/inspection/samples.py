@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.inspection import authority
 from fit.model import dynamics
 from fit.signal import derivatives
 from fit.telemetry import Telemetry, pieces
@@ -243,6 +244,9 @@ def of_commands(run: Telemetry) -> Iterator[str]:
 def _of(run: Telemetry, name: str, fed: Container[str]) -> Iterator[Oddity]:
     if name in READ_OUTS or name in fed:
         x = run.channels[name]
+        if name in fed:
+            limited = authority.at_limit(run, name)  # is masked, and no fault of the archive
+            x = np.where(limited, np.nan, x) if limited.any() else x
         yield from stuck(x, run.fs)
         if name in READ_OUTS:
             yield from jumps(x, run.fs)

@@ -51,8 +51,9 @@ def calibrated(
     calibration: Path | None = None,
     origin: Mapping[str, str | int | float] | None = None,
     told: Callable[[Results], Results] = lambda results: results,
+    printed: bool = True,
 ) -> None:
-    """Fit telemetry, keep the results and the report in a folder, print them.
+    """Fit telemetry, keep the results and the report in a folder, and have them `printed`.
 
     Files that are our `own` need not be tried by another process first. With a `calibration` the dynamics
     are taken from there, and only the inertial forces are fitted. `origin` is how the telemetry came to be;
@@ -88,9 +89,10 @@ def calibrated(
         document = write(results, directory / "results.json")
         with console.stage("report"):
             page = fit_report.write_report(directory, results, telemetries)
-    console.table(results)
-    console.document(document)
-    console.say(f"report: {page}")
+    if printed:
+        console.table(results)
+        console.document(document)
+        console.say(f"report: {page}")
     for place, warning in results.unsound:
         raise FitError(f"{directory / 'results.json'}: {place}: {warning.message}")
 

@@ -78,7 +78,7 @@ def _fitted(campaign: Path, plan: Campaign, paths: Sequence[Path], directory: Pa
     found = telemetry(console, paths, directory, any_gaps=False)
     (directory / "results.json").unlink(missing_ok=True)
     try:
-        calibrated(console, directory, found, chosen)
+        calibrated(console, directory, found, chosen, printed=False)
     except fit.errors.FitError as error:
         if not (directory / "results.json").is_file():
             raise

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fit.errors
-from fit.telemetry import Telemetry, utc
+from fit.telemetry import TOWARDS_1, Telemetry, utc
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, RunError
@@ -29,13 +29,17 @@ _GUIDANCE = ("guidance_o_1", "guidance_o_12")
 
 @dataclass(frozen=True)
 class _Loaded:
-    """A run as it is simulated: what drives it, its whole loop, and its controller alone."""
+    """A run as it is simulated: what drives it, its whole loop, and its controller alone.
+
+    `sense` is -1 where +x of the telemetry points the other way than that of the FMUs.
+    """
 
     run: Run
     feeds: Mapping[str, Array]
     loop: Trials
     controller: Trials
     jitters: bool
+    sense: float
 
 
 class Simulation:
@@ -89,23 +93,25 @@ class Simulation:
         loaded = self._loaded[run.run]
         n = inputs["f_x_1"].size
         feeds = {name: x[:n] for name, x in loaded.feeds.items() if name != "F_x_1"}  # part of f_x_1
-        force = inputs["f_x_1"]
+        force = loaded.sense * inputs["f_x_1"]
         imposed = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
-        feeds |= {**imposed, "F_noise_x_sc": inputs["F_noise_x_sc"], "g_2": np.full(n, loaded.run.dc)}
+        thrust = loaded.sense * inputs["F_noise_x_sc"]
+        feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, loaded.run.dc)}
         found = self._simulated(loaded.loop, n, feeds, theta)
         self._done += 1
         self.told(self._done)
-        return found
+        return {name: loaded.sense * x for name, x in found.items()}
 
     def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
         """Return what the controller of test mass 2 asks for, see `fit.identification.Loop`."""
-        found = self._simulated(self._loaded[run.run].controller, o_12.size, {"o_12": o_12}, theta)
-        return found["f_control_2"]
+        loaded = self._loaded[run.run]
+        found = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.sense * o_12}, theta)
+        return loaded.sense * found["f_control_2"]
 
     def direct(self, run: Telemetry) -> Array:
         """Return the force commanded past the controller, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
-        return loaded.feeds["F_x_2"] / loaded.run.m_tm
+        return loaded.sense * loaded.feeds["F_x_2"] / loaded.run.m_tm
 
     def _simulated(
         self, of: Trials, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
@@ -148,13 +154,14 @@ def _load(
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
         some = next(iter(run.truth.delta_ifo.values()))
         run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
-    feeds = _driven(run, telemetry)
-    run = replace(run, dc=_balance(run, telemetry, feeds))
+    sense = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
+    feeds = _driven(run, telemetry, sense)
+    run = replace(run, dc=sense * _balance(run, telemetry, feeds))
     found = interfaces(run, fmus)
     loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"), where)
     controller = trials.controller(stack, replace(run, dc=0.0), found, where)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
-    return _Loaded(run, feeds, loop, controller, jitters)
+    return _Loaded(run, feeds, loop, controller, jitters, sense)
 
 
 def _balance(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array]) -> float:
@@ -166,7 +173,7 @@ def _balance(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array]) -> floa
     return run.truth.lambda_1 * force_1 - run.truth.lambda_2 * force_2
 
 
-def _driven(run: Run, telemetry: Telemetry) -> dict[str, Array]:
+def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
     n = round(telemetry.time.size * run.fs / telemetry.fs)
     since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + telemetry.time[0]
@@ -183,5 +190,5 @@ def _driven(run: Run, telemetry: Telemetry) -> dict[str, Array]:
     for name in recorded:
         x = telemetry.channels[name]
         there = np.isfinite(x)
-        feeds[name] = np.interp(np.arange(n), np.flatnonzero(there), x[there])
+        feeds[name] = sense * np.interp(np.arange(n), np.flatnonzero(there), x[there])
     return feeds

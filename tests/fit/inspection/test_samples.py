@@ -105,6 +105,14 @@ def test_what_is_in_order_is_left_alone(channels):
     assert not said(**channels)
 
 
+def test_a_command_at_the_limit_of_its_authority_is_not_stuck():
+    limited = {"f_x_2": lambda x: np.clip(x, None, np.quantile(x, 0.9))}
+    odd = run(**limited)
+    assert any("f_x_2 is stuck at" in reason for reason in samples.faults(odd, run("noise")))
+    given = replace(odd, F_max_2=float(odd.channels["f_x_2"].max()) * odd.m_tm)
+    assert not list(samples.faults(given, run("noise")))
+
+
 def test_few_equal_neighbours_of_values_with_few_digits_are_chance():
     steps = np.random.default_rng(5).normal(size=N)
     x = np.array([float(f"{value:.6e}") for value in 1e-10 * (1 + 1e-3 * np.cumsum(steps))])

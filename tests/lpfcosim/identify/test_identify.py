@@ -3,11 +3,13 @@
 import json
 import shutil
 
+import h5py
 import pytest
 
 from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.odd_controller import built
+from tests.oracles import turned
 
 pytestmark = pytest.mark.fmu
 
@@ -29,16 +31,16 @@ TONES = (
     ("guidance_o_12", "13 mHz", "5 nm", 12, "3100 s"),
     ("guidance_o_1", "6 mHz", "5 nm", 20, "1000 s"),
 )
-for into, frequency, amplitude, cycles, start in TONES:
-    CAMPAIGN += f"""
+TONE = """
 [[experiments.injections]]
-into = "{into}"
+into = "{}"
 shape = "sine"
-frequency = "{frequency}"
-amplitude = "{amplitude}"
-cycles = {cycles}
-start = "{start}"
+frequency = "{}"
+amplitude = "{}"
+cycles = {}
+start = "{}"
 """
+CAMPAIGN += "".join(TONE.format(*tone) for tone in TONES)
 SOUGHT = """
 [identify]
 lambda_2 = {}
@@ -82,6 +84,45 @@ def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
         assert abs(mine["pull"]) < 4
     assert found["provenance"]["commands"]["A"] < 1e-9
     assert found["provenance"]["identified"]["omega2_2_0"] == {"model": "Plant", "variable": "omega2_2_0"}
+
+
+@pytest.mark.slow
+def test_telemetry_in_the_other_frame_tells_the_same(lpfcosim, done, tmp_path):
+    done.write_text(CAMPAIGN + SOUGHT)
+    paths = []
+    for path in sorted((done.with_suffix("") / "telemetry").glob("*.h5")):
+        paths.append(tmp_path / path.name)
+        shutil.copy(path, paths[-1])
+        with h5py.File(paths[-1], "r+") as file:
+            file.attrs["x_axis"] = "towards test mass 1"
+            for name in (name for name in file if name in turned.CHANGING):
+                file[name][:] = -file[name][:]
+    found = []
+    for more in ((), (*paths, "--out", tmp_path / "turned")):
+        status, out, err = lpfcosim("identify", done, "--json", *more)
+        assert status == 0, err
+        found.append(json.loads(out))
+    for name, mine in found[0]["joint"]["parameters"].items():
+        theirs = found[1]["joint"]["parameters"][name]
+        assert abs(mine["value"] - theirs["value"]) < 1e-6 * mine["sigma"]
+        assert mine["sigma"] == pytest.approx(theirs["sigma"], rel=1e-6)
+    assert found[1]["provenance"]["commands"]["A"] < 1e-9
+
+
+@pytest.mark.slow
+def test_what_is_clipped_is_masked(lpfcosim, campaign):
+    loud = TONE.format("guidance_o_12", "40 mHz", "300 nm", 60, "3100 s")
+    campaign.write_text(CAMPAIGN.replace("2200 pN", "50 pN") + loud)
+    assert lpfcosim("run", campaign, "--quiet")[0] == 0
+    status, out, err = lpfcosim("identify", campaign, "--json")
+    assert status == 0, err
+    assert "at the limit of its authority: f_x_2 in" in err
+    found = json.loads(out)
+    fitted = json.loads((campaign.with_suffix("") / "results.json").read_text())["joint"]["parameters"]
+    for name, mine in found["joint"]["parameters"].items():
+        assert abs(mine["value"] - fitted[name]["value"]) < 0.05 * mine["sigma"]
+        assert mine["sigma"] == pytest.approx(fitted[name]["sigma"], rel=0.02)
+        assert abs(mine["pull"]) < 4
 
 
 @pytest.mark.parametrize(
