@@ -220,9 +220,6 @@ KINDS: Mapping[str, Kind] = {
         "Nothing if that was intended; otherwise change `exclude` of the table [fit], or repeat the "
         "experiment at a quieter time.",
     ),
-    "forecast_of_default": Kind(
-        "Take the sigmas as a guide, or find those of `flscov` with `lpfcosim montecarlo`.",
-    ),
     "glitches": Kind(
         "Look at the residual at these times; if it is no glitch but signal, set `glitches = false` in "
         "the table [fit].",

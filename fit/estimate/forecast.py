@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import departures
+from fit.estimate import departures, flscov
 from fit.estimate.irls import FREE, Held, Rule, iterate, weakly_held
 from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
@@ -26,7 +26,6 @@ from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.signal import derivatives
 from fit.threads import each, one_thread, within
-from fit.warnings import FitWarning
 from fit.weighing import (
     Experiment,
     Likelihood,
@@ -103,23 +102,10 @@ class Expected(linear.Block):
 
     jitter: Array = field(kw_only=True)
 
-    def boiled_down(self) -> "Sums":
-        """Return what is left of it without its bins."""
-        columns, even = (
-            np.zeros((0, len(self.R)), np.complex128),
-            weights("gaussian", np.zeros(0), np.zeros(0)),
-        )
-        sums, bins = (self.R, self.H, self.M), len(self.columns)
-        return Sums(self.tau, columns, even, None, self.tone, self.share, sums=sums, bins=bins)
-
     @cached_property
     def R(self) -> Array:
         """As that of `linear.Block`."""
-        jitter = self.jitter * np.mean(self.weights.fit)
-        scale = np.sqrt(np.diag(jitter))
-        scale[scale == 0] = 1.0  # a column without noise
-        values, vectors = np.linalg.eigh(jitter / np.outer(scale, scale))
-        rows = (vectors * np.sqrt(np.maximum(values, 0))).T * scale
+        rows = linear.rooted(self.jitter * np.mean(self.weights.fit))
         return np.asarray(np.linalg.qr(np.concatenate([super().R, rows]), mode="r"))
 
     @cached_property
@@ -179,6 +165,13 @@ class Sums(linear.Block):
         return self.sums[2]
 
 
+def boiled_down(block: linear.Block) -> Sums:
+    """Return what is left of a run without its bins."""
+    columns, even = np.zeros((0, len(block.R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
+    sums, bins = (block.R, block.H, block.M), len(block.columns)
+    return Sums(block.tau, columns, even, None, block.tone, block.share, sums=sums, bins=bins)
+
+
 @one_thread
 def expected_fit(
     planned: Sequence[Planned], chosen: Settings | None = None, scatter: Mapping[str, float] | None = None
@@ -190,8 +183,7 @@ def expected_fit(
     planned : sequence of Planned
         The experiments.
     chosen : Settings, optional
-        Of the fit. Of what departs, gains and delays count; `flscov` counts as the default estimator, and a
-        warning says so.
+        Of the fit. Of what departs, gains and delays count.
     scatter : mapping of str to float, optional
         Relative widths by which gains will scatter, by parameter.
 
@@ -228,9 +220,7 @@ def expected_fit(
     with within(0.8, 1.0):
         found = iterate(taking_part, begun, held, RULE, widths)
     outcome = replace(found, parameters=tuple(parameters))
-    expected = as_fit(outcome, [e.experiment for e in taking_part])
-    substituted = [_of_default()] if chosen.estimator == "flscov" else []
-    return replace(expected, warnings=(*expected.warnings, *substituted))
+    return as_fit(outcome, [e.experiment for e in taking_part])
 
 
 def _departing(chosen: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
@@ -267,14 +257,6 @@ def _document(expected: Fit) -> dict[str, object]:
     }
 
 
-def _of_default() -> FitWarning:
-    message = (
-        "the forecast is that of the default estimator; over 100 quick starts the sigmas of flscov were 0.95 "
-        "to 1.25 times as large on the mean, and its estimates scattered by 1.2 of its sigmas"
-    )
-    return FitWarning("forecast_of_default", (), message)
-
-
 class Expectation:
     """Makes the block of a run at the estimate of the parameters, anew only where these have moved.
 
@@ -295,13 +277,14 @@ class Expectation:
         made = planned.make()
         run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
         own = sharing.parameters([(run, made.parameters)])
+        self._by_stretches = chosen.estimator == "flscov"
         self._likelihood: Likelihood = "gaussian" if chosen.estimator == "flscov" else chosen.estimator
         if made.sysid.telemetry.experiment in chosen.levels:
             self._likelihood = "marginalised"
         self.share = sharing.matrix(run, made.parameters, [p.name for p in own])
         self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
         if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = self._expected(made.sysid, self._at).boiled_down()
+            self._sums = boiled_down(self._expected(made.sysid, self._at))
         self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
     def block(self, theta: Array, _: Array, __: int) -> Sums:
@@ -310,7 +293,7 @@ class Expectation:
         c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
         if np.linalg.norm(sums.R @ (c - before)) > MOVED:
             self._at = of_run
-            self._sums = self._expected(self.planned.make().sysid, of_run).boiled_down()
+            self._sums = boiled_down(self._expected(self.planned.make().sysid, of_run))
         return self.sums
 
     @property
@@ -339,21 +322,31 @@ class Expectation:
         power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
         return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
 
-    def _expected(self, run: Run, theta: Array) -> Expected:
+    def _expected(self, run: Run, theta: Array) -> linear.Block:
         """Return a run at its own parameters theta, shape (K,), as if it were fitted for these."""
+        share = np.eye(theta.size)
+        if self._by_stretches:
+            columns = run.columns(dynamics.delays(theta))
+            return flscov.expected(columns, self._told(run, columns.tau, theta), share)
         terms = run.spectra(dynamics.delays(theta))
-        f, power, residual = self.noise(run, terms.tau, theta)
-        if not np.all(residual > 0):
-            raise NoiselessError(run.telemetry.run)
-        x, of_x = np.log(terms.f), np.log(f)
-        # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
-        S = np.exp(scipy.interpolate.CubicSpline(of_x, np.log(residual))(x))
+        power, S = self._told(run, terms.tau, theta)(terms.f)
         U, left = linear.whiten(terms, S)
-        of_bin = scipy.interpolate.CubicSpline(of_x, power)(x) * (2 * left / S)[:, None, None]
+        of_bin = power * (2 * left / S)[:, None, None]
         u = drives(U) + drives(np.sqrt(np.maximum(np.einsum("bkk->bk", of_bin), 0)))
         tone, even = single_tone(terms.f, u), self.expected_weights(terms.f)
-        share = np.eye(theta.size)
         return Expected(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
+
+    def _told(
+        self, run: Run, tau: tuple[float, float], theta: Array
+    ) -> Callable[[Array], tuple[Array, Array]]:
+        """Return what tells cross powers of the columns and PSD of the residual at any frequencies."""
+        f, power, residual = self.noise(run, tau, theta)
+        if not np.all(residual > 0):
+            raise NoiselessError(run.telemetry.run)
+        of_columns = scipy.interpolate.CubicSpline(np.log(f), power)
+        # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
+        of_residual = scipy.interpolate.CubicSpline(np.log(f), np.log(residual))
+        return lambda f: (of_columns(np.log(f)), np.exp(of_residual(np.log(f))))
 
 
 def channels_of(run: Run) -> tuple[str, ...]:

@@ -142,6 +142,8 @@ def found(planned: Sequence[Planned], chosen: Settings) -> dict[str, float]:
 
 def _together(planned: Sequence[Planned], chosen: Settings) -> tuple[list[Expectation], list[Parameter]]:
     """Return the experiments that take part in a joint fit, and its parameters."""
+    if chosen.estimator == "flscov":  # of its stretches nothing is told tone by tone
+        chosen = chosen.model_copy(update={"estimator": "gaussian"})
     everyone = [Expectation(p, chosen) for p in planned]
     kept = divide([e.experiment for e in everyone], chosen)[0]
     taking_part = [e for e in everyone if e.experiment in kept]

@@ -161,6 +161,14 @@ def stacked(x: Spectrum) -> Array:
     return np.concatenate([x.real, x.imag])
 
 
+def rooted(squares: Array) -> Array:
+    """Return K rows whose products sum up to a covariance, shape (K, K), however its columns are scaled."""
+    scale = np.sqrt(np.diag(squares))
+    scale[scale == 0] = 1.0  # a column without noise
+    values, vectors = np.linalg.eigh(squares / np.outer(scale, scale))
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0))).T * scale)
+
+
 def _complex(x: Array) -> Spectrum:
     return x[: len(x) // 2] + 1j * x[len(x) // 2 :]
 

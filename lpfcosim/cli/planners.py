@@ -25,9 +25,9 @@ def forecast(
 
     They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
     noise of the channels, which carries information too. They are those of the estimator and of the scatter
-    between experiments that the campaign asks for; flscov counts as the default estimator, and a warning
-    says so. They are means over many campaigns: those of one fit differ by up to 10 %, because it estimates
-    the noise PSDs. Those of the angles of the inertial calibration are told by period.
+    between experiments that the campaign asks for. They are means over many campaigns: those of one fit
+    differ by up to 10 %, because it estimates the noise PSDs. Those of the angles of the inertial
+    calibration are told by period.
     """
     from lpfcosim.cli import forecast as cli_forecast
     from lpfcosim.cli.console import Console

@@ -57,3 +57,10 @@ def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
     on[4000:12000] = 1.0
     assert each.worth(on) == pytest.approx(0.4 * each.duration, rel=1e-3)
     assert each.worth(np.ones(20000)) < 0.96 * each.duration
+
+
+def test_flscov_is_designed_for_as_the_default(plan):
+    told, usual = (sight.sights(planned(plan), settings(s)) for s in ({"estimator": "flscov"}, {}))
+    for one, other in zip(told.each, usual.each, strict=True):
+        np.testing.assert_array_equal(one.told, other.told)
+        np.testing.assert_array_equal(one.seen(np.array([1e-2])), other.seen(np.array([1e-2])))
