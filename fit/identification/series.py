@@ -1,6 +1,5 @@
 """The channels of a run at the rate of the loop, and what made it move: forces from motions, both ways."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ Array = NDArray[np.float64]
 RATE = 1 / dynamics.LOOP_PERIOD  # Hz
 LOW = (0.1e-3, 0.2e-3)  # Hz: below, the loop lets so little thrust through that noise would pass for it
 HIGH = (0.5, 1.0)  # Hz: above, nothing reaches the fitted band
+BAND = (derivatives.F_MAX, 2 * derivatives.F_MAX)  # Hz: the end of that band
 PASSED, STOPPED, RIPPLE = 0.2, 0.8, 120.0  # of the rate of an archive, that is filled up; dB
 EDGE = 100.0  # s, over which what is imposed comes in and goes out
 FORGOTTEN = 200.0  # s after a gap, when a controller but for its integrator is what it is without
@@ -112,35 +112,64 @@ def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:
     return dynamics.total(dynamics.columns(run, dynamics.delays(theta)), theta)
 
 
-def thrust(motion: Array, push: Callable[[Array], Array], unit: float) -> Array:
+def blow(size: int, unit: float) -> Array:
+    """Return a stray thrust of a single sample, `unit` [N], for a run of `size` samples or less."""
+    n = min(round(MEMORY * RATE), size)
+    return np.where(np.arange(n) == min(round(EDGE * RATE), n // 2), unit, 0.0)
+
+
+def thrust(motion: Array, blown: Array, made: Array) -> Array:
     """Return the stray thrust [N], shape (N,), that moves test mass 1 like this, in mid-band.
 
     Parameters
     ----------
     motion : ndarray, shape (N,)
         Of o_1 [m].
-    push : callable
-        Returns how o_1 answers a stray thrust.
-    unit : float
-        Of the thrust with which to try [N].
+    blown, made : ndarray, shape (M,)
+        A stray thrust, and what o_1 makes of it.
     """
-    n = min(round(MEMORY * RATE), motion.size)
-    blow = np.zeros(n)
-    blow[0] = unit
-    answer = push(blow) / unit
-    size = scipy.fft.next_fast_len(motion.size + n, real=True)
-    f = scipy.fft.rfftfreq(size, 1 / RATE)
-    passed = _rise(f, *LOW) * (1 - _rise(f, *HIGH))
-    of_loop = scipy.fft.rfft(answer, size)
-    spectrum = scipy.fft.rfft(motion * _flanks(motion.size), size)
-    made = np.divide(spectrum * passed, of_loop, out=np.zeros_like(spectrum), where=passed > 0)
-    return np.asarray(scipy.fft.irfft(made, size)[: motion.size], dtype=np.float64)
+    return _answer(motion, made, blown, RATE, HIGH)
+
+
+def followed(motion: Array, made: Array, force_made: Array) -> Array:
+    """Return the force that a motion of o_1 goes along with where a stray thrust makes it, in mid-band.
+
+    Parameters
+    ----------
+    motion : ndarray, shape (N,)
+        Of o_1 at the rate of the loop [m].
+    made : ndarray, shape (M,)
+        The same after a single blow.
+    force_made : ndarray
+        What `force` makes of that.
+
+    Returns
+    -------
+    ndarray
+        On the grid of `reduced` [m s^-2].
+    """
+    taps, factor = derivatives.low_pass(RATE)
+    half = slice(derivatives.HALF, -derivatives.HALF)
+    moved, answer = (derivatives.decimate(x, taps, factor)[half] for x in (motion, made))
+    return _answer(moved, answer, force_made, RATE / factor, BAND)
+
+
+def _answer(x: Array, cause: Array, effect: Array, fs: float, high: tuple[float, float]) -> Array:
+    """Return what x, shape (N,), has for an effect, as `cause` has `effect`; from LOW to `high`."""
+    size = scipy.fft.next_fast_len(x.size + cause.size, real=True)
+    f = scipy.fft.rfftfreq(size, 1 / fs)
+    passed = _rise(f, *LOW) * (1 - _rise(f, *high))
+    spectrum, of_cause, of_effect = (
+        scipy.fft.rfft(y, size) for y in (x * _flanks(x.size, fs), cause, effect)
+    )
+    found = np.divide(spectrum * of_effect * passed, of_cause, out=np.zeros_like(spectrum), where=passed > 0)
+    return np.asarray(scipy.fft.irfft(found, size)[: x.size], dtype=np.float64)
 
 
 def _rise(f: Array, low: float, high: float) -> Array:
     return np.asarray(np.sin(np.pi / 2 * np.clip((f - low) / (high - low), 0, 1)) ** 2)
 
 
-def _flanks(n: int) -> Array:
-    rise = np.minimum(np.arange(n) + 1, np.arange(n)[::-1] + 1) / (EDGE * RATE)
+def _flanks(n: int, fs: float) -> Array:
+    rise = np.minimum(np.arange(n) + 1, np.arange(n)[::-1] + 1) / (EDGE * fs)
     return np.asarray(np.sin(np.pi / 2 * np.minimum(rise, 1)) ** 2)

@@ -83,6 +83,7 @@ class Imposed:
         )
         self._inputs = {FORCE_1: force_1, THRUST: np.zeros(force_1.size)}
         self._grid = series.reduced(run.telemetry, run.channels)
+        self._made = self._force_made = np.empty(0)
         beside = [self._grid.steps]
         if run.glitches:
             beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
@@ -100,21 +101,21 @@ class Imposed:
 
     def residual(self, theta: Mapping[str, float]) -> Array:
         """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
-        found = self._response(theta)
-        missing = self._o_1 - found["o_1"]
-
-        def push(blow: Array) -> Array:
-            still = {FORCE_1: np.zeros(blow.size)}
-            with_blow = self._loop.response(self.telemetry, theta, {**still, THRUST: blow})
-            without = self._loop.response(self.telemetry, theta, {**still, THRUST: np.zeros(blow.size)})
-            return with_blow["o_1"] - without["o_1"]
-
-        self._inputs[THRUST] = self._inputs[THRUST] + series.thrust(missing, push, PUSH)
+        missing = self._o_1 - self._response(theta)["o_1"]
+        blow = series.blow(missing.size, PUSH)
+        still = {FORCE_1: np.zeros(blow.size), THRUST: np.zeros(blow.size)}
+        without = self._loop.response(self.telemetry, theta, still)
+        blown = self._loop.response(self.telemetry, theta, {**still, THRUST: blow})
+        self._made = blown["o_1"] - without["o_1"]
+        self._force_made = self._force(blown["o_12"] - without["o_12"])
+        self._inputs[THRUST] = self._inputs[THRUST] + series.thrust(missing, blow, self._made)
         return self._force(self._o_12 - self._response(theta)["o_12"])
 
     def derivative(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
-        """Return what the residual at one trial is less than at another."""
-        return self._force(self._response(below)["o_12"] - self._response(above)["o_12"])
+        """Return by how much the residual at one trial exceeds that at another, both near the last."""
+        low, high = self._response(below), self._response(above)
+        imposed = series.followed(low["o_1"] - high["o_1"], self._made, self._force_made)
+        return self._force(low["o_12"] - high["o_12"]) - imposed
 
     def transformed(self, columns: Sequence[Array]) -> Spectra:
         """Return the spectra of series on the grid of residuals."""

@@ -8,6 +8,7 @@ import scipy
 
 from fit.errors import InputError
 from fit.identification import series
+from fit.signal import derivatives
 
 
 def archive(fs, x):
@@ -59,6 +60,25 @@ def test_the_thrust_that_moved_a_loop_is_found():
 
     n = 60000
     thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
-    found = series.thrust(push(thrust), push, 1.0)
+    blow = series.blow(n, 1.0)
+    found = series.thrust(push(thrust), blow, push(blow))
     inside = slice(20000, -5000)
     assert np.max(np.abs(found - thrust)[inside]) < 1e-2
+
+
+def test_what_goes_along_with_a_motion_is_found():
+    decay = scipy.signal.butter(1, [5e-4, 0.05], "bandpass", fs=series.RATE, output="sos")
+    taps, factor = derivatives.low_pass(series.RATE)
+
+    def force(x):  # some force that the same thrust makes, on the grid of forces
+        lower = scipy.signal.butter(1, 5e-3, fs=series.RATE, output="sos")
+        return derivatives.decimate(scipy.signal.sosfilt(lower, x), taps, factor)[10:-10]
+
+    n = 60000
+    thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
+    blow = series.blow(n, 1.0)
+    moved, made = (scipy.signal.sosfilt(decay, x) for x in (thrust, blow))
+    found = series.followed(moved, made, force(blow))
+    inside = slice(2000, -500)
+    assert found.shape == force(thrust).shape
+    assert np.max(np.abs(found - force(thrust))[inside]) < 1e-2 * np.max(np.abs(force(thrust)))
