@@ -18,7 +18,7 @@ from fit.errors import FitError
 from fit.model import dynamics
 from fit.paper import DELAYS
 from fit.settings import Settings
-from fit.signal import Spectra, fit_noise, spectra
+from fit.signal import Spectra, Spectrum, fit_noise, spectra
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -33,7 +33,7 @@ AROUND = 201  # bins
 FLANK, LEAKS = 21, 2.0  # bins, and the mean of so many over those around that noise has once in 10^4
 _MEDIAN = float(np.log(2))  # of power whose mean is 1
 _DDO_1 = dynamics.COLUMNS.index("ddo_1")
-_O_1 = dynamics.COLUMNS.index("o_1")
+MOTION = (_DDO_1, dynamics.COLUMNS.index("o_1"))
 
 
 def measure(experiment: Experiment) -> tuple[float, float]:
@@ -68,7 +68,11 @@ def _around(power: Array) -> Array:
 
 def at_injections(terms: Spectra) -> Spectra:
     """Return the spectra of a run with what o_1 is between the injections to be projected out."""
-    o_1 = terms.columns[:, [_DDO_1, _O_1]]
+    return without(terms, terms.columns[:, list(MOTION)])
+
+
+def without(terms: Spectra, o_1: Spectrum) -> Spectra:
+    """Return the same, with the spectra of `MOTION` beside it, shape (B, 2)."""
     power = np.abs(o_1[:, 0]) ** 2
     between = np.where((power > INJECTED * _around(power))[:, None], 0.0, o_1)
     return replace(terms, nuisance=np.concatenate([terms.nuisance, between], axis=1))

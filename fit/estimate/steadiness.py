@@ -17,7 +17,7 @@ from fit.errors import FitError
 from fit.estimate.irls import Outcome
 from fit.estimate.unsteady import Steps, parts
 from fit.warnings import FitWarning
-from fit.weighing import Experiment
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 
@@ -39,10 +39,15 @@ def measure(experiment: Experiment, outcome: Outcome, at: int = 0) -> Steps:
     at : int
         Number of the experiment in that fit.
     """
-    block, theta = outcome.blocks[at], outcome.solution.theta
+    block = outcome.blocks[at]
+    return of_block(block, outcome.solution.theta, experiment.sysid.spectra(block.tau).f)
+
+
+def of_block(block: linear.Block, theta: Array, f: Array) -> Steps:
+    """Return what `measure` does, of a whitened run with bins f [Hz], shape (B,), at theta, shape (P,)."""
     if block.window is None:
         return ()
-    n, f = block.window.size, experiment.sysid.spectra(block.tau).f
+    n = block.window.size
     residual = block.columns @ block.coefficients(theta) * np.sqrt(block.weights.fit)
     found = []
     for low, high in BANDS:
@@ -71,10 +76,15 @@ def judged(
         own = alone[e.name]
         steps = measure(e, own) if isinstance(own, Outcome) else ()
         if steps:
-            least, most = (pick(float(pick(power)) for _, _, power in steps) for pick in (min, max))
-            message = (
-                f"{e.name}: the power of its noise changes within the run, from {least:.2g} to {most:.2g} "
-                "times its mean in quarters of it; the sigmas allow for that"
-            )
-            found[e.name] = FitWarning("unsteady", (), message), replace(e, unsteady=steps)
+            found[e.name] = told(e.name, steps), replace(e, unsteady=steps)
     return found
+
+
+def told(name: str, steps: Steps) -> FitWarning:
+    """Return what to say of an experiment of that name."""
+    least, most = (pick(float(pick(power)) for _, _, power in steps) for pick in (min, max))
+    message = (
+        f"{name}: the power of its noise changes within the run, from {least:.2g} to {most:.2g} "
+        "times its mean in quarters of it; the sigmas allow for that"
+    )
+    return FitWarning("unsteady", (), message)

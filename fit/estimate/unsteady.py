@@ -23,11 +23,13 @@ class Unsteady(linear.Block):
         the run, by its mean under the window.
     """
 
-    loud: tuple[tuple[NDArray[np.bool_], Array], ...] = field(kw_only=True)
+    loud: tuple[tuple[NDArray[np.bool_], Array], ...] = field(default=(), kw_only=True)
 
     @cached_property
     def M(self) -> Array:
         """As that of `linear.Block`."""
+        if not self.loud:
+            return super().M
         assert self.window is not None
         steady = ~np.any([bins for bins, _ in self.loud], axis=0)
         found = self._of_band(steady, self.window)
@@ -48,4 +50,9 @@ def parts(window: Array, count: int) -> NDArray[np.intp]:
 def block(run: linear.Block, f: Array, steps: Steps) -> Unsteady:
     """Return a run with noise that is not steady, as `steadiness` has it; f [Hz] has shape (B,)."""
     own = {x.name: getattr(run, x.name) for x in fields(linear.Block)}
-    return Unsteady(**own, loud=tuple(((f > low) & (f <= high), power) for low, high, power in steps))
+    return Unsteady(**own, loud=bins(f, steps))
+
+
+def bins(f: Array, steps: Steps) -> tuple[tuple[NDArray[np.bool_], Array], ...]:
+    """Return which of the bins f [Hz], shape (B,), are in each band, and the power in parts of the run."""
+    return tuple(((f > low) & (f <= high), power) for low, high, power in steps)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import irls, verdict
+from fit.estimate import irls, steadiness, unsteady, verdict
 from fit.identification import comparison
 from fit.identification.protocol import Free, Loop, joint_parameters, share
-from fit.identification.weighing import Reference, Simulated
+from fit.identification.weighing import Linearised, Reference, Simulated
 from fit.model import Sharing, dynamics
 from fit.results import Provenance, Results
 from fit.settings import Settings
@@ -71,6 +71,7 @@ def identify(
     begin = partial(_Search, experiments, free, along, loop, references)
     search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
     sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
+    outcome, restless = _unsteady(outcome, experiments)
     names = {p.name: p.name for p in search.parameters if p.name in sought}
     named = {name: name for name in names if name not in search.bound}
     lost = verdict.indeterminable(outcome, experiments, named)
@@ -81,6 +82,7 @@ def identify(
         *(w for w in of_data if w.code in OF_DATA),
         *_misfits(experiments, outcome),
         *comparison.misled(commands, list(found)),
+        *restless,
         *search.told(),
         *map(_louder, levels),
     ]
@@ -228,6 +230,23 @@ class _Search:
 
 def _reach(weighing: Simulated, theta: Array) -> None:
     weighing.reach(theta)
+
+
+def _unsteady(
+    outcome: irls.Outcome, experiments: Sequence[Experiment]
+) -> tuple[irls.Outcome, list[FitWarning]]:
+    """Let the sigmas allow for noise that changes within runs, and tell of which it does."""
+    solution, blocks, told = outcome.solution, list(outcome.blocks), []
+    for k, (experiment, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
+        assert isinstance(block, Linearised)
+        steps = steadiness.of_block(block, solution.theta, block.f)
+        if steps:
+            blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))
+            told.append(steadiness.told(experiment.name, steps))
+    if told:
+        width = np.array([p.prior_sigma for p in outcome.parameters])
+        solution = linear.solution(blocks, outcome.prior, solution.theta, width)
+    return replace(outcome, blocks=tuple(blocks), solution=solution), told
 
 
 def _louder(name: str) -> FitWarning:

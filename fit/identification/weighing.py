@@ -1,14 +1,16 @@
 """Runs of a simulated loop as weighted least squares, linear about the last trial."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.estimate import louder, unsteady
 from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
+from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, spectra
 from fit.weighing import Experiment, Likelihood, Run, linear, shapes, smooth_noise, weights
 
@@ -21,15 +23,18 @@ PUSH = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
 
 @dataclass(frozen=True)
-class Linearised(linear.Block):
+class Linearised(unsteady.Unsteady):
     """A whitened run: the residual at a trial, then its derivatives by the P parameters.
 
     Attributes
     ----------
+    f : ndarray, shape (B,)
+        Frequencies [Hz].
     at : ndarray, shape (P,)
         The trial.
     """
 
+    f: Array = field(kw_only=True)
     at: Array = field(kw_only=True)
 
     def coefficients(self, theta: Array) -> Array:
@@ -93,11 +98,19 @@ class Imposed:
         """Return what coefficients of `dynamics.CROSS_TALK` multiply, shape (names, N), zero without it."""
         found = self._run.columns((0.0, 0.0))
         values = np.zeros((len(names), self._grid.time.size))
-        at = np.rint((self._grid.time - found.time[0]) * found.fs).astype(int)
         for row, name in zip(values, names, strict=True):
             if name in found.names:
-                row[:] = found.values[np.clip(at, 0, found.time.size - 1), found.names.index(name)]
+                row[:] = found.values[self._at(found), found.names.index(name)]
         return values
+
+    def motion(self) -> Array:
+        """Return what `louder.MOTION` is, shape (2, N)."""
+        found = self._run.columns((0.0, 0.0))
+        return found.values[self._at(found)][:, list(louder.MOTION)].T
+
+    def _at(self, columns: dynamics.Columns) -> NDArray[np.intp]:
+        at = np.rint((self._grid.time - columns.time[0]) * columns.fs).astype(np.intp)
+        return np.asarray(np.clip(at, 0, columns.time.size - 1))
 
     def residual(self, theta: Mapping[str, float]) -> Array:
         """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
@@ -171,6 +184,7 @@ class Simulated:
         self._names, self._share, self._likelihood = names, share, likelihood
         self._widths, self._low, self._high = scales
         self._along = [run.along(along) for run in (self._sysid, self._noise) if run]
+        self._louder = list(self._sysid.motion()) if experiment.louder else []
         self._model: NoiseModel | None = None
         self._slopes: list[Array] = []
         self._residuals: list[Array] = []
@@ -199,7 +213,10 @@ class Simulated:
         if not np.max(np.abs(theta - self._at) / step) < MOVED:
             self._slopes = self._derivatives(theta, step)
             self._at = theta
-        terms = self._sysid.transformed([left[0], *self._slopes])
+        terms = self._sysid.transformed([left[0], *self._slopes, *self._louder])
+        if self._louder:
+            kept = replace(terms, columns=terms.columns[:, : -len(self._louder)])
+            terms = louder.without(kept, terms.columns[:, -len(self._louder) :])
         if self._noise:
             quiet = self._noise.transformed([left[1]])
             self._model = smooth_noise(quiet, np.ones(1), None, self._model)
@@ -218,6 +235,7 @@ class Simulated:
             share=self._share,
             noise=self._model,
             taken=terms.nuisance.shape[1],
+            f=terms.f,
             at=theta,
         )
 

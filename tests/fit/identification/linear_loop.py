@@ -14,9 +14,8 @@ from lpfcosim.worlds.loop import sampled
 class Feeds:
     """Series that drive a loop, handed on as noise is."""
 
-    def __init__(self, inputs, n):
-        self._signals = {"f_x_1_jitter": inputs["f_x_1"], "F_noise_x_sc": inputs["F_noise_x_sc"]}
-        self._signals["g_2"] = np.zeros(n)
+    def __init__(self, signals, n):
+        self._signals = {"g_2": np.zeros(n), **signals}
         self._taken = 0
 
     def take(self, n):
@@ -50,7 +49,8 @@ class LinearLoop:
             raise FitError("the loop is not stable")
         n = inputs["f_x_1"].size
         run = replace(self._run(telemetry, theta), n_samples=n)
-        found = planning.response(run, Feeds(inputs, n), run.fs)
+        driven = {"f_x_1_jitter": inputs["f_x_1"], "F_noise_x_sc": inputs["F_noise_x_sc"]}
+        found = planning.response(run, Feeds(driven, n), run.fs)
         return {name: found[name] for name in ("o_1", "o_12")}
 
     def command(self, telemetry, theta, o_12):

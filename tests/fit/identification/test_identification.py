@@ -3,18 +3,21 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fit import pipeline
 from fit.errors import FitError, InputError
+from fit.estimate import louder
 from fit.identification import Free, identify
 from fit.settings import settings
 from fit.telemetry import Telemetry
 from fit.weighing import pair
+from lpfcosim.plant import planning
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Noise, Sine, Truth
 from lpfcosim.worlds import world_of
-from tests.fit.identification.linear_loop import LinearLoop
+from tests.fit.identification.linear_loop import Feeds, LinearLoop
 
 CHOSEN = settings({"include_short": True, "glitches": False})
 TONES = (
@@ -61,7 +64,11 @@ def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3):
         [replace(run, suspension=replace(run.suspension, unity_gain=unity_gain)) for run in blank]
     )
     loop.refused = refused
-    return identify(pair(telemetries), free, loop, calibrated, CHOSEN)
+    experiments = pair(telemetries)
+    loud = louder.judged(experiments, CHOSEN)
+    return identify(
+        [loud[e.name][1] if e.name in loud else e for e in experiments], free, loop, calibrated, CHOSEN
+    )
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +162,46 @@ def test_the_estimator_of_ltpda_takes_no_loop(flown):
     runs, telemetries, calibrated = flown
     with pytest.raises(InputError, match="flscov"):
         identify(pair(telemetries), FREE, LinearLoop(runs), calibrated, settings({"estimator": "flscov"}))
+
+
+def changed(flown, **channels):
+    """Return the same flight with something added to channels of its sysid run, and its calibration."""
+    runs, (sysid, noise), _ = flown
+    mixed = {name: sysid.channels[name] + x for name, x in channels.items()}
+    telemetries = [replace(sysid, channels={**sysid.channels, **mixed}), noise]
+    return runs, telemetries, pipeline.calibrate(telemetries, CHOSEN)
+
+
+def agree(told, flight):
+    """Tell whether parameters and sigmas are those of the fit of the same telemetry."""
+    alone = flight[2].experiments["A"]
+    for name, theirs in (("lambda_2", "lambda_2"), ("C_2", "C_2")):
+        assert abs(told[name].value - alone[theirs].value) < 0.05 * alone[theirs].sigma
+        assert told[name].sigma == pytest.approx(alone[theirs].sigma, rel=0.002)
+
+
+@pytest.mark.slow
+def test_noise_of_the_read_out_of_test_mass_1_is_no_motion(flown):
+    n = flown[1][0].time.size
+    flight = changed(flown, o_1=3e-9 * np.random.default_rng(2).standard_normal(n))
+    told = identified(flight).joint
+    assert {"lambda_2", "C_2", "omega2_2_0"} <= set(told)
+    for fit in (told, flight[2].experiments["A"]):  # what little the one injection tells is below its width
+        assert not {"delta_ifo", "delta_ifo_1"} & set(fit)
+    agree(told, flight)
+
+
+@pytest.mark.slow
+def test_sigmas_allow_for_noise_that_changes_within_a_run(flown):
+    runs, (sysid, _), _ = flown
+    n, rng = sysid.time.size, np.random.default_rng(3)
+    late = np.where(np.arange(n) > 0.75 * n, 2e-14 * rng.standard_normal(n), 0.0)
+    still = replace(runs[0], injections=(), dc=0.0)
+    moved = planning.response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
+    flight = changed(flown, **{name: moved[name] for name in ("o_1", "o_12", "f_x_2")})
+    told = identified(flight).joint
+    assert "unsteady" in {w.code for w in told.warnings}
+    agree(told, flight)
 
 
 @pytest.mark.slow
