@@ -17,6 +17,7 @@ Beside each residual by itself stands whether a gain is the same in every experi
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -136,9 +137,16 @@ def _whiteness(left: Residual, power: Array) -> float:
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     sigma = np.sqrt(np.diag(covariance))
-    drawn = np.random.default_rng(0).standard_normal((DRAWS, sigma.size)) @ root.T / sigma
+    drawn = _drawn(sigma.size) @ (root.T / sigma)
     farther = np.max(np.abs(drawn), axis=1) >= np.max(np.abs(departure) / sigma)
     return float((1 + np.count_nonzero(farther)) / (1 + DRAWS))
+
+
+@lru_cache(maxsize=2)  # few campaigns have runs of more lengths that matter
+def _drawn(size: int) -> Array:
+    drawn = np.random.default_rng(0).standard_normal((DRAWS, size))
+    drawn.setflags(write=False)  # others get the same ones
+    return drawn
 
 
 def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:

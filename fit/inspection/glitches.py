@@ -27,7 +27,7 @@ from fit.inspection.first_fit import least
 from fit.inspection.pursuit import View, pursue
 from fit.model import dynamics
 from fit.paper import DELAYS
-from fit.signal import NoiseModel, derivatives, fit_noise
+from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 
@@ -131,12 +131,15 @@ class _Search:
         """Mask or take out what stands out of the noise most; False if nothing does."""
         if self.hopeless:
             return False
-        ratios, sigma = self._ratios(noise)
+        terms = self.run.spectra(self._tau)
+        S = (noise or self)._S(terms.f)
+        U, _ = linear.whiten(terms, S)
+        ratios, sigma = self._ratios(noise, S, U)
         highest = ratios.max(axis=0)
         bells = (ratios * sigma[:, None]).max(axis=0)
         # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
         short = sigma[0] < RAISED and highest.max() > THRESHOLD
-        long = [] if short else pursue(self._view(noise))
+        long = [] if short else pursue(self._view(noise, S, U))
         clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, bells)]
         if clear:
             self._shapes += clear
@@ -174,11 +177,9 @@ class _Search:
             if begin > 0 and end < self._flags.size and end - begin <= 2 * derivatives.HALF:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
 
-    def _view(self, noise: "_Search | None") -> View:
-        """Return the run as the pursuit sees it, against the noise of the noise run, if there is one."""
+    def _view(self, noise: "_Search | None", S: Array, U: Spectrum) -> View:
+        """Return the run as the pursuit sees it, whitened by the PSD S of its noise or of its noise run."""
         terms, inner = self.run.spectra(self._tau), slice(derivatives.HALF, -derivatives.HALF)
-        S = (noise or self)._S(terms.f)
-        U, _ = linear.whiten(terms, S)
         taken = [terms.nuisance * np.sqrt(2 / S)[:, None]]
         if self is not noise:  # the coefficients of a noise run are those of the sysid run
             taken.append(U[:, 1:][:, np.any(U[:, 1:] != 0, axis=0)])
@@ -197,7 +198,7 @@ class _Search:
             known=tuple(self._shapes),
         )
 
-    def _ratios(self, noise: "_Search | None") -> tuple[Array, Array]:
+    def _ratios(self, noise: "_Search | None", S: Array, U: Spectrum) -> tuple[Array, Array]:
         """Return the signal-to-noise ratio of a glitch of every width at every instant, shape (widths, N).
 
         Beside it stands the noise of every width, in units of that which S tells. The noise is that of the
@@ -206,8 +207,8 @@ class _Search:
         """
         terms = self.run.spectra(self._tau)
         n, f = terms.window.size, terms.f
-        S = (noise or self)._S(f)
-        residual = linear.whiten(terms, S)[0] @ self._c
+        residual = U @ self._c
+        seen = terms.window > 0.5
         least = 0.0 if noise in (self, None) else 1.0
         found, sigmas = [], []
         for width in WIDTHS:
@@ -215,7 +216,7 @@ class _Search:
             bell *= n / 2 * np.sqrt(np.mean(terms.window**2)) / np.linalg.norm(bell)  # noise S: variance 1
             padded = np.concatenate([[0], residual * bell, np.zeros(n // 2 - f.size)])
             filtered = np.abs(scipy.fft.irfft(padded, n))
-            sigma = max(_GAUSSIAN * float(np.median(filtered[terms.window > 0.5])), least)
+            sigma = max(_GAUSSIAN * float(np.median(filtered[seen])), least)
             found.append(filtered / sigma if sigma > 0 else np.zeros(n))
             sigmas.append(sigma)
         return np.array(found), np.array(sigmas)

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.signal import Spectrum
-from fit.weighing import Glitch, Shape, shapes
+from fit.weighing import Glitch, Shape, linear, shapes
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class View:
     window : ndarray, shape (n,)
         Of the transform, n <= N.
     residual : ndarray, shape (2 B,)
-        Real parts, then imaginary parts of the whitened residual, of variance 1 where there is but noise.
+        Real and imaginary part of every bin of the whitened residual, of variance 1 where there is but noise.
     Q : ndarray, shape (2 B, K)
         Orthonormal columns that have been projected out of it.
     own : bool
@@ -73,8 +73,7 @@ class View:
     def column(self, glitch: Glitch) -> Array | None:
         """Return a glitch as a whitened column of length 1, shape (2 B,), None if little of it is left."""
         series = glitch.series(self.time[: self.window.size], self.fs)
-        x = scipy.fft.rfft(self.window * series)[1 : self.f.size + 1] / np.sqrt(self.S)
-        whole = np.concatenate([x.real, x.imag])
+        whole = linear.stacked(scipy.fft.rfft(self.window * series)[1 : self.f.size + 1] / np.sqrt(self.S))
         left = whole - self.Q @ (self.Q.T @ whole)
         norm = float(np.linalg.norm(left))
         return left / norm if norm > LEAST * float(np.linalg.norm(whole)) else None
@@ -162,8 +161,7 @@ def _filters(view: View) -> list[_Filter]:
 
 def _strongest(view: View, filters: Sequence[_Filter]) -> Glitch | None:
     """Return what exceeds its threshold most, if it comes near it."""
-    half = view.f.size
-    whitened = view.residual[:half] + 1j * view.residual[half:]
+    whitened = view.residual.view(np.complex128)
     best, most = None, SUSPECT
     for of in filters:
         bins = of.response.size
@@ -216,9 +214,7 @@ def _significance(left: View, column: Array, amplitude: float) -> float:
     Sigma is that of the residual which is left in the band of the glitch. It counts for as many degrees of
     freedom as the band has bins, and is joined by what the noise run tells unless the two contradict.
     """
-    half = column.size // 2
-    weight = column[:half] ** 2 + column[half:] ** 2
-    power = left.residual[:half] ** 2 + left.residual[half:] ** 2
+    weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, left.residual))
     dof = max(2 / float(weight @ weight), 1.0)
     variance = float(weight @ power) / 2
     if not left.own and dof * variance < scipy.stats.chi2.isf(LOUDER, dof):

@@ -98,7 +98,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     if rounded == 0 and (different := np.unique(looked).size) < FEW * looked.size:
         yield Oddity(f"is rounded: it has {different} values in {looked.size} samples", 0.0, x.size / fs)
         return
-    if rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
+    if rounded > 0 and rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
         return  # equal values come by themselves
     least = max(2.1 * rounded, 1e-9 * float(np.nanmedian(np.abs(_bends(x)(slice(0, LOOKED))))))
     flat = [np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2)]

@@ -245,7 +245,7 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
     fs, cross_talk = run.fs, run.parameters[len(PARAMETERS) :]
     valid = ~derivatives.reached(~run.valid)
-    values = np.empty((valid.size, len(COLUMNS) + len(cross_talk)))
+    values = np.empty((valid.size, len(COLUMNS) + len(cross_talk)), order="F")
     values[:, 0], values[:, 7] = (derivatives.derivative(x, fs, 2) for x in (run.o_12, run.o_1))
     values[:, FORCES] = forces(run, tau)
     values[:, 5], values[:, 6] = run.o_12[_INNER], run.o_1[_INNER]
@@ -256,12 +256,12 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
 
 def forces(run: Channels, tau: tuple[float, float]) -> Array:
     """Return the columns `FORCES`, shape (N, 4)."""
-    found, curve = np.empty((run.time[_INNER].size, 4)), (LOOP_PERIOD * run.fs) ** 2 / 24
+    found, curve = np.empty((run.time[_INNER].size, 4), order="F"), (LOOP_PERIOD * run.fs) ** 2 / 24
     for i, (x, shift) in enumerate(((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs))):
         still, first, second = (derivatives.stencil(shift, order) for order in (0, 1, 2))
         # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-        found[:, 2 * i] = derivatives.apply(still + curve * second, x)
-        found[:, 2 * i + 1] = derivatives.apply(run.fs * first, x)
+        both = np.stack([still + curve * second, run.fs * first])
+        found[:, 2 * i : 2 * i + 2] = derivatives.apply_each(both, x).T
     return found
 
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -17,6 +18,7 @@ F_MAX = 0.1  # Hz, end of the fitted band; archives at 1 Hz are flat up to here
 RATE = 1.0  # Hz, least rate after decimation
 HALF = 10  # samples on either side of a stencil: gain right to 1e-10 below F_MAX at 1 Hz
 RIPPLE = 100.0  # dB, what the low-pass leaves of what would alias into the band
+_AT_ONCE = 20  # outputs of a stencil in one row of a matrix: the least work beside what is computed twice
 BRIDGE = 1.0  # s, longest stretch of missing samples that is interpolated rather than masked
 
 
@@ -52,6 +54,20 @@ def apply(weights: Array, x: Array) -> Array:
     return np.correlate(x, weights, mode="valid")
 
 
+def apply_each(weights: Array, x: Array) -> Array:
+    """Return what `apply` does for several stencils, shape (K, 2 HALF + 1), by one product of matrices."""
+    K, size, n = len(weights), weights.shape[1], x.size - weights.shape[1] + 1
+    rows = -(-n // _AT_ONCE)
+    padded = np.zeros(rows * _AT_ONCE + size - 1)
+    padded[: x.size] = x
+    pieces = np.ascontiguousarray(sliding_window_view(padded, _AT_ONCE + size - 1)[::_AT_ONCE])
+    shifted = np.zeros((K, _AT_ONCE, _AT_ONCE + size - 1))
+    for i in range(_AT_ONCE):
+        shifted[:, i, i : i + size] = weights
+    found = pieces @ shifted.reshape(K * _AT_ONCE, -1).T
+    return np.stack([part.reshape(-1)[:n] for part in np.hsplit(found, K)])
+
+
 def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:
     """Return a derivative of a channel [per s^order], delayed [s]; 2 HALF samples shorter than `x`."""
     return apply(stencil(delay * fs, order) * fs**order, x)
@@ -59,6 +75,8 @@ def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:
 
 def reached(masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tell which outputs of a stencil masked samples reach; 2 HALF samples shorter."""
+    if not masked.any():
+        return np.zeros(max(masked.size - 2 * HALF, 0), dtype=bool)
     return apply(np.ones(2 * HALF + 1), masked.astype(float)) > 0.5
 
 

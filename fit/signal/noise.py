@@ -49,23 +49,26 @@ class NoiseModel:
         of the true S larger than the estimate by e^v. Hardly known bins lose their weight that way.
         """
         basis = self.basis(f)
-        variance = np.sum((basis @ self.covariance) * basis, axis=1)
+        variance = np.einsum("bi,bi->b", basis @ self.covariance, basis)
         return np.asarray(np.exp(basis @ self.values + variance), dtype=np.float64)
 
 
 def _spline_basis(knots: Array, f: Array) -> Array:
-    return _basis(knots.tobytes(), f.tobytes())
+    return _basis(knots.tobytes(), f.tobytes())[0]
 
 
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths, and each is asked for again and again
-def _basis(of_knots: bytes, of_f: bytes) -> Array:
+def _basis(of_knots: bytes, of_f: bytes) -> tuple[Array, Array]:
+    """Return the basis, shape (B, K), and its products, shape (K, K)."""
     knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
     spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
     u = np.log(f)
     inside = np.clip(u, knots[0], knots[-1])
     basis = np.asarray(spline(inside) + spline(inside, 1) * (u - inside)[:, None], dtype=np.float64)
-    basis.setflags(write=False)
-    return basis
+    products = np.asarray(basis.T @ basis)
+    for shared in (basis, products):
+        shared.setflags(write=False)
+    return basis, products
 
 
 def _knots(f: Array) -> Array:
@@ -99,9 +102,9 @@ def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
     if not (math.isfinite(level) and level > 0):
         raise FitError("the residual carries no noise whose PSD could weigh the data")
     knots = _knots(f)
-    basis = _spline_basis(knots, f)
+    basis, products = _basis(knots.tobytes(), f.tobytes())
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
-    values = np.asarray(np.linalg.solve(basis.T @ basis, basis.T @ start), dtype=np.float64)
+    values = np.asarray(np.linalg.solve(products, basis.T @ start), dtype=np.float64)
     fisher: Array = (basis * dof[:, None]).T @ basis
 
     def cost(v: Array) -> tuple[float, Array]:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -14,15 +15,24 @@ Spectrum = NDArray[np.complex128]
 
 TAPER = 0.1  # fraction of the run under the two cosine flanks of the window
 GAP_TAPER = 60.0  # s, flank beside a masked stretch
+_TOGETHER = 4  # transforms: faster than one by one, where all of them would fill the memory
 
 
 def window(valid: NDArray[np.bool_], fs: float) -> Array:
     """Return a Tukey window over the run with a smooth notch at every masked stretch, shape (N,)."""
-    n = np.arange(valid.size)
-    w = np.asarray(scipy.signal.windows.tukey(valid.size + 2, TAPER)[1:-1], dtype=np.float64)
+    if valid.all():
+        return _tukey(valid.size, TAPER)
+    n, w = np.arange(valid.size), _tukey(valid.size, TAPER).copy()
     for start, stop in stretches(~valid):
         distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
         w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2
+    return w
+
+
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
+def _tukey(n: int, taper: float) -> Array:
+    w = np.asarray(scipy.signal.windows.tukey(n + 2, taper)[1:-1], dtype=np.float64)
+    w.setflags(write=False)  # others get the same one
     return w
 
 
@@ -90,18 +100,22 @@ def transform(
 def windowed(columns: Array, w: Array, fs: float) -> Spectrum:
     """Return the transforms of columns, shape (N or more, P), under a window, as `Spectra` has them."""
     scale, bins = math.sqrt(2 / (fs * float(w @ w))), _bins(w.size, fs)
-    found = np.empty((bins.stop - bins.start, columns.shape[1]), dtype=np.complex128)
-    for i, column in enumerate(columns.T):  # one by one: all together they fill the memory
-        found[:, i] = scipy.fft.rfft(w * column[: w.size])[bins] * scale
+    found = np.empty((bins.stop - bins.start, columns.shape[1]), dtype=np.complex128, order="F")
+    for i in range(0, columns.shape[1], _TOGETHER):
+        some = slice(i, i + _TOGETHER)
+        found[:, some] = scipy.fft.rfft(columns[: w.size, some].T * w)[:, bins].T * scale
     return found
 
 
 def series(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
-    found, padded = np.empty((n, columns.shape[1])), np.zeros(n // 2 + 1, dtype=np.complex128)
-    for i, column in enumerate(columns.T):  # one by one: all together they fill the memory
-        padded[first : first + column.size] = column
-        found[:, i] = scipy.fft.irfft(padded, n)
+    P = columns.shape[1]
+    found = np.empty((n, P), order="F")
+    padded = np.zeros((min(P, _TOGETHER), n // 2 + 1), dtype=np.complex128)
+    for i in range(0, P, _TOGETHER):
+        some = columns[:, i : i + _TOGETHER].T
+        padded[: len(some), first : first + len(columns)] = some
+        found[:, i : i + _TOGETHER] = scipy.fft.irfft(padded[: len(some)], n).T
     return found
 
 

@@ -8,14 +8,12 @@ conditions stay free of bias because that answer is causal, so that its transfer
 band. Leaving out the lowest bins would break the sum.
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
-from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
@@ -26,8 +24,9 @@ from fit.weighing.tones import drives, single_tone
 
 Array = NDArray[np.float64]
 
-_UNASKED = ("pandas", "matplotlib", "emcee")  # lmfit takes them in if they are there
 FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
+EVALUATIONS = 4000  # at most, for each parameter, before a minimisation is given up
+SUCCESS = (1, 2, 3, 4)  # codes of `scipy.optimize.leastsq`
 
 
 @dataclass(frozen=True)
@@ -110,10 +109,8 @@ class Block:
         w = self.window
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
-        z = spectra.series(self.columns * np.sqrt(self.weights.score)[:, None], self.first, w.size)
-        z *= w.size / 2
-        z *= w[:, None]
-        z *= np.sqrt(2 / (w @ w))
+        z = spectra.series(self._weighed(self.weights.score), self.first, w.size)
+        z *= (w * (w.size / 2 * np.sqrt(2 / (w @ w))))[:, None]
         return np.asarray(z.T @ z)
 
     def root(self, bins: slice) -> Array:
@@ -121,7 +118,10 @@ class Block:
         return np.asarray(np.linalg.qr(stacked(self.columns[bins]), mode="r"))
 
     def _root(self, factors: Array) -> Array:
-        return np.asarray(np.linalg.qr(stacked(self.columns * np.sqrt(factors)[:, None]), mode="r"))
+        return np.asarray(np.linalg.qr(stacked(self._weighed(factors)), mode="r"))
+
+    def _weighed(self, factors: Array) -> Spectrum:
+        return self.columns if np.all(factors == 1) else self.columns * np.sqrt(factors)[:, None]
 
 
 class Straight(Block):
@@ -148,17 +148,20 @@ def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
     left : ndarray, shape (B,)
         The fraction of the power that the projection leaves, from 0 to 1.
     """
-    scale = np.sqrt(2 / S)[:, None]
-    Q = np.linalg.qr(stacked(spectra.nuisance * scale))[0]
-    U = stacked(spectra.columns * scale)
-    U -= Q @ (Q.T @ U)
-    taken = np.sum(Q**2, axis=1).reshape(2, -1).mean(axis=0)
-    return _complex(U), np.asarray(1 - taken, dtype=np.float64)
+    scale = np.repeat(np.sqrt(2 / S), 2)
+    Q = np.linalg.qr((stacked(spectra.nuisance).T * scale).T)[0]
+    U = stacked(spectra.columns).T * scale  # one row for each column, as they lie
+    U -= (U @ Q) @ Q.T
+    taken = np.sum(Q**2, axis=1).reshape(-1, 2).mean(axis=1)
+    return U.view(np.complex128).T, np.asarray(1 - taken, dtype=np.float64)
 
 
 def stacked(x: Spectrum) -> Array:
-    """Return real parts, then imaginary parts."""
-    return np.concatenate([x.real, x.imag])
+    """Return the real and the imaginary part of every bin in turn, shape (2 B, ...).
+
+    Columns that lie each in one piece, as `Spectra` and `whiten` make them, are not copied.
+    """
+    return np.ascontiguousarray(x.T).view(np.float64).T
 
 
 def rooted(squares: Array) -> Array:
@@ -167,10 +170,6 @@ def rooted(squares: Array) -> Array:
     scale[scale == 0] = 1.0  # a column without noise
     values, vectors = np.linalg.eigh(squares / np.outer(scale, scale))
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0))).T * scale)
-
-
-def _complex(x: Array) -> Spectrum:
-    return x[: len(x) // 2] + 1j * x[len(x) // 2 :]
 
 
 def block(
@@ -320,43 +319,25 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     """
     if all(isinstance(block, Straight) for block in blocks):
         return _normal(blocks, prior, width)
-    lmfit = _lmfit()
     rows = prior.rows * width
 
-    def parameters(p: Any) -> Array:
-        return np.array([p[name].value for name in p]) * width
-
-    def residuals(p: Any) -> Array:
-        theta = parameters(p)
+    def residuals(p: Array) -> Array:
+        theta = p * width
         data = [block.R @ block.coefficients(theta) for block in blocks]
         return np.concatenate([*data, prior.rows @ (theta - prior.centre)])
 
-    def jacobian(p: Any) -> Array:
-        theta = parameters(p)
-        data = [block.jacobian(theta) * width for block in blocks]
+    def jacobian(p: Array) -> Array:
+        data = [block.jacobian(p * width) * width for block in blocks]
         return np.concatenate([*data, rows])
 
-    p = lmfit.Parameters()
-    for i, value in enumerate(start / width):
-        p.add(f"p_{i}", value=value)
-    found = lmfit.minimize(
-        residuals, p, method="leastsq", scale_covar=False, Dfun=jacobian, ftol=1e-14, xtol=1e-12
+    most = EVALUATIONS * (width.size + 1)
+    found, _, _, message, how = scipy.optimize.leastsq(
+        residuals, start / width, Dfun=jacobian, full_output=True, ftol=1e-14, xtol=1e-12, maxfev=most
     )
-    theta = parameters(found.params)
-    if not found.success or not np.isfinite(theta).all():
-        raise FitError(f"the minimisation failed: {found.message}")
+    theta = np.asarray(found * width)
+    if how not in SUCCESS or not np.isfinite(theta).all():
+        raise FitError(f"the minimisation failed: {message}")
     return theta
-
-
-def _lmfit() -> Any:
-    """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
-    kept_out = [name for name in _UNASKED if name not in sys.modules and "lmfit" not in sys.modules]
-    sys.modules.update(dict.fromkeys(kept_out))  # type: ignore[arg-type]
-    try:
-        return import_module("lmfit")
-    finally:
-        for name in kept_out:
-            del sys.modules[name]
 
 
 def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:

@@ -50,6 +50,7 @@ class Run:
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
         self.glitches: tuple[Glitch, ...] = ()
+        self._first: Spectra | None = None
         self._last: Spectra | None = None
         self._wander: Spectra | None = None
 
@@ -60,7 +61,7 @@ class Run:
             valid &= (time < begin) | (time > end)
         run.channels = replace(self.channels, valid=valid)
         run.masks = (*self.masks, *stretches)
-        run._last = run._wander = None
+        run._forget()
         return run
 
     def emptied(self) -> "Run":
@@ -83,7 +84,7 @@ class Run:
             means={name: even(x) for name, x in kept.means.items()},
             valid=np.broadcast_to(np.True_, kept.valid.shape),
         )
-        run._last = None
+        run._forget()
         return run
 
     def earlier(self, channel: str, by: float) -> "Run":
@@ -93,15 +94,18 @@ class Run:
         moved = derivatives.derivative(padded, self.channels.fs, 0, -by)
         changed: dict[str, Any] = {channel: moved}
         run.channels = replace(self.channels, **changed)
-        run._last = run._wander = None
+        run._forget()
         return run
 
     def free_of(self, glitches: Sequence[Glitch]) -> "Run":
         """Return the run with these glitches to be taken out besides those that are already."""
         run = copy(self)
         run.glitches = (*self.glitches, *glitches)
-        run._last = run._wander = None
+        run._forget()
         return run
+
+    def _forget(self) -> None:
+        self._first = self._last = self._wander = None
 
     @property
     def masked(self) -> int:
@@ -128,10 +132,13 @@ class Run:
             If missing samples leave too little of the run.
         """
         last = self._last
-        if last is None:
+        if self._first and tau == self._first.tau:  # where every fit begins
+            last = self._first
+        elif last is None:
             terms = self.columns(tau)
             last = self._transformed(terms.values, terms)
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
+            self._first = last
         elif _apart(tau, last.tau) > CLOSE:  # of what does not move, the transforms stay
             columns, forces = last.columns.copy(), dynamics.forces(self.channels, tau)
             columns[:, dynamics.FORCES] = spectra.windowed(forces, last.window, self.channels.fs)

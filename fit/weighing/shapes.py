@@ -9,6 +9,7 @@ band that could be folded into it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -71,11 +72,26 @@ class Glitch:
     def series(self, time: Array, fs: float) -> Array:
         """Return it at the evenly spaced instants `time` [s], shape (N,), no higher than about 1."""
         n = scipy.fft.next_fast_len(time.size + int(2 * LASTS * self.shape.tau * fs), real=True)
-        f = scipy.fft.rfftfreq(n, 1 / fs)
-        smooth = np.exp(-((f / (2 * min(derivatives.F_MAX, fs / 10))) ** 4))
-        spectrum = self.shape.transform(f) * np.exp(-2j * np.pi * f * (self.begin - time[0])) * smooth
+        f, smooth = _low_pass(n, fs)
+        spectrum = np.zeros(n // 2 + 1, dtype=np.complex128)
+        late = -2 * np.pi * f * (self.begin - time[0])
+        inside = spectrum[: f.size]
+        inside.real, inside.imag = np.cos(late), np.sin(late)
+        inside *= self.shape.transform(f)
+        inside *= smooth
         found = np.asarray(scipy.fft.irfft(spectrum, n), dtype=np.float64)[: time.size]
         return found * (fs * self.shape.tau)
+
+
+@lru_cache(maxsize=16)  # a shape that is moved and turned keeps its length for a while
+def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
+    """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
+    f = scipy.fft.rfftfreq(n, 1 / fs)
+    smooth = np.exp(-((f / (2 * min(derivatives.F_MAX, fs / 10))) ** 4))
+    kept = int(np.count_nonzero(smooth))
+    for shared in (f, smooth):
+        shared.setflags(write=False)  # others get the same ones
+    return f[:kept], smooth[:kept]
 
 
 def bounds(duration: float) -> tuple[float, float]:
