@@ -41,7 +41,7 @@ MODELS = (
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
-_CORE = ("core.c", "core.h", "instance.c", "instance.h")
+_CORE = ("core.c", "core.h", "derivatives.c", "instance.c", "instance.h")
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -229,19 +229,20 @@ def build_one(
     The FMU is for this machine, or for ``targets``; it names ``version`` of this package, by default the one
     installed.
     """
-    from lpfcosim.modelica import codegen, description, system
+    from lpfcosim.modelica import codegen, description, sensitivity, system
 
     flat = flatten(package, model)
     translated = system.build(flat)
+    found = sensitivity.Sensitivity(translated)
     where = codegen.layout(translated)
-    header = codegen.header(translated, where, STEP)
-    body = codegen.source(translated, where, token="@token@")
+    header = codegen.header(translated, where, found, STEP)
+    body = codegen.source(translated, where, found, token="@token@")
     runtime = "".join(file.read_text(encoding="utf-8") for file in _runtime(fmi))
     token = str(
         uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
     )
     tool = f"lpfcosim {version or _version('lpfcosim')} with rumoca {_version('rumoca')}"
-    shown = description.Description(flat, translated, where, token, STEP, tool)
+    shown = description.Description(flat, translated, found, where, token, STEP, tool)
 
     archive.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
@@ -253,7 +254,7 @@ def build_one(
         for file in _runtime(fmi):
             shutil.copyfile(file, sources / file.name)
         # One translation unit: the compiler then sees the equations from inside the step.
-        parts = ["model.c", "core.c", "instance.c", f"fmi{fmi[0]}.c"]
+        parts = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
         (sources / "all.c").write_text("".join(f'#include "{p}"\n' for p in parts), encoding="utf-8")
         units = ["all.c"]
         if fmi == "3.0":

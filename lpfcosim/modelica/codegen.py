@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy.printing.c import C99CodePrinter
 
-from lpfcosim.modelica.evaluate import EVENT_FUNCTIONS, TIME
+from lpfcosim.modelica.evaluate import TIME
+from lpfcosim.modelica.events import EVENT_FUNCTIONS
+from lpfcosim.modelica.sensitivity import Sensitivity
 from lpfcosim.modelica.system import Scalar, System
 
 # The states lie together, so that the core can move them in a loop.
-_ORDER = ("state", "discrete", "input", "parameter", "calculated", "algebraic")
+_ORDER = ("state", "discrete", "input", "parameter", "calculated", "algebraic", "rate")
 
 # One helper per opaque function; comparisons are written so that a NaN operand gives NaN.
 _HELPERS = """\
@@ -68,7 +70,7 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
         return repr(float(expr))
 
 
-def header(system: System, where: Layout, step: float) -> str:
+def header(system: System, where: Layout, sensitivity: Sensitivity, step: float) -> str:
     """Text of ``model.h``; ``step`` is the internal step in s."""
     affine = system.affine
     held = len(affine.held) if affine else 0
@@ -80,6 +82,7 @@ def header(system: System, where: Layout, step: float) -> str:
         "NC": len(system.clocks),
         "ND": len(system.delays),
         "NH": held,
+        "NL": len(sensitivity.links),
         "AFFINE": int(affine is not None),
         "NZ": len(system.derivatives) + held + 2 * len(system.delays) + 1,
     }
@@ -89,7 +92,7 @@ def header(system: System, where: Layout, step: float) -> str:
     )
 
 
-def source(system: System, where: Layout, token: str) -> str:
+def source(system: System, where: Layout, sensitivity: Sensitivity, token: str) -> str:
     """Text of ``model.c``; ``token`` is the FMU's instantiation token."""
     used = set().union(*(e.value.free_symbols for e in system.events))
     before = {
@@ -104,7 +107,10 @@ def source(system: System, where: Layout, token: str) -> str:
     stages = _stages(system)
     stage_of = {symbol: k for k, stage in enumerate(stages, start=1) for symbol, _ in stage}
     stage = ",".join(["1", *(str(stage_of.get(s.symbol, 1)) for s in where.order)])
-    settable = ",".join(["0", *(str(settable_until(s)) for s in where.order)])
+    tunable = sensitivity.tunable
+    settable = ",".join(["0", *(str(3 if s.symbol in tunable else settable_until(s)) for s in where.order)])
+    leaf = ("state", "discrete", "input", "parameter")
+    known = ",".join(["1", *(str(int(s.kind in leaf)) for s in where.order)])
     inputs = [where.first("input") + i for i in range(where.count("input"))]
     return "\n".join([
         f"/* {system.name}: {system.description}. Generated from Modelica; edit that. */",
@@ -114,6 +120,7 @@ def source(system: System, where: Layout, token: str) -> str:
         _HELPERS,
         f"static const unsigned char model_settable[NV] = {{{settable}}};",
         f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
+        f"static const unsigned char model_known[NV] = {{{known}}};",
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
         f'static const char *const model_token = "{token}";',
         "",
@@ -121,6 +128,7 @@ def source(system: System, where: Layout, token: str) -> str:
         _events(system, before, c),
         *_clocks_and_delays(system, c),
         *_rates(system, names, c),
+        *_links(system, where, sensitivity, names, c),
     ])  # fmt: skip
 
 
@@ -139,7 +147,7 @@ def _assignments(
     fixed = [
         (s.symbol, s.value)
         for s in where.order
-        if s.kind not in ("calculated", "algebraic") and not s.value.free_symbols
+        if s.kind not in ("calculated", "algebraic", "rate") and not s.value.free_symbols
     ]
     dependent = [
         (s.symbol, s.value) for s in where.order if s.kind in ("state", "discrete") and s.value.free_symbols
@@ -147,7 +155,8 @@ def _assignments(
     moved, outputs, algebraic = stages
     return [
         _function("model_start", "double *v", assign(fixed)),
-        _function("model_parameters", "double *v", assign([*system.calculated, *dependent])),
+        _function("model_calculated", "double *v", assign(system.calculated)),
+        _function("model_dependent_starts", "double *v", assign(dependent)),
         _function(
             "model_take_inputs",
             "double *v, const double *u",
@@ -191,12 +200,39 @@ def _rates(system: System, names: dict[sp.Symbol, str], c: _Printer) -> list[str
         ]
     if not system.derivatives:
         return []
-    shared = sp.numbered_symbols("common", sp.Dummy, real=True)
-    replaced, rates = sp.cse([e for _, e in system.derivatives], shared)
-    names |= {symbol: f"common[{i}]" for i, (symbol, _) in enumerate(replaced)}
-    body = [f"double common[{len(replaced)}];"] if replaced else []
-    body += _numbered(c, "common", (value for _, value in replaced))
-    return [_function("model_rates", f"{_V}, {_D}, double *rate", body + _numbered(c, "rate", rates))]
+    body = _sharing(c, names, "rate", [e for _, e in system.derivatives])
+    return [_function("model_rates", f"{_V}, {_D}, double *rate", body)]
+
+
+def _sharing(c: _Printer, names: dict[sp.Symbol, str], array: str, values: list[sp.Expr]) -> list[str]:
+    """Fill an array, what several elements have in common but once."""
+    symbols = sp.numbered_symbols("common", sp.Dummy, real=True)
+    common, values = sp.cse(values, symbols)
+    names |= {symbol: f"common[{i}]" for i, (symbol, _) in enumerate(common)}
+    body = [f"double common[{len(common)}];"] if common else []
+    body += _numbered(c, "common", (value for _, value in common))
+    return body + _numbered(c, array, values)
+
+
+def _links(
+    system: System, where: Layout, sensitivity: Sensitivity, names: dict[sp.Symbol, str], c: _Printer
+) -> list[str]:
+    """Print the table of the partial derivatives, and the function that evaluates them."""
+    number = where.reference | {d.symbol: 1 + len(where.order) + j for j, d in enumerate(system.delays)}
+    rows = [
+        f"    {{{number[link.unknown]}, {number[link.known]}, {int(link.starting)}}},"
+        f" /* {_comment(link.unknown)} by {_comment(link.known)} */"
+        for link in sensitivity.links
+    ]
+    partials = _sharing(c, names, "p", [link.partial for link in sensitivity.links])
+    return [
+        "\n".join(["static const Link model_links[] = {", *(rows or ["    {0, 0, 0}"]), "};\n"]),
+        _function("model_partials", f"{_V}, {_D}, double *p", partials),
+    ]
+
+
+def _comment(symbol: sp.Symbol) -> str:
+    return str(symbol.name).replace("*/", "* /")
 
 
 def _assigned(c: _Printer, symbol: sp.Symbol, value: sp.Expr) -> str:
@@ -234,7 +270,11 @@ def _stages(system: System) -> tuple[list[tuple[sp.Symbol, sp.Expr]], ...]:
     first = needed(shown & settled)
     second = needed(shown) - first
     third = expressions.keys() - first - second
-    return tuple([p for p in system.algebraic if p[0] in due] for due in (first, second, third))
+    rates = [p for p in system.solved if p[0] not in expressions]
+    stages = [[p for p in system.algebraic if p[0] in due] for due in (first, second, third)]
+    order = {symbol: i for i, (symbol, _) in enumerate(system.solved)}
+    stages[2] = sorted([*stages[2], *rates], key=lambda p: order[p[0]])
+    return tuple(stages)
 
 
 def settable_until(scalar: Scalar) -> int:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from fit.units import in_base_units
-from lpfcosim.modelica.codegen import Layout, settable_until
-from lpfcosim.modelica.flat import FlatModel, UnsupportedError
-from lpfcosim.modelica.system import Scalar, System
+import sympy as sp
 
-_BASE_UNITS = {"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
-               "candela": "cd", "radian": "rad"}  # fmt: skip
-_VARIABILITY = {"parameter": "fixed", "calculated": "fixed", "discrete": "discrete"}
+from lpfcosim.modelica.codegen import Layout, settable_until
+from lpfcosim.modelica.evaluate import TIME
+from lpfcosim.modelica.flat import FlatModel, UnsupportedError
+from lpfcosim.modelica.sensitivity import Dependence, Sensitivity
+from lpfcosim.modelica.system import Scalar, System
+from lpfcosim.modelica.unit import base
+
+# Kinds of knowns after initialization: those of FMI 2.0, and what FMI 3.0 counts as well.
+_KNOWNS = {"2.0": ("input", "state"), "3.0": ("input", "state", "discrete", "parameter")}
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class Description:
 
     Attributes
     ----------
-    model, system, where : FlatModel, System, Layout
-        The model, sorted, with its value references.
+    model, system, sensitivity, where : FlatModel, System, Sensitivity, Layout
+        The model, sorted, with what follows from what, and its value references.
     token : str
         GUID (FMI 2.0) or instantiation token (FMI 3.0).
     step : float
@@ -35,6 +37,7 @@ class Description:
 
     model: FlatModel
     system: System
+    sensitivity: Sensitivity
     where: Layout
     token: str
     step: float
@@ -51,6 +54,8 @@ class Description:
             canSerializeFMUState="true",
             canHandleVariableCommunicationStepSize="false",
             fixedInternalStepSize=repr(self.step),
+            providesDirectionalDerivatives="true",
+            providesAdjointDerivatives="true",
         )
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
@@ -65,13 +70,14 @@ class Description:
             unit="s",
         )
         for reference, scalar in enumerate(self.where.order, start=1):
-            element = ET.SubElement(variables, "Float64", _identity(scalar, reference))
+            element = ET.SubElement(variables, "Float64", self._identity(scalar, reference))
             element.attrib.update(_value(scalar))
+            if scalar.kind == "rate":
+                element.set("derivative", str(self._state(reference)))
         structure = ET.SubElement(root, "ModelStructure")
-        for reference in self._outputs():
-            ET.SubElement(structure, "Output", valueReference=str(reference))
-        for reference in self._initial_unknowns():
-            ET.SubElement(structure, "InitialUnknown", valueReference=str(reference))
+        for name, unknowns in self._structure("3.0"):
+            for reference, attributes in unknowns:
+                ET.SubElement(structure, name, {"valueReference": str(reference), **attributes})
         return _text(root)
 
     def fmi2(self, sources: Sequence[str]) -> str:
@@ -84,6 +90,7 @@ class Description:
             canHandleVariableCommunicationStepSize="false",
             canGetAndSetFMUstate="true",
             canSerializeFMUstate="true",
+            providesDirectionalDerivative="true",
         )
         files = ET.SubElement(simulation, "SourceFiles")
         for name in sources:
@@ -91,18 +98,24 @@ class Description:
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
         for reference, scalar in enumerate(self.where.order, start=1):
-            element = ET.SubElement(variables, "ScalarVariable", _identity(scalar, reference))
+            element = ET.SubElement(variables, "ScalarVariable", self._identity(scalar, reference))
             if scalar.kind == "input":
                 element.attrib.pop("initial", None)
-            ET.SubElement(element, "Real", _value(scalar))
+            real = ET.SubElement(element, "Real", _value(scalar))
+            if scalar.kind == "rate":
+                real.set("derivative", str(self._state(reference)))
         structure = ET.SubElement(root, "ModelStructure")
         # Without time, the position in the list is the value reference.
-        for name, references in (("Outputs", self._outputs()), ("InitialUnknowns", self._initial_unknowns())):
-            unknowns = [str(r) for r in references]
+        groups = {
+            "Output": "Outputs",
+            "ContinuousStateDerivative": "Derivatives",
+            "InitialUnknown": "InitialUnknowns",
+        }
+        for name, unknowns in self._structure("2.0"):
             if unknowns:
-                group = ET.SubElement(structure, name)
-                for index in unknowns:
-                    ET.SubElement(group, "Unknown", index=index)
+                group = ET.SubElement(structure, groups[name])
+                for reference, attributes in unknowns:
+                    ET.SubElement(group, "Unknown", {"index": str(reference), **attributes})
         return _text(root)
 
     def _root(self, version: str, identity: str) -> ET.Element:
@@ -118,35 +131,65 @@ class Description:
         return root
 
     def _common(self, root: ET.Element) -> None:
-        _units(root, self.model)
+        _units(root, self.model, self.system)
         categories = ET.SubElement(root, "LogCategories")
         ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")
         ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="100", stepSize=repr(self.step))
 
-    def _outputs(self) -> Iterator[int]:
-        return (i for i, s in enumerate(self.where.order, start=1) if s.variable.causality == "output")
+    def _state(self, rate: int) -> int:
+        """Return the value reference of the state whose derivative has this one."""
+        return rate - self.where.first("rate") + self.where.first("state")
 
-    def _initial_unknowns(self) -> Iterator[int]:
-        outputs = set(self._outputs())
-        for reference, scalar in enumerate(self.where.order, start=1):
-            if scalar.kind == "calculated" or (reference in outputs and settable_until(scalar) == 0):
-                yield reference
+    def _structure(self, version: str) -> list[tuple[str, list[tuple[int, dict[str, str]]]]]:
+        """Return what the model computes: the kind of unknown, and the value reference of each of them."""
+        numbered = list(enumerate(self.where.order, start=1))
+        outputs = [(i, s) for i, s in numbered if s.variable.causality == "output"]
+        rates = [(i, s) for i, s in numbered if s.kind == "rate"]
+        unknown = [
+            (i, s)
+            for i, s in numbered
+            if settable_until(s) == 0
+            and (s.kind in ("calculated", "state", "rate") or s.variable.causality == "output")
+        ]
+        knowns = {s.symbol for s in self.where.order if s.kind in _KNOWNS[version]}
+        starts = {s.symbol for s in self.where.order if settable_until(s)}
+        if version == "3.0":  # the other one has no variable for time
+            knowns.add(TIME)
+            starts.add(TIME)
+        running, initial = self.sensitivity.running, self.sensitivity.initial
+        return [
+            ("Output", [(i, self._dependence(running, s, knowns)) for i, s in outputs]),
+            ("ContinuousStateDerivative", [(i, self._dependence(running, s, knowns)) for i, s in rates]),
+            ("InitialUnknown", [(i, self._dependence(initial, s, starts)) for i, s in unknown]),
+        ]
 
+    def _dependence(
+        self, on: Mapping[sp.Symbol, Dependence], scalar: Scalar, among: set[sp.Symbol]
+    ) -> dict[str, str]:
+        found = on.get(scalar.symbol, {})
+        kinds = {self.where.reference[s]: kind for s, kind in found.items() if s in among}
+        if on is self.sensitivity.initial:  # other factors have no names of their own there
+            kinds = {i: kind if kind == "constant" else "dependent" for i, kind in kinds.items()}
+        ordered = sorted(kinds.items())
+        return {
+            "dependencies": " ".join(str(i) for i, _ in ordered),
+            "dependenciesKind": " ".join(kind for _, kind in ordered),
+        }
 
-def _identity(scalar: Scalar, reference: int) -> dict[str, str]:
-    v = scalar.variable
-    kinds = {"parameter": "parameter", "calculated": "calculatedParameter"}
-    attributes = {
-        "name": scalar.symbol.name,
-        "valueReference": str(reference),
-        "causality": kinds.get(scalar.kind, v.causality),
-        "variability": _VARIABILITY.get(scalar.kind, "continuous"),
-    }
-    if v.description:
-        attributes["description"] = v.description
-    if scalar.kind != "input":  # an input is "exact" by definition
-        attributes["initial"] = "exact" if settable_until(scalar) else "calculated"
-    return attributes
+    def _identity(self, scalar: Scalar, reference: int) -> dict[str, str]:
+        v = scalar.variable
+        kinds = {"parameter": "parameter", "calculated": "calculatedParameter"}
+        attributes = {
+            "name": scalar.symbol.name,
+            "valueReference": str(reference),
+            "causality": kinds.get(scalar.kind, v.causality),
+            "variability": self.sensitivity.variability(scalar),
+        }
+        if v.description:
+            attributes["description"] = v.description
+        if scalar.kind != "input":  # an input is "exact" by definition
+            attributes["initial"] = "exact" if settable_until(scalar) else "calculated"
+        return attributes
 
 
 def _value(scalar: Scalar) -> dict[str, str]:
@@ -164,15 +207,14 @@ def _text(root: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _units(root: ET.Element, model: FlatModel) -> None:
-    units = sorted({"s"} | {v.unit for v in model.variables if v.unit and v.variability != "constant"})
+def _units(root: ET.Element, model: FlatModel, system: System) -> None:
+    users = {s.variable.unit: s.variable for s in reversed(system.scalars) if s.variable.unit}
     definitions = ET.SubElement(root, "UnitDefinitions")
-    for unit in units:
+    for unit in sorted({"s", *users}):
         try:
-            powers, factor, offset = in_base_units(_pint_spelling(unit))
-            exponents = {_BASE_UNITS[name]: power for name, power in powers.items()}
+            exponents, factor, offset = base(unit)
         except (KeyError, ValueError):
-            user = next(v for v in model.variables if v.unit == unit)
+            user = users[unit]
             raise UnsupportedError(
                 f"{model.sources.where(user.span)}: {model.name}: unit '{unit}' of '{user.name}' is not known"
             ) from None
@@ -183,18 +225,6 @@ def _units(root: ET.Element, model: FlatModel) -> None:
         if offset != 0:
             attributes["offset"] = repr(offset)
         ET.SubElement(element, "BaseUnit", attributes)
-
-
-def _pint_spelling(unit: str) -> str:
-    """``kg.m/s2`` as Modelica writes it, ``kg*m/s**2`` as pint reads it."""
-    if unit == "1":
-        return "dimensionless"
-    numerator, slash, denominator = unit.partition("/")
-    parts = [
-        re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", p).replace(".", "*")
-        for p in (numerator, denominator.strip("()"))
-    ]
-    return f"{parts[0]}/({parts[1]})" if slash else parts[0]
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> str:

@@ -15,13 +15,8 @@ import numpy as np
 import sympy as sp
 
 from lpfcosim.modelica.arrays import BUILDERS, FUNCTIONS, Algebra, mapped, scalar
+from lpfcosim.modelica.events import EVENT_FUNCTIONS, either
 from lpfcosim.modelica.flat import FlatModel, Node, UnsupportedError
-
-# Opaque: C functions of the same name in the runtime; a NaN comes out of them as NaN.
-EVENT_FUNCTIONS = {
-    name: sp.Function(f"modelica_{name}", real=True)
-    for name in ("abs", "sign", "min", "max", "floor", "ceil")
-}
 
 _ELEMENTARY: dict[str, Callable[..., sp.Expr]] = {
     "Sin": sp.sin, "Cos": sp.cos, "Tan": sp.tan, "Asin": sp.asin, "Acos": sp.acos, "Atan": sp.atan,
@@ -244,7 +239,7 @@ class Evaluator:
             if condition in (sp.true, sp.false):
                 otherwise = value if condition == sp.true else otherwise
                 continue
-            otherwise = mapped(partial(_either, condition), value, otherwise)
+            otherwise = mapped(partial(either, condition), value, otherwise)
         return otherwise
 
     def _functioncall(self, body: Node, scope: Mapping[str, Algebra]) -> Algebra:
@@ -389,10 +384,6 @@ class Evaluator:
             self.refuse(body["span"], f"assignment to part of '{name}'")
         target[index] = value.item()
         scope[name] = target
-
-
-def _either(condition: Any, value: sp.Expr, otherwise: sp.Expr) -> sp.Expr:
-    return sp.Piecewise((value, condition), (otherwise, True), evaluate=False)
 
 
 def _span(node: Node) -> Node | None:

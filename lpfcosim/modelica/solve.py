@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import graphlib
-from collections.abc import Iterable
 
 import numpy as np
 import sympy as sp
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
-from lpfcosim.modelica.evaluate import EVENT_FUNCTIONS, Evaluator
+from lpfcosim.modelica.evaluate import Evaluator
+from lpfcosim.modelica.events import switches
 from lpfcosim.modelica.flat import Node, UnsupportedError
 
 
@@ -90,9 +90,3 @@ def _solve_block(
     if len(unknowns) == 1:
         return [(unknowns[0], -rest[0] / matrix[0])]
     return list(zip(unknowns, matrix.LUsolve(-rest), strict=True))
-
-
-def switches(expressions: Iterable[sp.Expr], symbols: set[sp.Symbol]) -> set[sp.Expr]:
-    """Return the relations and event functions that depend on any of the symbols."""
-    kinds = (sp.core.relational.Relational, *EVENT_FUNCTIONS.values())
-    return {a for e in expressions for a in e.atoms(*kinds) if a.free_symbols & symbols}

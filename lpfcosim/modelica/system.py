@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import graphlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy as sp
 
+from lpfcosim.modelica.affine import Affine, affine
 from lpfcosim.modelica.arrays import Algebra, filled, symbols
 from lpfcosim.modelica.evaluate import TIME, Delay, Evaluator
+from lpfcosim.modelica.events import switches
 from lpfcosim.modelica.flat import FlatModel, Node, UnsupportedError, Variable
-from lpfcosim.modelica.solve import solve, switches
+from lpfcosim.modelica.solve import solve
+from lpfcosim.modelica.unit import per_second
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,8 @@ class Scalar:
     """One scalar element of a variable as the FMU shows it.
 
     ``kind`` is ``parameter``, ``calculated`` (a parameter that follows from others), ``input``, ``state``,
-    ``discrete`` or ``algebraic``; ``value`` is the start value, or what a calculated parameter equals.
+    ``discrete``, ``algebraic`` or ``rate`` (the derivative of a state); ``value`` is the start value, or what
+    a calculated parameter equals.
     """
 
     symbol: sp.Symbol
@@ -35,15 +40,6 @@ class Scalar:
     minimum: float | None
     maximum: float | None
     variable: Variable
-
-
-@dataclass(frozen=True)
-class Affine:
-    """``der(x) = A x + B [held; delayed; 1]``; A and B depend on parameters only."""
-
-    a: sp.Matrix
-    b: sp.Matrix
-    held: tuple[sp.Symbol, ...]
 
 
 @dataclass(frozen=True)
@@ -65,6 +61,9 @@ class System:
         In the order of their value references.
     calculated, algebraic : tuple of (symbol, expression)
         Assignments, in an order in which they can be executed.
+    solved : tuple of (symbol, expression)
+        The same once more as the equations gave it, with the derivatives ``der(x)`` among them: each in terms
+        of those before it.
     derivatives : tuple of (state, expression)
         Expressions hold states, inputs, sampled variables, delayed signals, parameters and time only.
     affine : Affine or None
@@ -82,6 +81,7 @@ class System:
     scalars: tuple[Scalar, ...]
     calculated: tuple[tuple[sp.Symbol, sp.Expr], ...]
     algebraic: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    solved: tuple[tuple[sp.Symbol, sp.Expr], ...]
     derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...]
     affine: Affine | None
     delays: tuple[Delay, ...]
@@ -181,11 +181,12 @@ class _Builder:
         return System(
             name=self.model.name.rpartition(".")[2],
             description=self.model.description,
-            scalars=scalars,
+            scalars=(*scalars, *self._rates(scalars)),
             calculated=self._calculated(scalars),
             algebraic=algebraic,
+            solved=tuple(solved),
             derivatives=derivatives,
-            affine=_affine(derivatives, held, [d.symbol for d in delays]),
+            affine=affine(derivatives, held, [d.symbol for d in delays]),
             delays=delays,
             clocks=clocks,
             events=events,
@@ -250,6 +251,22 @@ class _Builder:
                 strict=True,
             )
         ]
+
+    def _rates(self, scalars: tuple[Scalar, ...]) -> Iterable[Scalar]:
+        """Return the derivatives of the states, as variables of their own."""
+        units = {v.unit for v in self.variables if v.unit}
+        for s in scalars:
+            if s.kind == "state":
+                name = f"der({s.symbol.name})"
+                unit = None
+                with suppress(KeyError, ValueError):  # told where the units are defined
+                    unit = per_second(s.variable.unit, units) if s.variable.unit else None
+                variable = replace(
+                    s.variable, name=name, dims=(), causality="local", unit=unit, quantity=None,
+                    description=f"Derivative: {s.variable.description or s.symbol.name}",
+                )  # fmt: skip
+                symbol = sp.Symbol(name, real=True)
+                yield Scalar(symbol, "rate", sp.S.Zero, None, None, None, variable)
 
     def _calculated(self, scalars: tuple[Scalar, ...]) -> tuple[tuple[sp.Symbol, sp.Expr], ...]:
         expressions = {s.symbol: s.value for s in scalars if s.kind == "calculated"}
@@ -363,28 +380,3 @@ class _Builder:
     def _declaration(self, symbol: sp.Symbol) -> Node | None:
         name = symbol.name
         return next((v.span for v in self.variables if name == v.name or name.startswith(f"{v.name}[")), None)
-
-
-def _affine(
-    derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...], held: list[sp.Symbol], delayed: list[sp.Symbol]
-) -> Affine | None:
-    """Matrices of the derivatives if these are affine in states, held and delayed quantities."""
-    if not derivatives:
-        return None
-    states = [x for x, _ in derivatives]
-    rates = sp.Matrix([e for _, e in derivatives])
-    a = rates.jacobian(states)
-    used = [w for w in held if any(e.has(w) for e in rates)]
-    varying = [*used, *delayed]
-    forcing = rates.jacobian(varying) if varying else sp.zeros(len(states), 0)
-    constant = rates.xreplace(dict.fromkeys([*states, *varying], sp.S.Zero))
-    b = forcing.row_join(constant)
-    moving = {*states, *varying, TIME}
-    # The derivative of an `if` says nothing of its condition, which must not depend on what varies either.
-    if switches(rates, moving):
-        return None
-    if (a.free_symbols | b.free_symbols) & moving or a.atoms(sp.Derivative, sp.Subs) | b.atoms(
-        sp.Derivative, sp.Subs
-    ):
-        return None
-    return Affine(a, b, tuple(used))

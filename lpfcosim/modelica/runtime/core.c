@@ -34,17 +34,32 @@ static void core_touch(State *s) {
     if (s->fresh > s->initialized) s->fresh = s->initialized;
 }
 
+/* The step has to be prepared anew; what says so costs nothing as long as nobody does this. */
+static COLD void core_tune(State *s) {
+    s->settled = s->fresh = 0;
+    s->communication_step = NAN;
+}
+
+static COLD void settle(State *s) {
+    model_calculated(s->v);
+    if (!s->initialized) model_dependent_starts(s->v);
+}
+
+static void core_delayed(const State *s, double *d) {
+    if (!s->initialized)
+        model_delay_values(s->v, d); /* delay(u, T) is u until T has passed */
+    else
+        delayed(s, s->ring[(s->n - 1) % DELAY_CAPACITY], d);
+}
+
 static void core_refresh(State *s, int to) {
     if (s->fresh < 1) {
-        if (!s->initialized) model_parameters(s->v);
+        if (!s->settled) settle(s);
         model_moved(s->v);
     }
     if (to > 1) {
         double d[AT_LEAST_ONE(ND)];
-        if (!s->initialized)
-            model_delay_values(s->v, d); /* delay(u, T) is u until T has passed */
-        else
-            delayed(s, s->ring[(s->n - 1) % DELAY_CAPACITY], d);
+        core_delayed(s, d);
         if (s->fresh < 2) model_outputs(s->v, d);
         if (to > 2) model_algebraic(s->v, d);
     }
@@ -58,7 +73,7 @@ static void core_initialize(State *s) {
     model_delay_values(s->v, value);
     for (int k = 0; k < DELAY_CAPACITY; k++)
         for (int j = 0; j < ND; j++) s->ring[k][j] = value[j];
-    s->initialized = 1;
+    s->initialized = s->settled = 1;
 }
 
 #if AFFINE
@@ -244,10 +259,16 @@ static APART void advance(State *s) {
 /* What a step other than the last one, or elsewhere than at its end, has to fulfil. */
 static COLD const char *admit(State *s, double time, double step) {
     if (!(step > 0)) return "the communication step is not positive";
+    const int tuned = !s->settled;
+    if (tuned) settle(s);
     if (s->h == 0) {
         const char *problem = prepare(s, step);
         if (problem) return s->h = 0, problem;
+    } else if (tuned) {
+        const char *problem = discretise(s);
+        if (problem) return problem;
     }
+    s->settled = 1;
     double count = step / s->h, steps = floor(count + 0.5);
     if (steps < 1 || fabs(count - steps) > 1e-6 * count)
         return "the communication step is not a multiple of the internal step";

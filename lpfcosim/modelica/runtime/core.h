@@ -33,21 +33,32 @@ typedef struct {
     unsigned long long period[AT_LEAST_ONE(NC)], wait[AT_LEAST_ONE(NC)]; /* of the clocks, in internal steps */
     double e[NZ][AT_LEAST_ONE(NX)];                  /* by columns: x += e [x; held; delayed, before and after its switch; 1] */
     int initialized;
+    int settled; /* parameters are as the last step took them */
     int fresh; /* the stage up to which v is up to date, see model_stage */
 } State;
 
-/* Generated, model.c. It comes first in the one translation unit, with four constants:
+/* A partial derivative; numbers from NV on mean delayed signals. */
+typedef struct {
+    uint16_t unknown, known;
+    unsigned char starting; /* at the start only */
+} Link;
+
+/* Generated, model.c. It comes first in the one translation unit, with six constants:
    model_inputs     value references of all NU inputs, in order
-   model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always
+   model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always, 3 always as parameter
+   model_known      by value reference: follows from nothing once a step may be made
+   model_links      from known to unknown: all partial derivatives, in the order of execution
    model_stage      by value reference: up to date after 1 model_moved, 2 model_outputs, 3 model_algebraic
    model_token      of instantiation
    Every function works on the values v by value reference. */
 static void model_start(double *v);
-static void model_parameters(double *v);
+static void model_calculated(double *v);                 /* parameters that follow from others */
+static void model_dependent_starts(double *v);           /* states that start where parameters say */
 static void model_take_inputs(double *v, const double *u);
 static void model_moved(double *v);                      /* outputs that follow from states and parameters alone */
 static void model_outputs(double *v, const double *d);   /* the other outputs */
-static void model_algebraic(double *v, const double *d); /* what no output needs */
+static void model_algebraic(double *v, const double *d); /* what no output needs, and derivatives of states */
+static void model_partials(const double *v, const double *d, double *p); /* by link */
 static void model_events(double *v, const double *d, const unsigned char *tick);
 static void model_clocks(const double *v, double *start, double *period);
 static void model_delay_values(const double *v, double *value);
@@ -63,6 +74,8 @@ static void core_reset(State *s);
 static void core_start(State *s, double time);
 static void core_initialize(State *s);
 static void core_touch(State *s);          /* a variable was set */
+static void core_tune(State *s);           /* a parameter was set after initialization */
+static void core_delayed(const State *s, double *d);
 static void core_refresh(State *s, int to); /* bring up to date all variables of this stage */
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
 

@@ -124,6 +124,22 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_
     return done(m, snapshot_read(bytes, size, state));
 }
 
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
+                                        const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
+                                        size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
+    if (n_seed != n_knowns || n_sensitivity != n_unknowns)
+        return fail(m, "fmi3GetDirectionalDerivative: a seed for each known and a place for each unknown are expected");
+    return done(m, instance_derivative(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity, 0));
+}
+
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
+                                    const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
+                                    size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
+    if (n_seed != n_unknowns || n_sensitivity != n_knowns)
+        return fail(m, "fmi3GetAdjointDerivative: a seed for each unknown and a place for each known are expected");
+    return done(m, instance_derivative(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity, 1));
+}
+
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */
 #define NO_VARIABLES(Type)                                                                                     \
     fmi3Status fmi3Get##Type(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3##Type values[],     \
@@ -189,12 +205,6 @@ fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance m) { return fail(m, "this FMU
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies, fmi3ValueReference vr, size_t *n)
 NOT_OFFERED(fmi3GetVariableDependencies, fmi3ValueReference dependent, size_t element[], fmi3ValueReference independent[],
             size_t element_of[], fmi3DependencyKind kind[], size_t n)
-NOT_OFFERED(fmi3GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
-            const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
-            fmi3Float64 sensitivity[], size_t n_sensitivity)
-NOT_OFFERED(fmi3GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t n_unknowns,
-            const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
-            fmi3Float64 sensitivity[], size_t n_sensitivity)
 NOT_OFFERED(fmi3GetIntervalDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 intervals[],
             fmi3IntervalQualifier qualifiers[])
 NOT_OFFERED(fmi3GetIntervalFraction, const fmi3ValueReference vr[], size_t n, fmi3UInt64 counters[],

@@ -48,6 +48,7 @@ static const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const
         if (vr[i] >= NV) return "there is no variable of this value reference";
         if (model_settable[vr[i]] < least) return "this variable cannot be set, or not any more";
         s->v[vr[i]] = values[i];
+        if (model_settable[vr[i]] > 2 && s->initialized) core_tune(s);
     }
     return NULL;
 }

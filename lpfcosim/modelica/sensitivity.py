@@ -1,0 +1,133 @@
+"""What follows from what: the partial derivative of every assignment, and from them all dependencies.
+
+Along the assignments in their order, a seed passes from the knowns to the unknowns (directional derivative)
+or back (adjoint); which knowns arrive at an unknown, and by what kind of factor, is its dependence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import sympy as sp
+
+from lpfcosim.modelica.evaluate import TIME
+from lpfcosim.modelica.events import switches
+from lpfcosim.modelica.system import Scalar, System
+
+KINDS = ("constant", "fixed", "tunable", "discrete", "dependent")  # of a factor, as FMI calls them
+Dependence = Mapping[sp.Symbol, str]
+_Assignment = tuple[sp.Symbol, sp.Expr]
+
+
+@dataclass(frozen=True)
+class Link:
+    """``unknown`` changes by ``partial`` per change of ``known``; if ``starting``, at the start only."""
+
+    unknown: sp.Symbol
+    known: sp.Symbol
+    partial: sp.Expr
+    starting: bool
+
+
+class Sensitivity:
+    """The assignments of a system, differentiated.
+
+    Parameters
+    ----------
+    system : System
+        A sorted model.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self._scalars = {s.symbol: s for s in system.scalars}
+        starts = [
+            (s.symbol, s.value)
+            for s in system.scalars
+            if s.kind in ("state", "discrete") and s.value.free_symbols
+        ]
+        # At the start a delayed signal is what it will be later.
+        delayed = [(d.symbol, d.value) for d in system.delays]
+        self._starting: list[_Assignment] = [*starts, *delayed]
+        self._partials = {
+            symbol: {known: value.diff(known) for known in sorted(value.free_symbols, key=str)}
+            for symbol, value in (*system.calculated, *self._starting, *system.solved)
+        }
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """All partial derivatives that are not zero, in the order of execution."""
+        starting = {symbol for symbol, _ in self._starting}
+        return tuple(
+            Link(symbol, known, partial, symbol in starting)
+            for symbol, _ in (*self.system.calculated, *self._starting, *self.system.solved)
+            for known, partial in self._partials[symbol].items()
+            if partial != 0
+        )
+
+    @cached_property
+    def tunable(self) -> frozenset[sp.Symbol]:
+        """Parameters that may change during a simulation: those that place no clock, delay or start alone."""
+        placing = chain(*self.system.clocks, (d.duration for d in self.system.delays))
+        fixed = self._parameters_in(placing)
+        used = self._parameters_in(
+            chain(
+                (e for _, e in self.system.solved),
+                (d.value for d in self.system.delays),
+                (e.value for e in self.system.events),
+            )
+        )
+        return frozenset(used - fixed)
+
+    def _parameters_in(self, expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
+        calculated = dict(self.system.calculated)
+        found: set[sp.Symbol] = set()
+        new = set().union(*(e.free_symbols for e in expressions))
+        while new - found:
+            found |= new
+            new = set().union(*(calculated[s].free_symbols for s in new if s in calculated))
+        return {s.symbol for s in self.system.scalars if s.kind == "parameter"} & found
+
+    @cached_property
+    def running(self) -> Mapping[sp.Symbol, Dependence]:
+        """Every variable's dependence on the knowns of a communication point."""
+        return self._dependences([*self.system.calculated, *self.system.solved])
+
+    @cached_property
+    def initial(self) -> Mapping[sp.Symbol, Dependence]:
+        """Every variable's dependence on the knowns of initialization."""
+        return self._dependences([*self.system.calculated, *self._starting, *self.system.solved])
+
+    def _dependences(self, assignments: Iterable[_Assignment]) -> Mapping[sp.Symbol, Dependence]:
+        ranks: dict[sp.Symbol, dict[sp.Symbol, int]] = {}
+        for symbol, value in assignments:
+            reached = ranks.setdefault(symbol, {})
+            for near, partial in self._partials[symbol].items():
+                own = self._rank(partial, ranks)
+                if switches([value], {near}):
+                    own = KINDS.index("dependent")
+                through = ranks.get(near, {near: 0} if near in self._scalars or near == TIME else {})
+                for known, rank in through.items():
+                    reached[known] = max(own, rank, reached.get(known, 0))
+        return {symbol: {s: KINDS[r] for s, r in reached.items()} for symbol, reached in ranks.items()}
+
+    def _rank(self, factor: sp.Expr, ranks: Mapping[sp.Symbol, Mapping[sp.Symbol, int]]) -> int:
+        """Return the place in `KINDS` of a factor."""
+        leaves = set(chain(*(ranks.get(s, {s: 0}) for s in factor.free_symbols)))
+        return max((KINDS.index(self._variability(s)) for s in leaves), default=0)
+
+    def _variability(self, symbol: sp.Symbol) -> str:
+        scalar = self._scalars.get(symbol)
+        if scalar is not None and scalar.kind == "parameter":
+            return "tunable" if symbol in self.tunable else "fixed"
+        return "discrete" if scalar is not None and scalar.kind == "discrete" else "dependent"
+
+    def variability(self, scalar: Scalar) -> str:
+        """Return the variability of a variable, as FMI calls it."""
+        if scalar.kind in ("parameter", "calculated"):
+            on = self.running[scalar.symbol] if scalar.kind == "calculated" else {scalar.symbol}
+            return "tunable" if self.tunable.intersection(on) else "fixed"
+        return "discrete" if scalar.kind == "discrete" else "continuous"

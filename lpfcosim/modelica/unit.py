@@ -1,0 +1,60 @@
+"""Units as Modelica spells them, and the unit of a derivative."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterable
+
+from fit.units import in_base_units
+
+_BASE_UNITS = {"kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
+               "candela": "cd", "radian": "rad"}  # fmt: skip
+
+
+@functools.cache
+def base(unit: str) -> tuple[dict[str, int], float, float]:
+    """Return the powers of the base units of FMI in a unit, its factor and its offset.
+
+    Raises
+    ------
+    ValueError, KeyError
+        If it is not known.
+    """
+    powers, factor, offset = in_base_units(_pint_spelling(unit))
+    return {_BASE_UNITS[name]: power for name, power in powers.items()}, factor, offset
+
+
+def per_second(unit: str, known: Iterable[str]) -> str:
+    """Return the unit of the derivative of what is in ``unit``: one of those known if it fits.
+
+    Examples
+    --------
+    >>> per_second("m/s", ["N", "m/s2"])
+    'm/s2'
+    >>> per_second("N", ["Hz"])
+    'N.s-1'
+    """
+    powers, factor, _ = base(unit)
+    wanted = {**powers, "s": powers.get("s", 0) - 1}
+    wanted = {name: power for name, power in wanted.items() if power}
+    for other in sorted(known):
+        # Not Hz, which is for what repeats.
+        if re.search(r"s-?\d*\)?$", other) and base(other)[:2] == (wanted, factor):
+            return other
+    numerator, slash, denominator = unit.partition("/")
+    if slash:
+        return f"{numerator}/({denominator.strip('()')}.s)"
+    return "s-1" if unit == "1" else f"{unit}.s-1"
+
+
+def _pint_spelling(unit: str) -> str:
+    """``kg.m/s2`` as Modelica writes it, ``kg*m/s**2`` as pint reads it."""
+    if unit == "1":
+        return "dimensionless"
+    numerator, slash, denominator = unit.partition("/")
+    parts = [
+        re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", p).replace(".", "*")
+        for p in (numerator, denominator.strip("()"))
+    ]
+    return f"{parts[0]}/({parts[1]})" if slash else parts[0]
