@@ -40,5 +40,6 @@ __all__ = [
     "sampling",
     "sight",
     "steadiness",
+    "unsteady",
     "verdict",
 ]

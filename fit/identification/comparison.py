@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fit.identification import series
 from fit.identification.protocol import Loop
-from fit.results import Fit
+from fit.results import Fit, Results
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
@@ -21,6 +21,16 @@ APART = 0.3  # sigma: what both make of the same data differs by some hundredths
 UNLIKELY = 4.0  # sigma
 REPLAYED = 1e-4  # relative, of the command: less is rounding of archives
 SETTLED = 600.0  # s, after which the state that a controller began with is forgotten
+#: Codes of what the fit says of the data as it was prepared, which holds for the loop as well.
+OF_DATA = (
+    *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "louder", "left_out", "excluded"),
+    *("short_run", "missing_run", "odd_samples", "guidance", "same_time"),
+)
+
+
+def of_data(calibrated: Results) -> list[FitWarning]:
+    """Return what was said of the data when they were prepared for the fit."""
+    return [w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in OF_DATA]
 
 
 def differences(found: Fit, calibrated: Fit) -> dict[str, float]:

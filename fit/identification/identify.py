@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import irls, steadiness, unsteady, verdict
-from fit.identification import comparison
+from fit.estimate import irls, verdict
+from fit.identification import comparison, noise
 from fit.identification.protocol import Free, Loop, joint_parameters, share
-from fit.identification.weighing import Linearised, Reference, Simulated
+from fit.identification.weighing import Reference, Simulated
 from fit.model import Sharing, dynamics
 from fit.results import Provenance, Results
 from fit.settings import Settings
@@ -22,11 +22,6 @@ from fit.weighing import Experiment, Likelihood, linear
 Array = NDArray[np.float64]
 
 HALVED = 12  # times at most that a step is halved lest the loop be unstable
-#: Codes of what the fit says of the data as it was prepared, which holds here too.
-OF_DATA = (
-    *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "louder", "left_out", "excluded"),
-    *("short_run", "missing_run", "odd_samples", "guidance", "same_time"),
-)
 AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
 
 
@@ -71,20 +66,19 @@ def identify(
     begin = partial(_Search, experiments, free, along, loop, references)
     search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
     sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
-    outcome, restless = _unsteady(outcome, experiments)
+    outcome, restless = noise.changing(outcome, experiments)
     names = {p.name: p.name for p in search.parameters if p.name in sought}
     named = {name: name for name in names if name not in search.bound}
     lost = verdict.indeterminable(outcome, experiments, named)
     found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
     commands = search.commands(experiments, loop, outcome)
-    of_data = calibrated.joint.warnings if calibrated.joint else ()
     more = [
-        *(w for w in of_data if w.code in OF_DATA),
-        *_misfits(experiments, outcome),
+        *comparison.of_data(calibrated),
+        *noise.misfits(experiments, outcome),
         *comparison.misled(commands, list(found)),
         *restless,
         *search.told(),
-        *map(_louder, levels),
+        *map(noise.marginalised, levels),
     ]
     differs: dict[str, float] = {}
     if calibrated.joint:
@@ -110,7 +104,7 @@ def _searched(
     search = begin(likelihood, [of_own and not by_data for of_own in told])
     outcome = search.outcome()
     if by_data and any(told):
-        told = [of_own and _is_off(x) for of_own, x in zip(told, _excesses(outcome), strict=True)]
+        told = [of_own and noise.is_off(x) for of_own, x in zip(told, noise.excesses(outcome), strict=True)]
         if any(told):
             search = begin(likelihood, told)
             outcome = search.outcome()
@@ -232,30 +226,6 @@ def _reach(weighing: Simulated, theta: Array) -> None:
     weighing.reach(theta)
 
 
-def _unsteady(
-    outcome: irls.Outcome, experiments: Sequence[Experiment]
-) -> tuple[irls.Outcome, list[FitWarning]]:
-    """Let the sigmas allow for noise that changes within runs, and tell of which it does."""
-    solution, blocks, told = outcome.solution, list(outcome.blocks), []
-    for k, (experiment, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
-        assert isinstance(block, Linearised)
-        steps = steadiness.of_block(block, solution.theta, block.f)
-        if steps:
-            blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))
-            told.append(steadiness.told(experiment.name, steps))
-    if told:
-        width = np.array([p.prior_sigma for p in outcome.parameters])
-        solution = linear.solution(blocks, outcome.prior, solution.theta, width)
-    return replace(outcome, blocks=tuple(blocks), solution=solution), told
-
-
-def _louder(name: str) -> FitWarning:
-    told = (
-        "the residual is not as loud as the noise run; the level of its noise is marginalised in narrow bands"
-    )
-    return FitWarning("levels", (), f"{name}: {told}")
-
-
 def _provenance(calibrated: Results, more: Mapping[str, object], levels: list[str]) -> Provenance:
     """Return that of the calibration without what an identification has not."""
     said = calibrated.provenance
@@ -263,28 +233,8 @@ def _provenance(calibrated: Results, more: Mapping[str, object], levels: list[st
     return replace(said, more={**said.more, **more}, levels=levels, **gone)
 
 
-def _misfits(experiments: Sequence[Experiment], outcome: irls.Outcome) -> list[FitWarning]:
-    """Warn of runs that the loop does not explain, by name."""
-    found = []
-    for e, excess in zip(experiments, _excesses(outcome), strict=True):
-        code = "chi2" if 1 / verdict.OFF < excess < verdict.OFF else "noise_mismatch"
-        told = f"{e.name}: the simulated loop leaves {excess:.3g} times the power of the noise run"
-        found += [FitWarning(code, (), told)] if _is_off(excess) else []
-    return found
-
-
 def _mismatches(commands: Mapping[str, comparison.Commands]) -> dict[str, float]:
     return {run: of_run.mismatch for run, of_run in commands.items()}
-
-
-def _is_off(excess: float) -> bool:
-    return abs(excess - 1) > verdict.DOUBTFUL
-
-
-def _excesses(outcome: irls.Outcome) -> list[float]:
-    """Return chi^2 of every run by its degrees of freedom."""
-    left = [block.plain @ block.coefficients(outcome.solution.theta) for block in outcome.blocks]
-    return [float(x @ x) / block.size for x, block in zip(left, outcome.blocks, strict=True)]
 
 
 def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:

@@ -1,0 +1,57 @@
+"""How loud the residual of a run is: beside its noise run, and from one part of the run to the next."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fit.estimate import irls, steadiness, unsteady, verdict
+from fit.identification.weighing import Linearised
+from fit.warnings import FitWarning
+from fit.weighing import Experiment, linear
+
+
+def changing(
+    outcome: irls.Outcome, experiments: Sequence[Experiment]
+) -> tuple[irls.Outcome, list[FitWarning]]:
+    """Let the sigmas allow for noise that changes within runs, and tell of which it does."""
+    solution, blocks, told = outcome.solution, list(outcome.blocks), []
+    for k, (experiment, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
+        assert isinstance(block, Linearised)
+        steps = steadiness.of_block(block, solution.theta, block.f)
+        if steps:
+            blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))
+            told.append(steadiness.told(experiment.name, steps))
+    if told:
+        width = np.array([p.prior_sigma for p in outcome.parameters])
+        solution = linear.solution(blocks, outcome.prior, solution.theta, width)
+    return replace(outcome, blocks=tuple(blocks), solution=solution), told
+
+
+def is_off(excess: float) -> bool:
+    """Tell whether so much of the power of the noise run is too much, or too little."""
+    return abs(excess - 1) > verdict.DOUBTFUL
+
+
+def excesses(outcome: irls.Outcome) -> list[float]:
+    """Return chi^2 of every run by its degrees of freedom."""
+    left = [block.plain @ block.coefficients(outcome.solution.theta) for block in outcome.blocks]
+    return [float(x @ x) / block.size for x, block in zip(left, outcome.blocks, strict=True)]
+
+
+def misfits(experiments: Sequence[Experiment], outcome: irls.Outcome) -> list[FitWarning]:
+    """Warn of runs that the loop does not explain, by name."""
+    found = []
+    for e, excess in zip(experiments, excesses(outcome), strict=True):
+        code = "chi2" if 1 / verdict.OFF < excess < verdict.OFF else "noise_mismatch"
+        told = f"{e.name}: the simulated loop leaves {excess:.3g} times the power of the noise run"
+        found += [FitWarning(code, (), told)] if is_off(excess) else []
+    return found
+
+
+def marginalised(name: str) -> FitWarning:
+    """Tell of an experiment whose noise levels are marginalised."""
+    told = (
+        "the residual is not as loud as the noise run; the level of its noise is marginalised in narrow bands"
+    )
+    return FitWarning("levels", (), f"{name}: {told}")
