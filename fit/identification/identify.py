@@ -63,7 +63,8 @@ def identify(
     references = [_dynamics(e, calibrated, chosen) for e in experiments]
     known = {name for e in experiments for name in e.parameters}
     along = [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
-    begin = partial(_Search, experiments, free, along, loop, references)
+    values = calibrated.joint.values if calibrated.joint else {}
+    begin = partial(_Search, experiments, free, along, loop, references, values)
     search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
     sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
     outcome, restless = noise.changing(outcome, experiments)
@@ -131,12 +132,14 @@ class _Search:
         along: Sequence[Free],
         loop: Loop,
         references: Sequence[Array],
+        known: Mapping[str, float],
         likelihood: Likelihood,
         levels: Sequence[bool],
     ) -> None:
         joint = joint_parameters((*free, *along), [e.sysid.telemetry for e in experiments])
         low, high = np.array([each.bounds for _, each in joint.values()]).T
-        start = np.clip([p.value for p, _ in joint.values()], low, high)
+        begin = [known.get(p.name, p.value) if f.start is None else p.value for p, f in joint.values()]
+        start = np.clip(begin, low, high)
         found = zip(joint.values(), start.tolist(), strict=True)
         self.parameters = [replace(p, value=value) for (p, _), value in found]
         self.bound: set[str] = set()

@@ -66,7 +66,7 @@ class Free:
     name : str
         Of the fit where that has the same, or ``Model.parameter``.
     start : float, optional
-        Where to begin; the flight value of what the fit knows.
+        Where to begin; what the fit found, or else its flight value.
     width : float, optional
         Its natural scale. Data that tell it worse leave it undetermined.
     bounds : tuple of float

@@ -88,7 +88,9 @@ class Imposed:
         )
         self._inputs = {FORCE_1: force_1, THRUST: np.zeros(force_1.size)}
         self._grid = series.reduced(run.telemetry, run.channels)
+        self._blow = series.blow(force_1.size, PUSH)
         self._made = self._force_made = np.empty(0)
+        self._base: Mapping[str, Array] = {}
         beside = [self._grid.steps]
         if run.glitches:
             beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
@@ -114,21 +116,33 @@ class Imposed:
 
     def residual(self, theta: Mapping[str, float]) -> Array:
         """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
-        missing = self._o_1 - self._response(theta)["o_1"]
-        blow = series.blow(missing.size, PUSH)
-        still = {FORCE_1: np.zeros(blow.size), THRUST: np.zeros(blow.size)}
+        if not self._made.size:
+            self.strike(theta)
+        found = self._response(theta)
+        missing = self._o_1 - found["o_1"]
+        self._inputs[THRUST] = self._inputs[THRUST] + series.thrust(missing, self._blow, self._made)
+        return self._beyond(missing, self._o_12 - found["o_12"])
+
+    def strike(self, theta: Mapping[str, float]) -> None:
+        """Find with theta what a stray thrust moves, by which o_1 is imposed."""
+        still = {FORCE_1: np.zeros(self._blow.size), THRUST: np.zeros(self._blow.size)}
         without = self._loop.response(self.telemetry, theta, still)
-        blown = self._loop.response(self.telemetry, theta, {**still, THRUST: blow})
+        blown = self._loop.response(self.telemetry, theta, {**still, THRUST: self._blow})
         self._made = blown["o_1"] - without["o_1"]
         self._force_made = self._force(blown["o_12"] - without["o_12"])
-        self._inputs[THRUST] = self._inputs[THRUST] + series.thrust(missing, blow, self._made)
-        return self._force(self._o_12 - self._response(theta)["o_12"])
 
-    def derivative(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
-        """Return by how much the residual at one trial exceeds that at another, both near the last."""
-        low, high = self._response(below), self._response(above)
-        imposed = series.followed(low["o_1"] - high["o_1"], self._made, self._force_made)
-        return self._force(low["o_12"] - high["o_12"]) - imposed
+    def stand(self, theta: Mapping[str, float]) -> None:
+        """Simulate the trial from which `departure` counts."""
+        self._base = self._response(theta)
+
+    def departure(self, theta: Mapping[str, float]) -> Array:
+        """Return by how much the residual at another trial, nearby, exceeds that where it stands."""
+        found = self._response(theta)
+        return self._beyond(self._base["o_1"] - found["o_1"], self._base["o_12"] - found["o_12"])
+
+    def _beyond(self, o_1: Array, o_12: Array) -> Array:
+        """Return the force of a motion beyond that which a stray thrust makes of o_1."""
+        return self._force(o_12) - series.followed(o_1, self._made, self._force_made)
 
     def transformed(self, columns: Sequence[Array]) -> Spectra:
         """Return the spectra of series on the grid of residuals."""
@@ -243,7 +257,11 @@ class Simulated:
         return dict(zip(self._names, (self._share @ theta).tolist(), strict=False))
 
     def _derivatives(self, theta: Array, step: Array) -> list[Array]:
-        n = len(self._names)
+        n, of_run = len(self._names), self._of_run(theta)
+        for run in (self._sysid, self._noise) if self._slopes else ():
+            if run:
+                run.strike(of_run)
+        self._sysid.stand(of_run)
         beside = self._share[n:].T @ self._along[0]
         seen = np.any(self._share[:n] != 0, axis=0).tolist()
         return [
@@ -252,13 +270,14 @@ class Simulated:
         ]
 
     def _derivative(self, theta: Array, h: Array) -> Array:
-        """Return the derivative by a parameter from a central difference, if need be a shorter one."""
-        for _ in range(SHORTER):
-            above, below = np.minimum(theta + h, self._high), np.maximum(theta - h, self._low)
+        """Return the derivative by a parameter from a difference, if need be to the other side or shorter."""
+        failed = FitError("a parameter cannot be varied within its bounds")
+        for k in range(2 * SHORTER):
+            to = np.clip(theta + (-1) ** k * h / 4 ** (k // 2), self._low, self._high)
+            moved = float(np.sum(to - theta))
             try:
-                moved = self._sysid.derivative(self._of_run(above), self._of_run(below))
+                if moved:
+                    return self._sysid.departure(self._of_run(to)) / moved
             except FitError as error:
-                h, failed = h / 4, error
-            else:
-                return moved / float(np.sum(above - below))
+                failed = error
         raise failed

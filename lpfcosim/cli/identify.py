@@ -28,8 +28,7 @@ from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, runner, workers
 
 RESULTS = "identified.json"  # which the report looks for
-#: What a search takes as a rule: rounds, simulations of every run in each, rounds that vary the parameters.
-ROUNDS, IMPOSED, VARIED = 4, 4, 2
+ROUNDS, BLOWS = 3, 2  # of a search, as a rule: simulations of every run, and how many tell what moves it
 
 
 def identify_files(
@@ -101,7 +100,7 @@ def _identified(
     with ExitStack() as stack, about(campaign):
         loop = _simulation(stack, plan, prepared[0], fmus)
         runs, parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
-        total = ROUNDS * IMPOSED * runs + VARIED * 2 * parameters * len(prepared[0])
+        total = (ROUNDS + BLOWS) * runs + (1 + parameters) * len(prepared[0])
         with console.counted("simulations", total) as loop.told:
             return _found(plan, loop, prepared, results, telemetries)
 
