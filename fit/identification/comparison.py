@@ -33,23 +33,24 @@ def of_data(calibrated: Results) -> list[FitWarning]:
     return [w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in OF_DATA]
 
 
-def differences(found: Fit, calibrated: Fit) -> dict[str, float]:
-    """Return by how many sigmas of the fit of the equation an identification differs from it."""
+def differences(found: Fit, calibrated: Fit | None) -> dict[str, float]:
+    """Return by how many sigmas of the fit of the equation, if there is one, an identification differs."""
+    known = calibrated.parameters if calibrated else {}
     return {
-        name: (estimate.value - calibrated[name].value) / calibrated[name].sigma
+        name: (estimate.value - known[name].value) / known[name].sigma
         for name, estimate in found.parameters.items()
-        if name in calibrated.parameters
+        if name in known
     }
 
 
-def apart(found: Fit, calibrated: Fit) -> list[FitWarning]:
+def apart(found: Fit, calibrated: Fit | None) -> list[FitWarning]:
     """Warn of `differences` that are beyond what the two methods make of the same data.
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
     """
     far = {}
     for name, value in differences(found, calibrated).items():
-        ratio = found[name].sigma / calibrated[name].sigma
+        ratio = found[name].sigma / calibrated[name].sigma if calibrated else 1.0
         if abs(value) > APART + UNLIKELY * math.sqrt(abs(1 - ratio**2)):
             far[name] = value
     if not far:

@@ -80,11 +80,9 @@ def identify(
         *restless,
         *search.told(),
         *map(noise.marginalised, levels),
+        *comparison.apart(found, calibrated.joint),
     ]
-    differs: dict[str, float] = {}
-    if calibrated.joint:
-        differs = comparison.differences(found, calibrated.joint)
-        more += comparison.apart(found, calibrated.joint)
+    differs = comparison.differences(found, calibrated.joint)
     provenance = _provenance(calibrated, {"from_fit": differs, "commands": _mismatches(commands)}, levels)
     return Results(replace(found, warnings=(*found.warnings, *more)), {}, {}, {}, provenance)
 
