@@ -12,8 +12,9 @@ import fit.errors
 from fit.estimate import forecast as forecasts
 from fit.estimate import sight
 from fit.files import atomic
-from fit.settings import settings
+from fit.settings import Settings, settings
 from fit.tables import Lines
+from fit.threads import following, tell
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
@@ -50,19 +51,11 @@ def design(
         raise InputError(f"{campaign}: fmus: a design knows the loops of our FMUs alone, expected no others")
     chosen = settings(plan.fit, f"{campaign}: fit")
 
-    def expected(of: Campaign) -> dict[str, float]:
-        gains = dict.fromkeys(("lambda_1", "lambda_2"), of.truth.lambda_scatter)
-        return {n: e.sigma for n, e in forecasts.expected_fit(planned(of), chosen, gains).parameters.items()}
-
-    def told_by(of: Campaign) -> sight.Sights:
-        # noise alone does not tell cross-talk as well: it is as the campaign will tell it
-        return sight.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
-
-    more = cache(lambda: sight.found(planned(plan), chosen))
-    foresight = Foresight(told_by, expected)
+    foresight = _foresight(plan, chosen)
     told = Told(
         lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
         lambda step, value: console.note(f"{step}: {value:.4f}"),
+        tell,
     )
     try:
         with about(campaign), console.stage("search"):
@@ -76,7 +69,7 @@ def design(
     box = None
     if found.complete:
         with console.stage("other truths and noise"):
-            box = robustness(found, foresight)
+            box = robustness(found, foresight, tell)
     console.document(json.dumps(_document(found, stepped, box), indent=1, allow_nan=False))
     console.show(_table(found))
     if figure:
@@ -89,6 +82,27 @@ def design(
             f"here; limits reached up to {box.reached:.3f}"
         )
     console.say(f"{path}: written; simulate it with: lpfcosim run {path}")
+
+
+def _foresight(plan: Campaign, chosen: Settings) -> Foresight:
+    """Return what the fit of a campaign, or of one much like it, will know."""
+
+    def expected(of: Campaign) -> dict[str, float]:
+        gains = dict.fromkeys(("lambda_1", "lambda_2"), of.truth.lambda_scatter)
+        with following(None):  # it is a small part of the search, which tells how far that is
+            found = forecasts.expected_fit(planned(of), chosen, gains)
+        return {name: estimate.sigma for name, estimate in found.parameters.items()}
+
+    @cache
+    def more() -> dict[str, float]:
+        with following(None):
+            return sight.found(planned(plan), chosen)
+
+    def told_by(of: Campaign) -> sight.Sights:
+        # noise alone does not tell cross-talk as well: it is as the campaign will tell it
+        return sight.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
+
+    return Foresight(told_by, expected)
 
 
 def _check_figure(figure: Path | None) -> None:

@@ -14,6 +14,8 @@ LAST = 0.99  # worst ratio from which on fewer hours are not worth another searc
 SEARCHES = 5  # for the least hours, at most
 SPARE = 1.002  # of the hours that one search leads the next to expect
 BISECTIONS = 8
+BEGUN, SETTLED = 0.05, 0.3  # shares of the time after which experiments and settings are there
+HALF = 0.5  # of what is left goes to one search, where it may be the last
 
 
 def design(plan: Campaign, foresight: Foresight, told: Told) -> Design:
@@ -26,8 +28,12 @@ def design(plan: Campaign, foresight: Foresight, told: Told) -> Design:
     """
     wishes = plan.design
     sought = problem(plan, foresight)
+    told.done(BEGUN)
+    told = told.part(BEGUN, 1.0)
     if wishes.authority:
         sought = settings.settled(sought, foresight, told)
+        told.done(SETTLED)
+        told = told.part(SETTLED, 1.0)
     if wishes.goal == "least hours":
         return _soonest(sought, foresight, told)
     if wishes.hours is None:
@@ -43,9 +49,9 @@ def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
     most = sought.plan.design.hours
     total = most or max(least, sum(stage.sight.duration for stage in sought.stages))
     best: Design | None = None
-    for _ in range(SEARCHES):
+    for n in range(SEARCHES):
         shared, _ = hours.shared(sought, total, foresight, told)
-        found = search(shared, foresight, told)
+        found = search(shared, foresight, told.part(1 - HALF**n, 1 - HALF ** (n + 1)))
         told.value(f"worst ratio in {found.hours / HOUR:.2f} h", found.value)
         if found.value <= 1 and (best is None or found.hours < best.hours):
             best = found

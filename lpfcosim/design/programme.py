@@ -10,7 +10,7 @@ feasible on a grid twenty times as fine, so that the bound does not rest on the 
 programme.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,9 +26,11 @@ Bands = Sequence[tuple[float, float]]
 
 COARSE, FINE = 30, 600  # frequencies
 ROUNDS = 3  # of adding the frequencies at which more could be told
-TOLERANCE = 1e-4  # relative, of what more could be told
+LITTLE = 1e-4  # of the largest power, below which a frequency is left out
+TOLERANCE = 1e-4  # relative, of what more could be told at a frequency that is added
+CLOSE = 5e-4  # gap that is small enough
 RAISED = (1e-6, 1e-4, 1e-3, 1e-2)  # prices, relative to the highest
-NEARLY = 0.95  # weight of a parameter that is to count alone
+A_LITTLE = 0.01  # of what is told at best, where one parameter is to count alone
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def optimum(
     fine = [_Fine(stage, stage.frequencies(FINE, forbidden)) for stage in stages]
     best: Optimum | None = None
     for _ in range(rounds):
-        solved = solution(stages, grids, fixed, objective, hours)
+        solved = solution(stages, grids, fixed, objective, hours, best.information if best else None)
         bound, more = _certified(solved, fine, fixed, objective, hours)
         bound = max(bound, best.bound) if best else bound
         value = objective.value(objective.logs(solved.information))
@@ -121,40 +123,52 @@ def optimum(
         )
         if told:
             told(value, bound)
-        if best.gap < TOLERANCE:
+        if best.gap < CLOSE:
             break
-        grids = [np.unique(np.concatenate([grid, found])) for grid, found in zip(grids, more, strict=True)]
+        used = _used(stages, best)
+        grids = [np.unique(np.concatenate(each)) for each in zip(used, more, strict=True)]
     assert best is not None
     return best
 
 
-def alone(stages: Sequence[Stage], fixed: Array, objective: Objective, k: int, forbidden: Bands) -> float:
-    """Return what the sigma of one parameter does not go below, whatever becomes of the others.
+def _used(stages: Sequence[Stage], best: Optimum) -> list[Array]:
+    """Return the frequencies with power worth mentioning, by stage: with few of them a solver does better."""
+    found = []
+    for stage, frequency, power in zip(stages, best.frequencies, best.powers, strict=True):
+        cost = stage.responses(frequency)[1]
+        spent = np.einsum("nyi,nij,nyj->ny", cost, power, cost.conj()).real.max(axis=1)
+        found.append(frequency[spent > LITTLE * spent.max()])
+    return found
 
-    They count a little in what is solved, since without them its solution need not tell them at all, and no
-    solver copes. The dual of the one parameter bounds it all the same.
+
+def alone(
+    stages: Sequence[Stage], fixed: Array, objective: Objective, best: Optimum, forbidden: Bands
+) -> Iterator[float]:
+    """Yield what the sigma of each parameter that counts does not go below, whatever becomes of the others.
+
+    A design for one need not tell the others at all, and then no solver copes. A little of what the best
+    power for all tells is added in what is solved, and left out of the bound.
 
     Parameters
     ----------
     stages, fixed, objective, forbidden
         As those of `optimum`.
-    k : int
-        Which of the parameters that count.
+    best : Optimum
+        The best power for all.
 
     Raises
     ------
     RunError
         If the solver fails.
     """
-    size = objective.wanted.size
-    weights = np.full(size, (1 - NEARLY) / max(size - 1, 1))
-    weights[k] = NEARLY
-    chosen = Objective(objective.wanted, weights / weights.sum(), worst=False, most=np.full(size, np.inf))
     grids = [stage.frequencies(COARSE, forbidden) for stage in stages]
     fine = [_Fine(stage, stage.frequencies(FINE, forbidden)) for stage in stages]
-    solved = solution(stages, grids, fixed, chosen, None)
-    Z, i = solved.duals[k], objective.wanted[k]
-    return float(np.sqrt(Z[i, i] / _most(Z, solved, fine, fixed, None)[0]))
+    begun = fixed + A_LITTLE * best.information
+    for i in objective.wanted:
+        only = Objective(np.array([i]), np.ones(1), worst=False, most=np.full(1, np.inf))
+        solved = solution(stages, grids, begun, only, None, best.information)
+        (Z,) = solved.duals
+        yield float(np.sqrt(Z[i, i] / _most(Z, solved, fine, fixed, None)[0]))
 
 
 class _Fine:

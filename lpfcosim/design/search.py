@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ TRIALS = 3  # beginnings, of which the best is kept
 TIGHTENED = 3  # times that limits are tightened by what transients add
 AFTER = 600.0  # s that a run goes on after its tones: what follows them is checked as well
 FLANK, RAMP = 0.05, 1080.0  # share of a run under a flank of the window; s, longest rise of a tone
+SOLVED, COMPOSED, FINISHED = 0.05, 0.45, 0.7  # shares of the time after programme, trials and tightening
 SHORT_RAMP = 300.0  # s, where rms is what counts: tones clear of the flanks make the most of it
 
 
@@ -36,10 +36,17 @@ class Told:
         Of value and bound of the programme.
     value : callable
         Of a step of the search, and of the objective that its tones reach.
+    done : callable
+        Of the share of the work that is done, from 0 to 1.
     """
 
     bound: Callable[[float, float], None]
     value: Callable[[str, float], None]
+    done: Callable[[float], None]
+
+    def part(self, begin: float, end: float) -> "Told":
+        """Return the same for a part of the work, from one share of it to another."""
+        return replace(self, done=lambda share: self.done(begin + share * (end - begin)))
 
 
 @dataclass(frozen=True)
@@ -118,19 +125,23 @@ def search(sought: Problem, foresight: Foresight, told: Told) -> Design:
     wishes = sought.plan.design
     _check_reach(sought, wishes)
     best = programme.optimum(sought.stages, sought.fixed, sought.objective, wishes.forbidden, told.bound)
+    told.done(SOLVED)
     score, complete = None, True
     try:
-        for score in _better(sought, best, told):  # noqa: B007 - the last one is wanted
+        for score in _better(sought, best, told.part(SOLVED, FINISHED)):  # noqa: B007 - the last one is wanted
             pass
     except KeyboardInterrupt:
         complete = False
         if score is None:
             raise
     assert score is not None
-    return _design(sought, foresight, best, _shrunk(sought, score), complete=complete)
+    shrunk = _shrunk(sought, score)
+    return _design(sought, foresight, best, shrunk, told.part(FINISHED, 1.0), complete=complete)
 
 
-def _design(sought: Problem, foresight: Foresight, best: Optimum, score: Score, *, complete: bool) -> Design:
+def _design(
+    sought: Problem, foresight: Foresight, best: Optimum, score: Score, told: Told, *, complete: bool
+) -> Design:
     made = {
         voice.stage.run.experiment: tones.of(
             voice, score.information, sought.objective.wanted.tolist(), sought.names
@@ -148,7 +159,7 @@ def _design(sought: Problem, foresight: Foresight, best: Optimum, score: Score, 
         campaign=campaign,
         after=foresight.forecast(campaign),
         reached=_reached(sought, campaign),
-        alone=_alone(sought) if complete else {},
+        alone=_alone(sought, best, told) if complete else {},
         complete=complete,
     )
 
@@ -169,12 +180,13 @@ def _check_reach(sought: Problem, wishes: Wishes) -> None:
         )
 
 
-def _alone(sought: Problem) -> dict[str, float]:
+def _alone(sought: Problem, best: Optimum, told: Told) -> dict[str, float]:
     """Return, by parameter, a sigma that no design within the limits goes below, even for it alone."""
-    forbidden, found = sought.plan.design.forbidden, {}
-    for k, (i, name) in enumerate(zip(sought.objective.wanted, sought.wanted, strict=True)):
-        least = programme.alone(sought.stages, sought.fixed, sought.objective, k, forbidden)
-        found[name] = least * float(sought.stages[0].scale[i])
+    objective, found = sought.objective, {}
+    least = programme.alone(sought.stages, sought.fixed, objective, best, sought.plan.design.forbidden)
+    for i, name, each in zip(objective.wanted, sought.wanted, least, strict=True):
+        found[name] = each * float(sought.stages[0].scale[i])
+        told.done(len(found) / len(sought.wanted))
     return found
 
 
@@ -188,13 +200,28 @@ def _span(stage: Stage) -> Span:
     return Span(0.0, duration - AFTER, min(flank, RAMP))
 
 
+class _Steps:
+    """Tell the value after each of so many steps."""
+
+    def __init__(self, told: Told, name: str, number: int) -> None:
+        self._told, self._name, self._number, self._made = told, name, number, 0
+
+    def __call__(self, value: float) -> None:
+        self._made += 1
+        self._told.value(self._name, value)
+        self._told.done(self._made / self._number)
+
+
 def _better(sought: Problem, best: Optimum, told: Told) -> Iterator[Score]:
     """Yield few tones that reach the limits, the best so far of a few beginnings, then tightened ones."""
     wishes, spans = sought.plan.design, [_span(stage) for stage in sought.stages]
     found: Score | None = None
+    drawing = told.part(0.0, (COMPOSED - SOLVED) / (FINISHED - SOLVED))
+    tightening = told.part((COMPOSED - SOLVED) / (FINISHED - SOLVED), 1.0)
     for trial in range(TRIALS):
         generator = np.random.default_rng([sought.plan.seed, trial])
-        step = partial(told.value, f"trial {trial + 1} of {TRIALS}")
+        part = drawing.part(trial / TRIALS, (trial + 1) / TRIALS)
+        step = _Steps(part, f"trial {trial + 1} of {TRIALS}", waveform.steps(wishes.sines))
         voices = begun(sought.stages, spans, best, wishes.forbidden, wishes.spacing, trial, generator)
         score = waveform.composed(voices, sought.known, sought.objective, wishes.sines, step)
         if found is None or score.value < found.value:
@@ -207,7 +234,8 @@ def _better(sought: Problem, best: Optimum, told: Told) -> Iterator[Score]:
             replace(voice, margins=voice.margins / np.where(reached > 0.9, reached, 1.0))
             for voice, reached in zip(found.voices, over, strict=True)
         )
-        step = partial(told.value, f"in the time domain, {n + 1} of {TIGHTENED}")
+        part = tightening.part(n / TIGHTENED, (n + 1) / TIGHTENED)
+        step = _Steps(part, f"in the time domain, {n + 1} of {TIGHTENED}", 1)
         found = waveform.finished(tight, sought.known, sought.objective, step)
         yield found
 

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from typing import Any
@@ -79,29 +80,22 @@ def whitened(stage: Stage, frequency: Array) -> tuple[Complex, Complex, Complex]
 
 
 class _Programme:
-    """The convex programme on grids of frequencies, as the solver takes it.
-
-    Parameters may be correlated to five digits, at which a solver loses its own. It is given combinations
-    of them, of which an even spread of power would tell each as well as the others (`turned`).
-    """
+    """The convex programme on grids of frequencies, as the solver takes it: `turn` combines parameters."""
 
     def __init__(
         self,
         stages: Sequence[Stage],
-        grids: Sequence[Array],
+        parts: Sequence[tuple[Complex, Complex, Complex]],
         fixed: Array,
         objective: Objective,
         hours: Hours | None,
-        *,
-        turned: bool,
+        turn: Array,
     ) -> None:
         self._cp = cp = solver()
         self._objective = objective
         self._stages = stages
         P = len(fixed)
-        parts = [whitened(stage, grid) for stage, grid in zip(stages, grids, strict=True)]
-        known = fixed + sum(stage.known for stage in stages)
-        self._turn = turn = _turn(stages, parts, known) if turned else np.eye(P)
+        self._turn = turn
         total: Any = turn @ fixed @ turn.T
         self._constraints: list[Any] = []
         last = np.array([stage.sight.duration for stage in stages])
@@ -171,22 +165,48 @@ class _Programme:
 
 
 def solution(
-    stages: Sequence[Stage], grids: Sequence[Array], fixed: Array, objective: Objective, hours: Hours | None
+    stages: Sequence[Stage],
+    grids: Sequence[Array],
+    fixed: Array,
+    objective: Objective,
+    hours: Hours | None,
+    like: Array | None = None,
 ) -> Solved:
-    """Solve the programme, with parameters as they are only where no solution is found otherwise."""
-    try:
-        return _Programme(stages, grids, fixed, objective, hours, turned=True).solve()
-    except RunError:
-        return _Programme(stages, grids, fixed, objective, hours, turned=False).solve()
+    """Solve the programme.
+
+    Parameters may be correlated to five digits, at which a solver loses its own. It is given combinations of
+    them that are told alike: by the information `like` of a solution, if one is known, or by an even spread
+    of power. Only where no solution is found otherwise are parameters as they are.
+
+    Raises
+    ------
+    InputError
+        If no design is as good as asked.
+    RunError
+        If the solver fails.
+    """
+    parts = [whitened(stage, grid) for stage, grid in zip(stages, grids, strict=True)]
+    turns = [_alike(_even(stages, parts, fixed)), np.eye(len(fixed))]
+    if like is not None:
+        turns.insert(0, _alike(like))
+    for turn in turns[:-1]:
+        with suppress(RunError):
+            return _Programme(stages, parts, fixed, objective, hours, turn).solve()
+    return _Programme(stages, parts, fixed, objective, hours, turns[-1]).solve()
 
 
-def _turn(stages: Sequence[Stage], parts: Sequence[tuple[Complex, Complex, Complex]], known: Array) -> Array:
-    """Return what makes combinations of parameters that even power tells alike, shape (P, P)."""
-    total = known.copy()
+def _alike(information: Array) -> Array:
+    """Return the combinations of parameters that this information tells alike, shape (P, P)."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(information)))
+
+
+def _even(stages: Sequence[Stage], parts: Sequence[tuple[Complex, Complex, Complex]], fixed: Array) -> Array:
+    """Return the information of an even spread of power, shape (P, P)."""
+    total = fixed + sum(stage.known for stage in stages)
     for stage, (told, _, _) in zip(stages, parts, strict=True):
         n, _, loops = told.shape
         total += np.einsum("npl,nql->pq", told.conj(), told).real * 2 * stage.sight.duration / (n * loops)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(total)))
+    return np.asarray(total)
 
 
 def _semidefinite(cp: Any, x: Any, basis: Complex) -> list[Any]:

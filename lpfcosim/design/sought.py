@@ -151,7 +151,7 @@ def changed(
     )
     free = tuple(stage for stage in stages if stage.loops)
     if not free:
-        raise InputError("there is nothing to free: no loop of any experiment is driven by tones")
+        raise InputError(_nothing_free(stages, wishes))
     for stage in free:
         if not stage.frequencies(ENOUGH, wishes.forbidden).size:
             raise InputError(f"design.forbidden: experiment {stage.run.experiment} has no frequency left")
@@ -159,6 +159,15 @@ def changed(
     fixed = fixed + sum((stage.known for stage in stages if not stage.loops), np.zeros_like(fixed))
     objective = _objective(wishes, [n for n in names if n in before], names)
     return Problem(plan, names, before, free, fixed, objective, own)
+
+
+def _nothing_free(stages: Sequence[Stage], wishes: Wishes) -> str:
+    """Say why no loop is free: limits on next to nothing, or nothing that drives one."""
+    said = {f"{cap.kind} of {cap.quantity}" for cap in wishes.caps}
+    closing = {limit.name for stage in stages for limit in stage.limits if limit.of_nothing} & said
+    if closing:
+        return f"design.limits: {' and '.join(sorted(closing))} so small leave no loop to drive"
+    return "there is nothing to free: no loop of any experiment is driven by tones"
 
 
 def _faint(injections: Sequence[Injection]) -> tuple[Sine, ...]:

@@ -271,6 +271,11 @@ def pruned(voices: Sequence[Voice], most: int) -> tuple[Voice, ...]:
     return tuple(found)
 
 
+def steps(most: int) -> int:
+    """Return how many steps `composed` takes to so many tones."""
+    return 3 + sum(size > most for size in STEPS)
+
+
 def composed(
     voices: Sequence[Voice],
     known: Array,

@@ -69,8 +69,10 @@ def designed(sought, foresight):
     from lpfcosim.design import Told
     from lpfcosim.design.search import search
 
-    said = SimpleNamespace(bounds=[], values=[])
+    said = SimpleNamespace(bounds=[], values=[], shares=[])
     told = Told(
-        lambda value, bound: said.bounds.append((value, bound)), lambda _, value: said.values.append(value)
+        lambda value, bound: said.bounds.append((value, bound)),
+        lambda _, value: said.values.append(value),
+        said.shares.append,
     )
     return search(sought, foresight, told), said

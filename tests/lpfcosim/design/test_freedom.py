@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.campaign import loading
+from lpfcosim.campaign.wishes import Cap
 from lpfcosim.design import Told, hours, programme, robustness, settings, telling, text
 from lpfcosim.design.designing import design
 from lpfcosim.design.search import search
@@ -14,7 +15,7 @@ from lpfcosim.design.sought import changed, problem
 from lpfcosim.errors import InputError
 from tests import ROOT
 
-SILENT = Told(lambda value, bound: None, lambda step, value: None)
+SILENT = Told(lambda value, bound: None, lambda step, value: None, lambda share: None)
 
 
 def with_wishes(sought, **more):
@@ -56,6 +57,13 @@ def test_an_experiment_does_not_reach_into_the_next(pair):
 def test_bands_that_leave_nothing_are_told(sought, foresight):
     plan = with_wishes(sought, forbidden=((1e-5, 1.0),)).plan
     with pytest.raises(InputError, match=r"design.forbidden: experiment A has no frequency left"):
+        changed(plan, sought.before, sought.own, foresight)
+
+
+def test_limits_that_close_every_loop_are_told(sought, foresight):
+    caps = tuple(Cap(quantity, "peak", 1e-16) for quantity in ("o_1", "o_12"))
+    plan = with_wishes(sought, caps=caps).plan
+    with pytest.raises(InputError, match=r"design.limits: peak of o_1 and peak of o_12 so small leave no"):
         changed(plan, sought.before, sought.own, foresight)
 
 
@@ -116,7 +124,7 @@ def test_the_least_hours_reach_what_is_wanted(pair, foresight):
 @pytest.mark.slow
 def test_elsewhere_a_design_loses_little(designed, foresight):
     found, _ = designed
-    lost = robustness(found, foresight)
+    lost = robustness(found, foresight, lambda share: None)
     assert -0.01 < lost.loss < 0.1
     assert 0.9 < lost.reached < 1.2
 

@@ -45,6 +45,10 @@ def test_certificate_is_tight_and_tones_come_near(designed):
     assert 0 <= found.optimum.gap < 5e-3
     assert said.bounds[-1] == (found.optimum.value, found.optimum.bound)
     assert len(said.values) > 3
+    assert said.shares == sorted(said.shares)
+    assert said.shares[0] < 0.2
+    assert said.shares[-1] == pytest.approx(1)
+    assert max(np.diff(said.shares)) < 0.2  # so that what is left is told as it shrinks
     assert 0.98 < found.efficiency <= 1
 
 
