@@ -134,7 +134,14 @@ def _moments(
     U, _ = linear.whiten(w.terms, w.S)
     regressors: Spectrum = U @ dynamics.gradient(theta, w.terms.tau)
     weights = w.block.weights.fit
-    loops: list[Spectrum] = [mean.filters[:, 2:] * regressors[:, [mean.at[0]]] for mean in means]
+    # Filtered first and projected then: what the projection spreads over all bins is far below the motion
+    # there, but far above it in the lowest, which the filters of a slow force weigh most.
+    loops: list[Spectrum] = [
+        linear.whiten(
+            replace(w.terms, columns=mean.filters[:, 2:] * w.terms.columns[:, [mean.at[0] + 1]]), w.S
+        )[0]
+        for mean in means
+    ]
     to_run = np.zeros((K + ORDER * len(means), P + ORDER * len(places)))
     to_run[:K, :P] = w.block.share
     for i, mean in enumerate(means):

@@ -16,6 +16,7 @@ from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import derivatives
 from fit.weighing.runs import Experiment, Run
+from fit.weighing.shapes import Glitch, Shape
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
 
@@ -188,6 +189,18 @@ def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
             other = found[epoch].parameters[name]
             assert abs(other.value - e.value) < 0.3 * e.sigma
             assert other.sigma == pytest.approx(e.sigma, rel=0.1)
+
+
+def test_glitches_that_are_taken_out_leave_the_couplings_as_they_are():
+    # taken out of all columns alike; no run here has one, so that nothing may change but for a few bins
+    whole = experiments(pair(Motion(), LATE))
+    glitches = [Glitch(Shape("pushed", 800.0, -0.0016), 5000.0), Glitch(Shape("rising", 2000.0, 0.0), 9000.0)]
+    without = [replace(e, sysid=e.sysid.free_of(glitches)) for e in whole]
+    plain, other = (fitted(runs)[1]["1"] for runs in (whole, without))
+    assert warning(other, "instruments").parameters == ("b_3", "b_4", "b_5", "b_6")
+    for name, e in plain.parameters.items():
+        assert abs(other.parameters[name].value - e.value) < 0.5 * e.sigma
+        assert other.parameters[name].sigma == pytest.approx(e.sigma, rel=0.1)
 
 
 def test_read_outs_that_part_by_more_than_noise_free_nothing():
