@@ -118,16 +118,23 @@ def validate(
         raise typer.Exit(1)
 
 
-@app.command(name="export-ssp", epilog=examples("lpfcosim fmu export-ssp mine.toml"))
+@app.command(
+    name="export-ssp",
+    epilog=examples("lpfcosim fmu export-ssp mine.toml", "lpfcosim fmu export-ssp mine.toml --ssp 2.0"),
+)
 def export_ssp(
     campaign: CampaignFile,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE.ssp", help="The file [default: named after the campaign]."),
     ] = None,
+    version: Annotated[
+        Literal["1.0", "2.0"],
+        typer.Option("--ssp", help="Version of SSP: 1.0 has FMI 2.0 inside, 2.0 FMI 3.0."),
+    ] = "1.0",
     quiet: Quiet = False,
 ) -> None:
-    """Write the closed loop as SSP 1.0.
+    """Write the closed loop as SSP.
 
     With it comes one set of parameter values per authority set of the campaign.
     """
@@ -138,7 +145,8 @@ def export_ssp(
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
     with about(campaign):
-        written = ssp.export(plan, fmus(plan, console, "2.0"), out or Path(f"{campaign.stem}.ssp"))
+        archives = fmus(plan, console, ssp.fmi(version))
+        written = ssp.export(plan, archives, out or Path(f"{campaign.stem}.ssp"), version)
     console.say(str(written))
 
 

@@ -6,6 +6,6 @@ the same bits.
 
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.master import Engine, Where
-from lpfcosim.cosim.placement import interfaces
+from lpfcosim.cosim.placement import driver, interfaces
 
-__all__ = ["Engine", "Interface", "Where", "archive", "checks", "interfaces", "master", "placement"]
+__all__ = ["Engine", "Interface", "Where", "archive", "checks", "driver", "interfaces", "master", "placement"]

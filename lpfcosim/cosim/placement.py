@@ -12,7 +12,7 @@ import fmpy
 
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, read
 from lpfcosim.errors import InputError
-from lpfcosim.network import check_feedthrough
+from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
@@ -55,6 +55,22 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         found.append(interface)
     check_feedthrough([i.component for i in found], {i.model: i.direct for i in found})
     return found
+
+
+def driver(run: Run, found: Iterable[Interface], archive: Path) -> Interface:
+    """Read the FMU that gives the loop what comes from outside, where another tool steps it.
+
+    Raises
+    ------
+    InputError
+        If it lacks a signal.
+    """
+    sources = (s for i in found for s in i.component.inputs.values() if not endpoint(s)[0])
+    component = Component(world_of(run).signals, {}, tuple(dict.fromkeys(sources)))
+    interface = read(component, archive, (), None)
+    for name in interface.outputs:
+        interface.variable(name)
+    return interface
 
 
 def ignored(found: Iterable[Interface]) -> dict[str, tuple[str, ...]]:

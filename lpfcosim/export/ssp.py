@@ -1,8 +1,13 @@
-"""Write the closed loop of a campaign as SSP 1.0, for other tools to open.
+"""Write the closed loop of a campaign as SSP, for other tools to open.
 
-The FMUs inside are FMI 2.0: SSP 1.0 is older than FMI 3.0, knows neither its types nor its arrays, and the
-tools that read it expect FMI 2.0. What SSP cannot say, the order of the steps and the step size, stands in
-the description of the system, and the components are listed in that order.
+SSP 1.0 holds FMUs of FMI 2.0, for it is older than FMI 3.0; SSP 2.0 holds FMI 3.0. What SSP cannot say, the
+order of the steps and the step size, stands in the description of the system, and the components are listed
+in that order.
+
+The archive has two descriptions. ``SystemStructure.ssd`` runs as it is: a component ahead of the others gives
+the loop what comes from outside, and each component has its parameters with it, for there are tools that know
+neither connectors nor parameters of a system. ``open.ssd``, a variant, has the signals as inputs and the
+channels as outputs of the system, to be a part of something larger.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Interface, interfaces
+from lpfcosim.cosim import Interface, driver, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.network import endpoint
@@ -27,6 +32,9 @@ _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Descriptio
 for _prefix, _uri in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
     ET.register_namespace(_prefix, _uri.strip("{}"))
 
+#: By version of SSP: the version of FMI inside, and what a real number is called.
+_INSIDE = {"1.0": ("2.0", "Real"), "2.0": ("3.0", "Float64")}
+
 
 def same_units(found: Sequence[Interface]) -> None:
     """Refuse FMUs that mean different units by the same name: in one archive a name has one meaning."""
@@ -37,21 +45,29 @@ def same_units(found: Sequence[Interface]) -> None:
                 raise InputError(f"{interface.archive}: unit '{name}' is not what another FMU means by it")
 
 
-def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
+def fmi(version: str) -> str:
+    """Return the version of FMI that goes into a version of SSP."""
+    return _INSIDE[version][0]
+
+
+def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path, version: str = "1.0") -> Path:
     """Write the closed loop to an ``.ssp`` archive; the same input gives the same bytes.
 
     Every authority set that an experiment uses gets a file of parameter values,
     ``resources/authority_<name>.ssv``, with all parameters of the first experiment under it; the description
-    of the system binds the first of them, to take another is to change that one name.
+    of the system binds the first of them, to take another is to change that one name. What is bound to the
+    components themselves, where a system has none, is that first one; a binding of the system overrides it.
 
     Parameters
     ----------
     campaign : Campaign
         Gives the authority sets and the other parameters.
     fmus : mapping of str to Path
-        The FMU of each component of `World.components`, FMI 2.0.
+        The FMU of each component of `World.components`, of the version of FMI that `fmi` names.
     path : Path
         The archive to write.
+    version : str
+        Of SSP, ``1.0`` or ``2.0``.
 
     Returns
     -------
@@ -61,18 +77,25 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
     Raises
     ------
     InputError
-        If an FMU cannot be read, is not FMI 2.0 or lacks a variable.
+        If an FMU cannot be read, is of another version of FMI or lacks a variable.
     """
     first: dict[str, Run] = {}
     for run in campaign.runs:
         first.setdefault(run.authority.name, run)
+    run = next(iter(first.values()))
     found = interfaces(campaign.runs[0], fmus)
-    same_units(found)
     for interface in found:
-        if interface.version != "2.0":
-            raise InputError(f"{interface.archive}: is FMI {interface.version}; SSP 1.0 takes FMI 2.0")
-    files = {_values_file(name): _values(run, found) for name, run in first.items()}
-    files["SystemStructure.ssd"] = _structure(campaign.name, next(iter(first.values())), found)
+        if interface.version != fmi(version):
+            raise InputError(
+                f"{interface.archive}: is FMI {interface.version}; SSP {version} takes FMI {fmi(version)}"
+            )
+    signals = world_of(run).signals
+    driving = driver(run, found, build.build([signals], fmi=fmi(version))[signals])
+    same_units([driving, *found])
+    writer = _Writer(version, found, driving)
+    files = {_values_file(name): writer.values(run) for name, run in first.items()}
+    files["SystemStructure.ssd"] = writer.structure(campaign.name, run)
+    files["open.ssd"] = writer.structure(campaign.name, run, outside=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         root = Path(folder)
@@ -81,7 +104,7 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path) -> Path:
             ET.indent(element)
             text = ET.tostring(element, encoding="unicode", xml_declaration=True) + "\n"
             (root / file).write_text(text, encoding="utf-8", newline="\n")
-        for interface in found:
+        for interface in (driving, *found):
             shutil.copyfile(interface.archive, root / _fmu_file(interface.model))
         build.write_archive(root, path)
     return path
@@ -95,97 +118,133 @@ def _values_file(authority: str) -> str:
     return f"resources/authority_{authority}.ssv"
 
 
-def _root(element: str, name: str) -> ET.Element:
-    tool = f"lpfcosim {metadata.version('lpfcosim')}"
-    return ET.Element(element, version="1.0", name=name, generationTool=tool)
+class _Writer:
+    """Writes the parts of an archive.
 
+    Parameters
+    ----------
+    version : str
+        Of SSP.
+    found : sequence of Interface
+        The FMUs of the loop, in the order of their steps.
+    driving : Interface
+        The FMU that gives them what comes from outside.
+    """
 
-def _values(run: Run, found: Sequence[Interface]) -> ET.Element:
-    """Parameter set of a run; a parameter is called ``Model.name``, as seen from the system."""
-    root = _root(f"{_SSV}ParameterSet", run.authority.name)
-    root.set(
-        "description", f"Authority set {run.authority.name} with what else experiment {run.experiment} sets"
-    )
-    parameters = ET.SubElement(root, f"{_SSV}Parameters")
-    used = []
-    values = world_of(run).parameters(run)
-    for interface in found:
-        for name, value in interface.parameters(values[interface.model]).items():
-            parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{interface.model}.{name}")
-            real = ET.SubElement(parameter, f"{_SSV}Real", value=repr(float(value)))
-            if unit := interface.unit(name):
-                real.set("unit", unit)
-                used.append(unit)
-    _units(root, f"{_SSV}Units", used, found)
-    return root
+    def __init__(self, version: str, found: Sequence[Interface], driving: Interface) -> None:
+        self.version = version
+        self.driving = driving
+        self.real = _INSIDE[version][1]
+        self.found = found
+        self.by_model = {interface.model: interface for interface in found}
 
+    def values(self, run: Run) -> ET.Element:
+        """Return the parameters of a run, called ``Model.name``, as seen from the system."""
+        of = [(f"{i.model}.", i) for i in (self.driving, *self.found)]
+        return self._parameter_set(run, of, f"with what else experiment {run.experiment} sets")
 
-def _structure(name: str, run: Run, found: Sequence[Interface]) -> ET.Element:
-    root = _root(f"{_SSD}SystemStructureDescription", name)
-    system = ET.SubElement(root, f"{_SSD}System", name=name)
-    system.set(
-        "description",
-        f"Closed loop; step {run.h} s, Gauss-Seidel in the order of the components; in the same "
-        "order outputs are passed on once during initialization",
-    )
-    external = ET.SubElement(system, f"{_SSD}Connectors")
-    bindings = ET.SubElement(system, f"{_SSD}ParameterBindings")
-    ET.SubElement(bindings, f"{_SSD}ParameterBinding", source=_values_file(run.authority.name))
-    elements = ET.SubElement(system, f"{_SSD}Elements")
-    connections = ET.SubElement(system, f"{_SSD}Connections")
-    used = []
+    def structure(self, name: str, run: Run, *, outside: bool = False) -> ET.Element:
+        """Describe the loop, driven by a component, or by inputs of the system from outside."""
+        root = self._root(f"{_SSD}SystemStructureDescription", name)
+        system = ET.SubElement(root, f"{_SSD}System", name=name)
+        system.set(
+            "description",
+            f"Closed loop; step {run.h} s, Gauss-Seidel in the order of the components; in the same "
+            "order outputs are passed on once during initialization",
+        )
+        around = ET.SubElement(system, f"{_SSD}Connectors") if outside else None
+        bindings = ET.SubElement(system, f"{_SSD}ParameterBindings")
+        ET.SubElement(bindings, f"{_SSD}ParameterBinding", source=_values_file(run.authority.name))
+        elements = ET.SubElement(system, f"{_SSD}Elements")
+        connections = ET.SubElement(system, f"{_SSD}Connections")
+        used: list[str] = []
+        if around is None:
+            self._component(elements, self.driving, run, used)
+        signals: set[str] = set()
+        for interface in self.found:
+            self._component(elements, interface, run, used)
+            for variable, source in zip(interface.inputs, interface.component.inputs.values(), strict=True):
+                end = {"endElement": interface.model, "endConnector": variable}
+                signal = not endpoint(source)[0]
+                start = f"{self.driving.model}.{source}" if signal and around is None else source
+                self._connect(connections, start, end)
+                if around is not None and signal and source not in signals:
+                    signals.add(source)
+                    self._connector(around, source, "input", interface, variable, used)
+        for channel, source in world_of(run).record.items():
+            model, variable = endpoint(source)
+            if around is not None and model:  # a recorded signal is an input of the system already
+                interface = self.by_model[model]
+                self._connector(around, channel, "output", interface, interface.name(variable), used)
+                self._connect(connections, source, {"endConnector": channel})
+        self._units(root, f"{_SSD}Units", used)
+        ET.SubElement(root, f"{_SSD}DefaultExperiment", startTime="0.0", stopTime=repr(run.n_samples * run.h))
+        return root
 
-    by_model = {interface.model: interface for interface in found}
+    def _root(self, element: str, name: str) -> ET.Element:
+        tool = f"lpfcosim {metadata.version('lpfcosim')}"
+        return ET.Element(element, version=self.version, name=name, generationTool=tool)
 
-    def connector(parent: ET.Element, name: str, kind: str, interface: Interface, variable: str) -> None:
+    def _parameter_set(self, run: Run, of: Sequence[tuple[str, Interface]], what: str) -> ET.Element:
+        root = self._root(f"{_SSV}ParameterSet", run.authority.name)
+        root.set("description", f"Authority set {run.authority.name} {what}")
+        parameters = ET.SubElement(root, f"{_SSV}Parameters")
+        used: list[str] = []
+        # Noise aside, what comes from outside is the constant that test mass 2 is held against.
+        values = {self.driving.model: {"g_2_held": run.dc}, **world_of(run).parameters(run)}
+        for prefix, interface in of:
+            for name, value in interface.parameters(values[interface.model]).items():
+                parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{prefix}{name}")
+                real = ET.SubElement(parameter, f"{_SSV}{self.real}", value=repr(float(value)))
+                if unit := interface.unit(name):
+                    real.set("unit", unit)
+                    used.append(unit)
+        self._units(root, f"{_SSV}Units", used)
+        return root
+
+    def _component(self, elements: ET.Element, interface: Interface, run: Run, used: list[str]) -> None:
+        element = ET.SubElement(
+            elements,
+            f"{_SSD}Component",
+            name=interface.model,
+            source=_fmu_file(interface.model),
+            implementation="CoSimulation",
+        )
+        own = ET.SubElement(element, f"{_SSD}Connectors")
+        for variable in interface.inputs:
+            self._connector(own, variable, "input", interface, variable, used)
+        for variable in interface.outputs:
+            self._connector(own, variable, "output", interface, variable, used)
+        bindings = ET.SubElement(element, f"{_SSD}ParameterBindings")
+        binding = ET.SubElement(bindings, f"{_SSD}ParameterBinding")
+        inside = ET.SubElement(binding, f"{_SSD}ParameterValues")
+        inside.append(self._parameter_set(run, [("", interface)], f"of the {interface.model}"))
+
+    def _connector(
+        self, parent: ET.Element, name: str, kind: str, interface: Interface, variable: str, used: list[str]
+    ) -> None:
         element = ET.SubElement(parent, f"{_SSD}Connector", name=name, kind=kind)
         if text := interface.variable(variable).description:
             element.set("description", text)
-        real = ET.SubElement(element, f"{_SSC}Real")
+        real = ET.SubElement(element, f"{_SSC}{self.real}")
         if unit := interface.unit(variable):
             real.set("unit", unit)
             used.append(unit)
 
-    def connect(source: str, end: dict[str, str]) -> None:
+    def _connect(self, connections: ET.Element, source: str, end: dict[str, str]) -> None:
         model, output = endpoint(source)
         start = {"startElement": model} if model else {}
-        output = by_model[model].name(output) if model else output
-        ET.SubElement(connections, f"{_SSD}Connection", {**start, "startConnector": output, **end})
-
-    signals: set[str] = set()
-    for interface in found:
-        component, model = interface.component, interface.model
-        element = ET.SubElement(
-            elements,
-            f"{_SSD}Component",
-            name=model,
-            source=_fmu_file(model),
-            implementation="CoSimulation",
+        if model in self.by_model:
+            output = self.by_model[model].name(output)
+        ET.SubElement(
+            connections, f"{_SSD}Connection", {**start, "startConnector": output if model else source, **end}
         )
-        own = ET.SubElement(element, f"{_SSD}Connectors")
-        for variable, source in zip(interface.inputs, component.inputs.values(), strict=True):
-            connector(own, variable, "input", interface, variable)
-            connect(source, {"endElement": model, "endConnector": variable})
-            if not endpoint(source)[0] and source not in signals:
-                signals.add(source)
-                connector(external, source, "input", interface, variable)
-        for variable in interface.outputs:
-            connector(own, variable, "output", interface, variable)
-    for channel, source in world_of(run).record.items():
-        model, variable = endpoint(source)
-        if model:  # a recorded signal is an input of the system already
-            connector(external, channel, "output", by_model[model], by_model[model].name(variable))
-            connect(source, {"endConnector": channel})
-    _units(root, f"{_SSD}Units", used, found)
-    ET.SubElement(root, f"{_SSD}DefaultExperiment", startTime="0.0", stopTime=repr(run.n_samples * run.h))
-    return root
 
-
-def _units(root: ET.Element, tag: str, used: Sequence[str], found: Sequence[Interface]) -> None:
-    if not used:
-        return
-    definitions = ET.SubElement(root, tag)
-    known = {name: base for interface in found for name, base in interface.units.items()}
-    for name in sorted(set(used)):
-        unit = ET.SubElement(definitions, f"{_SSC}Unit", name=name)
-        ET.SubElement(unit, f"{_SSC}BaseUnit", known[name])
+    def _units(self, root: ET.Element, tag: str, used: Sequence[str]) -> None:
+        if not used:
+            return
+        definitions = ET.SubElement(root, tag)
+        known = {name: base for i in (self.driving, *self.found) for name, base in i.units.items()}
+        for name in sorted(set(used)):
+            unit = ET.SubElement(definitions, f"{_SSC}Unit", name=name)
+            ET.SubElement(unit, f"{_SSC}BaseUnit", known[name])

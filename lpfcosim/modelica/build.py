@@ -38,6 +38,7 @@ MODELS = (
     *("WholePlant", "WholeActuation", "WholeMetrology", "InertialSensor", "StarTracker"),
     *("WholeDragFreeControl", "WholeSuspensionControl", "AttitudeControl"),
 )
+SIGNALS = ("Signals", "WholeSignals")  # what drives the loop elsewhere; not of the loop
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
@@ -198,7 +199,7 @@ def prebuild(folder: Path, version: str, targets: Sequence[Target] = TARGETS) ->
         kind = f"fmi{fmi[0]}"
         offered = [t for t in targets if t.folder(fmi)]
         kinds[kind] = prebuilt.Kind([t.name for t in offered], source_files())
-        for model in MODELS:
+        for model in (*MODELS, *SIGNALS):
             archive = folder / kind / f"{model}.fmu"
             build_one(PACKAGE, f"{PACKAGE.stem}.{model}", archive, fmi=fmi, version=version, targets=offered)
     kinds["engine"] = prebuilt.Kind([t.name for t in targets], {ENGINE.name: ENGINE})

@@ -180,6 +180,7 @@ WORLD = World(
     attributes=lambda _: {},
     truth=lambda _: {},
     wired=lambda run: {"Actuation": electrodes.inputs(run)},
+    signals="Signals",
     sample_cost=0.35e-6,
     experiment_cost=1.0,
 )

@@ -281,6 +281,7 @@ WORLD = World(
     attributes=attributes,
     truth=truth,
     wired=lambda run: {"WholeActuation": electrodes.inputs(run, electrodes.about_z(run))},
+    signals="WholeSignals",
     sample_cost=3.5e-6,
     experiment_cost=1.8,
 )

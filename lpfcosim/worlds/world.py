@@ -60,6 +60,9 @@ class World:
         True values beyond the x axis, under their names in /truth.
     wired : callable
         Inputs that only some runs have, by component, and their sources; to be added to its inputs.
+    signals : str
+        The model that holds everything from outside where its parameters put it, for other tools; outputs are
+        called like the signals, parameters like them with ``_held``.
     sample_cost, experiment_cost : float
         What `lpfcosim run` takes on a processor of 2024 [s]: a sample of 10 Hz with noise and file, the fit
         and the figures of an experiment.
@@ -82,6 +85,7 @@ class World:
     attributes: Callable[[Run], dict[str, float]]
     truth: Callable[[Run], dict[str, float]]
     wired: Callable[[Run], Mapping[str, Mapping[str, str]]]
+    signals: str
     sample_cost: float
     experiment_cost: float
 

@@ -1,5 +1,6 @@
 """The SSP archive against its XML schema, through FMPy's reader, and against the network it says it holds."""
 
+import tempfile
 import zipfile
 from collections import Counter
 from dataclasses import replace
@@ -24,6 +25,7 @@ pytestmark = pytest.mark.fmu
 
 SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
 
 
@@ -50,15 +52,28 @@ def members(archive):
         return {name: stored.read(name) for name in stored.namelist()}
 
 
-def expected_connections():
+def structure(archive, variant="SystemStructure"):
+    """A description of the archive, read by FMPy."""
+    with zipfile.ZipFile(archive) as stored, tempfile.TemporaryDirectory() as folder:
+        alone = Path(folder) / "alone.ssp"
+        with zipfile.ZipFile(alone, "w") as target:
+            target.writestr("SystemStructure.ssd", stored.read(f"{variant}.ssd"))
+            for name in stored.namelist():
+                if name.endswith(".ssv"):
+                    target.writestr(name, stored.read(name))
+        return read_ssd(str(alone)).system
+
+
+def expected_connections(variant="open"):
     """(start element, start connector, end element, end connector), None for the system."""
     wanted = []
     for component in along_x.COMPONENTS:
         for variable, source in component.inputs.items():
-            start = tuple(source.split(".")) if "." in source else (None, source)
+            outside = None if variant == "open" else "Signals"
+            start = tuple(source.split(".")) if "." in source else (outside, source)
             wanted.append((*start, component.model, variable))
     for channel, source in along_x.RECORD.items():
-        if "." in source:
+        if "." in source and variant == "open":
             wanted.append((*source.split("."), None, channel))
     return wanted
 
@@ -70,19 +85,21 @@ def test_fits_the_schema(members, kind):
     checked = [name for name in members if name.endswith(kind)]
     for name in checked:
         schema.assertValid(etree.parse(BytesIO(members[name])))
-    assert len(checked) == {"ssd": 1, "ssv": 4}[kind]
+    assert len(checked) == {"ssd": 2, "ssv": 4}[kind]
 
 
 def test_components_stand_in_the_order_of_the_steps(archive):
-    system = read_ssd(str(archive)).system
-    assert [e.name for e in system.elements] == [c.model for c in along_x.COMPONENTS]
-    for element, component in zip(system.elements, along_x.COMPONENTS, strict=True):
+    driving, *elements = read_ssd(str(archive)).system.elements
+    assert driving.name == "Signals"
+    assert [e.name for e in elements] == [c.model for c in along_x.COMPONENTS]
+    assert [e.name for e in structure(archive, "open").elements] == [c.model for c in along_x.COMPONENTS]
+    for element, component in zip(elements, along_x.COMPONENTS, strict=True):
         kinds = {c.name: c.kind for c in element.connectors}
         assert kinds == dict.fromkeys(component.inputs, "input") | dict.fromkeys(component.outputs, "output")
 
 
 def test_the_outside_is_signals_and_channels(plan, archive):
-    system = read_ssd(str(archive)).system
+    system = structure(archive, "open")
     inputs = [c.name for c in system.connectors if c.kind == "input"]
     outputs = [c.name for c in system.connectors if c.kind == "output"]
     assert sorted(inputs) == sorted(drive.names(plan.runs[0]))
@@ -90,17 +107,19 @@ def test_the_outside_is_signals_and_channels(plan, archive):
     assert not set(inputs) & set(outputs)
 
 
-def test_every_connection_is_there_once(archive):
-    system = read_ssd(str(archive)).system
+@pytest.mark.parametrize("variant", ["SystemStructure", "open"])
+def test_every_connection_is_there_once(archive, variant):
+    system = structure(archive, variant)
     found = [(c.startElement, c.startConnector, c.endElement, c.endConnector) for c in system.connections]
-    assert Counter(found) == Counter(expected_connections())
+    assert Counter(found) == Counter(expected_connections(variant))
     ends = Counter((c.endElement, c.endConnector) for c in system.connections)
     assert set(ends.values()) == {1}
 
 
-def test_no_input_is_left_unconnected(archive):
+@pytest.mark.parametrize("variant", ["SystemStructure", "open"])
+def test_no_input_is_left_unconnected(archive, variant):
     # A reader of FMPy's kind gives an unconnected input the source of the one before it.
-    system = read_ssd(str(archive)).system
+    system = structure(archive, variant)
     ends = {(c.endElement, c.endConnector) for c in system.connections}
     for element in system.elements:
         for connector in element.connectors:
@@ -109,7 +128,7 @@ def test_no_input_is_left_unconnected(archive):
 
 
 def test_units_are_those_of_the_fmus_and_agree_along_connections(members, fmus):
-    root = etree.fromstring(members["SystemStructure.ssd"])
+    root = etree.fromstring(members["open.ssd"])
     units = {}
     for element in (root.find(f"{SSD}System"), *root.iter(f"{SSD}Component")):
         for connector in element.iterfind(f"{SSD}Connectors/{SSD}Connector"):
@@ -127,20 +146,21 @@ def test_units_are_those_of_the_fmus_and_agree_along_connections(members, fmus):
 
 
 def test_fmus_inside_are_those_handed_in(members, fmus, archive):
-    for element in read_ssd(str(archive)).system.elements:
+    for element in structure(archive, "open").elements:
         assert members[element.source] == fmus[element.name].read_bytes()
 
 
 def test_every_authority_set_has_its_values(archive, members, plan, fmus):
     known = {
         f"{model}.{v.name}": v.unit
-        for model, path in fmus.items()
+        for model, path in (fmus | build.build(["Signals"], fmi="2.0")).items()
         for v in fmpy.read_model_description(str(path)).modelVariables
     }
     for name in ("A", "B", "C", "D"):
         run = next(r for r in plan.runs if r.authority.name == name)
         values = read_ssv(str(archive), f"resources/authority_{name}.ssv")
         wanted = {f"{m}.{n}": v for m, vs in world_of(run).parameters(run).items() for n, v in vs.items()}
+        wanted["Signals.g_2_held"] = run.dc
         assert {p.name: float(p.value) for p in values.parameters} == wanted
         assert len(values.parameters) == len(wanted)
         for parameter in values.parameters:
@@ -153,7 +173,16 @@ def test_first_authority_set_is_bound_to_the_system(archive, plan):
     (binding,) = system.parameterBindings
     assert binding.source == f"resources/authority_{plan.runs[0].authority.name}.ssv"
     assert not binding.prefix
-    assert all(not element.parameterBindings for element in system.elements)
+    # Each component has the same again, for tools that know no parameters of a system.
+    values = {p.name: p.value for p in read_ssv(str(archive), binding.source).parameters}
+    with zipfile.ZipFile(archive) as stored:
+        root = etree.fromstring(stored.read("SystemStructure.ssd"))
+    own = {
+        f"{component.get('name')}.{p.get('name')}": p[0].get("value")
+        for component in root.iter(f"{SSD}Component")
+        for p in component.iter(f"{SSV}Parameter")
+    }
+    assert {name: float(v) for name, v in own.items()} == {name: float(v) for name, v in values.items()}
 
 
 def test_fmpy_instantiates_parametrises_and_steps_it(archive):
@@ -183,7 +212,7 @@ def test_signal_that_feeds_two_components_is_one_connector(fmus, plan, tmp_path,
     *others, plant = along_x.COMPONENTS
     plant = replace(plant, inputs={**plant.inputs, "g_2": "g_1"})
     monkeypatch.setitem(world.WORLDS, type(None), replace(along_x.WORLD, components=(*others, plant)))
-    system = read_ssd(str(ssp.export(plan, fmus, tmp_path / "loop.ssp"))).system
+    system = structure(ssp.export(plan, fmus, tmp_path / "loop.ssp"), "open")
     assert [c.name for c in system.connectors].count("g_1") == 1
     assert sum(c.startConnector == "g_1" for c in system.connections) == 2
 
