@@ -22,6 +22,7 @@ from fit.weighing import Experiment, Likelihood, linear
 Array = NDArray[np.float64]
 
 HALVED = 12  # times at most that a step is halved lest the loop be unstable
+RESTING = 0.5  # of the variance of a parameter, from which it rests on what another is held at
 AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
 
 
@@ -187,7 +188,9 @@ class _Search:
 
     def held(self, blocks: Sequence[linear.Block], theta: Array, _: Array) -> irls.Held:
         """Hold by its natural scale what the data do not tell, and at its bound what wants beyond."""
-        lost, directions = linear.blind(linear.information(blocks, theta), self._widths)
+        H = linear.information(blocks, theta)
+        lost, directions = linear.blind(H, self._widths)
+        lost |= self._resting(H, lost)
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
         self.bound = {p.name for p, out in zip(self.parameters, beyond, strict=True) if out}
@@ -195,6 +198,11 @@ class _Search:
         scale = np.where(beyond, AT_BOUND, 1.0) * self._widths
         rows = np.diag(1 / scale)[lost | beyond]
         return irls.Held(linear.Prior(centre, rows), lost | beyond, directions, None)
+
+    def _resting(self, H: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Tell which parameters the data tell only with what `lost` ones are held at."""
+        known = np.linalg.inv(self._widths[:, None] * H * self._widths + np.diag(lost.astype(float)))
+        return np.asarray(np.sum(known[:, lost] ** 2, axis=1) > RESTING * np.diag(known))
 
     def admitted(self, theta: Array, to: Array) -> Array:
         """Return the next estimate, shape (P,): within its bounds, and with loops that can be simulated."""

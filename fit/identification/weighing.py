@@ -17,7 +17,7 @@ from fit.weighing import Experiment, Likelihood, Run, linear, shapes, smooth_noi
 Array = NDArray[np.float64]
 
 MOVED = 3.0  # sigma, from where the derivatives were taken, after which they are taken anew
-STEP = 1e-3  # of its natural scale, by which a parameter is varied before its sigma is known
+STEP = 1e-3  # of its natural scale, by which a parameter is varied unless its sigma is smaller
 SHORTER = 6  # times that a difference is tried before a trial that fails is told
 PUSH = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
@@ -90,7 +90,6 @@ class Imposed:
         self._grid = series.reduced(run.telemetry, run.channels)
         self._blow = series.blow(force_1.size, PUSH)
         self._made = self._force_made = np.empty(0)
-        self._base: Mapping[str, Array] = {}
         beside = [self._grid.steps]
         if run.glitches:
             beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
@@ -131,14 +130,10 @@ class Imposed:
         self._made = blown["o_1"] - without["o_1"]
         self._force_made = self._force(blown["o_12"] - without["o_12"])
 
-    def stand(self, theta: Mapping[str, float]) -> None:
-        """Simulate the trial from which `departure` counts."""
-        self._base = self._response(theta)
-
-    def departure(self, theta: Mapping[str, float]) -> Array:
-        """Return by how much the residual at another trial, nearby, exceeds that where it stands."""
-        found = self._response(theta)
-        return self._beyond(self._base["o_1"] - found["o_1"], self._base["o_12"] - found["o_12"])
+    def departure(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
+        """Return by how much the residual at one trial exceeds that at another, both near the last."""
+        high, low = self._response(above), self._response(below)
+        return self._beyond(low["o_1"] - high["o_1"], low["o_12"] - high["o_12"])
 
     def _beyond(self, o_1: Array, o_12: Array) -> Array:
         """Return the force of a motion beyond that which a stray thrust makes of o_1."""
@@ -223,7 +218,7 @@ class Simulated:
         n, of_run = len(self._names), self._share @ theta
         left = [r + of_run[n:] @ x for r, x in zip(self._residuals, self._along, strict=True)]
         sigma = np.sqrt(np.diag(covariance))
-        step = np.where(sigma > 0, np.minimum(sigma, 10 * STEP * self._widths), STEP * self._widths)
+        step = np.where(sigma > 0, np.minimum(sigma, STEP * self._widths), STEP * self._widths)
         if not np.max(np.abs(theta - self._at) / step) < MOVED:
             self._slopes = self._derivatives(theta, step)
             self._at = theta
@@ -261,7 +256,6 @@ class Simulated:
         for run in (self._sysid, self._noise) if self._slopes else ():
             if run:
                 run.strike(of_run)
-        self._sysid.stand(of_run)
         beside = self._share[n:].T @ self._along[0]
         seen = np.any(self._share[:n] != 0, axis=0).tolist()
         return [
@@ -270,14 +264,13 @@ class Simulated:
         ]
 
     def _derivative(self, theta: Array, h: Array) -> Array:
-        """Return the derivative by a parameter from a difference, if need be to the other side or shorter."""
-        failed = FitError("a parameter cannot be varied within its bounds")
-        for k in range(2 * SHORTER):
-            to = np.clip(theta + (-1) ** k * h / 4 ** (k // 2), self._low, self._high)
-            moved = float(np.sum(to - theta))
+        """Return the derivative by a parameter from a central difference, if need be a shorter one."""
+        for _ in range(SHORTER):
+            above, below = np.minimum(theta + h, self._high), np.maximum(theta - h, self._low)
             try:
-                if moved:
-                    return self._sysid.departure(self._of_run(to)) / moved
+                moved = self._sysid.departure(self._of_run(above), self._of_run(below))
             except FitError as error:
-                failed = error
+                h, failed = h / 4, error
+            else:
+                return moved / float(np.sum(above - below))
         raise failed

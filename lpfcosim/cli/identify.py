@@ -100,7 +100,7 @@ def _identified(
     with ExitStack() as stack, about(campaign):
         loop = _simulation(stack, plan, prepared[0], fmus)
         runs, parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
-        total = (ROUNDS + BLOWS) * runs + (1 + parameters) * len(prepared[0])
+        total = (ROUNDS + BLOWS) * runs + 2 * parameters * len(prepared[0])
         with console.counted("simulations", total) as loop.told:
             return _found(plan, loop, prepared, results, telemetries)
 
