@@ -87,8 +87,9 @@ def responses(run: Telemetry) -> Chart:
 
 def _hourly(run: Telemetry, name: str) -> tuple[Array, Array]:
     """Return hours since the start of a run, and a channel, as they are drawn."""
-    time, values = envelope(run.time, run.channels[name])
-    return (time - run.time[0]) / 3600, values
+    instants = run.time
+    time, values = envelope(instants, run.channels[name])
+    return (time - instants[0]) / 3600, values
 
 
 def _response(
@@ -151,13 +152,14 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     inner = slice(derivatives.HALF, -derivatives.HALF)
     time, n = run.time[inner], run.time[inner].size
     valid, total = np.empty(n, dtype=bool), np.empty(n)
-    terms = {} if telemetry.kind == "noise" else {term.name: np.empty(n) for term in dynamics.TERMS}
+    terms = {} if telemetry.kind == "noise" else {term.name: np.zeros(n) for term in dynamics.TERMS}
     for piece in pieces(run.time.size, overlap=2 * derivatives.HALF):  # of weeks, all columns fill the memory
         found = dynamics.columns(_part(run, piece), dynamics.delays(theta))
         there = slice(piece.start, piece.start + found.valid.size)
         valid[there], total[there] = found.valid, dynamics.total(found, theta)
         for name, term in (dynamics.terms(found, theta) if terms else {}).items():
-            terms[name][there] = term
+            if np.any(term):  # zeros that nobody touches take no memory
+                terms[name][there] = term
     known = {name: term for name, term in terms.items() if np.any(term)}  # not where nothing is commanded
     return Terms(run.fs, time, valid, total, known)
 
@@ -205,7 +207,7 @@ class Analysis:
 def analysed(telemetry: Telemetry, parameters: Mapping[str, float]) -> Analysis:
     """Return what the figures of a run show; see `split`."""
     run = split(telemetry, parameters)
-    estimator, start = Estimator(run.valid, run.fs, HIGHEST), float(telemetry.time[0])
+    estimator, start = Estimator(run.valid, run.fs, HIGHEST), float(telemetry.instants(slice(1))[0])
     signal = run.terms.get("ddo_12", np.zeros(0))
     return Analysis(
         run.fs,
@@ -307,7 +309,7 @@ def residual(
         kept = x <= across[1]
         name = f"noise run averaged over {SLOW:g} s"
         curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[kept], y[kept]), 0.7))
-    marks: tuple[Mark, ...] = (*curves, *_missing(found, masked, float(run.time[0])))
+    marks: tuple[Mark, ...] = (*curves, *_missing(found, masked, float(run.instants(slice(1))[0])))
     below = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, curves), 1.4)
     return _with_units([*_signal(found.signal, found.fast, across), below])
 

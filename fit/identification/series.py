@@ -72,8 +72,9 @@ class Reduced:
 def reduced(telemetry: Telemetry, of_fit: dynamics.Channels) -> Reduced:
     """Return the grid on which `force` puts a run, and what of it the fit's own channels leave."""
     taps, factor = derivatives.low_pass(RATE)
-    size = (round(telemetry.time.size * RATE / telemetry.fs) - taps.size) // factor + 1
-    first = taps.size // 2 / RATE + telemetry.time[0]
+    size = (round(telemetry.size * RATE / telemetry.fs) - taps.size) // factor + 1
+    instants = telemetry.time
+    first = taps.size // 2 / RATE + instants[0]
     time = first + np.arange(size) * factor / RATE
     at = np.rint((time - of_fit.time[0]) * of_fit.fs).astype(int)
     inside = (at >= 0) & (at < of_fit.time.size)
@@ -82,8 +83,8 @@ def reduced(telemetry: Telemetry, of_fit: dynamics.Channels) -> Reduced:
     steps = []
     missing = derivatives.bridge(telemetry.channels["o_12"], telemetry.fs)[1]
     for begin, end in derivatives.stretches(missing):
-        kept &= (time < telemetry.time[begin]) | (time > telemetry.time[end - 1] + FORGOTTEN)
-        steps.append((time > telemetry.time[end - 1]).astype(float)[half])
+        kept &= (time < instants[begin]) | (time > instants[end - 1] + FORGOTTEN)
+        steps.append((time > instants[end - 1]).astype(float)[half])
     found = np.stack(steps, axis=1) if steps else np.empty((size - 2 * derivatives.HALF, 0))
     return Reduced(RATE / factor, time[half], ~derivatives.reached(~kept), found)
 

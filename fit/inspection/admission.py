@@ -12,13 +12,17 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from fit.inspection import authority, constancy, copies, guidance, samples
 from fit.inspection.leftout import LeftOut
+from fit.signal import welch
 from fit.telemetry import Telemetry, utc
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, Run
+
+Array = NDArray[np.float64]
 
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
@@ -196,19 +200,23 @@ def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) 
 def _louder(run: Run, other: Run) -> str:
     """Return the read-out in which a run is louder than another as only injections make it, or nothing."""
     for name in ("o_1", "o_12"):
-        spectra = []
-        for r in (run, other):
-            x, fs = np.diff(getattr(r.channels, name), 2), r.channels.fs
-            f, power = scipy.signal.welch(x, fs, nperseg=min(x.size, int(SEGMENT * fs)))
-            spectra.append((f, power))
-        (f, power), (of_other, other_power) = spectra
+        f, power = _averaged(run, name)
         inside = (f > 2 / SEGMENT) & (f < INJECTED)
-        least = np.interp(f[inside], of_other, other_power)
         level = scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest")[inside]
         sines = power[inside] > SHARP * level  # a run without noise is beside any other one of these
+        if not sines.any():
+            continue
+        of_other, other_power = _averaged(other, name)
+        least = np.interp(f[inside], of_other, other_power)
         if np.all(least > 0) and np.any(sines & (power[inside] > DRIVEN * least)):
             return name
     return ""
+
+
+def _averaged(run: Run, name: str) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and the averaged PSD of the second differences of a read-out."""
+    x, fs = np.diff(getattr(run.channels, name), 2), run.channels.fs
+    return welch(x, fs, min(x.size, int(SEGMENT * fs)))
 
 
 def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:

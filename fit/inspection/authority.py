@@ -42,7 +42,7 @@ def faults(run: Telemetry) -> Iterator[str]:
         at = _largest(f_x)
         if at is None:
             continue
-        most, when = abs(float(f_x[at])), f"{run.time[at]:.0f} s"
+        most, when = abs(float(f_x[at])), f"{run.instants(slice(at, at + 1))[0]:.0f} s"
         slack = BEYOND if run.fs > 0.99 * FULL_RATE else RINGING
         if limit == 0 and most > LEAK:
             yield f"{run.path}: f_x_{j} is {most:.3g} m s-2 at {when}, but attribute F_max_{j} is 0"

@@ -120,8 +120,9 @@ def _blocks(run: Run, noise: NoiseModel) -> _Blocks:
     kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
     series = spectra.series(U[:, kept], terms.first, n)
     series[:, 0] *= np.sqrt(n / 2)
-    series[:, 1:] /= np.linalg.norm(series[:, 1:], axis=0)
-    series[:, 1:] = np.linalg.qr(series[:, 1:])[0]
+    for column in series[:, 1:].T:  # one by one and in place: of weeks, another one fills the memory
+        column /= np.linalg.norm(column)
+    series[:, 1:] = scipy.linalg.qr(series[:, 1:], overwrite_a=True, mode="economic", check_finite=False)[0]
     size = max(round(BLOCK * run.channels.fs), -(-n // MOST_BLOCKS))
     blocks = (series[start : start + size] for start in range(0, n - size + 1, size))
     return _Blocks(

@@ -231,7 +231,10 @@ class _Search:
                 "matter of glitches; nothing is masked"
             )
             return FitWarning(TOO_MANY, (), message)
-        masks, end = self.run.masks[len(self._original.masks) :], float(self.run.telemetry.time[-1])
+        masks, end = (
+            self.run.masks[len(self._original.masks) :],
+            float(self.run.telemetry.instants(slice(-1, None))[0]),
+        )
         taken_out = merged([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
         told = [placed(s, what) for s, what in ((masks, "masked"), (taken_out, TAKEN_OUT)) if s]
         spans = tuple(Span(name, *span) for span in sorted([*masks, *taken_out]))

@@ -114,14 +114,14 @@ def odd(experiments: Sequence[Experiment]) -> list[FitWarning]:
 
 def _shows(run: Telemetry) -> bool:
     names = {*CHANNELS, *(f"guidance_{channel}" for channel in CHANNELS)}
-    return names <= run.channels.keys() and run.time.size > 2 / BANDS[0] * run.fs
+    return names <= run.channels.keys() and run.size > 2 / BANDS[0] * run.fs
 
 
 def _seen(run: Telemetry) -> _Seen:
     """Transform guidance and read-outs of a run, averaged to few samples."""
     n = max(1, round(SAMPLE * run.fs))
     names = [f"{of}{channel}" for of in ("guidance_", "") for channel in CHANNELS]
-    whole = run.time.size // n * n
+    whole = run.size // n * n
     lost = np.zeros(whole, dtype=bool)
     for name in names:  # one by one: as archived, all of them fill the memory
         lost |= ~np.isfinite(run.channels[name][:whole])

@@ -100,16 +100,23 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         return
     if rounded > 0 and rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
         return  # equal values come by themselves
-    least = max(2.1 * rounded, 1e-9 * float(np.nanmedian(np.abs(_bends(x)(slice(0, LOOKED))))))
-    flat = [np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2)]
-    found = derivatives.stretches(np.concatenate(flat))
-    kept = found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
+    typical = np.abs(_bends(x)(slice(0, LOOKED)))
+    kept = _flat(x, max(2.1 * rounded, 1e-9 * float(np.nanmax(typical))), rounded)
+    if len(kept):  # of the largest, which is found faster than the median
+        kept = _flat(x, max(2.1 * rounded, 1e-9 * float(np.nanmedian(typical))), rounded)
     for begin, end in kept:
         constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
         what = f"is stuck at {x[begin] + 0.0:.4g}" if constant else "is a straight line"
         yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
     if rounded == 0 and not len(kept):
         yield from _repeated(x, fs)
+
+
+def _flat(x: Array, least: float, rounded: float) -> NDArray[np.intp]:
+    """Return the stretches in which second differences stay within `least`, shape (number of them, 2)."""
+    flat = [np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2)]
+    found = derivatives.stretches(np.concatenate(flat))
+    return found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
 
 
 def _repeated(x: Array, fs: float) -> Iterator[Oddity]:

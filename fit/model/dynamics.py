@@ -205,7 +205,7 @@ def _channels(telemetry: Telemetry, of_motion: dict[str, Array], taps: Array, fa
         del raw
     return Channels(
         fs=telemetry.fs / factor,
-        time=telemetry.time[taps.size // 2 :: factor][: touched.size],
+        time=telemetry.instants(slice(taps.size // 2, None, factor))[: touched.size],
         **{name: kept.pop(name) for name in CHANNELS},
         means=kept,
         valid=~touched,
@@ -380,7 +380,7 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
         mean: derivatives.reduced(mean_of(telemetry, mean), telemetry.fs, taps, factor) for mean in wanted
     }
     series = {mean: x for mean, (x, _) in found.items()}
-    size = (telemetry.time.size - taps.size) // factor + 1 - 2 * derivatives.HALF
+    size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF
     values, valid = np.zeros(size), np.ones(size, dtype=bool)
     for name in names:
         values += cross_talk[name] * _moved(series, name, telemetry.fs / factor)

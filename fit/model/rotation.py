@@ -195,7 +195,7 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
     pointing = [terms(x) for x in attitude(telemetry, found, reference).T]
     return Motion(
         fs=fs,
-        time=telemetry.time[taps.size // 2 + derivatives.HALF * factor :: factor][: N.size],
+        time=telemetry.instants(slice(taps.size // 2 + derivatives.HALF * factor, None, factor))[: N.size],
         dOmega=np.stack(dOmega, axis=1),
         angle=np.stack(angles, axis=1),
         swing=np.stack(swing, axis=1),
@@ -215,7 +215,7 @@ def apart(telemetry: Telemetry, found: Sources) -> Array:
     taps, factor = derivatives.low_pass(telemetry.fs)
     halves = []
     for axis in AXES:
-        x = np.zeros(telemetry.time.size)
+        x = np.zeros(telemetry.size)
         both = found.masses[axis] == (1, 2)
         if both:
             x = (telemetry.channels[f"N_{axis}_1"] - telemetry.channels[f"N_{axis}_2"]) / 2
@@ -245,7 +245,7 @@ def attitude(telemetry: Telemetry, found: Sources, reference: Array | None = Non
     rotation vector in body axes: its derivative is Omega as long as the axis of rotation keeps its direction.
     """
     if not found.star_tracker:
-        return np.zeros((telemetry.time.size, len(AXES)))
+        return np.zeros((telemetry.size, len(AXES)))
     columns = np.stack([telemetry.channels[name] for name in found.star_tracker], axis=1)
     if len(found.star_tracker) == len(AXES):
         return columns

@@ -11,18 +11,26 @@ largest force than at none.
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.model.dynamics import COLUMNS, Columns
+from fit.model.dynamics import COLUMNS, FORCES, Channels, Columns, forces
+from fit.signal import derivatives
 
 NAMES = ("slope_1", "slope_2", "bend_1", "bend_2")
+_INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
 _SIGNS = {1: 1.0, 2: -1.0}  # with which the forces enter Delta g, see `dynamics`
 
 
+def commanded(run: Channels, tau: tuple[float, float]) -> Columns:
+    """Return the columns of the commands, and no others, delayed by `tau` [s]."""
+    valid = ~derivatives.reached(~run.valid)
+    return Columns(tau, tuple([*COLUMNS][FORCES]), run.fs, run.time[_INNER], forces(run, tau), valid)
+
+
 def columns(found: Columns) -> NDArray[np.float64]:
-    """Return what multiplies `NAMES` in Delta g, shape (N, 4) [m s^-2]."""
+    """Return what multiplies `NAMES` in Delta g, shape (N, 4) [m s^-2], from columns of the commands."""
     u = np.linspace(-0.5, 0.5, len(found.values))
     slopes, bends = [], []
     for j, sign in _SIGNS.items():
-        force = sign * found.values[:, COLUMNS.index(f"f_{j}")]
+        force = sign * found.values[:, found.names.index(f"f_{j}")]
         largest = float(np.max(np.abs(force), where=found.valid, initial=0.0))
         slopes.append(u * force)
         bends.append(force * np.abs(force) / (largest or 1.0))

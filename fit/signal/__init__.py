@@ -3,7 +3,7 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd
+from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, welch
 from fit.signal.excess import Excess
 from fit.signal.noise import NoiseModel, fit_noise
 from fit.signal.spectra import Spectra, Spectrum
@@ -21,4 +21,5 @@ __all__ = [
     "fit_noise",
     "log_psd",
     "spectra",
+    "welch",
 ]

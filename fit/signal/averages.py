@@ -195,6 +195,18 @@ def log_psd(series: Sequence[Array], fs: float) -> LogSpectrum:
     return LogSpectrum(f, psd, low, high, averages)
 
 
+def welch(x: Array, fs: float, size: int) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and the one-sided PSD of a series from segments of `size`, half overlapping.
+
+    But for 0 and the highest frequency that of `scipy.signal.welch`, which takes one segment after the other.
+    """
+    w = scipy.signal.windows.hann(size, sym=False)
+    segments = sliding_window_view(x, size)[:: size - size // 2]
+    found = scipy.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * w, axis=1)
+    power = np.mean(found.real**2 + found.imag**2, axis=0) * (2 / (fs * float(w @ w)))
+    return np.arange(power.size) * fs / size, np.asarray(power, dtype=np.float64)
+
+
 def _kernel(cycles: float, size: int) -> tuple[NDArray[np.complex128], float]:
     """Return what a segment is multiplied by, and the correlation of the power of half-overlapping segments.
 

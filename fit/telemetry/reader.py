@@ -6,7 +6,7 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
-from fit.telemetry import guard
+from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
 from fit.threads import each
@@ -52,7 +52,7 @@ class Telemetry(Displayed):
     m_tm : float
         Mass of a test mass [kg].
     time : ndarray, shape (N,)
-        Seconds since `t0`, uniform.
+        Seconds since `t0`, uniform; made whenever it is asked for.
     channels : mapping of str to ndarray, each of shape (N,)
         Every channel of the file, known or not, in the unit of `units`; a missing sample is NaN. Those of a
         file are read whenever one is asked for: a campaign of weeks does not fit into memory.
@@ -83,9 +83,18 @@ class Telemetry(Displayed):
     long_names: dict[str, str] = field(default_factory=dict)
 
     @property
+    def size(self) -> int:
+        """Number of samples N."""
+        return axis.size(self)
+
+    def instants(self, at: slice) -> NDArray[np.float64]:
+        """Return a part of `time`, without the rest of it."""
+        return axis.part(self, at)
+
+    @property
     def duration(self) -> float:
         """Length of the run, N / fs [s]."""
-        return self.time.size / self.fs
+        return self.size / self.fs
 
     @property
     def authority(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -122,6 +131,9 @@ class Telemetry(Displayed):
         time = ("time", self.time, {"units": "s", "long_name": f"time since {self.t0}"})
         dataset: xarray.Dataset = xr.Dataset(channels, {"time": time}, self.root)
         return dataset
+
+
+Telemetry.time = axis.TimeAxis()  # type: ignore[assignment]
 
 
 def read(path: Path, *, own: bool = False) -> Telemetry:
@@ -207,7 +219,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     if not own:
         check(found)
     runs: dict[str, Telemetry] = {}
-    for telemetry in _with_one_time(each(partial(read, own=own), found)):
+    for telemetry in each(partial(read, own=own), found):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -215,15 +227,6 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
                 "expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
-
-
-def _with_one_time(telemetries: Sequence[Telemetry]) -> Iterator[Telemetry]:
-    """Let runs share the time axes that they have in common: of weeks these fill the memory."""
-    axes: list[NDArray[np.float64]] = []
-    for telemetry in telemetries:
-        known = next((axis for axis in axes if np.array_equal(axis, telemetry.time)), telemetry.time)
-        axes += [known] * (known is telemetry.time)
-        yield replace(telemetry, time=known)
 
 
 def inertial_period(telemetry: Telemetry) -> str:

@@ -150,7 +150,7 @@ class Run:
         """Return the spectra of `wander.columns`, for delays as close to `tau` as those of `spectra`."""
         last = self._wander
         if last is None or _apart(tau, last.tau) > CLOSE:
-            terms = self.columns(tau)
+            terms = wander.commanded(self.channels, tau)
             self._wander = last = self._transformed(wander.columns(terms), terms)
         return last
 

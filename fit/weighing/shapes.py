@@ -83,7 +83,7 @@ class Glitch:
         return found * (fs * self.shape.tau)
 
 
-@lru_cache(maxsize=16)  # a shape that is moved and turned keeps its length for a while
+@lru_cache(maxsize=4)  # a shape that is moved and turned keeps its length for a while
 def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
     f = scipy.fft.rfftfreq(n, 1 / fs)

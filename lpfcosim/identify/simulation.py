@@ -168,15 +168,15 @@ def _balance(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array]) -> floa
     """Return the constant acceleration that the commands hold, as the run shows it without direct forces."""
     factor = round(run.fs / telemetry.fs)
     quiet = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
-    quiet = quiet[::factor] if np.mean(quiet) > QUIET else np.ones(telemetry.time.size, dtype=bool)
+    quiet = quiet[::factor] if np.mean(quiet) > QUIET else np.ones(telemetry.size, dtype=bool)
     force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][quiet])) for j in (1, 2))
     return run.truth.lambda_1 * force_1 - run.truth.lambda_2 * force_2
 
 
 def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
-    n = round(telemetry.time.size * run.fs / telemetry.fs)
-    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + telemetry.time[0]
+    n = round(telemetry.size * run.fs / telemetry.fs)
+    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + telemetry.instants(slice(1))[0]
     start = round(since * run.fs)
     feeds = drive.injections(run, start, start + n)
     recorded = {name for name in _GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}

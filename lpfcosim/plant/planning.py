@@ -124,13 +124,13 @@ def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Comple
     """
     s = world_of(run).system(run)
     rows = [s.channels.index(name) for name in channels]
-    H = transfer(s, run.h, frequency)[:, rows]
+    H = transfer(s, run.h, frequency, rows)
     shares, psd = streams(run, s, frequency)
     G = H @ shares
     return np.asarray(np.einsum("nik,nk,njk->nij", G.conj(), psd, G, optimize=True))
 
 
-def transfer(s: System, h: float, frequency: Array) -> Complex:
+def transfer(s: System, h: float, frequency: Array, rows: Sequence[int] | None = None) -> Complex:
     """Give the frequency responses of the channels to the inputs, shape (n, channels, inputs).
 
     Parameters
@@ -141,9 +141,13 @@ def transfer(s: System, h: float, frequency: Array) -> Complex:
         Its sample time [s].
     frequency : ndarray, shape (n,)
         Hz.
+    rows : sequence of int, optional
+        Which channels, all by default.
     """
+    which = slice(None) if rows is None else list(rows)
     z = on_circle(frequency, h)
-    return np.asarray(s.C @ np.linalg.solve(z * np.eye(len(s.A)) - s.A, s.B.astype(complex)) + s.D)
+    states = np.linalg.solve(z * np.eye(len(s.A)) - s.A, s.B.astype(complex))
+    return np.asarray(s.C[which].astype(complex) @ states + s.D[which])
 
 
 def streams(run: Run, s: System, frequency: Array) -> tuple[Array, Array]:
