@@ -52,6 +52,7 @@ USERS = {
     "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
+    "lmfit": {"fit.weighing"},
     "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
@@ -61,7 +62,7 @@ USERS = {
     "typer": {"lpfcosim.cli"},
 }
 #: What must not be read in by ``import fit`` and ``import lpfcosim``, nor, but for h5py and NumPy, by a run.
-HEAVY = ("emcee", "fmpy", "h5py", "jinja2", "matplotlib", "numpy", "pint", "pydantic", "rumoca")
+HEAVY = ("emcee", "fmpy", "h5py", "jinja2", "lmfit", "matplotlib", "numpy", "pint", "pydantic", "rumoca")
 HEAVY += ("scipy", "sympy", "typer")
 #: Names that doors hand to users, or to other processes, beside those that the packages use.
 PUBLIC = {"lpfcosim.worlds": {"World", "of", "register"}}
@@ -224,7 +225,7 @@ def loaded(code: str) -> set[str]:
     [
         ("import fit, lpfcosim; dir(fit), dir(lpfcosim)", set()),
         ("import fit.telemetry, fit.files, fit.errors", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
-        ("import fit.pipeline", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
+        ("import fit.pipeline", {"h5py", "lmfit", "numpy", "pint", "pydantic", "scipy"}),
         ("import lpfcosim.campaign", {"numpy"}),
         ("import lpfcosim.plant", {"numpy", "scipy", "pint", "pydantic"}),
     ],

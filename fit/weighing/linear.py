@@ -8,12 +8,14 @@ conditions stay free of bias because that answer is causal, so that its transfer
 band. Leaving out the lowest bins would break the sum.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
+from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
@@ -24,9 +26,8 @@ from fit.weighing.tones import drives, single_tone
 
 Array = NDArray[np.float64]
 
+_UNASKED = ("pandas", "matplotlib", "emcee")  # lmfit takes them in if they are there
 FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
-EVALUATIONS = 4000  # at most, for each parameter, before a minimisation is given up
-SUCCESS = (1, 2, 3, 4)  # codes of `scipy.optimize.leastsq`
 
 
 @dataclass(frozen=True)
@@ -319,25 +320,43 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     """
     if all(isinstance(block, Straight) for block in blocks):
         return _normal(blocks, prior, width)
+    lmfit = _lmfit()
     rows = prior.rows * width
 
-    def residuals(p: Array) -> Array:
-        theta = p * width
+    def parameters(p: Any) -> Array:
+        return np.array([p[name].value for name in p]) * width
+
+    def residuals(p: Any) -> Array:
+        theta = parameters(p)
         data = [block.R @ block.coefficients(theta) for block in blocks]
         return np.concatenate([*data, prior.rows @ (theta - prior.centre)])
 
-    def jacobian(p: Array) -> Array:
-        data = [block.jacobian(p * width) * width for block in blocks]
+    def jacobian(p: Any) -> Array:
+        theta = parameters(p)
+        data = [block.jacobian(theta) * width for block in blocks]
         return np.concatenate([*data, rows])
 
-    most = EVALUATIONS * (width.size + 1)
-    found, _, _, message, how = scipy.optimize.leastsq(
-        residuals, start / width, Dfun=jacobian, full_output=True, ftol=1e-14, xtol=1e-12, maxfev=most
+    p = lmfit.Parameters()
+    for i, value in enumerate(start / width):
+        p.add(f"p_{i}", value=value)
+    found = lmfit.minimize(
+        residuals, p, method="leastsq", scale_covar=False, Dfun=jacobian, ftol=1e-14, xtol=1e-12
     )
-    theta = np.asarray(found * width)
-    if how not in SUCCESS or not np.isfinite(theta).all():
-        raise FitError(f"the minimisation failed: {message}")
+    theta = parameters(found.params)
+    if not found.success or not np.isfinite(theta).all():
+        raise FitError(f"the minimisation failed: {found.message}")
     return theta
+
+
+def _lmfit() -> Any:
+    """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
+    kept_out = [name for name in _UNASKED if name not in sys.modules and "lmfit" not in sys.modules]
+    sys.modules.update(dict.fromkeys(kept_out))  # type: ignore[arg-type]
+    try:
+        return import_module("lmfit")
+    finally:
+        for name in kept_out:
+            del sys.modules[name]
 
 
 def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:

@@ -19,7 +19,7 @@ from lpfcosim.cli.console import Console
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger
 
-VERSIONS = ("lpfcosim", "numpy", "scipy", "fmpy")  # on which results depend
+VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
 
 def fit_files(

@@ -26,7 +26,7 @@ from tests.oracles.synthetic import World, pair
 from tests.test_docs import Runner, blocks
 
 DOCUMENT = ROOT / "docs" / "python.md"
-HEAVY = ("numpy", "scipy", "matplotlib", "h5py", "pandas", "pydantic", "fmpy", "xarray")
+HEAVY = ("numpy", "scipy", "lmfit", "matplotlib", "h5py", "pandas", "pydantic", "fmpy", "xarray")
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_importing_a_package_reads_in_nothing(package):
 
 def test_what_calibrates_is_ready_before_its_tools_are():
     code = "import sys; from fit import calibrate; print([m for m in sys.modules if m in ("
-    code += "'pandas', 'matplotlib', 'scipy.signal', 'scipy.stats', 'scipy.optimize', 'fmpy')])"
+    code += "'lmfit', 'pandas', 'matplotlib', 'scipy.signal', 'scipy.stats', 'scipy.optimize', 'fmpy')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

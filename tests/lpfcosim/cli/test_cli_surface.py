@@ -18,7 +18,7 @@ GROUPS = {
     ("fmu",): "build list validate export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]
-HEAVY = ("fmpy", "h5py", "matplotlib", "scipy", "sympy")
+HEAVY = ("fmpy", "h5py", "lmfit", "matplotlib", "scipy", "sympy")
 
 
 def python(code, *arguments, **options):
