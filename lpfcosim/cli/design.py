@@ -9,18 +9,20 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 import fit.errors
+from fit.estimate import angles, inertial, sight
 from fit.estimate import forecast as forecasts
-from fit.estimate import sight
 from fit.files import atomic
+from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.tables import Lines
 from fit.threads import following, tell
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.planned import planned
+from lpfcosim.cli.planned import planned, turning
 from lpfcosim.design import (
     CLOSE,
+    Calibration,
     Design,
     Foresight,
     Robustness,
@@ -51,7 +53,7 @@ def design(
         raise InputError(f"{campaign}: fmus: a design knows the loops of our FMUs alone, expected no others")
     chosen = settings(plan.fit, f"{campaign}: fit")
 
-    foresight = _foresight(plan, chosen)
+    foresees = foresight(plan, chosen)
     told = Told(
         lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
         lambda step, value: console.note(f"{step}: {value:.4f}"),
@@ -59,7 +61,7 @@ def design(
     )
     try:
         with about(campaign), console.stage("search"):
-            found = sought(plan, foresight, told)
+            found = sought(plan, foresees, told)
     except fit.errors.InputError as error:
         raise InputError(f"{campaign}: {error}") from None
     atomic.write(path, text(found, path.stem, campaign.name))
@@ -69,7 +71,7 @@ def design(
     box = None
     if found.complete:
         with console.stage("other truths and noise"):
-            box = robustness(found, foresight, tell)
+            box = robustness(found, foresees, tell)
     console.document(json.dumps(_document(found, stepped, box), indent=1, allow_nan=False))
     console.show(_table(found))
     if figure:
@@ -84,14 +86,29 @@ def design(
     console.say(f"{path}: written; simulate it with: lpfcosim run {path}")
 
 
-def _foresight(plan: Campaign, chosen: Settings) -> Foresight:
+def foresight(plan: Campaign, chosen: Settings) -> Foresight:
     """Return what the fit of a campaign, or of one much like it, will know."""
 
-    def expected(of: Campaign) -> dict[str, float]:
+    def fitted(of: Campaign) -> Fit:
         gains = dict.fromkeys(("lambda_1", "lambda_2"), of.truth.lambda_scatter)
         with following(None):  # it is a small part of the search, which tells how far that is
-            found = forecasts.expected_fit(planned(of), chosen, gains)
-        return {name: estimate.sigma for name, estimate in found.parameters.items()}
+            return forecasts.expected_fit(planned(of), chosen, gains)
+
+    def expected(of: Campaign) -> dict[str, float]:
+        return {name: estimate.sigma for name, estimate in fitted(of).parameters.items()}
+
+    def calibration(of: Campaign) -> Calibration:
+        joint = fitted(of)
+
+        def told(at: Campaign) -> dict[str, float]:
+            periods = angles.expected_periods(turning(at.runs), joint)
+            return {
+                f"{name}_{period}": estimate.sigma
+                for period, fit in periods.items()
+                for name, estimate in fit.parameters.items()
+            }
+
+        return Calibration(told, inertial.SHORTEST)
 
     @cache
     def more() -> dict[str, float]:
@@ -102,7 +119,7 @@ def _foresight(plan: Campaign, chosen: Settings) -> Foresight:
         # noise alone does not tell cross-talk as well: it is as the campaign will tell it
         return sight.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
 
-    return Foresight(told_by, expected)
+    return Foresight(told_by, expected, calibration)
 
 
 def _check_figure(figure: Path | None) -> None:
@@ -166,6 +183,25 @@ def _document(
         "complete": found.complete,
         "hours": found.hours / HOUR,
         "hours_bound": None if found.fewest is None else found.fewest / HOUR,
+        "inertial": _of_angles(found),
+    }
+
+
+def _of_angles(found: Design) -> dict[str, object] | None:
+    if found.angles is None:
+        return None
+    before, after = found.angles.hours
+    return {
+        "parameters": {
+            name: {
+                "sigma_before": found.angles.before[name],
+                "sigma_wanted": wanted,
+                "sigma_after": found.angles.after[name],
+            }
+            for name, wanted in found.angles.wanted.items()
+        },
+        "hours_before": before / HOUR,
+        "hours_after": after / HOUR,
     }
 
 
@@ -176,6 +212,10 @@ def _table(found: Design) -> Lines:
         told = ("", "") if after is None else (f"{after:.2g}", f"{after / before:.3f}")
         alone = f"{found.alone[name] / before:.3f}" if name in found.alone else ""
         rows.append((name, f"{before:.2g}", *told, alone))
+    if found.angles:
+        for name in found.angles.wanted:
+            before, after = found.angles.before[name], found.angles.after[name]
+            rows.append((name, f"{before:.2g}", f"{after:.2g}", f"{after / before:.3f}", ""))
     return Lines(("parameter", "sigma", "designed", "ratio", "ratio at best, alone"), tuple(rows))
 
 
@@ -190,6 +230,9 @@ def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, conso
             f"{found.hours / HOUR:.2f} h with tones; no design within the limits on rms does with less than "
             f"{found.fewest / HOUR:.2f} h"
         )
+    if found.angles:
+        first, last = (seconds / HOUR for seconds in found.angles.hours)
+        console.say(f"{last:.1f} h of noise instead of {first:.1f} h for {', '.join(found.angles.wanted)}")
     lost = [name for name in found.problem.wanted if name not in found.after]
     if lost:
         raise RunError(f"{path}: the design does not determine {', '.join(lost)}, which the campaign did")

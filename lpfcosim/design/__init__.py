@@ -4,6 +4,7 @@ A convex programme finds the power that tells most by frequency, and a bound tha
 are then sought that come near to it. What a fit will know is told by `Foresight`, which others hand in.
 """
 
+from lpfcosim.design.calibration import Calibration
 from lpfcosim.design.checking import CLOSE, through_fmus
 from lpfcosim.design.designing import design
 from lpfcosim.design.robustness import Robustness, robustness
@@ -14,6 +15,7 @@ from lpfcosim.design.writing import text
 
 __all__ = [
     "CLOSE",
+    "Calibration",
     "Design",
     "Foresight",
     "Robustness",

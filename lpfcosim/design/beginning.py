@@ -6,18 +6,20 @@ are those of the convex programme.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.design.programme import Bands, Optimum
 from lpfcosim.design.stage import HIGHEST, LOWEST, Stage
-from lpfcosim.design.waveform import Span, Voice
+from lpfcosim.design.waveform import Chord, Span, Voice
 
 Array = NDArray[np.float64]
 
 SLOWEST = (0.75e-3, 0.9e-3, 0.6e-3, 0.5e-3)  # Hz, the slow tones that are tried in turn
 SPREAD = 24  # frequencies beside those of the programme
+FAINTER = 0.01  # of a limit: size of tones that join those there are
 FAINT = 0.02  # of the largest tone: size of those that the programme does without
 
 
@@ -68,6 +70,19 @@ def begun(
         used = np.ones(amplitudes.shape, dtype=bool)
         voices.append(Voice(stage, span, number, used, amplitudes, np.ones(len(stage.bounds))))
     return tuple(voices)
+
+
+def joined(voice: Voice, forbidden: Bands, generator: np.random.Generator) -> Voice:
+    """Return an experiment with all harmonics of its slow tone, those that it does without faint."""
+    span, step = voice.span, int(np.gcd.reduce(voice.number))
+    number = np.arange(step, int(HIGHEST * span.length) + 1, step)
+    number = np.union1d(number[voice.stage.allowed(number / span.length, forbidden)], voice.number)
+    shape = (number.size, voice.used.shape[1])
+    found = replace(voice, number=number, used=np.ones(shape, dtype=bool), amplitudes=np.ones(shape, complex))
+    faint = FAINTER * Chord(found).units * np.exp(1j * generator.uniform(0, 2 * np.pi, shape))
+    at = np.searchsorted(number, voice.number)
+    faint[at] = np.where(voice.used, voice.amplitudes, faint[at])
+    return replace(found, amplitudes=faint)
 
 
 def _harmonics(stage: Stage, span: Span, slowest: float) -> Array:

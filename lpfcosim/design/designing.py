@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.design import hours, programme, settings
-from lpfcosim.design.hours import HOUR
+from lpfcosim.design import calibration, hours, programme, settings
 from lpfcosim.design.search import Design, Told, search
 from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import Foresight, Problem, problem
+from lpfcosim.design.timetable import HOUR
 from lpfcosim.errors import InputError
 
 LAST = 0.99  # worst ratio from which on fewer hours are not worth another search
@@ -26,6 +26,16 @@ def design(plan: Campaign, foresight: Foresight, told: Told) -> Design:
     InputError
         If the campaign has nothing to free, its wishes do not fit it, or nothing is as good as asked.
     """
+    found = _of_tones(plan, foresight, told)
+    if not found.problem.angles:
+        return found
+    campaign, angles = calibration.settled(
+        found.campaign, found.problem.angles, foresight.calibration(found.campaign)
+    )
+    return replace(found, campaign=campaign, angles=angles)
+
+
+def _of_tones(plan: Campaign, foresight: Foresight, told: Told) -> Design:
     wishes = plan.design
     sought = problem(plan, foresight)
     told.done(BEGUN)

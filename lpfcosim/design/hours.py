@@ -2,25 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import quote
 from lpfcosim.campaign import Campaign
 from lpfcosim.design import programme
 from lpfcosim.design.programme import Optimum
 from lpfcosim.design.search import AFTER, Told
 from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import Foresight, Problem, changed
+from lpfcosim.design.timetable import HOUR, WHOLE, in_turn
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import FS, Sine
 
 Array = NDArray[np.float64]
-
-WHOLE = 60.0  # s, of which a run has a whole number
-HOUR = 3600.0
 
 
 def shared(sought: Problem, total: float, foresight: Foresight, told: Told) -> tuple[Problem, Optimum]:
@@ -69,12 +65,4 @@ def with_durations(plan: Campaign, durations: Mapping[str, float]) -> Campaign:
         replace(e, n_samples=round(durations[e.name] * FS)) if e.name in durations else e
         for e in plan.experiments
     )
-    found = replace(plan, experiments=experiments)
-    for before, run in zip(found.runs[:-1], found.runs[1:], strict=True):
-        end = datetime.fromisoformat(before.t0) + timedelta(seconds=before.n_samples / FS)
-        if datetime.fromisoformat(run.t0) < end:
-            raise InputError(
-                f"design.hours: experiment {quote(before.experiment)} would reach into "
-                f"{quote(run.experiment)}, which has a start t0 of its own"
-            )
-    return found
+    return in_turn(replace(plan, experiments=experiments))

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.campaign import Campaign, Wishes
 from lpfcosim.design import limits, programme, tones, waveform
-from lpfcosim.design.beginning import begun
+from lpfcosim.design.beginning import begun, joined
+from lpfcosim.design.calibration import Angles
 from lpfcosim.design.programme import Optimum
 from lpfcosim.design.sought import Foresight, Problem, with_tones
 from lpfcosim.design.stage import Stage
@@ -22,7 +24,8 @@ TRIALS = 3  # beginnings, of which the best is kept
 TIGHTENED = 3  # times that limits are tightened by what transients add
 AFTER = 600.0  # s that a run goes on after its tones: what follows them is checked as well
 FLANK, RAMP = 0.05, 1080.0  # share of a run under a flank of the window; s, longest rise of a tone
-SOLVED, COMPOSED, FINISHED = 0.05, 0.45, 0.7  # shares of the time after programme, trials and tightening
+GROWN = 4  # times that other tones are tried beside those there are
+SOLVED, COMPOSED, REGROWN, FINISHED = 0.05, 0.4, 0.6, 0.8  # shares of the time, done after what they name
 SHORT_RAMP = 300.0  # s, where rms is what counts: tones clear of the flanks make the most of it
 
 
@@ -75,6 +78,8 @@ class Design:
         False if the search was interrupted; `alone` is then left out.
     fewest : float, optional
         Hours that were sought: what no design does with less than [s].
+    angles : Angles, optional
+        What becomes of the inertial calibration, where its angles are sought.
     """
 
     problem: Problem
@@ -87,6 +92,7 @@ class Design:
     alone: Mapping[str, float]
     complete: bool
     fewest: float | None = None
+    angles: Angles | None = None
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -214,20 +220,21 @@ class _Steps:
 
 def _better(sought: Problem, best: Optimum, told: Told) -> Iterator[Score]:
     """Yield few tones that reach the limits, the best so far of a few beginnings, then tightened ones."""
-    wishes, spans = sought.plan.design, [_span(stage) for stage in sought.stages]
     found: Score | None = None
-    drawing = told.part(0.0, (COMPOSED - SOLVED) / (FINISHED - SOLVED))
-    tightening = told.part((COMPOSED - SOLVED) / (FINISHED - SOLVED), 1.0)
+    whole = FINISHED - SOLVED
+    shares = [0.0, (COMPOSED - SOLVED) / whole, (REGROWN - SOLVED) / whole, 1.0]
+    drawing, growing, tightening = (told.part(*each) for each in pairwise(shares))
     for trial in range(TRIALS):
-        generator = np.random.default_rng([sought.plan.seed, trial])
-        part = drawing.part(trial / TRIALS, (trial + 1) / TRIALS)
-        step = _Steps(part, f"trial {trial + 1} of {TRIALS}", waveform.steps(wishes.sines))
-        voices = begun(sought.stages, spans, best, wishes.forbidden, wishes.spacing, trial, generator)
-        score = waveform.composed(voices, sought.known, sought.objective, wishes.sines, step)
+        score = _trial(sought, best, trial, drawing.part(trial / TRIALS, (trial + 1) / TRIALS))
         if found is None or score.value < found.value:
             found = score
         yield found
     assert found is not None
+    for n in range(GROWN if any(limit.of_wave for stage in sought.stages for limit in stage.bounds) else 0):
+        score = _again(sought, found, n, growing.part(n / GROWN, (n + 1) / GROWN))
+        if score.value < found.value:
+            found = score
+        yield found
     for n in range(TIGHTENED):
         over = [_over(voice) for voice in found.voices]
         tight = tuple(
@@ -238,6 +245,24 @@ def _better(sought: Problem, best: Optimum, told: Told) -> Iterator[Score]:
         step = _Steps(part, f"in the time domain, {n + 1} of {TIGHTENED}", 1)
         found = waveform.finished(tight, sought.known, sought.objective, step)
         yield found
+
+
+def _trial(sought: Problem, best: Optimum, trial: int, told: Told) -> Score:
+    """Return few tones from a beginning of their own."""
+    wishes, spans = sought.plan.design, [_span(stage) for stage in sought.stages]
+    generator = np.random.default_rng([sought.plan.seed, trial])
+    step = _Steps(told, f"trial {trial + 1} of {TRIALS}", waveform.steps(wishes.sines))
+    voices = begun(sought.stages, spans, best, wishes.forbidden, wishes.spacing, trial, generator)
+    return waveform.composed(voices, sought.known, sought.objective, wishes.sines, step)
+
+
+def _again(sought: Problem, found: Score, n: int, told: Told) -> Score:
+    """Return few tones from those there are and all others beside them."""
+    wishes = sought.plan.design
+    generator = np.random.default_rng([sought.plan.seed, TRIALS, n])
+    step = _Steps(told, f"other tones, {n + 1} of {GROWN}", 3)
+    voices = [joined(voice, wishes.forbidden, generator) for voice in found.voices]
+    return waveform.regrown(voices, sought.known, sought.objective, wishes.sines, step)
 
 
 def _shrunk(sought: Problem, score: Score) -> Score:

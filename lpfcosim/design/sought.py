@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fit.files import closest
 from lpfcosim.campaign import Campaign, Wishes
 from lpfcosim.design import limits
+from lpfcosim.design.calibration import Calibration
 from lpfcosim.design.limits import Limit
 from lpfcosim.design.objective import Objective
 from lpfcosim.design.stage import Sight, Stage
@@ -56,10 +57,13 @@ class Foresight:
         From a campaign to what its experiments tell, frequency by frequency.
     forecast : callable
         From a campaign to the sigmas of its joint fit, by parameter.
+    calibration : callable
+        From a campaign to what it leaves to the hours of its noise runs.
     """
 
     sights: Callable[[Campaign], Sights]
     forecast: Callable[[Campaign], Mapping[str, float]]
+    calibration: Callable[[Campaign], Calibration]
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,8 @@ class Problem:
         What counts.
     own : mapping of str to tuple of Limit
         What the tones of the campaign reached to begin with, by experiment.
+    angles : mapping of str to float
+        Sigmas that are wanted of the inertial calibration [rad].
     """
 
     plan: Campaign
@@ -91,6 +97,7 @@ class Problem:
     fixed: Array
     objective: Objective
     own: Mapping[str, tuple[Limit, ...]]
+    angles: Mapping[str, float]
 
     @property
     def known(self) -> Array:
@@ -113,10 +120,12 @@ def problem(plan: Campaign, foresight: Foresight) -> Problem:
     """
     wishes = plan.design
     before = foresight.forecast(plan)
-    for key, table in (("weights", wishes.weights), ("sigmas", wishes.sigmas)):
+    of_turns = set(wishes.sigmas) - set(before)
+    told = {*before, *(foresight.calibration(plan).sigmas(plan) if of_turns else ())}
+    for key, table, known in (("weights", wishes.weights, before), ("sigmas", wishes.sigmas, told)):
         for name in table:
-            if name not in before:
-                raise InputError(f"design.{key}: the fit tells no {name}{closest(name, before)}")
+            if name not in known:
+                raise InputError(f"design.{key}: the fit tells no {name}{closest(name, known)}")
     if not before:
         raise InputError("the fit of this campaign determines nothing, expected injections to begin with")
     own = {run.experiment: limits.own(run, HELD[wishes.held]) for run in plan.runs if run.kind == "sysid"}
@@ -158,7 +167,8 @@ def changed(
     fixed = np.diag(np.where(lost, (scale / widths) ** 2, 0.0))
     fixed = fixed + sum((stage.known for stage in stages if not stage.loops), np.zeros_like(fixed))
     objective = _objective(wishes, [n for n in names if n in before], names)
-    return Problem(plan, names, before, free, fixed, objective, own)
+    angles = {name: sigma for name, sigma in wishes.sigmas.items() if name not in before}
+    return Problem(plan, names, before, free, fixed, objective, own, angles)
 
 
 def _nothing_free(stages: Sequence[Stage], wishes: Wishes) -> str:

@@ -28,6 +28,7 @@ FEWER = (16, 32, 64)  # of tones that are becoming few
 LAST = (32, 64, 128, 256, 512)  # and at the end
 STEPS = (24, 16, 12, 8)  # of fewer and fewer tones in a loop
 FIRST, BETWEEN, AT_LAST = 100, 60, 120  # iterations for each
+AGAIN, MORE, SHORT = (32, 64), 2, 40  # norms, tones and iterations where tones grow anew
 SMOOTH = 400.0  # norm that stands for the tightest of all limits
 PER_CYCLE = 8  # samples at least of the fastest tone
 
@@ -287,6 +288,21 @@ def composed(
     score = Ensemble(voices, known, objective).improve(NORMS, FIRST)
     told(score.value)
     for size in (*(n for n in STEPS if n > most), most):
+        score = Ensemble(pruned(score.voices, size), known, objective).improve(FEWER, BETWEEN)
+        told(score.value)
+    return finished(score.voices, known, objective, told)
+
+
+def regrown(
+    voices: Sequence[Voice],
+    known: Array,
+    objective: Objective,
+    most: int,
+    told: Callable[[float], None],
+) -> Score:
+    """Return few tones where many faint ones joined those there were: better ones take their places."""
+    score = Ensemble(voices, known, objective).improve(AGAIN, SHORT)
+    for size in (most + MORE, most):
         score = Ensemble(pruned(score.voices, size), known, objective).improve(FEWER, BETWEEN)
         told(score.value)
     return finished(score.voices, known, objective, told)

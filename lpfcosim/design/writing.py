@@ -43,9 +43,16 @@ def text(design: Design, name: str, source: str) -> str:
     ]
     parts += [
         _experiment(raw | _other(raw, experiment), design.tones.get(experiment.name))
-        for raw, experiment in zip(_raw(design.campaign), design.campaign.experiments, strict=True)
+        for raw, experiment in _written_of(design)
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _written_of(design: Design) -> list[tuple[dict[str, Any], Experiment]]:
+    """Return what the old file says of each experiment that is left, and the experiment."""
+    kept = {experiment.name: experiment for experiment in design.campaign.experiments}
+    raw = zip(_raw(design.problem.plan), design.problem.plan.experiments, strict=True)
+    return [(said, kept[experiment.name]) for said, experiment in raw if experiment.name in kept]
 
 
 def _head(design: Design, source: str) -> str:
@@ -62,10 +69,21 @@ def _head(design: Design, source: str) -> str:
             for parameter in design.problem.wanted
             if parameter in design.after
         ),
+        *_of_angles(design),
         "",
         "Tones are for what is written behind them: how many times as large a sigma would be without.",
     ]
     return "\n".join(f"# {line}".rstrip() for line in lines) + "\n"
+
+
+def _of_angles(design: Design) -> list[str]:
+    """Return the lines on angles of the inertial calibration, if they were sought."""
+    if design.angles is None:
+        return []
+    return [
+        f"  {name:12}  {design.angles.before[name]:.3g} -> {design.angles.after[name]:.3g}"
+        for name in design.angles.wanted
+    ]
 
 
 def _authority(campaign: Campaign) -> dict[str, dict[str, str]]:
@@ -94,12 +112,14 @@ def _raw(campaign: Campaign) -> list[dict[str, Any]]:
 
 
 def _other(raw: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
-    """Return the settings and the duration of an experiment where they are not what the file says."""
+    """Return the settings and the durations of an experiment where they are not what the file says."""
     found: dict[str, Any] = {}
     if raw.get("authority") != experiment.authority.name:
         found["authority"] = experiment.authority.name
     if round(units.to_si(raw.get("duration", "0 s"), "s") * FS) != experiment.n_samples:
         found["duration"] = f"{experiment.n_samples / FS / 60:.12g} min"
+    if round(units.to_si(raw.get("noise_duration", "0 s"), "s") * FS) != experiment.n_noise_samples:
+        found["noise_duration"] = f"{experiment.n_noise_samples / FS / 60:.12g} min"
     return found
 
 

@@ -19,27 +19,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import forecast, sight
 from fit.settings import settings
-from lpfcosim.campaign import Campaign, loading
-from lpfcosim.cli.planned import planned
-from lpfcosim.design import Foresight
+from lpfcosim.campaign import loading
+from lpfcosim.cli.design import foresight
 from lpfcosim.design.sought import Problem, problem
 from lpfcosim.design.stage import Stage
 from lpfcosim.spacecraft import TaperedSine
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-
-def foresight(plan: Campaign) -> Foresight:
-    """What the fit of a campaign will know."""
-    chosen = settings(plan.fit, "fit")
-
-    def expected(of: Campaign) -> dict[str, float]:
-        return {n: e.sigma for n, e in forecast.expected_fit(planned(of), chosen).parameters.items()}
-
-    return Foresight(lambda of: sight.sights(planned(of), chosen), expected)
 
 
 class Steady:
@@ -120,7 +108,7 @@ def climbed(
 def climb(chosen: argparse.Namespace) -> None:
     """Print what chance makes of a design, and of beginnings of its own."""
     plan = loading.load(chosen.campaign)
-    sought = problem(plan, foresight(plan))
+    sought = problem(plan, foresight(plan, settings(plan.fit, "fit")))
     tones = {
         e.name: [i for i in e.injections if isinstance(i, TaperedSine)]
         for e in loading.load(chosen.designed).experiments
@@ -133,7 +121,7 @@ def climb(chosen: argparse.Namespace) -> None:
 def scatter(chosen: argparse.Namespace) -> None:
     """Print the scatter of estimates over the sigmas that were forecast, with its error."""
     plan = loading.load(chosen.designed)
-    expected = foresight(plan).forecast(plan)
+    expected = foresight(plan, settings(plan.fit, "fit")).forecast(plan)
     _, *lines = (chosen.folder / "campaigns.jsonl").read_text(encoding="utf-8").splitlines()
     found = [one["estimates"] for one in map(json.loads, lines) if "estimates" in one]
     n = len(found)

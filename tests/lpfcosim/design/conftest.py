@@ -28,16 +28,11 @@ noise = { plateau = "3.0 fm s^-2 Hz^-0.5", tail = 1.2 }
 
 
 @pytest.fixture(scope="session")
-def foresight():
-    from fit.estimate import forecast, sight
+def foresight(pair):
     from fit.settings import settings
-    from lpfcosim.cli.planned import planned
-    from lpfcosim.design import Foresight
+    from lpfcosim.cli.design import foresight
 
-    def expected(plan):
-        return {n: e.sigma for n, e in forecast.expected_fit(planned(plan)).parameters.items()}
-
-    return Foresight(lambda plan: sight.sights(planned(plan), settings()), expected)
+    return foresight(pair, settings())
 
 
 @pytest.fixture(scope="session")
