@@ -20,7 +20,7 @@ from fit.estimate import (
     verdict,
 )
 from fit.inspection import LeftOut, Prepared, admission, leftout, prepare_each, searches
-from fit.judgement import jury
+from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation
 from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
@@ -248,7 +248,7 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
     spoilt = [e for e in ready.taking_part if prepared[e.name].spoilt]
     if len(spoilt) == len(ready.taking_part):
         return ready  # chi2 will tell
-    return ready.without([LeftOut(e.name, prepared[e.name].spoilt, "excluded", "") for e in spoilt])
+    return ready.without([LeftOut(e.name, prepared[e.name].spoilt, "excluded", "", "cause") for e in spoilt])
 
 
 def _noises(
@@ -283,7 +283,7 @@ def _together(
         return None
     agreed = jury.convene(ready.taking_part, alone, chosen, misfits)
     fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
-    left_out = jury.explained(
+    left_out = explained(
         (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
     )
     return _Together(agreed.outcome, fit, left_out, agreed.statistics)
@@ -299,7 +299,7 @@ def _judged(
     for e, found in zip(ready.experiments, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found
-        else:
+        elif not ready.said_of(e.name):  # of which is said what is wrong
             of_joint.append(found)
     of_joint += [*ready.notes, *(f.of_joint for f in ready.left_out)]
     for code, why, left_out in (

@@ -4,12 +4,13 @@ Files are held against what they say of themselves and against each other, sampl
 against the whole of it; saturation is masked, glitches are masked or taken out.
 """
 
-from fit.inspection.leftout import LeftOut, told
+from fit.inspection.leftout import LeftOut, Tells, told
 from fit.inspection.masks import Prepared, prepare, prepare_each, searches
 
 __all__ = [
     "LeftOut",
     "Prepared",
+    "Tells",
     "admission",
     "leftout",
     "long_noise",

@@ -6,7 +6,7 @@ the first stays, if both say the same of it.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from itertools import pairwise
 
@@ -66,7 +66,8 @@ def faults(experiments: Sequence[Experiment]) -> Found:
 def changes(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments, glitches masked, of which parts obey different equations."""
     reasons = {e.name: told for e, told in zip(experiments, each(_changed, experiments), strict=True)}
-    return _unless_usual(experiments, reasons, "changing")
+    found = _unless_usual(experiments, reasons, "changing")
+    return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])
 
 
 def _of_own(e: Experiment) -> tuple[list[str], list[str]]:

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 from fit.warnings import FitWarning
+
+Tells = Literal["cause", "sign", "guess", "misfit"]
 
 
 @dataclass(frozen=True)
@@ -20,15 +23,16 @@ class LeftOut:
         Of the warning in the joint fit.
     own : str
         Of the warning in the fit of the experiment alone; empty where that says so already.
-    sure : bool
-        Whether the reason names the cause.
+    tells : str
+        What the reason tells: the cause, a sign of it, a guess that others may outdo, or no more than that
+        the run does not fit.
     """
 
     experiment: str
     reason: str
     code: str = "left_out"
     own: str = "faulty"
-    sure: bool = False
+    tells: Tells = "sign"
 
     @property
     def of_joint(self) -> FitWarning:

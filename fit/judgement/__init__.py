@@ -4,4 +4,6 @@ The jury fits those experiments jointly that agree, and leaves out the others by
 cause.
 """
 
-__all__ = ["jury"]
+from fit.judgement.explanation import explained
+
+__all__ = ["explained", "jury"]

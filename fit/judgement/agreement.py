@@ -22,10 +22,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import departures, hierarchy
+from fit.estimate import Outcome, departures, hierarchy
+from fit.inspection import LeftOut
 from fit.judgement.consistency import HELD, Regression, Squares
 from fit.model import dynamics
 from fit.paper import FLIGHT
+from fit.warnings import FitWarning
+from fit.weighing import Experiment
 
 Array = NDArray[np.float64]
 
@@ -95,6 +98,40 @@ class Odd:
 
     left_out: tuple[int, ...]
     fewest: int
+
+
+@dataclass(frozen=True)
+class Agreed:
+    """The joint fit, and who takes part in it.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Of the fit.
+    experiments : tuple of Experiment
+        That it was made of.
+    left_out : tuple of LeftOut
+        Others, and why.
+    warnings : tuple of FitWarning
+        What is to be said of the joint fit beside.
+    voices : Regression or None
+        What the experiments say, where that was looked at.
+    """
+
+    outcome: Outcome
+    experiments: tuple[Experiment, ...]
+    left_out: tuple[LeftOut, ...]
+    warnings: tuple[FitWarning, ...]
+    voices: Regression | None = None
+
+    @property
+    def statistics(self) -> dict[str, dict[str, float]] | None:
+        """What each of them says beside the others, and all of them together under an empty name."""
+        if self.voices is None:
+            return None
+        tests = {v.name: self.voices.of_run(i) for i, v in enumerate(self.voices.voices)}
+        tests[""] = self.voices.whole
+        return {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
 
 
 def agree(voices: Regression) -> bool:

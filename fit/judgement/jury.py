@@ -5,69 +5,33 @@ contradicts the others is left out by name. Only where nothing is left is everyt
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.estimate import Outcome, fit_joint, verdict
-from fit.inspection import LeftOut, told
+from fit.inspection import LeftOut, Tells, told
 from fit.judgement.agreement import (
-    ALARM,
     ALONE,
     DELAY,
     GAIN,
     LEANS,
-    Odd,
+    Agreed,
     agree,
     leaning,
     odd_ones,
     scattering,
 )
-from fit.judgement.causes import Case, exchanged, named
 from fit.judgement.consistency import Regression, regression, voice, voiced
-from fit.model import Sharing, dynamics
-from fit.paper import experiment_parameters
+from fit.judgement.explanation import Court, of_odd
+from fit.model import Sharing
 from fit.settings import Settings
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
 UNTOLD = ("flscov",)  # estimators whose sigmas are too small by far to judge by
-
-
-@dataclass(frozen=True)
-class Agreed:
-    """The joint fit, and who takes part in it.
-
-    Attributes
-    ----------
-    outcome : Outcome
-        Of the fit.
-    experiments : tuple of Experiment
-        That it was made of.
-    left_out : tuple of LeftOut
-        Others, and why.
-    warnings : tuple of FitWarning
-        What is to be said of the joint fit beside.
-    voices : Regression or None
-        What the experiments say, where that was looked at.
-    """
-
-    outcome: Outcome
-    experiments: tuple[Experiment, ...]
-    left_out: tuple[LeftOut, ...]
-    warnings: tuple[FitWarning, ...]
-    voices: Regression | None = None
-
-    @property
-    def statistics(self) -> dict[str, dict[str, float]] | None:
-        """What each of them says beside the others, and all of them together under an empty name."""
-        if self.voices is None:
-            return None
-        tests = {v.name: self.voices.of_run(i) for i, v in enumerate(self.voices.voices)}
-        tests[""] = self.voices.whole
-        return {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
 
 
 def convene(
@@ -123,7 +87,7 @@ def convene(
             if not agree(voices):
                 return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
             break
-        out = _odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
+        out = of_odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
         left_out = (*left_out, *out)
         kept = _without(kept, out)
         outcome = fit_joint(kept, chosen)
@@ -157,10 +121,10 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
     for e, why in zip(experiments, guided, strict=True):
         own, run = alone[e.name], e.sysid.telemetry
         if why:
-            found.append(LeftOut(e.name, f"{run.path}: {why}", sure=True))
+            found.append(LeftOut(e.name, f"{run.path}: {why}", tells="cause"))
         elif isinstance(own, Outcome) and (why := verdict.wrong_gain(own)):
-            sure = not why.startswith(verdict.UNLIKE)
-            found.append(LeftOut(e.name, f"{run.path}: {why}", own="", sure=sure))  # of_experiment says it
+            tells: Tells = "misfit" if why.startswith(verdict.UNLIKE) else "guess"
+            found.append(LeftOut(e.name, f"{run.path}: {why}", own="", tells=tells))  # of_experiment says it
     if found and len(found) == len(experiments):
         raise InputError(told(found))
     return tuple(found)
@@ -168,57 +132,8 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
 
 def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tuple[LeftOut, ...]:
     """Return the experiments that do not follow the equation, if that is no matter of the equation itself."""
-    found = [LeftOut(e.name, said[e.name], own="") for e in experiments if e.name in said]
+    found = [LeftOut(e.name, said[e.name], own="", tells="misfit") for e in experiments if e.name in said]
     return tuple(found) if 2 * len(found) <= len(experiments) and len(found) < len(experiments) else ()
-
-
-def explained(
-    left_out: Iterable[LeftOut],
-    experiments: Sequence[Experiment],
-    alone: Mapping[str, Outcome | FitError],
-    agreed: Agreed,
-    sharing: Sharing,
-) -> tuple[LeftOut, ...]:
-    """Return what was left out for its own sake with what would make it say what the others say.
-
-    Parameters
-    ----------
-    left_out : iterable of LeftOut
-        Experiments and reasons.
-    experiments : sequence of Experiment
-        All that could be prepared.
-    alone : mapping of str to Outcome or FitError
-        What each of them yields by itself.
-    agreed : Agreed
-        The joint fit of the others.
-    sharing : Sharing
-        What experiments share.
-    """
-    known = {e.name: e for e in experiments}
-    found = []
-    for f in left_out:
-        own = alone.get(f.experiment)
-        if not f.sure and isinstance(own, Outcome) and not agreed.outcome.departing:
-            cause = _cause(known[f.experiment], own.blocks[0], agreed, sharing)
-            f = replace(f, reason=f"{f.reason}; perhaps {cause}") if cause else f
-        found.append(f)
-    return tuple(found)
-
-
-def _cause(experiment: Experiment, block: linear.Block, agreed: Agreed, sharing: Sharing) -> str:
-    """Return what would make an experiment say what the others say; empty if it does, or nothing would."""
-    outcome = agreed.outcome
-    names = tuple(p.name for p in outcome.parameters)
-    share = sharing.matrix(experiment.sysid.telemetry, experiment.parameters, names)
-    if not share.any(axis=1).all():
-        return ""
-    court = Court(
-        (*agreed.experiments, experiment), (*outcome.blocks, replace(block, share=share)), outcome, sharing
-    )
-    voices, last = voiced(court.experiments, court.blocks, outcome), len(agreed.experiments)
-    if voices.of_run(last).p > ALARM and voices.voices[last].level == 1:
-        return ""
-    return named(court.case(voices, last))
 
 
 def _settled(
@@ -239,7 +154,9 @@ def _settled(
         if not 0 < len(why) < len(experiments):
             suspects = f"; {' and '.join(why.values())}: mend or exclude it ([fit] exclude)" if why else ""
             raise FitError(f"{error}{suspects}") from error
-    left_out = tuple(LeftOut(name, f"{words}, and with it nothing settles") for name, words in why.items())
+    left_out = tuple(
+        LeftOut(name, f"{words}, and with it nothing settles", tells="misfit") for name, words in why.items()
+    )
     kept = _without(experiments, left_out)
     return fit_joint(kept, chosen), kept, left_out
 
@@ -294,74 +211,6 @@ def _centred(
         else:
             found.append(replace(own.blocks[0], share=block.share))
     return tuple(found)
-
-
-@dataclass(frozen=True)
-class Court:
-    """Experiments that do not agree, their blocks, the joint fit they were part of, and what they share."""
-
-    experiments: tuple[Experiment, ...]
-    blocks: tuple[linear.Block, ...]
-    outcome: Outcome
-    sharing: Sharing
-
-    def case(self, voices: Regression, i: int, gone: Iterable[int] = ()) -> Case:
-        """Return the case of one of them, by number, without some others."""
-        kept = [k for k in range(len(self.experiments)) if k not in gone]
-        return Case(
-            voices=voices.without(gone),
-            at=kept.index(i),
-            experiments=tuple(self.experiments[k] for k in kept),
-            blocks=tuple(self.blocks[k] for k in kept),
-            sharing=self.sharing,
-            names=tuple(p.name for p in self.outcome.parameters),
-            theta=self.outcome.solution.theta,
-        )
-
-
-def _odd(voices: Regression, odd: Odd, court: Court) -> tuple[LeftOut, ...]:
-    """Say of the odd ones why they are left out."""
-    rest = voices.without(odd.left_out)
-    names = [court.experiments[i].name for i in odd.left_out]
-    who, them = " and ".join(names), "them" if len(names) > 1 else "it"
-    said = (
-        f"{who} contradict{'s' * (len(names) == 1)} the others, which agree without {them}: chi2 among all "
-        f"is {voices.whole.value:.4g} for {voices.whole.dof} degrees of freedom, among the others "
-        f"{rest.whole.value:.4g} for {rest.whole.dof}"
-    )
-    if odd.fewest < len(names):
-        said += f"; {odd.fewest} of {who} may be wrong and the rest right, the data do not tell which"
-    found = []
-    for i in odd.left_out:
-        others = [k for k in odd.left_out if k != i]
-        case = court.case(voices, i, others)
-        cause = exchanged(court.case(voices, i), others[0]) if len(others) == 1 else ""
-        cause = cause or named(case)
-        cause = f"; perhaps {cause}" if cause else "; no single cause that was tried explains it"
-        reason = f"{said}; {names[odd.left_out.index(i)]} {_apart(case)}{cause}"
-        found.append(LeftOut(court.experiments[i].name, reason, own="contradiction", sure=True))
-    return tuple(found)
-
-
-def _apart(case: Case) -> str:
-    """Say which parameter of a run is farthest from where the others put it."""
-    voice, rest = case.voice, case.voices.without((case.at,))
-    moved, covariance = rest.estimate(), rest.covariance()
-    alone, sigmas = voice.alone()
-    best, said = 0.0, ""
-    units = {p.name: p.unit for p in experiment_parameters(case.run.authority, 1).values()}
-    for k, name in enumerate(dynamics.PARAMETERS):
-        row = voice.share[k] * rest.width
-        of_rest = voice.theta[k] + float(voice.share[k] @ moved)
-        sigma = float(np.sqrt(row @ covariance @ row))
-        pull = abs(alone[k] - of_rest) / np.hypot(sigmas[k], sigma)
-        if np.isfinite(pull) and pull > best:
-            best, unit = pull, units.get(name, "1").removesuffix("1")
-            said = (
-                f"alone puts {name} at {alone[k]:.6g} ± {sigmas[k]:.1g}, the others at "
-                f"{of_rest:.6g} ± {sigma:.1g} {unit}".rstrip()
-            )
-    return said
 
 
 def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> FitWarning:

@@ -1,6 +1,6 @@
 """Runs in pairs: which belong together, their spectra at any delay, the noise PSD the partner tells."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -89,10 +89,12 @@ class Run:
 
     def earlier(self, channel: str, by: float) -> "Run":
         """Return the run with one of the `dynamics.CHANNELS` earlier [s], its ends continued."""
-        run, x = copy(self), getattr(self.channels, channel)
-        padded = np.pad(x, derivatives.HALF, mode="edge")
-        moved = derivatives.derivative(padded, self.channels.fs, 0, -by)
-        changed: dict[str, Any] = {channel: moved}
+        padded = np.pad(getattr(self.channels, channel), derivatives.HALF, mode="edge")
+        return self.altered({channel: derivatives.derivative(padded, self.channels.fs, 0, -by)})
+
+    def altered(self, channels: Mapping[str, Array]) -> "Run":
+        """Return the run with other series, shape (N,), in some of the `dynamics.CHANNELS`."""
+        run, changed = copy(self), dict[str, Any](channels)
         run.channels = replace(self.channels, **changed)
         run._forget()
         return run
@@ -136,7 +138,7 @@ class Run:
             last = self._first
         elif last is None:
             terms = self.columns(tau)
-            last = self._transformed(terms.values, terms)
+            last = self.transformed(terms.values, terms)
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
             self._first = last
         elif _apart(tau, last.tau) > CLOSE:  # of what does not move, the transforms stay
@@ -151,11 +153,11 @@ class Run:
         last = self._wander
         if last is None or _apart(tau, last.tau) > CLOSE:
             terms = wander.commanded(self.channels, tau)
-            self._wander = last = self._transformed(wander.columns(terms), terms)
+            self._wander = last = self.transformed(wander.columns(terms), terms)
         return last
 
-    def _transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
-        """Return the spectra of columns that lie beside `terms`."""
+    def transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
+        """Return the spectra of columns, shape (M, P), that lie beside `terms`."""
         beside = shapes.columns(self.glitches, terms.time, terms.fs) if self.glitches else None
         return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside)
 

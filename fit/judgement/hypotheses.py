@@ -1,0 +1,284 @@
+"""What may be wrong with all of a run: hypotheses, each a remedy and its words.
+
+Channels of another scale, sign or unit, late, smoothed, exchanged, those of another run, in reverse. What
+grows along the run or with the force. What is no matter of a channel: a sine, and stretches in which
+something else acts. An amount is the one that leaves least.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.judgement.trial import BLOCK, Remedy, Trial
+from fit.model import dynamics
+from fit.paper import M_TM
+from fit.signal import derivatives
+from fit.weighing import Experiment, linear
+
+Array = NDArray[np.float64]
+Channels = Mapping[str, Array]
+
+LAGS = 300.0  # s, up to which a channel may be late
+PADDED = 4  # times the samples that lags are told to
+WHOLE = 0.03  # of a sample: so near to a number of samples a lag is that number
+SURE = 5.0  # sigma
+ROUND = 0.01  # by which a unit or a sign may be off
+AMOUNT = 2.0  # by which chi2 must fall for an amount, as information criteria have it
+SOUGHT = 8.0  # and more for a place: among some hundreds
+MOST_LEFT_OUT = 0.2  # of a run, that stretches may take
+REACH = 30.0  # s, that are left out on either side
+TOLD = 4  # stretches at most that are named
+LOUD = 1e-9  # p-value of the power of a block from which something else acts there
+TAPS = (-2, -1, 1, 2)  # samples, of a filter that undoes another
+FILTERED = 0.05  # Hz, where it is told what a filter does
+PREFIXES = {1e3: "m", 1e6: "u", 1e9: "n", 1e12: "p"}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What may be wrong, to follow the name of the run, and what would mend it.
+
+    Attributes
+    ----------
+    kind : str
+        "scale", "sign", "unit", "lag" and so on.
+    words : str
+        In words that follow "its".
+    remedy : Remedy
+        What mends it.
+    costs : float
+        What it must lower chi2 by to be as likely as nothing.
+    """
+
+    kind: str
+    words: str
+    remedy: Remedy
+    costs: float
+
+
+def whole(trial: Trial, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
+    """Yield the hypotheses about all of a run; `others` may have lent it their channels."""
+    x = {name: getattr(trial.sysid.channels, name) for name in dynamics.CHANNELS}
+    live = [name for name in dynamics.CHANNELS if np.ptp(x[name]) > 0]
+    for name in live:
+        yield from _scales(trial, name, x[name])
+        yield from _lags(trial, name, x[name])
+        yield from _filters(trial, name, x[name])
+    yield from _exchanges(trial, x, others)
+    yield from _growing(trial, {name: x[name] for name in live})
+    yield _line(trial)
+    yield from _stretches(trial)
+
+
+def amount(trial: Trial, name: str, change: Array) -> tuple[float, float, float]:
+    """Return how much of a change of a channel there is, its sigma, and by how much chi2 falls."""
+    gain, amounts, sigmas = trial.gain(trial.whitened(trial.of_channel(name, change)[:, None]))
+    return float(amounts[0]), float(sigmas[0]), gain
+
+
+def _scales(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
+    """Try another scale; what is near a sign or a unit is one."""
+    a, sigma, _ = amount(trial, name, x)
+    if 1 + a == 0:
+        return
+    factor, of_factor = 1 / (1 + a), sigma / (1 + a) ** 2
+    kind, words, exact = told_factor(name, factor, of_factor)
+    of_o_12 = exact if name == "o_12" else 1.0
+    yield Hypothesis(kind, words, Remedy({name: x / exact}, factor=of_o_12), AMOUNT)
+
+
+def told_factor(name: str, factor: float, sigma: float) -> tuple[str, str, float]:
+    """Return what a factor on a channel is: its kind, its words, and the factor as it must be exactly."""
+    near = max(ROUND, SURE * sigma / abs(factor))
+    if abs(factor + 1) < near:
+        return "sign", f"{name} has the wrong sign", -1.0
+    unit = "m s-2" if name.startswith("f") else "m"
+    for size, prefix in PREFIXES.items():
+        for real, short in ((size, f"{prefix}{unit}"), (1 / size, f"10^{round(np.log10(size))} {unit}")):
+            if abs(factor / real - 1) < near:
+                return "unit", f"{name} is in {short} and not in {unit}", real
+    if name.startswith("f") and abs(factor / M_TM - 1) < near:
+        return "unit", f"{name} is in N and not in m s-2", M_TM
+    return "scale", f"{name} is {factor:.6g} ± {sigma:.1g} times what it should be", factor
+
+
+def moved(x: Array, fs: float, late: float) -> Array:
+    """Return a channel that was late by so much [s] as it should be; the ends are held."""
+    samples = round(late * fs)
+    n = np.clip(np.arange(x.size) + samples, 0, x.size - 1)
+    rest = late - samples / fs
+    if abs(rest) * fs < 1e-9:
+        return x[n]
+    padded = np.pad(x[n], derivatives.HALF, mode="edge")
+    return derivatives.derivative(padded, fs, 0, -rest)
+
+
+def _lags(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
+    """Try that a channel is late or early, and that it is of another scale as well."""
+    fs, seen = trial.sysid.channels.fs, trial.as_it_is
+    column = trial.whitened(trial.of_channel(name, x)[:, None])[:, 0]
+    u = linear.unstacked(column)
+    r = seen.U @ seen.c - column
+    product = linear.unstacked(r).conj() * u
+    n = PADDED * seen.found.window.size
+    padded = np.zeros(n // 2 + 1, dtype=np.complex128)
+    padded[PADDED * seen.found.first :: PADDED][: u.size] = product
+    both = scipy.fft.irfft(padded, n) * n / 2  # <rest, u moved by tau>
+    tau = scipy.fft.fftfreq(n, 1 / n) / (fs * PADDED)
+    inside = np.abs(tau) < min(LAGS, 0.05 * seen.found.window.size / fs)
+    for scaled in (False, True):
+        target = -(both**2) if scaled else both
+        late = float(tau[inside][np.argmin(target[inside])])
+        g = -float(both[inside][np.argmin(target[inside])]) / float(np.vdot(u, u).real) if scaled else 1.0
+        yield from _lag(trial, name, x, late, g, scaled=scaled)
+
+
+def _lag(trial: Trial, name: str, x: Array, late: float, g: float, *, scaled: bool) -> Iterator[Hypothesis]:
+    """Refine a lag, and a scale if there is to be one."""
+    fs, sigma, of_scale = trial.sysid.channels.fs, np.inf, 0.0
+    for _ in range(3):
+        y = g * moved(x, fs, late)
+        slope = np.gradient(y) * fs
+        base = trial.of_channel(name, y - x)
+        changes = [slope, y] if scaled else [slope]
+        E = trial.whitened(np.column_stack([base, *(trial.of_channel(name, d) for d in changes)]))
+        amounts, sigmas = beside(trial, E)
+        late, sigma = late + float(amounts[0]), float(sigmas[0])
+        if scaled:
+            g, of_scale = g * (1 + float(amounts[1])), float(sigmas[1])
+    whole = round(late * fs)
+    is_whole = whole != 0 and abs(late * fs - whole) < max(WHOLE, SURE * sigma * fs)
+    late = whole / fs if is_whole else late
+    if abs(late) < SURE * sigma or (scaled and abs(g - 1) < SURE * of_scale):
+        return
+    by = f"{abs(whole)} sample{'s' * (abs(whole) > 1)}" if is_whole else f"{abs(late):.3g} ± {sigma:.1g} s"
+    words, costs = f"{name} is {'late' if late > 0 else 'early'} by {by}", AMOUNT + SOUGHT * (whole != 0)
+    remedy = Remedy({name: g * moved(x, fs, late)}, factor=1 / g if name == "o_12" else 1.0)
+    if scaled:
+        told = told_factor(name, 1 / g, of_scale / g**2)[1].removeprefix(f"{name} ")
+        yield Hypothesis("lag and scale", f"{words} and {told}", remedy, costs + AMOUNT)
+    else:
+        yield Hypothesis("lag", words, remedy, costs)
+
+
+def beside(trial: Trial, E: Array) -> tuple[Array, Array]:
+    """Return the amounts of all columns but the first, which is there once, and their sigmas."""
+    seen = trial.as_it_is
+    full = np.concatenate([E, np.zeros((seen.root.shape[1], E.shape[1]))])
+    full -= seen.Q @ (seen.Q.T @ full)
+    rest, columns = seen.rest + full[:, 0], full[:, 1:]
+    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    q, R = np.linalg.qr(columns / norms)
+    inverse = np.linalg.pinv(R, rcond=1e-8) / norms[:, None]
+    return -inverse @ (q.T @ rest), np.linalg.norm(inverse, axis=1)
+
+
+def _filters(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
+    """Try that a channel has gone through a filter of its own, which a few taps undo."""
+    fs = trial.sysid.channels.fs
+    moves = np.stack([moved(x, fs, n / fs) - x for n in TAPS], axis=1)
+    columns = np.column_stack([trial.of_channel(name, move) for move in moves.T])
+    _, amounts, _ = trial.gain(trial.whitened(columns))
+    turn = 2j * np.pi * FILTERED / fs
+    passed = 1 / (1 + sum(a * (np.exp(turn * n) - 1) for n, a in zip(TAPS, amounts, strict=True)))
+    late = -np.angle(passed) / (2 * np.pi * FILTERED)
+    words = (
+        f"{name} has gone through a filter of its own, which at {1e3 * FILTERED:g} mHz passes "
+        f"{abs(passed):.3g} of it, {abs(late):.2g} s {'late' if late > 0 else 'early'}"
+    )
+    yield Hypothesis("filter", words, Remedy({name: x + moves @ amounts}), len(TAPS) * AMOUNT)
+
+
+def _exchanges(trial: Trial, x: Channels, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
+    """Try other channels in the place of one, of this run or of another, and all of them in reverse."""
+    for first, second in (("o_1", "o_12"), ("f_x_1", "f_x_2")):
+        remedy = Remedy({first: x[second], second: x[first]})
+        yield Hypothesis("exchange", f"{first} and {second} are exchanged", remedy, 0.0)
+    yield Hypothesis(
+        "reverse", "samples are in reverse order", Remedy({k: v[::-1] for k, v in x.items()}), 0.0
+    )
+    for e in others:
+        run = e.sysid.channels
+        if e.sysid.telemetry.run == trial.run.run or run.fs != trial.sysid.channels.fs:
+            continue
+        for name in dynamics.CHANNELS:
+            lent = getattr(run, name)
+            if lent.size == x[name].size and np.ptp(lent) > 0:
+                words = f"{name} is not its own: that of {e.sysid.telemetry.run} fits"
+                yield Hypothesis("exchange", words, Remedy({name: lent}), AMOUNT + SOUGHT)
+
+
+def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
+    """Try that the scale, the lag or the stiffness drifts, and that the gain depends on the force."""
+    time, fs = trial.sysid.channels.time, trial.sysid.channels.fs
+    share = (time - time.mean()) / np.ptp(time)
+    for name, of in x.items():
+        a, sigma, _ = amount(trial, name, of * share)
+        more = "a growing" if a < 0 else "a falling"
+        words = f"{name} has {more} scale, by {100 * abs(a):.2g} ± {100 * sigma:.1g} % from start to end"
+        yield Hypothesis("scale that drifts", words, Remedy({name: of * (1 + a * share)}), AMOUNT)
+        slope = np.gradient(of) * fs
+        a, sigma, _ = amount(trial, name, slope * share)
+        ever = "later" if a > 0 else "earlier"
+        words = f"{name} is ever {ever}, by {abs(a):.2g} ± {sigma:.1g} s from start to end"
+        yield Hypothesis("lag that drifts", words, Remedy({name: of + a * slope * share}), AMOUNT)
+        if name.startswith("f"):
+            largest = float(np.abs(of).max())
+            for bent, what in (
+                (of**2, "the sign and size of the force"),
+                (of * np.abs(of), "the size of the force"),
+            ):
+                a, sigma, _ = amount(trial, name, bent / largest)
+                words = (
+                    f"gain lambda_{name[-1]} changes with {what}, by {100 * abs(a):.2g} ± "
+                    f"{100 * sigma:.1g} % at {largest:.2g} m s-2"
+                )
+                yield Hypothesis("gain by force", words, Remedy({name: of + a * bent / largest}), AMOUNT)
+    inner = trial.as_it_is.terms
+    names = dict(zip(inner.names, inner.values.T, strict=True))
+    drift = (inner.time - time.mean()) / np.ptp(time)
+    for j, at in ((2, names["o_12"] + names["o_1"]), (1, -names["o_1"])):
+        series = at * drift
+        _, amounts, sigmas = trial.gain(trial.whitened(series[:, None]))
+        words = f"stiffness omega2_{j} changes by {amounts[0]:.2g} ± {sigmas[0]:.1g} s-2 from start to end"
+        remedy = Remedy(acceleration=-amounts[0] * series)
+        yield Hypothesis("stiffness that drifts", words, remedy, AMOUNT)
+
+
+def _line(trial: Trial) -> Hypothesis:
+    """Try a sine of one frequency that no channel holds."""
+    seen = trial.as_it_is
+    time, bin_width = seen.terms.time, float(seen.found.f[1] - seen.found.f[0])
+    f = float(seen.found.f[np.argmax(np.abs(seen.residual) ** 2)])
+
+    def at(f: float) -> tuple[float, Array]:
+        pair = np.stack([np.cos(2 * np.pi * f * time), np.sin(2 * np.pi * f * time)], axis=1)
+        gain, amounts, _ = trial.gain(trial.whitened(pair))
+        return gain, np.asarray(-pair @ amounts)
+
+    for step in (0.25, 0.05, 0.01):
+        f = max((f + step * k * bin_width for k in range(-4, 5)), key=lambda g: at(g)[0])
+    series = at(f)[1]
+    size = float(np.sqrt(2 * np.mean(series**2)))
+    words = f"Delta g holds a sine of {1e3 * f:.4g} mHz and {size:.2g} m s-2"
+    return Hypothesis("line", words, Remedy(acceleration=series), 3 * AMOUNT + SOUGHT)
+
+
+def _stretches(trial: Trial) -> Iterator[Hypothesis]:
+    """Leave out stretches in which something else acts, with what lies beside them."""
+    seen = trial.as_it_is
+    most = float(scipy.stats.chi2.isf(LOUD, seen.freedom)) / seen.freedom
+    loud = np.flatnonzero(seen.blocks > most * max(1.0, float(np.median(seen.blocks))))
+    if not loud.size or loud.size * BLOCK > MOST_LEFT_OUT * np.ptp(seen.terms.time):
+        return
+    first = float(seen.terms.time[0]) - REACH
+    groups = np.split(loud, np.flatnonzero(np.diff(loud) > 1) + 1)
+    spans = tuple((first + BLOCK * g[0], first + BLOCK * (g[-1] + 1) + 2 * REACH) for g in groups)
+    told = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in spans[:TOLD])
+    often = f" in {len(spans)} stretches, first" if len(spans) > TOLD else ""
+    words = f"Delta g holds something else{often} from {told}"
+    # what is left out is as many amounts
+    yield Hypothesis("stretches", words, Remedy(without=spans), seen.freedom * loud.size)
