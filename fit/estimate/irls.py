@@ -292,7 +292,8 @@ def iterate(
             step /= 2  # lest weights and parameters swing against each other
         move_before = move
         theta = admitted(theta, theta + step * (found - theta))
-    raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations")
+    most = parameters[int(np.argmax(np.where(determined, np.abs(move), 0.0)))].name
+    raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations, {most} most")
 
 
 def _weighed(weighing: Weighing, theta: Array, covariance: Array, iteration: int) -> linear.Block:

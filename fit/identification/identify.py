@@ -22,6 +22,7 @@ from fit.weighing import Experiment, Likelihood, linear
 Array = NDArray[np.float64]
 
 HALVED = 12  # times at most that a step is halved lest the loop be unstable
+STRAYED = 0.01  # of its natural scale, by which a parameter of an FMU may move before the search begins anew
 RESTING = 0.5  # of the variance of a parameter, from which it rests on what another is held at
 AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
 
@@ -89,7 +90,7 @@ def identify(
 
 
 def _searched(
-    begin: Callable[[Likelihood, Sequence[bool]], "_Search"],
+    begin: Callable[[Likelihood, Sequence[bool], Mapping[str, float]], "_Search"],
     experiments: Sequence[Experiment],
     likelihood: Likelihood,
     chosen: Settings,
@@ -101,13 +102,21 @@ def _searched(
     """
     told = [e.levels for e in experiments]
     by_data = chosen.levels == ["auto"]
-    search = begin(likelihood, [of_own and not by_data for of_own in told])
-    outcome = search.outcome()
+
+    def searched(levels: Sequence[bool]) -> tuple[_Search, irls.Outcome]:
+        search = begin(likelihood, levels, {})
+        outcome = search.outcome()
+        if search.strayed(outcome.solution.theta):
+            anew = begin(likelihood, levels, search.named(outcome.solution.theta))
+            anew.stepped = search.stepped
+            search, outcome = anew, anew.outcome()
+        return search, outcome
+
+    search, outcome = searched([of_own and not by_data for of_own in told])
     if by_data and any(told):
         told = [of_own and noise.is_off(x) for of_own, x in zip(told, noise.excesses(outcome), strict=True)]
         if any(told):
-            search = begin(likelihood, told)
-            outcome = search.outcome()
+            search, outcome = searched(told)
     return search, outcome, [e.name for e, of_own in zip(experiments, told, strict=True) if of_own]
 
 
@@ -122,6 +131,8 @@ class _Search:
         One for each experiment.
     bound : set of str
         Parameters that want beyond their bounds, and are held there.
+    stepped : list of str
+        Why steps were taken back.
     """
 
     def __init__(
@@ -134,15 +145,19 @@ class _Search:
         known: Mapping[str, float],
         likelihood: Likelihood,
         levels: Sequence[bool],
+        found: Mapping[str, float],
     ) -> None:
         joint = joint_parameters((*free, *along), [e.sysid.telemetry for e in experiments])
         low, high = np.array([each.bounds for _, each in joint.values()]).T
-        begin = [known.get(p.name, p.value) if f.start is None else p.value for p, f in joint.values()]
-        start = np.clip(begin, low, high)
-        found = zip(joint.values(), start.tolist(), strict=True)
-        self.parameters = [replace(p, value=value) for (p, _), value in found]
+        given = {p.name: p.value for p, each in joint.values() if each.start is not None}
+        begin = {**{p.name: p.value for p, _ in joint.values()}, **known, **given, **found}
+        start = np.clip([begin[name] for name in joint], low, high)
+        pairs = zip(joint.values(), start.tolist(), strict=True)
+        self.parameters = [replace(p, value=value) for (p, _), value in pairs]
+        self._given = set(given)
         self.bound: set[str] = set()
-        self._low, self._high, self._stepped = low, high, list[str]()
+        self.stepped: list[str] = []
+        self._low, self._high = low, high
         self._widths = np.array([p.prior_sigma for p in self.parameters])
         self._names = tuple(each.name for each in free)
         of_runs = [[each for each in along if each.name in e.parameters] for e in experiments]
@@ -164,8 +179,30 @@ class _Search:
             for k, experiment in enumerate(experiments)
         ]
 
+    def named(self, theta: Array) -> dict[str, float]:
+        """Return the joint parameters theta, shape (P,), by name."""
+        return dict(zip((p.name for p in self.parameters), theta.tolist(), strict=True))
+
+    def strayed(self, theta: Array) -> bool:
+        """Tell whether the controller by which forces are told from motions may have been another one."""
+        moved = np.abs(theta - [p.value for p in self.parameters]) / self._widths
+        of_fmus = ["." in p.name for p in self.parameters]
+        return bool(np.any(moved[of_fmus] > STRAYED))
+
     def outcome(self) -> irls.Outcome:
-        """Search."""
+        """Search.
+
+        Raises
+        ------
+        FitError
+            If the loop cannot be simulated where the search begins, or it does not settle.
+        """
+        try:
+            each(partial(_reach, theta=np.array([p.value for p in self.parameters])), self.weighings)
+        except FitError as error:
+            given = [f"{p.name} = {p.value:.6g}" for p in self.parameters if p.name in self._given]
+            at = f" ({', '.join(given)})" if given else ""
+            raise FitError(f"where the search begins{at}: {error}") from None
         return irls.iterate(self.weighings, self.parameters, self.held, admitted=self.admitted)
 
     def of_run(self, k: int, theta: Array) -> dict[str, float]:
@@ -211,11 +248,11 @@ class _Search:
             try:
                 each(partial(_reach, theta=to), self.weighings)
             except FitError as error:
-                self._stepped.append(str(error))
+                self.stepped.append(str(error))
                 to = (theta + to) / 2
             else:
                 return to
-        raise FitError(f"no step leads on, however short: {self._stepped[-1]}")
+        raise FitError(f"no step leads on, however short: {self.stepped[-1]}")
 
     def told(self) -> list[FitWarning]:
         """Warn of bounds that are reached, and tell of steps that were taken back."""
@@ -224,8 +261,8 @@ class _Search:
             names = tuple(p.name for p in self.parameters if p.name in self.bound)
             message = f"the data want {', '.join(names)} beyond its bounds, where it is held"
             found.append(FitWarning("at_bound", names, message))
-        if self._stepped:
-            count, why = len(self._stepped), self._stepped[-1]
+        if self.stepped:
+            count, why = len(self.stepped), self.stepped[-1]
             message = f"{count} steps of the search were halved, the last one because of this: {why}"
             found.append(FitWarning("stepped_back", (), message))
         return found

@@ -226,13 +226,7 @@ class Simulated:
         if self._louder:
             kept = replace(terms, columns=terms.columns[:, : -len(self._louder)])
             terms = louder.without(kept, terms.columns[:, -len(self._louder) :])
-        if self._noise:
-            quiet = self._noise.transformed([left[1]])
-            self._model = smooth_noise(quiet, np.ones(1), None, self._model)
-        else:
-            c = np.eye(1 + theta.size)[0]
-            gradient = np.eye(theta.size + 1, theta.size, k=-1)
-            self._model = smooth_noise(terms, c, (gradient, covariance), self._model)
+        self._model = self._smooth(terms, left, covariance)
         U, _ = linear.whiten(terms, self._model.expected(terms.f))
         u = np.abs(U[:, 0]) ** 2 if iteration else np.full(len(U), 2.0)
         return Linearised(
@@ -247,6 +241,21 @@ class Simulated:
             f=terms.f,
             at=theta,
         )
+
+    def _smooth(self, terms: Spectra, left: Sequence[Array], covariance: Array) -> NoiseModel:
+        """Return the PSD of the noise run, or without one of the residual itself."""
+        try:
+            if self._noise:
+                quiet = self._noise.transformed([left[1]])
+                return smooth_noise(quiet, np.ones(1), None, self._model)
+            size = len(covariance)
+            taken = (np.eye(size + 1, size, k=-1), covariance)
+            return smooth_noise(terms, np.eye(1 + size)[0], taken, self._model)
+        except FitError as error:
+            run = (self._noise or self._sysid).telemetry.run
+            raise FitError(
+                f"{run}: what the simulated loop leaves of it is not like noise: {error}"
+            ) from None
 
     def _of_run(self, theta: Array) -> dict[str, float]:
         return dict(zip(self._names, (self._share @ theta).tolist(), strict=False))

@@ -122,9 +122,12 @@ def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_
 
 
 @pytest.mark.slow
-def test_a_pole_of_the_controller_is_found(flown):
-    told = identified(flown, (*FREE, Free("Controller.f_p", 6.6e-3))).joint
+def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
+    told, other = (identified(flown, (*FREE, Free("Controller.f_p", p, 6e-3))).joint for p in (6.6e-3, 0.012))
     pole = told["Controller.f_p"]
+    for name, estimate in told.parameters.items():
+        assert abs(other[name].value - estimate.value) < 0.01 * estimate.sigma
+        assert other[name].sigma == pytest.approx(estimate.sigma, rel=0.001)
     assert abs(pole.value - 6e-3) < 4 * pole.sigma < 0.02 * 6e-3
     assert "controller_differs" not in {w.code for w in told.warnings}  # its sigma allows for the difference
 
@@ -145,8 +148,8 @@ def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown
 
 
 def test_a_search_that_cannot_begin_is_refused(flown):
-    with pytest.raises(FitError, match="not stable"):
-        identified(flown, refused=lambda _theta: True)
+    with pytest.raises(FitError, match=r"where the search begins \(lambda_2 = 2\): the loop is not stable"):
+        identified(flown, (Free("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
 
 
 @pytest.mark.slow
