@@ -25,6 +25,7 @@ Complex = NDArray[np.complex128]
 GRID = 100  # frequencies per decade between which the noise is interpolated: right to 1e-6
 BLOCK = 8192  # bins held at a time
 TOGETHER = 4  # channels that are transformed at a time
+DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
 MEMORY = 80_000.0  # s, time constant of the slowest noise, after which a period of it may repeat
 
 
@@ -55,7 +56,7 @@ class Simulation:
         self._period = scipy.fft.next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
         self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
-        self._factor = _factor(run, channels, self._log_f[0], self._log_f[-1])
+        self._order, self._factor = _factor(run, channels, self._log_f[0], self._log_f[-1])
 
     def record(self, generator: np.random.Generator) -> dict[str, Array]:
         """Return telemetry at 1 Hz, low-passed as archives are, with noise that `generator` draws.
@@ -74,7 +75,7 @@ class Simulation:
             drawn = generator.standard_normal((L.shape[1], C, 2)).view(np.complex128)[:, :, 0].T
             for (i, j), of_bins in zip(_lower(C), L, strict=True):
                 of_bins *= drawn[j]
-                inside[i, block] += of_bins
+                inside[self._order[i], block] += of_bins
         spectrum *= np.sqrt(self._period * planning.RATE) / 2
         series = np.empty((C, self._n))
         for i in range(0, C, TOGETHER):  # faster than one by one
@@ -127,18 +128,29 @@ def _low_pass(low: float, high: float, factor: int, fs: float) -> tuple[Array, A
     return f, np.cos(2 * np.pi * f[:, None] * lags) @ taps
 
 
-def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> _Splines:
-    """Return L(log f) with the one-sided cross-spectra L L^*, low-pass included: its lower triangle."""
+def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> tuple[list[int], _Splines]:
+    """Return an order of channels, and L(log f) with their one-sided cross-spectra L L^*, low-passed.
+
+    Of L it is the lower triangle, see `_lower`.
+    """
     f, low_pass = _low_pass(low, high, round(run.fs / planning.RATE), run.fs)
     s = world_of(run).system(run)
     shares, psd = planning.streams(run, s, f)
     rows = [s.channels.index(name) for name in channels]
     G = planning.transfer(s, run.h, f, rows) @ shares * np.sqrt(psd)[:, None, :]
-    # triangular, and so of one kind at all frequencies; rows may depend on others, as a command on its error
-    upper = np.asarray(np.linalg.qr(G.conj().transpose(0, 2, 1), mode="r"))
-    L = upper.conj().transpose(0, 2, 1)
+    # What depends on the channels before it, as a command on its error, adds no direction but that of
+    # rounding, another one at every frequency. What came after it could not be interpolated.
+    own, whole = np.abs(np.diagonal(_triangle(G), axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
+    depends = np.all(own <= DEPENDENT * whole, axis=0)
+    order = [int(i) for i in np.argsort(depends, kind="stable")]
+    L = _triangle(G[:, order])  # of one kind at all frequencies
     diagonal = np.diagonal(L, axis1=1, axis2=2)
     size = np.abs(diagonal)
     phase = np.where(size > 0, diagonal.conj() / np.where(size > 0, size, 1.0), 1.0)
     L = L * phase[:, None, :] * low_pass[:, None, None]
-    return _Splines(np.log(f), np.stack([L[:, i, j] for i, j in _lower(len(rows))], axis=1))
+    return order, _Splines(np.log(f), np.stack([L[:, i, j] for i, j in _lower(len(rows))], axis=1))
+
+
+def _triangle(G: Complex) -> Complex:
+    """Return the lower triangles L with L L^* = G G^*, shape (n, C, C), for G of shape (n, C, streams)."""
+    return np.asarray(np.linalg.qr(G.conj().transpose(0, 2, 1), mode="r")).conj().transpose(0, 2, 1)

@@ -104,3 +104,22 @@ def test_a_command_stays_what_its_controller_makes_of_the_error(sysid):
     drawn = spectral.Simulation(run, CHANNELS).record(np.random.default_rng(2))
     f, coherence = signal.coherence(drawn["o_12"], drawn["f_x_2"], fs=1.0, nperseg=4096)
     assert coherence[(f > 5e-3) & (f < 0.15)].min() > 1 - 1e-3
+
+
+def test_read_outs_beside_commands_keep_their_cross_spectra(quickstart):
+    """Interpolated; what the two sensors differ by beside rotation is small."""
+    run = loading.load(quickstart.with_name("mission.toml")).runs[0]
+    read_outs = ("o_1", "o_12", "f_x_1", "f_x_2", "o_phi_1", "o_phi_12", "grs_y_1", "grs_y_2")
+    f = np.array([0.3, 1.7, 20.3, 25.7, 31.1, 44.4, 60.1, 77.7]) * 1e-3
+    order, factor = spectral._factor(run, read_outs, np.log(1e-5), np.log(0.3))
+    L = np.zeros((f.size, len(order), len(order)), dtype=complex)
+    L[:, *np.tril_indices(len(order))] = factor(np.log(f)).T
+    found = np.einsum("nik,njk->nij", L.conj(), L)
+    names = [read_outs[i] for i in order]
+    expected = planning.cross_spectra(run, names, f)
+    arm = run.spacecraft.d / 2
+    apart = {"grs_y_1": -0.5, "grs_y_2": 0.5, "o_phi_1": -arm, "o_phi_12": -arm / 2}
+    for weights in (*({name: 1.0} for name in names), {"grs_y_1": 0.5, "grs_y_2": 0.5}, apart):
+        c = np.array([weights.get(name, 0.0) for name in names])
+        ratio = (c @ found @ c).real / (c @ expected @ c).real
+        assert ratio == pytest.approx(1, abs=1e-4), weights
