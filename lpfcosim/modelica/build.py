@@ -230,7 +230,9 @@ def build_one(
     The FMU is for this machine, or for ``targets``; it names ``version`` of this package, by default the one
     installed.
     """
-    from lpfcosim.modelica import codegen, description, sensitivity, system
+    import fmpy
+
+    from lpfcosim.modelica import codegen, description, presentation, reference, sensitivity, system
 
     flat = flatten(package, model)
     translated = system.build(flat)
@@ -264,6 +266,9 @@ def build_one(
         text = shown.fmi3() if fmi == "3.0" else shown.fmi2(units)
         (root / "modelDescription.xml").write_text(text, encoding="utf-8")
         compile_binaries(sources, units, root / "binaries", translated.name, fmi=fmi, targets=targets)
+        presentation.write(root, translated, fmi)
+        here = fmpy.platform if fmi == "2.0" else fmpy.platform_tuple
+        reference.write(root, package, translated, STEP, runs=(root / "binaries" / here).is_dir())
         write_archive(root, archive)
 
 
