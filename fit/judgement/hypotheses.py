@@ -12,11 +12,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.judgement.trial import BLOCK, Remedy, Trial
+from fit.judgement.trial import BLOCK, Remedy, Trial, of_bins
 from fit.model import dynamics
 from fit.paper import M_TM
 from fit.signal import derivatives
-from fit.weighing import Experiment, linear
+from fit.weighing import Experiment
 
 Array = NDArray[np.float64]
 Channels = Mapping[str, Array]
@@ -120,9 +120,9 @@ def _lags(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     """Try that a channel is late or early, and that it is of another scale as well."""
     fs, seen = trial.sysid.channels.fs, trial.as_it_is
     column = trial.whitened(trial.of_channel(name, x)[:, None])[:, 0]
-    u = linear.unstacked(column)
+    u = of_bins(column)
     r = seen.U @ seen.c - column
-    product = linear.unstacked(r).conj() * u
+    product = of_bins(r).conj() * u
     n = PADDED * seen.found.window.size
     padded = np.zeros(n // 2 + 1, dtype=np.complex128)
     padded[PADDED * seen.found.first :: PADDED][: u.size] = product

@@ -13,9 +13,8 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.judgement.hypotheses import AMOUNT, SOUGHT, Hypothesis, amount, moved, told_factor
-from fit.judgement.trial import Remedy, Trial
+from fit.judgement.trial import Remedy, Trial, of_bins
 from fit.signal import spectra
-from fit.weighing import linear
 
 Array = NDArray[np.float64]
 
@@ -124,7 +123,7 @@ def _best(trial: Trial, change: _Change) -> _Part:
     seen = trial.as_it_is
     n = seen.found.window.size
     column = trial.whitened(trial.of_channel(change.channel, change.unit)[:, None])[:, 0]
-    both = np.stack([linear.unstacked(column), seen.residual], axis=1)
+    both = np.stack([of_bins(column), seen.residual], axis=1)
     d, r = spectra.series(both, seen.found.first, n).T * np.sqrt(n / 2)
     size = max(round(MINUTE * seen.terms.fs), -(-n // MOST_BLOCKS))
     starts = np.arange(0, n, size)
@@ -183,7 +182,7 @@ def _jump(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     column = trial.whitened(trial.of_channel(name, np.asarray(time >= middle, dtype=np.float64))[:, None])[
         :, 0
     ]
-    shape = linear.unstacked(column).conj() * seen.residual
+    shape = of_bins(column).conj() * seen.residual
     padded = np.zeros(n // 2 + 1, dtype=np.complex128)
     padded[seen.found.first : seen.found.first + shape.size] = shape
     match = np.abs(scipy.fft.irfft(padded, n)) * (seen.found.window > 0.1)

@@ -261,7 +261,7 @@ class _Seen:
     @cached_property
     def residual(self) -> NDArray[np.complex128]:
         """What is left at the bins, shape (B,)."""
-        return linear.unstacked(self.rest[: len(self.U)])
+        return of_bins(self.rest[: len(self.U)])
 
     @cached_property
     def blocks(self) -> Array:
@@ -295,3 +295,8 @@ class _Seen:
         worst = float(self.blocks.max()) / level * self.freedom
         even = float(scipy.stats.chi2.sf(worst, self.freedom)) * self.blocks.size > UNEVEN
         return Left(float(self.rest @ self.rest), free, len(self.U), u.shape[1], even)
+
+
+def of_bins(x: Array) -> NDArray[np.complex128]:
+    """Return a column as `linear.stacked` has it as complex numbers, shape (B,)."""
+    return np.ascontiguousarray(x).view(np.complex128)

@@ -165,11 +165,6 @@ def stacked(x: Spectrum) -> Array:
     return np.ascontiguousarray(x.T).view(np.float64).T
 
 
-def unstacked(x: Array) -> Spectrum:
-    """Return the complex bins, shape (B,), of a column as `stacked` has it."""
-    return np.ascontiguousarray(x).view(np.complex128)
-
-
 def rooted(squares: Array) -> Array:
     """Return K rows whose products sum up to a covariance, shape (K, K), however its columns are scaled."""
     scale = np.sqrt(np.diag(squares))
