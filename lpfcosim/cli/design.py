@@ -67,7 +67,7 @@ def design(
     atomic.write(path, text(found, path.stem, campaign.name))
     loading.load(path)
     with console.stage("check through the FMUs"):
-        stepped = through_fmus(found, jobs)
+        stepped = through_fmus(found, jobs, tell)
     box = None
     if found.complete:
         with console.stage("other truths and noise"):

@@ -1,7 +1,7 @@
 """A design in the time domain: its runs without noise, stepped through the FMUs, beside their limits."""
 
 import tempfile
-from collections.abc import Set
+from collections.abc import Callable, Set
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +20,12 @@ CLOSE = 1e-3  # relative, by which a limit may be passed and still counts as kep
 Array = NDArray[np.float64]
 
 
-def through_fmus(design: Design, jobs: int | None = None) -> dict[str, dict[str, float]]:
+def through_fmus(
+    design: Design, jobs: int | None, told: Callable[[float], None]
+) -> dict[str, dict[str, float]]:
     """Return what every run reaches of its limits, by experiment and limit, stepped through the FMUs.
+
+    `told` is told which share of the work is done.
 
     Raises
     ------
@@ -29,8 +33,9 @@ def through_fmus(design: Design, jobs: int | None = None) -> dict[str, dict[str,
         If a run fails.
     """
     stages = {stage.run.experiment: stage for stage in design.problem.stages}
-    moved = _stepped(design.campaign, set(stages), jobs)
     others = {name for name, stage in stages.items() if stage.run.injections}
+    moved = _stepped(design.campaign, set(stages), jobs)
+    told(len(stages) / (len(stages) + len(others)))
     resting = _stepped(with_tones(design.campaign, dict.fromkeys(others, ())), others, jobs) if others else {}
     found = {}
     for name, stage in stages.items():

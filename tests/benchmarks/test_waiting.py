@@ -12,7 +12,7 @@ TOLD = {
     "campaigns": {"quickstart": STAGES, "mission-x": {**STAGES, "total": {**TOOK, "s": 12.34}}},
     "commands": {"fit": {"total": TOOK}},
     "load": {"one_processor_s": 5.0, "one_thread_ratio": 1.11, "default_ratio": 1.22},
-    "ratios": {"quickstart": {"total": 3.0}},
+    "ratios": {"quickstart": {"total": 3.0, "cpu": 2.5}},
 }
 
 
@@ -35,3 +35,10 @@ def test_figures_come_between_their_marks(tmp_path, monkeypatch, capsys):
     assert "`quickstart` 1 s, `mission-x` 12 s" in readme
     assert "| 12.3 s, 200 MB | 300 MB |" in page
     assert "1.22 times as long" in page
+    assert "| `quickstart` | 3.0 | 2.5 |" in page
+
+
+def test_ratios_are_told_on_the_clock_and_in_processor_time():
+    before = {"fit": TOOK, "total": {**TOOK, "s": 10.0, "cpu": 5.0}}
+    now = {"fit": {**TOOK, "s": 0.5}, "total": TOOK, "build": TOOK}
+    assert waiting.ratios(before, now) == {"fit": 2.5, "total": 8.0, "cpu": 2.5}

@@ -8,7 +8,9 @@
 
 A stage ends where the command says so on standard error. `cpu` is the time on all processors, `mb` the
 memory of the largest process, `mb_all` that of all of them, pages that they share counted once. Of several
-rounds the medians are told. The last line is JSON.
+rounds the medians are told. With `--before` both read the campaigns of the other checkout, which may not know
+the keys of today's; ratios are told on the clock and, for what else is busy here, in processor time. The last
+line is JSON.
 """
 
 import argparse
@@ -149,25 +151,22 @@ def middle(rounds: Sequence[Figures]) -> Figures:
 
 
 def measured(
-    commands: Mapping[str, Sequence[str]], folders: Mapping[Path, Path], rounds: int
+    commands: Mapping[str, Sequence[str]], folders: Mapping[Path, Path], campaign: Path, rounds: int
 ) -> dict[str, dict[str, Figures]]:
-    """Run commands in turns, of each checkout in a folder of its own; return the medians by both."""
+    """Run commands in turns, of each checkout in a folder of its own; return the medians by both.
+
+    `campaign` is that of the commands beside `run`.
+    """
     found: dict[str, dict[str, list[Figures]]] = {name: {} for name in commands}
     for name, arguments in commands.items():
         for _ in range(rounds):
             for checkout, folder in folders.items():
                 if arguments[0] == "run":
                     shutil.rmtree(folder / name, ignore_errors=True)
-                made = [a.format(**_places(checkout, folder)) for a in arguments]
+                telemetry = folder / OF_COMMANDS / "telemetry"
+                made = [a.format(telemetry=telemetry, campaign=campaign) for a in arguments]
                 found[name].setdefault(str(checkout), []).append(watched(made, checkout, folder))
     return {name: {at: middle(of) for at, of in by.items()} for name, by in found.items()}
-
-
-def _places(checkout: Path, folder: Path) -> dict[str, str]:
-    return {
-        "telemetry": str(folder / OF_COMMANDS / "telemetry"),
-        "campaign": str(checkout / "campaigns" / f"{OF_COMMANDS}.toml"),
-    }
 
 
 @contextmanager
@@ -230,8 +229,8 @@ def tables(told: Mapping[str, object]) -> str:
         whole = of["total"]
         lines.append(f"| `{name}` | {whole['s']:.1f} s, {whole['mb']:.0f} MB | {whole['mb_all']:.0f} MB |")
     if ratios:
-        lines += ["", "| as fast as before | times |", "|---" * 2 + "|"]
-        lines += [f"| `{name}` | {of['total']:.1f} |" for name, of in ratios.items()]
+        lines += ["", "| as fast as before | times | in processor time |", "|---" * 3 + "|"]
+        lines += [f"| `{name}` | {of['total']:.1f} | {of['cpu']:.1f} |" for name, of in ratios.items()]
     load: dict[str, float] = told["load"]  # type: ignore[assignment]
     lines.append(
         f"\nThe fit of `{OF_COMMANDS}` takes {load['one_processor_s']:.1f} s alone on one processor. Beside "
@@ -283,9 +282,10 @@ def found(given: argparse.Namespace) -> dict[str, object]:
         folders = {checkout: Path(place) / str(n) for n, checkout in enumerate(checkouts)}
         for folder in folders.values():
             folder.mkdir()
-        runs = {name: ("run", str(ROOT / "campaigns" / f"{name}.toml")) for name in given.campaigns}
+        plans = checkouts[-1] / "campaigns"
+        runs = {name: ("run", str(plans / f"{name}.toml")) for name in given.campaigns}
         others = COMMANDS if OF_COMMANDS in runs else {"start": COMMANDS["start"]}
-        took = measured({**runs, **others}, folders, given.rounds)
+        took = measured({**runs, **others}, folders, plans / f"{OF_COMMANDS}.toml", given.rounds)
         telemetry = folders[ROOT] / [OF_COMMANDS, *runs][OF_COMMANDS not in runs] / "telemetry"
         load = under_load(telemetry, given.rounds)
     now = {name: by[str(ROOT)] for name, by in took.items()}
@@ -297,11 +297,14 @@ def found(given: argparse.Namespace) -> dict[str, object]:
     }
     if given.before:
         before = {name: by[str(checkouts[1])] for name, by in took.items()}
-        told["ratios"] = {
-            name: {s: round(before[name][s]["s"] / max(t["s"], 1e-9), 2) for s, t in of.items()}
-            for name, of in now.items()
-        }
+        told["ratios"] = {name: ratios(before[name], of) for name, of in now.items()}
     return told
+
+
+def ratios(before: Figures, now: Figures) -> dict[str, float]:
+    """Return how many times as fast every stage is, and all of them in processor time."""
+    on_the_clock = {s: round(before[s]["s"] / max(of["s"], 1e-9), 2) for s, of in now.items() if s in before}
+    return {**on_the_clock, "cpu": round(before["total"]["cpu"] / max(now["total"]["cpu"], 1e-9), 2)}
 
 
 if __name__ == "__main__":
