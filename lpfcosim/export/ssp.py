@@ -22,6 +22,7 @@ from xml.etree import ElementTree as ET
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Interface, driver, interfaces
 from lpfcosim.errors import InputError
+from lpfcosim.export import traceability
 from lpfcosim.modelica import build
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
@@ -101,13 +102,27 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path, version: st
         root = Path(folder)
         (root / "resources").mkdir()
         for file, element in files.items():
-            ET.indent(element)
-            text = ET.tostring(element, encoding="unicode", xml_declaration=True) + "\n"
-            (root / file).write_text(text, encoding="utf-8", newline="\n")
+            _save(element, root / file)
         for interface in (driving, *found):
             shutil.copyfile(interface.archive, root / _fmu_file(interface.model))
+        task = root / traceability.FILE
+        task.parent.mkdir(parents=True)
+        _save(traceability.task(campaign, root, _execution(run)), task)
         build.write_archive(root, path)
     return path
+
+
+def _save(element: ET.Element, path: Path) -> None:
+    ET.indent(element)
+    text = ET.tostring(element, encoding="unicode", xml_declaration=True) + "\n"
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _execution(run: Run) -> str:
+    return (
+        f"Closed loop; step {run.h} s, Gauss-Seidel in the order of the components; in the same "
+        "order outputs are passed on once during initialization"
+    )
 
 
 def _fmu_file(model: str) -> str:
@@ -147,11 +162,7 @@ class _Writer:
         """Describe the loop, driven by a component, or by inputs of the system from outside."""
         root = self._root(f"{_SSD}SystemStructureDescription", name)
         system = ET.SubElement(root, f"{_SSD}System", name=name)
-        system.set(
-            "description",
-            f"Closed loop; step {run.h} s, Gauss-Seidel in the order of the components; in the same "
-            "order outputs are passed on once during initialization",
-        )
+        system.set("description", _execution(run))
         around = ET.SubElement(system, f"{_SSD}Connectors") if outside else None
         bindings = ET.SubElement(system, f"{_SSD}ParameterBindings")
         ET.SubElement(bindings, f"{_SSD}ParameterBinding", source=_values_file(run.authority.name))

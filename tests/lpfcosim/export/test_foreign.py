@@ -5,6 +5,8 @@ ecos does), and one after the other (Gauss-Seidel, as `lpfcosim run` does).
 """
 
 import contextlib
+import hashlib
+import posixpath
 import zipfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -137,6 +139,24 @@ def test_pyssp_reads_and_checks_every_file(pyssp, exported, plan):
             with ssv.SSV(archive.ssp_resource_path / f"authority_{authority}.ssv") as values:
                 values.__check_compliance__()
                 assert {p["name"].partition(".")[0] for p in values.parameters} == {"Signals", *MODELS}
+
+
+def test_traceability_names_every_file_and_its_digest(exported, plan):
+    name = "extra/org.ssp-standard.ssp-traceability.stmd/SimulationTask.stmd"
+    with zipfile.ZipFile(exported.path) as stored:
+        found = {n: stored.read(n) for n in stored.namelist()}
+    root = etree.fromstring(found.pop(name))
+    told = {}
+    for output in root.iter("{*}Output"):
+        for resource in output:
+            place = posixpath.normpath(posixpath.join(posixpath.dirname(name), resource.get("source")))
+            told[place] = resource.find("{*}Classification/{*}ClassificationEntry").text
+    assert told == {n: hashlib.sha256(content).hexdigest() for n, content in found.items()}
+    entries = {e.get("keyword"): e.text for e in root[0].iter("{*}ClassificationEntry")}
+    assert entries["campaign_sha256"] == plan.digest
+    assert "Gauss-Seidel" in root.find("{*}ExecutionPhase/{*}ExecuteSimulation/{*}Procedure").get(
+        "description"
+    )
 
 
 def test_fmus_inside_are_of_the_version_that_fits(exported):
