@@ -196,6 +196,10 @@ KINDS: Mapping[str, Kind] = {
         "motion would bring them closer to the truth.",
         biased=True,
     ),
+    "drift": Kind(
+        "For the coupling at one date fit the experiments near it by themselves; the mean over the epoch is "
+        "what subtracts best from all of them.",
+    ),
     "correlation": Kind(
         "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
         "one more experiment of the epoch.",

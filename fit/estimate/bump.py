@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import attenuation, couplings
+from fit.estimate import attenuation, couplings, drift
 from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
@@ -93,7 +93,7 @@ def cross_talk(
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
     are those of the joint fit. Its warnings: ``indeterminable``; ``attenuated``, with the coefficients to
     expect of read-outs without noise, where no instruments free them of it; ``instruments`` where they do;
-    ``correlation`` of delta_ifo with every b_i.
+    ``drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i.
 
     The sigma of an attenuated coefficient holds the attenuation to expect; where that cannot be told, the
     coefficient is not in the fit.
@@ -129,7 +129,8 @@ def cross_talk(
             ],
         )
         off = {own: shift[i] for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, ""))}
-        fits[str(epoch)] = attenuation.widened(told, off)
+        drifts = drift.measured(outcome, experiments, names, epoch)
+        fits[str(epoch)] = drift.held(attenuation.widened(told, off), drifts)
     return fits
 
 
