@@ -56,38 +56,39 @@ def measured(
     epoch : int
         Theirs.
     """
-    theta = outcome.solution.theta
+    theta, blocks, held = outcome.solution.theta, outcome.blocks, outcome.held
     at = {own: i for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, "")) in DRIFTING}
-    at = {own: i for own, i in at.items() if not outcome.lost[i]}
     of_epoch = [m for m, e in enumerate(experiments) if e.sysid.telemetry.alignment_epoch == epoch]
-    if len(of_epoch) < 2 or not at:
+    # every experiment of the epoch that has a coefficient gets one of its own in the place of that they share
+    each = {
+        name: [m for m in of_epoch if blocks[m].share[:, i].any()]
+        for name, i in at.items()
+        if not outcome.lost[i]
+    }
+    each = {name: runs for name, runs in each.items() if len(runs) > 1}
+    if not each:
         return {}
-    # every experiment of the epoch gets coefficients of its own in the place of those that they share
-    kept, size = np.delete(np.arange(theta.size), list(at.values())), theta.size - len(at)
-    own = [slice(size + k * len(at), size + (k + 1) * len(at)) for k in range(len(of_epoch))]
-    held = outcome.held
-    rows = held.rows[:, kept]
-    H = np.zeros((own[-1].stop, own[-1].stop))
-    b = np.zeros(len(H))
-    H[:size, :size] = rows.T @ rows
-    b[:size] = -rows.T @ (held.rows @ (theta - held.centre))
-    inflations = normal.inflations(outcome.blocks, theta)
-    for m, (block, run) in enumerate(
-        zip(outcome.blocks, normal.of_runs(outcome.blocks, theta, inflations), strict=True)
-    ):
-        to_run = np.zeros((len(block.share), len(H)))
-        to_run[:, :size] = block.share[:, kept]
-        if m in of_epoch:
-            to_run[:, own[of_epoch.index(m)]] = block.share[:, list(at.values())]
+    kept = np.delete(np.arange(theta.size), [at[name] for name in each])
+    places = [(m, name) for name, runs in each.items() for m in runs]
+    size = kept.size + len(places)
+    H, b = np.zeros((size, size)), np.zeros(size)
+    H[: kept.size, : kept.size] = held.rows[:, kept].T @ held.rows[:, kept]
+    b[: kept.size] = -held.rows[:, kept].T @ (held.rows @ (theta - held.centre))
+    said = normal.of_runs(blocks, theta, normal.inflations(blocks, theta))
+    for m, (block, run) in enumerate(zip(blocks, said, strict=True)):
+        to_run = np.zeros((len(block.share), size))
+        to_run[:, : kept.size] = block.share[:, kept]
+        for column, (of, name) in enumerate(places, start=kept.size):
+            if of == m:
+                to_run[:, column] = block.share[:, at[name]]
         H += to_run.T @ run.H @ to_run
         b += to_run.T @ run.b
     scale = 1 / np.sqrt(np.diag(H))
     covariance = np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale)
-    change = covariance @ b
-    found = {}
-    for k, name in enumerate(at):
-        places = [s.start + k for s in own]
-        drift = between(change[places], covariance[np.ix_(places, places)])
+    change, found = covariance @ b, {}
+    for name in each:
+        rows = [kept.size + k for k, (_, of) in enumerate(places) if of == name]
+        drift = between(change[rows], covariance[np.ix_(rows, rows)])
         if drift:
             found[name] = drift
     return found

@@ -44,6 +44,8 @@ def with_truth(
     runs = [(t, _derived_truth(truths[t.run], t)) for t in telemetries]
     d = separation(results.provenance.frame)
     driven, noise = ([run for run in runs if run[0].kind == kind] for kind in ("sysid", "noise"))
+    joint = results.provenance.joint_runs
+    fitted = driven if joint is None else [run for run in driven if run[0].run in joint]
 
     def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
         own = {name: [truth for t, truth in among if key(t) == name] for name in fits}
@@ -57,7 +59,7 @@ def with_truth(
         joint=results.joint and _fit_with_truth(results.joint, [_mean(truth) for _, truth in driven]),
         experiments=section(results.experiments, driven, lambda t: t.experiment),
         cross_talk={
-            epoch: _fit_with_truth(fit, [_over_time(fit, epoch, driven, d)])
+            epoch: _fit_with_truth(fit, [_over_time(fit, epoch, fitted, d)])
             for epoch, fit in results.cross_talk.items()
         },
         inertial=section(results.inertial, noise, inertial_period),

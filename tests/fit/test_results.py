@@ -272,6 +272,9 @@ def test_the_truth_of_cross_talk_that_drifts_is_the_mean_over_its_runs(tmp_path)
     assert found["b_1"].truth == pytest.approx(1.75e-5)
     assert found["b_1"].pull == pytest.approx(1.0)
     assert found["b_3"].truth == 3e-5
+    both = make_results(cross_talk={"1": fit})
+    one_left_out = replace(both, provenance=replace(both.provenance, joint_runs=[runs[0].run]))
+    assert with_truth(one_left_out, runs).cross_talk["1"].parameters["b_1"].truth == 1e-5
     runs[1] = telemetry(tmp_path, "C1", {})
     unknown = with_truth(make_results(cross_talk={"1": fit}), runs).cross_talk["1"].parameters
     assert unknown["b_1"].truth is None
