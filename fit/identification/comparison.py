@@ -60,6 +60,24 @@ def apart(found: Fit, calibrated: Fit | None) -> list[FitWarning]:
     return [FitWarning("loop_differs", tuple(far), message)]
 
 
+def misplaced(held: Mapping[str, float], calibrated: Fit | None) -> list[FitWarning]:
+    """Warn of what the loop holds and the fit of the equation finds to be something else."""
+    if calibrated is None or calibrated.unsound:
+        return []
+    far = {}
+    for name, value in held.items():
+        if name in calibrated.parameters:
+            estimate = calibrated[name]
+            if abs(value - estimate.value) > UNLIKELY * estimate.sigma:
+                far[name] = (
+                    f"{name} is {value:.6g}, the fit finds {estimate.value:.6g} ± {estimate.sigma:.2g}"
+                )
+    if not far:
+        return []
+    message = f"the simulated loop holds what the data contradict: {'; '.join(far.values())}"
+    return [FitWarning("loop_differs", tuple(far), message)]
+
+
 @dataclass(frozen=True)
 class Commands:
     """By how much, relative, recorded commands differ from what the controller makes of the read-outs.

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,12 @@ AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that w
 
 @one_thread
 def identify(
-    experiments: Sequence[Experiment], free: Sequence[Free], loop: Loop, calibrated: Results, chosen: Settings
+    experiments: Sequence[Experiment],
+    free: Sequence[Free],
+    loop: Loop,
+    calibrated: Results,
+    chosen: Settings,
+    held: Mapping[str, float] = MappingProxyType({}),
 ) -> Results:
     """Estimate parameters of a simulated loop.
 
@@ -46,6 +52,8 @@ def identify(
         result is held.
     chosen : Settings
         Of the fit.
+    held : mapping of str to float
+        What the loop has of the parameters of the fit that are not sought.
 
     Returns
     -------
@@ -83,6 +91,7 @@ def identify(
         *search.told(),
         *map(noise.marginalised, levels),
         *comparison.apart(found, calibrated.joint),
+        *comparison.misplaced(held, calibrated.joint),
     ]
     differs = comparison.differences(found, calibrated.joint)
     provenance = _provenance(calibrated, {"from_fit": differs, "commands": _mismatches(commands)}, levels)

@@ -151,7 +151,8 @@ def _found(
     telemetries: Sequence[Telemetry],
 ) -> Results:
     experiments, chosen = prepared
-    found = identify(experiments, [_free(target) for target in loop.targets], loop, results, chosen)
+    free = [_free(target) for target in loop.targets]
+    found = identify(experiments, free, loop, results, chosen, loop.held)
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))

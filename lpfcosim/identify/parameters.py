@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -78,6 +79,24 @@ def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Targe
         if at.count((target.model, target.variable)) > 1:
             raise InputError(f"identify: {target.model}.{target.variable} is sought under two names")
     return tuple(resolved)
+
+
+def held(run: Run, found: Sequence[Interface], sought: Sequence[Target]) -> dict[str, float]:
+    """Return what the loop has of the parameters of the fit where they are not `sought`; no delta_ifo."""
+    by_model = {i.model: i for i in found}
+    values = world_of(run).parameters(run)
+    known: dict[str, float] = {}
+    for name in (*SHARED_NAMES[:-1], *(tau for _, tau in DELAYS.values())):
+        with contextlib.suppress(InputError):  # no FMU takes it
+            model = _place(name, by_model, "identify")
+            target = _target(name, name, by_model[model], values[model], Sought())
+            if (model, target.variable) not in [(t.model, t.variable) for t in sought]:
+                known[name] = target.given
+    for name, (gain, tau) in DELAYS.items():
+        delay = known.pop(tau, None)
+        if delay is not None and gain in known:
+            known[name] = known[gain] * delay
+    return known
 
 
 def _place(name: str, by_model: Mapping[str, Interface], where: str) -> str:

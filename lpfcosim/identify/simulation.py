@@ -16,7 +16,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.identify import trials
-from lpfcosim.identify.parameters import settings, targets
+from lpfcosim.identify.parameters import held, settings, targets
 from lpfcosim.identify.trials import Trials
 from lpfcosim.spacecraft import Authority, Run
 from lpfcosim.worlds import drive
@@ -62,6 +62,8 @@ class Simulation:
     ----------
     targets : tuple of Target
         The parameters that are sought.
+    held : mapping of str to float
+        What the loop has of those of the fit that are not.
     told : callable
         Told after every simulation of a run how many there were.
 
@@ -82,7 +84,9 @@ class Simulation:
         self.told: Callable[[int], None] = lambda _: None
         self._done = 0
         first = _run(plan, telemetries[0])
-        self.targets = targets(plan, first, interfaces(first, fmus))
+        placed = interfaces(first, fmus)
+        self.targets = targets(plan, first, placed)
+        self.held = held(first, placed, self.targets)
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
         self._loaded = {t.run: _load(stack, plan, t, fmus, where) for t in telemetries}
 

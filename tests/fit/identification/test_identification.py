@@ -9,9 +9,10 @@ import pytest
 from fit import pipeline
 from fit.errors import FitError, InputError
 from fit.estimate import louder
-from fit.identification import Free, identify
+from fit.identification import Free, comparison, identify
 from fit.settings import settings
 from fit.telemetry import Telemetry
+from fit.warnings import FitWarning
 from fit.weighing import pair
 from lpfcosim.plant import planning
 from lpfcosim.running import telemetry
@@ -213,3 +214,20 @@ def test_a_plant_that_did_not_fly_makes_chi2_say_so_by_name(flown):
     (mismatch,) = [w for w in told.joint.warnings if w.code == "noise_mismatch"]
     assert mismatch.message.startswith("A: the simulated loop leaves 10")
     assert told.joint.unsound
+
+
+def test_what_the_loop_holds_against_the_fit_is_told(flown):
+    calibrated = flown[2]
+    fit = calibrated.experiments["A"]
+    for calibration, said in (
+        (fit, 1),
+        (replace(fit, warnings=(FitWarning("faulty", (), ""),)), 0),
+        (None, 0),
+    ):
+        told = comparison.misplaced(
+            {"lambda_2": 1.0776, "C_2": fit["C_2"].value, "alpha_x_2": 0.0}, calibration
+        )
+        assert len(told) == said
+    (first,) = comparison.misplaced({"lambda_2": 1.0776}, fit)
+    assert first.parameters == ("lambda_2",)
+    assert "lambda_2 is 1.0776, the fit finds 1.0600" in first.message
