@@ -1,4 +1,8 @@
-"""What an identification is held against: the equation of motion, and the commands that were recorded."""
+"""What an identification is held against: the equation of motion, and the commands that were recorded.
+
+Its provenance has both: ``from_fit``, by how many sigmas the calibration differs, and ``commands``, by how
+much, relative, recorded commands differ from those of the controller.
+"""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -14,7 +14,7 @@ from fit.identification import comparison, noise
 from fit.identification.protocol import Free, Loop, joint_parameters, share
 from fit.identification.weighing import Reference, Simulated
 from fit.model import Sharing, dynamics
-from fit.results import Provenance, Results
+from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.threads import each, one_thread
 from fit.warnings import FitWarning
@@ -48,8 +48,7 @@ def identify(
     loop : Loop
         Simulates the runs.
     calibrated : Results
-        Of the same telemetry by the equation of motion: with it the loop is inverted, and against it the
-        result is held.
+        Of the same telemetry, by the equation of motion.
     chosen : Settings
         Of the fit.
     held : mapping of str to float
@@ -58,30 +57,24 @@ def identify(
     Returns
     -------
     Results
-        With a joint fit alone. Its provenance has besides ``from_fit``, by how many sigmas the calibration
-        differs, and ``commands``, by how much relative the recorded ones differ from those of the controller.
+        With a joint fit alone; see `comparison` for ``from_fit`` and ``commands`` of its provenance.
 
     Raises
     ------
     InputError
         If the estimator has no counterpart here.
     FitError
-        If the loop cannot be simulated where the search begins, or no trustworthy estimate comes out.
+        If the loop cannot be simulated, or no trustworthy estimate comes out.
     """
     if chosen.estimator == "flscov":
         raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
     references = [_dynamics(e, calibrated, chosen) for e in experiments]
-    known = {name for e in experiments for name in e.parameters}
-    along = [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
+    along = _along(experiments, chosen)
     values = calibrated.joint.values if calibrated.joint else {}
     begin = partial(_Search, experiments, free, along, loop, references, values)
     search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
-    sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
     outcome, restless = noise.changing(outcome, experiments)
-    names = {p.name: p.name for p in search.parameters if p.name in sought}
-    named = {name: name for name in names if name not in search.bound}
-    lost = verdict.indeterminable(outcome, experiments, named)
-    found = verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
+    found = _reported(search, outcome, experiments, free)
     commands = search.commands(experiments, loop, outcome)
     more = [
         *comparison.of_data(calibrated),
@@ -93,9 +86,26 @@ def identify(
         *comparison.apart(found, calibrated.joint),
         *comparison.misplaced(held, calibrated.joint),
     ]
-    differs = comparison.differences(found, calibrated.joint)
-    provenance = _provenance(calibrated, {"from_fit": differs, "commands": _mismatches(commands)}, levels)
-    return Results(replace(found, warnings=(*found.warnings, *more)), {}, {}, {}, provenance)
+    said = {"from_fit": comparison.differences(found, calibrated.joint), "commands": _mismatches(commands)}
+    found = replace(found, warnings=(*found.warnings, *more))
+    return Results(found, {}, {}, {}, _provenance(calibrated, said, levels))
+
+
+def _along(experiments: Sequence[Experiment], chosen: Settings) -> list[Free]:
+    """Return the cross-talk that is estimated along."""
+    known = {name for e in experiments for name in e.parameters}
+    return [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
+
+
+def _reported(
+    search: "_Search", outcome: irls.Outcome, experiments: Sequence[Experiment], free: Sequence[Free]
+) -> Fit:
+    """Return what is determined of what was sought, and why the rest is not."""
+    sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
+    names = {p.name: p.name for p in search.parameters if p.name in sought}
+    named = {name: name for name in names if name not in search.bound}
+    lost = verdict.indeterminable(outcome, experiments, named)
+    return verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
 
 
 def _searched(

@@ -6,7 +6,7 @@ import pytest
 
 from lpfcosim.campaign import Sought
 from lpfcosim.cosim import placement
-from lpfcosim.identify import targets
+from lpfcosim.identify import parameters, targets
 from lpfcosim.identify.parameters import settings
 from lpfcosim.spacecraft.run import Replacement
 from tests.lpfcosim.cosim.foreign import renamed
@@ -39,6 +39,18 @@ def test_a_delay_coefficient_is_a_gain_times_a_delay(resolved):
     assert settings(both, theta, {}) == {"Plant": {"tau_2": 0.16}, "Actuation": {"lambda_2": 1.25}}
     alone = resolved({"C_2": Sought()})
     assert settings(alone, theta, {"lambda_2": 1.0, "lambda_1": 1.0})["Plant"] == {"tau_2": 0.16}
+
+
+def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
+    run = make_run()
+    found = placement.interfaces(run, fmus)
+    some = {"lambda_2": Sought(), "Plant.omega2_2_0": Sought()}
+    held = parameters.held(run, found, targets(replace(plan, identify=some), run, found))
+    assert held["lambda_1"] == 1.0748
+    assert held["C_1"] == pytest.approx(0.149, rel=1e-12)
+    assert not {"lambda_2", "C_2", "omega2_2_0", "delta_ifo"} & set(
+        held
+    )  # a gain makes its delay coefficient
 
 
 @pytest.mark.parametrize("key", ["SuspensionControl.f_u", "SuspensionControl.bandwidth"])
