@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from lpfcosim.campaign import Campaign
 from lpfcosim.design import calibration, hours, programme, settings
+from lpfcosim.design.programme import Optimum
 from lpfcosim.design.search import Design, Told, search
 from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import Foresight, Problem, problem
@@ -12,6 +15,7 @@ from lpfcosim.errors import InputError
 
 LAST = 0.99  # worst ratio from which on fewer hours are not worth another search
 SEARCHES = 5  # for the least hours, at most
+LONGEST = 7.2e6  # s, the most that is tried where nothing is said
 SPARE = 1.002  # of the hours that one search leads the next to expect
 BISECTIONS = 8
 BEGUN, SETTLED = 0.05, 0.3  # shares of the time after which experiments and settings are there
@@ -48,8 +52,8 @@ def _of_tones(plan: Campaign, foresight: Foresight, told: Told) -> Design:
         return _soonest(sought, foresight, told)
     if wishes.hours is None:
         return search(sought, foresight, told)
-    shared, best = hours.shared(sought, wishes.hours, foresight, told)
-    found = search(shared, foresight, told)
+    best = hours.solved(sought, wishes.hours, told)
+    found = search(hours.shared(sought, best, foresight), foresight, told)
     return replace(found, optimum=replace(found.optimum, bound=best.bound))
 
 
@@ -60,7 +64,8 @@ def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
     total = most or max(least, sum(stage.sight.duration for stage in sought.stages))
     best: Design | None = None
     for n in range(SEARCHES):
-        shared, _ = hours.shared(sought, total, foresight, told)
+        total, power = _enough(sought, total, told)
+        shared = hours.shared(sought, power, foresight)
         found = search(shared, foresight, told.part(1 - HALF**n, 1 - HALF ** (n + 1)))
         told.value(f"worst ratio in {found.hours / HOUR:.2f} h", found.value)
         if found.value <= 1 and (best is None or found.hours < best.hours):
@@ -77,6 +82,28 @@ def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
             f"is wanted; {worst} is among those that hinder"
         )
     return replace(best, fewest=_fewest(sought, least, best.hours))
+
+
+def _enough(sought: Problem, total: float, told: Told) -> tuple[float, Optimum]:
+    """Return hours [s], so many or more, in which a bound does not forbid what is wanted; and the best power.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    most = sought.plan.design.hours or max(LONGEST, total)
+    power = hours.solved(sought, total, told)
+    while power.bound > 1:
+        if total >= most:
+            worst = sought.wanted[int(np.argmax(sought.objective.logs(power.information)))]
+            raise InputError(
+                f"design.hours: in {total / HOUR:.4g} h no design does, some sigma stays at "
+                f"{power.bound:.3g} times what is wanted; {worst} is among those that hinder"
+            )
+        total = min(total * power.bound**2, most)
+        power = hours.solved(sought, total, told)
+    return total, power
 
 
 def _fewest(sought: Problem, least: float, enough: float) -> float:

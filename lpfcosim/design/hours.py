@@ -19,13 +19,13 @@ from lpfcosim.spacecraft import FS, Sine
 Array = NDArray[np.float64]
 
 
-def shared(sought: Problem, total: float, foresight: Foresight, told: Told) -> tuple[Problem, Optimum]:
-    """Return the same with its hours shared out at best, and the programme that shared them.
+def solved(sought: Problem, total: float, told: Told) -> Optimum:
+    """Return the best power with hours shared out at best.
 
     Raises
     ------
     InputError
-        If they are too few, or an experiment would reach into the next.
+        If they are too few.
     """
     least = shortest(sought)
     if total < least.sum():
@@ -35,13 +35,23 @@ def shared(sought: Problem, total: float, foresight: Foresight, told: Told) -> t
         )
     forbidden = sought.plan.design.forbidden
     hours = Hours(total, least)
-    best = programme.optimum(
+    return programme.optimum(
         sought.stages, sought.fixed, sought.objective, forbidden, told.bound, hours=hours
     )
-    lasting = np.maximum(np.floor(best.durations / WHOLE) * WHOLE, least)
+
+
+def shared(sought: Problem, best: Optimum, foresight: Foresight) -> Problem:
+    """Return the same with its hours as the best power has them.
+
+    Raises
+    ------
+    InputError
+        If an experiment would reach into the next.
+    """
+    lasting = np.maximum(np.floor(best.durations / WHOLE) * WHOLE, shortest(sought))
     names = [stage.run.experiment for stage in sought.stages]
     plan = with_durations(sought.plan, dict(zip(names, lasting.tolist(), strict=True)))
-    return changed(plan, sought.before, sought.own, foresight), best
+    return changed(plan, sought.before, sought.own, foresight)
 
 
 def shortest(sought: Problem) -> Array:

@@ -42,9 +42,9 @@ def test_hours_go_where_they_tell_most(sought, optimum):
     assert longer.bound > optimum.bound / 2
 
 
-def test_too_few_hours_are_told(sought, foresight):
+def test_too_few_hours_are_told(sought):
     with pytest.raises(InputError, match=r"design.hours: 9 h are too few, .* last 12 h at the least"):
-        hours.shared(sought, 9 * 3600.0, foresight, SILENT)
+        hours.solved(sought, 9 * 3600.0, SILENT)
 
 
 def test_an_experiment_does_not_reach_into_the_next(pair):
@@ -65,6 +65,15 @@ def test_limits_that_close_every_loop_are_told(sought, foresight):
     plan = with_wishes(sought, caps=caps).plan
     with pytest.raises(InputError, match=r"design.limits: peak of o_1 and peak of o_12 so small leave no"):
         changed(plan, sought.before, sought.own, foresight)
+
+
+@pytest.mark.parametrize(
+    ("most", "said"), [(48 * 3600.0, "48"), pytest.param(None, "2000", marks=pytest.mark.slow)]
+)
+def test_what_no_hours_reach_is_told_before_a_search(pair, foresight, most, said):
+    wishes = replace(pair.design, goal="least hours", hours=most, sigmas={"omega2_1_0": 1e-13})
+    with pytest.raises(InputError, match=rf"design.hours: in {said} h no design does, .* omega2_1_0 is"):
+        design(replace(pair, design=wishes), foresight, SILENT)
 
 
 @pytest.mark.slow
