@@ -33,13 +33,13 @@ def through_fmus(
         If a run fails.
     """
     stages = {stage.run.experiment: stage for stage in design.problem.stages}
-    others = {name for name, stage in stages.items() if stage.run.injections}
+    others = {name for name, stage in stages.items() if stage.run.injections or stage.run.spacecraft}
     moved = _stepped(design.campaign, set(stages), jobs)
     told(len(stages) / (len(stages) + len(others)))
     resting = _stepped(with_tones(design.campaign, dict.fromkeys(others, ())), others, jobs) if others else {}
     found = {}
     for name, stage in stages.items():
-        # what a run holds steadily is there from its first sample on
+        # along x what a run holds steadily is there from its first sample on; a turning spacecraft settles
         of = {key: x - (resting[name][key] if name in resting else x[0]) for key, x in moved[name].items()}
         found[name] = limits.excess(stage.run, stage.bounds, of)
     return found
