@@ -133,7 +133,7 @@ def _experiment(root: Path, folder: Path, system: System, step: float) -> list[_
     try:
         result = fmpy.simulate_fmu(
             str(root), stop_time=_STOP, step_size=step, output_interval=step,
-            input=driven if inputs else None, output=[s.symbol.name for s in outputs], logger=_silent,
+            input=driven if inputs else None, output=[s.symbol.name for s in outputs],
         )  # fmt: skip
     except Exception:  # FMPy raises bare exceptions where a model does not run as it starts
         return []
@@ -151,10 +151,6 @@ def _experiment(root: Path, folder: Path, system: System, step: float) -> list[_
         ("text/csv", "input.csv", "testcase", "The inputs of the experiment"),
         ("text/csv", "result.csv", "result", "What the FMU gave where it was built"),
     ]
-
-
-def _silent(*_: object) -> None:
-    """Take what an FMU logs."""
 
 
 def _table(path: Path, values: NDArray[np.void], of: Sequence[Scalar]) -> None:
