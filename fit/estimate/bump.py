@@ -23,15 +23,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import attenuation, couplings, drift
+from fit.estimate import attenuation, couplings, drift, read_outs
 from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
 from fit.model import Sharing, dynamics, inertial
 from fit.results import Fit, Results
-from fit.signal import derivatives, spectra
+from fit.threads import each
 from fit.warnings import FitWarning
-from fit.weighing import Experiment, Run, linear, noise_model
+from fit.weighing import Experiment, linear, noise_model
 
 Array = NDArray[np.float64]
 
@@ -39,14 +39,6 @@ NEGLIGIBLE = 0.1  # sigma, expected shift up to which least squares is kept
 NOTABLE = 1.0  # sigma, expected shift that is warned of
 COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
 DOUBTFUL = 0.5  # share of noise in some combination of the regressors, from which no shift is told
-#: Differences of read-outs that hold no motion but rotation, and the noise power of the mean in terms of
-#: theirs, for read-outs independent and alike.
-DIFFERENCES: Mapping[str, tuple[Mapping[str, float], float]] = {
-    "phi": ({"o_phi_12": 1.0}, 1.25),
-    "eta": ({"o_eta_12": 1.0}, 1.25),
-    "y": ({"grs_y_2": 1.0, "grs_y_1": -1.0}, 0.25),
-    "z": ({"grs_z_2": 1.0, "grs_z_1": -1.0}, 0.25),
-}
 SEPARATED, JOINED = "euler_separated", "euler_included"
 _TURNED = inertial.along(inertial.BASELINE).keys()
 
@@ -76,12 +68,13 @@ def unattenuated(outcome: Outcome, experiments: Sequence[Experiment]) -> Unatten
         If a noise PSD cannot be fitted.
     """
     weighed = weigh(outcome, experiments)
-    shift = expected_shift(outcome, weighed)
+    floors = each(read_outs.noise, [w.experiment.sysid for w in weighed])
+    shift = expected_shift(outcome, weighed, floors)
     told = zip(outcome.parameters, (shift / outcome.solution.sigma).tolist(), strict=True)
     off = {p.name: by for p, by in told if not abs(by) < NEGLIGIBLE}
     freed = couplings.free(outcome, weighed, off)
     if freed.names:
-        shift = expected_shift(freed.outcome, weighed, freed.names)
+        shift = expected_shift(freed.outcome, weighed, floors, freed.names)
     return Unattenuated(freed, shift)
 
 
@@ -254,12 +247,17 @@ def _correlation(outcome: Outcome, names: Mapping[str, str], delta_ifo: str) -> 
     return FitWarning("correlation", (delta_ifo, *found), f"correlation of {delta_ifo} with b_i: {told}")
 
 
-def expected_shift(outcome: Outcome, weighed: Sequence[Weighed], freed: Container[str] = ()) -> Array:
+def expected_shift(
+    outcome: Outcome,
+    weighed: Sequence[Weighed],
+    floors: Sequence[Mapping[str, float]],
+    freed: Container[str] = (),
+) -> Array:
     """Return by how much noise in the read-outs of spacecraft motion is expected to shift a fit.
 
     Noise of PSD S_n in a regressor adds to the normal equations what stands for no signal, so that
     ``E[theta] = (1 - G) truth`` with ``G = (H + prior)^-1 H_n``; the eigenvalues of G are the share of noise
-    in what the data say of a combination. S_n is measured, see `read_out_noise`; that the spacecraft answers
+    in what the data say of a combination. S_n is measured, see `read_outs.noise`; that the spacecraft answers
     to the noise of its own sensors is left out: right above the band of the loops, where the cross-talk is
     large.
 
@@ -269,6 +267,8 @@ def expected_shift(outcome: Outcome, weighed: Sequence[Weighed], freed: Containe
         Of the fit.
     weighed : sequence of Weighed
         What was fitted.
+    floors : sequence of mapping
+        What `read_outs.noise` tells of their runs.
     freed : container of str
         Parameters whose regressors count as free of noise.
 
@@ -282,10 +282,10 @@ def expected_shift(outcome: Outcome, weighed: Sequence[Weighed], freed: Containe
     departures = outcome.held.rows[len(outcome.prior.rows) :]
     H, H_n = np.diag(outcome.lost / width**2) + departures.T @ departures, np.zeros((theta.size, theta.size))
     clean = np.array([p.name in freed for p in outcome.parameters])
-    for w in weighed:
+    for w, floor in zip(weighed, floors, strict=True):
         terms, to_run = w.terms, w.block.share
         H += linear.information([linear.block(terms, w.noise, to_run)], theta)
-        weight, floor = 2 / w.noise.expected(terms.f), read_out_noise(w.experiment.sysid)
+        weight = 2 / w.noise.expected(terms.f)
         for mean, S_n in floor.items():
             rows = np.zeros((terms.f.size, len(to_run)))
             for i, name in enumerate(w.experiment.parameters):
@@ -299,37 +299,6 @@ def expected_shift(outcome: Outcome, weighed: Sequence[Weighed], freed: Containe
     shift = -parts[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
     unknown = np.abs(parts[:, doubtful]).sum(axis=1) > NOTABLE * outcome.solution.sigma
     return np.where(unknown, np.nan, shift)
-
-
-def read_out_noise(run: Run) -> dict[str, float]:
-    """Measure the noise floor of the means of eq. bump in the upper half of the band.
-
-    It is what the `DIFFERENCES` of the read-outs hold beside rotation, which the mean angles tell. Noise
-    common to both read-outs does not show; without the angles, rotation counts as noise.
-
-    Returns
-    -------
-    dict of str to float
-        One-sided PSD [rad^2 Hz^-1] or [m^2 Hz^-1] of those of the `dynamics.MEANS` that the run has.
-    """
-    telemetry, channels = run.telemetry, run.channels
-    taps, factor = derivatives.low_pass(telemetry.fs)
-
-    def prepared(parts: Mapping[str, float]) -> Array:
-        x = np.sum([weight * telemetry.channels[key] for key, weight in parts.items()], axis=0)
-        return derivatives.decimate(derivatives.bridge(x, telemetry.fs)[0], taps, factor)
-
-    angles = [channels.means[mean] for mean in ("phi", "eta") if mean in channels.means]
-    means = [mean for mean in channels.means if mean in DIFFERENCES]
-    series = [*(prepared(DIFFERENCES[mean][0]) for mean in means), *angles]
-    if not series:
-        return {}
-    terms = spectra.transform(np.stack(series, axis=1), channels.valid, channels.fs)
-    high = terms.columns[terms.f > terms.f[-1] / 2]
-    apart, rotation = np.split(np.concatenate([high.real, high.imag]), [len(means)], axis=1)
-    apart -= rotation @ np.linalg.lstsq(rotation, apart)[0]
-    power = 2 * np.mean(apart**2, axis=0)
-    return {mean: DIFFERENCES[mean][1] * float(p) for mean, p in zip(means, power, strict=True)}
 
 
 def is_separated(cross_talk: Fit) -> bool:

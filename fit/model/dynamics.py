@@ -24,8 +24,10 @@ with the spacecraft, so that this is the Euler force, ``e_phi = (x_1 - x_2) delt
 torques leak along x. It is fitted along, lest it count as noise, and not reported: see the Euler fit.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,26 +121,25 @@ TERMS = (
 )
 
 
-def mean_of(telemetry: Telemetry, name: str) -> Array:
-    """Return one of the `MEANS`, whose channels the run must have, shape (N,)."""
-    parts = (weight * telemetry.channels[key] for key, weight in MEANS[name].items())
-    return np.asarray(np.sum(list(parts), axis=0), dtype=np.float64)
+def summed(telemetry: Telemetry, weights: Mapping[str, float]) -> Array:
+    """Return the weighted sum of channels, shape (N,)."""
+    return reduce(np.add, (weight * telemetry.channels[key] for key, weight in weights.items()))
 
 
-def means(telemetry: Telemetry) -> dict[str, Array]:
-    """Return those of the `MEANS` whose channels the run has, each of shape (N,).
+def means(telemetry: Telemetry) -> Iterator[tuple[str, Array]]:
+    """Yield those of the `MEANS` whose channels the run has, each of shape (N,).
 
     What is constant tells nothing, nor what misses many samples. A torque without the angle about the same
     axis is left out too: its column would try to stand for what is missing of eq. bump.
     """
-    found: dict[str, Array] = {}
+    found = set[str]()
     for name, parts in MEANS.items():
         turned = name.removeprefix("N_")
         if parts.keys() <= telemetry.channels.keys() and (turned == name or turned in found):
-            mean = mean_of(telemetry, name)
+            mean = summed(telemetry, parts)
             if np.mean(np.isnan(mean)) <= MAX_MISSING and np.nanmin(mean) < np.nanmax(mean):
-                found[name] = mean
-    return found
+                found.add(name)
+                yield name, mean
 
 
 def run_parameters(available: Iterable[str]) -> tuple[str, ...]:
@@ -187,7 +188,7 @@ class Channels:
 
 def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
     """Low-pass and decimate what the equation needs; without `motion` nothing but what Delta g_x does."""
-    return _channels(telemetry, means(telemetry) if motion else {}, *derivatives.low_pass(telemetry.fs))
+    return _channels(telemetry, means(telemetry) if motion else (), *derivatives.low_pass(telemetry.fs))
 
 
 def beyond(telemetry: Telemetry, f_max: float) -> Channels:
@@ -195,14 +196,12 @@ def beyond(telemetry: Telemetry, f_max: float) -> Channels:
     return _channels(telemetry, means(telemetry), *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max))
 
 
-def _channels(telemetry: Telemetry, of_motion: dict[str, Array], taps: Array, factor: int) -> Channels:
-    kept = {}
+def _channels(telemetry: Telemetry, more: Iterable[tuple[str, Array]], taps: Array, factor: int) -> Channels:
+    kept, own = {}, ((name, telemetry.channels[name]) for name in CHANNELS)
     touched, gone = np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
-    for name in (*CHANNELS, *of_motion):  # one by one: as archived, all of them fill the memory
-        raw = of_motion.pop(name) if name in of_motion else telemetry.channels[name]
+    for name, raw in chain(own, more):  # one by one: as archived, all of them fill the memory
         kept[name], masked = derivatives.reduced(raw, telemetry.fs, taps, factor)
         touched, gone = touched | masked, gone | np.isnan(raw)
-        del raw
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.instants(slice(taps.size // 2, None, factor))[: touched.size],
@@ -377,7 +376,8 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
     names = [name for name in CROSS_TALK if cross_talk.get(name)]
     wanted = dict.fromkeys(CROSS_TALK[name][0] for name in names)
     found = {
-        mean: derivatives.reduced(mean_of(telemetry, mean), telemetry.fs, taps, factor) for mean in wanted
+        mean: derivatives.reduced(summed(telemetry, MEANS[mean]), telemetry.fs, taps, factor)
+        for mean in wanted
     }
     series = {mean: x for mean, (x, _) in found.items()}
     size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF

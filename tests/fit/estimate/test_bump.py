@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fit.estimate import bump
+from fit.estimate import bump, read_outs
 from fit.estimate.bump import cross_talk
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
 from fit.estimate.verdict import as_fit
@@ -137,7 +137,8 @@ def test_noisy_read_outs_attenuate_what_subtracts_best(noisy):
     # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
     # weights, that depend little on frequency where the bump is large.
     runs, outcome, _ = noisy
-    shift = bump.expected_shift(outcome, bump.weigh(outcome, runs))
+    floors = [read_outs.noise(e.sysid) for e in runs]
+    shift = bump.expected_shift(outcome, bump.weigh(outcome, runs), floors)
     shift = dict(zip([p.name for p in outcome.parameters], shift, strict=True))
     for epoch, best in bump.subtraction(outcome, runs, SHARING).items():
         assert list(best) == NAMES
@@ -224,7 +225,7 @@ def test_without_angles_there_is_no_second_sensor():
 
 
 def test_read_out_noise_is_measured(noisy):
-    floor = bump.read_out_noise(noisy[0][0].sysid)
+    floor = read_outs.noise(noisy[0][0].sysid)
     expected = {"phi": 1.25 * 150e-12**2, "y": 2e-9**2 / 2}
     for mean, other in (("phi", "eta"), ("y", "z")):
         assert floor[mean] == pytest.approx(expected[mean], rel=0.15)
