@@ -92,6 +92,8 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
             f"is stuck at {x[0] + 0.0:.4g} throughout"
             if constant
             else f"is rounded to steps of {rounded:.2g}"
+            if rounded > 0
+            else "is more often constant than not"
         )
         yield Oddity(what, 0.0, x.size / fs)
         return

@@ -18,7 +18,7 @@ from fit.inspection import LeftOut, Tells
 from fit.judgement.agreement import ALARM, Agreed, Odd
 from fit.judgement.causes import ALIKE, TOLD, Case, exchanged, named
 from fit.judgement.consistency import Regression, voiced
-from fit.judgement.hypotheses import Hypothesis, whole
+from fit.judgement.hypotheses import Hypothesis, of_all
 from fit.judgement.parts import parts
 from fit.judgement.trial import Trial
 from fit.model import Sharing, dynamics
@@ -29,7 +29,7 @@ from fit.weighing import Experiment, linear
 MENDED = "so mended, the run says what the others say"
 UNTOLD = "no single cause that was tried explains it"
 PLAIN = ("sign", "unit", "scale", "lag", "exchange", "jump")  # kinds that others contain
-OF_GAIN = ("sign", "unit", "scale", "lag and scale")  # kinds of hypotheses that a gain alone suggests
+OF_GAIN = ("sign", "unit", "scale")  # kinds of hypotheses that a gain alone suggests
 
 
 def likeliest(trial: Trial, others: Sequence[Experiment]) -> list[Hypothesis]:
@@ -45,7 +45,7 @@ def likeliest(trial: Trial, others: Sequence[Experiment]) -> list[Hypothesis]:
     plain = trial.as_it_is.left
     if plain.fits:
         return []
-    found = [(trial.with_remedy(h.remedy), h) for h in whole(trial, others)]
+    found = [(trial.with_remedy(h.remedy), h) for h in of_all(trial, others)]
     best = min((left.chi2 + h.costs for left, h in found if left.fits), default=plain.chi2)
     least = plain.chi2 - best - ALIKE if best < plain.chi2 else ALIKE
     found += [(trial.with_remedy(h.remedy), h) for h in parts(trial, least)]
@@ -62,9 +62,10 @@ def likeliest(trial: Trial, others: Sequence[Experiment]) -> list[Hypothesis]:
 
 
 def _simplest(alike: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return those of which no simpler one says the same of the same channel."""
+    """Return those of which no simpler or likelier one says the same of the same channel, as they come."""
     plain = {h.words.split()[0] for h in alike if h.kind in PLAIN}
-    return [h for h in alike if h.kind in PLAIN or h.words.split()[0] not in plain]
+    kept = [h for h in alike if h.kind in PLAIN or h.words.split()[0] not in plain]
+    return list({(h.kind, h.words.split()[0]): h for h in reversed(kept)}.values())[::-1]
 
 
 def explained(
@@ -101,6 +102,7 @@ def explained(
                 return f
             path = experiment.sysid.telemetry.path
             return replace(f, reason=f"{path}: {_either(alike)}; {MENDED}")
+        alike = [h for h in alike if h.kind != "stretches"]  # which says less than what was seen
         cause = f"its {_either(alike)}" if alike else ""
         if not cause and isinstance(own, Outcome) and not agreed.outcome.departing:
             cause = _of_parameters(experiment, own.blocks[0], agreed, sharing)

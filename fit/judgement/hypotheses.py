@@ -59,7 +59,7 @@ class Hypothesis:
     costs: float
 
 
-def whole(trial: Trial, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
+def of_all(trial: Trial, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
     """Yield the hypotheses about all of a run; `others` may have lent it their channels."""
     x = {name: getattr(trial.sysid.channels, name) for name in dynamics.CHANNELS}
     live = [name for name in dynamics.CHANNELS if np.ptp(x[name]) > 0]
@@ -212,14 +212,15 @@ def _exchanges(trial: Trial, x: Channels, others: Sequence[Experiment]) -> Itera
 
 
 def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
-    """Try that the scale, the lag or the stiffness drifts, and that the gain depends on the force."""
+    """Try that scale, lag, stiffness or leakage drifts, and that the gain depends on the force."""
     time, fs = trial.sysid.channels.time, trial.sysid.channels.fs
     share = (time - time.mean()) / np.ptp(time)
     for name, of in x.items():
-        a, sigma, _ = amount(trial, name, of * share)
+        both = np.column_stack([trial.of_channel(name, change) for change in (of, of * share)])
+        _, (whole, a), (_, sigma) = trial.gain(trial.whitened(both))
         more = "a growing" if a < 0 else "a falling"
         words = f"{name} has {more} scale, by {100 * abs(a):.2g} ± {100 * sigma:.1g} % from start to end"
-        yield Hypothesis("scale that drifts", words, Remedy({name: of * (1 + a * share)}), AMOUNT)
+        yield Hypothesis("scale that drifts", words, Remedy({name: of * (1 + whole + a * share)}), 2 * AMOUNT)
         slope = np.gradient(of) * fs
         a, sigma, _ = amount(trial, name, slope * share)
         ever = "later" if a > 0 else "earlier"
@@ -240,12 +241,15 @@ def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
     inner = trial.as_it_is.terms
     names = dict(zip(inner.names, inner.values.T, strict=True))
     drift = (inner.time - time.mean()) / np.ptp(time)
-    for j, at in ((2, names["o_12"] + names["o_1"]), (1, -names["o_1"])):
-        series = at * drift
-        _, amounts, sigmas = trial.gain(trial.whitened(series[:, None]))
-        words = f"stiffness omega2_{j} changes by {amounts[0]:.2g} ± {sigmas[0]:.1g} s-2 from start to end"
-        remedy = Remedy(acceleration=-amounts[0] * series)
-        yield Hypothesis("stiffness that drifts", words, remedy, AMOUNT)
+    for what, unit, at in (
+        ("stiffness omega2_2", " s-2", names["o_12"] + names["o_1"]),
+        ("stiffness omega2_1", " s-2", -names["o_1"]),
+        ("delta_ifo", "", -names["ddo_1"]),
+    ):
+        series = np.column_stack([at, at * drift])
+        _, amounts, sigmas = trial.gain(trial.whitened(series))
+        words = f"{what} changes by {amounts[1]:.2g} ± {sigmas[1]:.1g}{unit} from start to end"
+        yield Hypothesis("drift", words, Remedy(acceleration=-series @ amounts), 2 * AMOUNT)
 
 
 def _line(trial: Trial) -> Hypothesis:

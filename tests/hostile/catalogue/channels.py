@@ -10,6 +10,7 @@ MASS = 1.928
 LATE = "late|lag|delay|sample|clock|time|C_2"
 SCALE = "scale|gain|lambda|unit|factor"
 SIGN = "sign"
+UNIT = "unit|scale|is in nm and not|is in N and not|times (what|as much)"
 SHORT = tuple(name for name in PLANS if name != "D3")
 
 
@@ -72,8 +73,8 @@ SIGNS_AND_SCALES = (
         ("second half", "f_x_2", "C4", second_half(-1)),
     ),
     *changes("wrong sign", "", ("", "all", "A2", times(-1)), harmless=True),
-    *changes("N for m s-2", "unit|scale", ("", "f_x_2", "B4", times(MASS)), ("", "f_x_1", "G3", times(MASS))),
-    *changes("nm for m", "unit|scale", ("", "o_12", "A2", times(1e9)), ("", "o_1", "C4", times(1e9))),
+    *changes("N for m s-2", UNIT, ("", "f_x_2", "B4", times(MASS)), ("", "f_x_1", "G3", times(MASS))),
+    *changes("nm for m", UNIT, ("", "o_12", "A2", times(1e9)), ("", "o_1", "C4", times(1e9))),
     *changes(
         "scaled",
         SCALE,
@@ -111,7 +112,7 @@ SIGNS_AND_SCALES = (
     ),
     *faults(
         "channels exchanged",
-        "exchang|sign|unit",
+        "are exchanged",
         ("", "o_1 o_12", "B4", swapped("B4", "o_1", "o_12")),
         ("", "f_x_1 f_x_2", "C2", swapped("C2", "f_x_1", "f_x_2")),
         ("", "f_x_1 f_x_2", "G3", swapped("G3", "f_x_1", "f_x_2")),

@@ -3,7 +3,7 @@
 from tests.hostile.catalogue.fault import Fault, faults
 from tests.hostile.spoiling import all_of, changed, copied, cut, exchanged, labelled, lent
 
-EXCHANGE = "exchang|authority|F_max|N_max"
+EXCHANGE = "look exchanged|not its own"
 AUTHORITY = "authority|F_max|N_max|stiffness|alpha"
 SAME = "same|equal|copy|shared|identical|cannot be two|hold the noise"
 

@@ -8,7 +8,7 @@ from tests.hostile.spoiling import PLANS, every, gain, glitch, pushed, remade, s
 
 DURATION = 21600.0
 NOISE = "noise"
-GAIN = "lambda|gain|contradict|scatter"
+GAIN = "lambda|gain|scale|contradict|scatter"
 STIFFNESS = "stiffness|omega2|alpha|contradict"
 EPOCH_3 = ("E3", "F3", "G3", "D3")
 EPOCH_4 = ("B4", "D4", "C4")
@@ -190,7 +190,7 @@ NOISES = (
     ),
     *faults(
         "line",
-        "line|lambda|contradict|tone|noise",
+        "line|sine|tone|noise",
         ("1e-13 m s-2, injected frequency", *force("B4", line(1.667e-3, 1e-13))),
         ("1e-14 m s-2, injected frequency", *force("C4", line(0.833e-3, 1e-14))),
         ("1e-13 m s-2, elsewhere", *force("B4", line(9e-3, 1e-13))),
