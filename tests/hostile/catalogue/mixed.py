@@ -85,7 +85,7 @@ MIXED = (
     ),
     *changes("dead band", "constant", ("1e-13 m s-2", "f_x_2", "B2", dead(1e-13))),
     *changes("bent", "", ("1 % at 10 nm", "o_12", "B4", lambda x: x + 1e6 * x * np.abs(x))),
-    *changes("sign of guidance", "guidance", ("", "guidance_o_1", "D2", times(-1)), harmless=True),
+    *changes("sign of guidance", "guidance", ("", "guidance_o_1", "D2", times(-1))),
     *changes("guidance scaled", "guidance", ("twice", "guidance_o_12", "C4", times(2)), harmless=True),
     *changes(
         "offset that grows",
