@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.inspection.first_fit import least
-from fit.inspection.pursuit import View, pursue
+from fit.inspection.pursuit import pursue
+from fit.inspection.view import View
 from fit.model import dynamics
 from fit.paper import DELAYS
 from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.inspection.first_fit import least
 from fit.inspection.glitches import TAKEN_OUT, merged, placed
-from fit.inspection.pursuit import View, pursue
+from fit.inspection.pursuit import pursue
+from fit.inspection.view import View
 from fit.signal import NoiseModel, Spectra, fit_noise, spectra
 from fit.warnings import FitWarning, Span
 from fit.weighing import Glitch, linear, shapes

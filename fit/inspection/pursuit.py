@@ -5,6 +5,7 @@ What the filters point at is judged as a further column of the run: with an ampl
 of the other columns, against the noise that is left in its own band once it is subtracted. So neither the
 sines of an injection nor noise louder than the noise run tells, a line, a slow drift pass for a glitch.
 Glitches that hide each other are subtracted one after another, the strongest first, before any is judged.
+What is clearly one is subtracted as the shape, of any kind, that comes closest (`closest`).
 """
 
 from collections.abc import Sequence
@@ -14,8 +15,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.inspection.closest import closest
+from fit.inspection.view import View
 from fit.signal import Spectrum
-from fit.weighing import Glitch, Shape, linear, shapes
+from fit.weighing import Glitch, Shape, shapes
 
 Array = NDArray[np.float64]
 
@@ -25,68 +28,9 @@ SHORTER = 0.2  # of its tau, from which on a shape lasts about as long
 SUSPECT = 0.75  # of the threshold, from which what a filter points at is looked at
 MOST = 5  # are subtracted before the first is judged
 BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
-LEAST = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
 LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
 KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
 FINEST = 1e-3  # of tau, to which begin and times are sought
-
-
-@dataclass(frozen=True)
-class View:
-    """A run as the pursuit sees it.
-
-    Attributes
-    ----------
-    time : ndarray, shape (N,)
-        Instants [s] of the samples of its columns.
-    fs : float
-        Sample rate [Hz].
-    f, S : ndarray, shape (B,)
-        Frequencies [Hz] and PSD of the noise.
-    window : ndarray, shape (n,)
-        Of the transform, n <= N.
-    residual : ndarray, shape (2 B,)
-        Real and imaginary part of every bin of the whitened residual, of variance 1 where there is but noise.
-    Q : ndarray, shape (2 B, K)
-        Orthonormal columns that have been projected out of it.
-    own : bool
-        Whether S was fitted to this very run.
-    known : tuple of Glitch
-        What has been found in it so far.
-    """
-
-    time: Array
-    fs: float
-    f: Array
-    S: Array
-    window: Array
-    residual: Array
-    Q: Array
-    own: bool
-    known: tuple[Glitch, ...]
-
-    @property
-    def duration(self) -> float:
-        """Of what is transformed [s]."""
-        return self.window.size / self.fs
-
-    def column(self, glitch: Glitch) -> Array | None:
-        """Return a glitch as a whitened column of length 1, shape (2 B,), None if little of it is left."""
-        series = glitch.series(self.time[: self.window.size], self.fs)
-        whole = linear.stacked(scipy.fft.rfft(self.window * series)[1 : self.f.size + 1] / np.sqrt(self.S))
-        left = whole - self.Q @ (self.Q.T @ whole)
-        norm = float(np.linalg.norm(left))
-        return left / norm if norm > LEAST * float(np.linalg.norm(whole)) else None
-
-    def seen(self, glitch: Glitch) -> float:
-        """Return the share of a glitch that the window leaves, from 0 to 1."""
-        series = glitch.series(self.time[: self.window.size], self.fs)
-        return float(np.linalg.norm(self.window * series) / max(float(np.linalg.norm(series)), 1e-300))
-
-    def without(self, column: Array) -> "View":
-        """Return the run with a further column projected out."""
-        residual = self.residual - column * float(column @ self.residual)
-        return replace(self, residual=residual, Q=np.column_stack([self.Q, column]))
 
 
 @dataclass(frozen=True)
@@ -125,7 +69,10 @@ def pursue(view: View) -> list[Found]:
         if not found:
             break
         glitch, column = found
-        taken.append((glitch, column, abs(float(column @ left.residual))))
+        amplitude = abs(float(column @ left.residual))
+        if _significance(left.without(column), column, amplitude) > _least(view, glitch):
+            glitch, column, amplitude = closest(left, glitch, column)
+        taken.append((glitch, column, amplitude))
         left = left.without(column)
     return [
         Found(glitch, amplitude * view.seen(glitch))

@@ -57,6 +57,25 @@ def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
     assert np.max(np.abs(shifts(found, before))) < 0.2
 
 
+@pytest.mark.parametrize(
+    ("name", "glitch", "seed"),
+    [
+        pytest.param("E3", Glitch(1143.0, 519.0, 970.1, "both", -180.4, 2), 12, marks=pytest.mark.slow),
+        pytest.param("C4", Glitch(1861.0, 678.7, 2404.1, "one", -108.1, 2), 2, marks=pytest.mark.slow),
+        ("D2", Glitch(15417.0, 331.3, 1058.3, "both", -20.7, 1), 17),
+        ("B2", Glitch(17306.0, 519.3, 2251.3, "none", -102.2, 1), 17),
+    ],
+)
+def test_one_glitch_is_taken_out_by_one_shape_its_own(name, glitch, seed):
+    after, _ = glitches.without_glitches(experiment(name, ([glitch], ()), seed))
+    (found,) = after.sysid.glitches
+    sign = -1 if glitch.hand == "both" else 1
+    assert found.shape.kind == ("swinging" if glitch.hand == "none" else "pushed")
+    assert found.shape.tau == pytest.approx(glitch.fall, rel=0.2)
+    assert found.shape.other == pytest.approx(sign * glitch.rise / glitch.fall, abs=0.1)
+    assert found.begin == pytest.approx(glitch.begin, abs=0.02 * glitch.fall)
+
+
 def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
     # five times the noise at low frequencies: a matter of chi2, not of glitches
     rng, sysid = np.random.default_rng(1), experiment("B4").sysid.telemetry
