@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
 
 from fit.estimate import normal
 from fit.estimate.irls import Outcome
@@ -106,10 +106,10 @@ def between(values: Array, covariance: Array) -> Drift | None:
         left = values - ones @ np.linalg.solve(total, values) / (ones @ np.linalg.solve(total, ones))
         return float(left @ np.linalg.solve(total, left)) - dof
 
-    if stats.chi2.sf(excess(0.0) + dof, dof) > CHANCE:
+    if scipy.stats.chi2.sf(excess(0.0) + dof, dof) > CHANCE:
         return None
     # chi^2 falls with the width, and is below dof where all that the values differ by is width
-    variance = float(optimize.brentq(excess, 0.0, 10 * np.var(values, ddof=1), xtol=1e-30, rtol=1e-6))
+    variance = float(scipy.optimize.brentq(excess, 0.0, 10 * np.var(values, ddof=1), xtol=1e-30, rtol=1e-6))
     weights = np.linalg.solve(covariance, ones)
     weights /= weights.sum()
     return Drift(float(np.sqrt(variance)), float(variance * (weights @ weights)))
