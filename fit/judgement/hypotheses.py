@@ -29,6 +29,7 @@ ROUND = 0.01  # by which a unit or a sign may be off
 AMOUNT = 2.0  # by which chi2 must fall for an amount, as information criteria have it
 SOUGHT = 8.0  # and more for a place: among some hundreds
 MOST_LEFT_OUT = 0.2  # of a run, that stretches may take
+SLOWEST = 4  # periods in a run, without which a sine is no more than a drift
 REACH = 30.0  # s, that are left out on either side
 TOLD = 4  # stretches at most that are named
 LOUD = 1e-9  # p-value of the power of a block from which something else acts there
@@ -256,7 +257,8 @@ def _line(trial: Trial) -> Hypothesis:
     """Try a sine of one frequency that no channel holds."""
     seen = trial.as_it_is
     time, bin_width = seen.terms.time, float(seen.found.f[1] - seen.found.f[0])
-    f = float(seen.found.f[np.argmax(np.abs(seen.residual) ** 2)])
+    power = np.abs(seen.residual) ** 2
+    f = float(seen.found.f[np.argmax(np.where(seen.found.f < SLOWEST * bin_width, 0.0, power))])
 
     def at(f: float) -> tuple[float, Array]:
         pair = np.stack([np.cos(2 * np.pi * f * time), np.sin(2 * np.pi * f * time)], axis=1)

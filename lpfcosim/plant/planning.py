@@ -45,7 +45,7 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
     n = run.n_samples // stride
     driving = {_ENTERS.get(injection.into, injection.into) for injection in run.injections}
     if noise:
-        driving = set(s.inputs)
+        driving |= set(s.inputs) - set(world_of(run).turns(run))  # the equilibrium turns
     columns = {name: i for i, name in enumerate(s.inputs) if name in driving}
     found = np.zeros((n, len(s.channels)))
     # the samples of injections from one to the next together

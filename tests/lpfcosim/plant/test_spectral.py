@@ -65,6 +65,21 @@ def test_glitches_are_there_too(sysid):
         assert np.abs(drawn[name] - x).max() <= 1e-6 * np.ptp(x), name
 
 
+def test_a_glitch_does_not_start_the_turn_of_the_spacecraft_anew(quickstart):
+    run = loading.load(quickstart.with_name("spacecraft.toml")).runs[1]
+    turning = replace(run, n_samples=20_000, injections=(), noise=Noise())
+    struck = replace(turning, injections=(Pulse("g_2", 1e-11, 1500.0, 20.0),))
+    without, found = (
+        spectral.Simulation(each, ("o_12", "f_x_2", "ast_phi", "grs_y_1")).record(np.random.default_rng(1))
+        for each in (turning, struck)
+    )
+    rate = run.spacecraft.Omega_DC[2]
+    for name in without:
+        assert np.array_equal(found[name][:1490], without[name][:1490]), name
+        assert not np.array_equal(found[name], without[name])
+    assert rate and np.allclose(np.diff(found["ast_phi"]), rate, rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_spectra_are_those_of_the_simulation(sysid):
     """Averaged cross-spectra of ten drawn runs against ten simulated ones, in bands of some 100 bins.
