@@ -77,6 +77,9 @@ def design(
     if figure:
         _draw(found, figure)
     _tell(found, stepped, path, console)
+    kept = {experiment.name for experiment in found.campaign.experiments}
+    if gone := [experiment.name for experiment in plan.experiments if experiment.name not in kept]:
+        console.say(f"left out, since the others tell enough: {', '.join(gone)}")
     if box:
         console.say(
             f"at {box.draws} corners of a box of truths (gains 5 %, stiffness and delays 30 %) and noise "
@@ -227,7 +230,7 @@ def _tell(found: Design, stepped: dict[str, dict[str, float]], path: Path, conso
     console.say(f"{kind}: {found.value:.4f}; bound at the limits on rms: {found.optimum.bound:.4f}")
     if found.fewest is not None:
         console.say(
-            f"{found.hours / HOUR:.2f} h with tones; no design within the limits on rms does with less than "
+            f"{found.hours / HOUR:.2f} h with tones; no design of the same experiments does with less than "
             f"{found.fewest / HOUR:.2f} h"
         )
     if found.angles:

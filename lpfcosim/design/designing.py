@@ -58,20 +58,50 @@ def _of_tones(plan: Campaign, foresight: Foresight, told: Told) -> Design:
 
 
 def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
-    """Return the design that makes all sigmas as small as wanted in the least hours that are found."""
+    """Return the design that makes all sigmas as small as wanted in the least hours that are found.
+
+    Experiments that need not be are left out, one after the other, as long as hours become fewer by it.
+    """
+    best, left = _in_few_hours(sought, foresight, told.part(0.0, 1 - HALF)), HALF
+    while best.complete:
+        try:
+            fewer = hours.without_one(sought, best, foresight)
+            if fewer is None:
+                break
+            found = _in_few_hours(fewer, foresight, told.part(1 - left, 1 - left * HALF))
+        except InputError:
+            break  # all that are left are needed
+        except KeyboardInterrupt:
+            return replace(best, complete=False)
+        best, sought = (found, fewer) if found.value <= 1 else (replace(best, complete=False), sought)
+        left *= HALF
+    if not best.complete:
+        return best
+    return replace(best, fewest=_fewest(sought, float(hours.shortest(sought).sum()), best.hours))
+
+
+def _in_few_hours(sought: Problem, foresight: Foresight, told: Told) -> Design:
+    """Return the best of a few searches, each in the hours that the one before leads to expect."""
     least = float(hours.shortest(sought).sum())
     most = sought.plan.design.hours
     total = most or max(least, sum(stage.sight.duration for stage in sought.stages))
     best: Design | None = None
     for n in range(SEARCHES):
-        total, power = _enough(sought, total, told)
-        shared = hours.shared(sought, power, foresight)
-        found = search(shared, foresight, told.part(1 - HALF**n, 1 - HALF ** (n + 1)))
+        try:
+            total, power = _enough(sought, total, told)
+            shared = hours.shared(sought, power, foresight)
+            found = search(shared, foresight, told.part(1 - HALF**n, 1 - HALF ** (n + 1)))
+        except KeyboardInterrupt:
+            if best is None:
+                raise
+            return replace(best, complete=False)
         told.value(f"worst ratio in {found.hours / HOUR:.2f} h", found.value)
+        if not found.complete:
+            return replace(best, complete=False) if best else found
         if found.value <= 1 and (best is None or found.hours < best.hours):
             best = found
         done = found.value <= 1 and (found.value > LAST or total <= least)
-        if done or not found.complete or (found.value > 1 and total == most):
+        if done or (found.value > 1 and total == most):
             break
         total = max(least, total * found.value**2 * SPARE)
         total = min(total, most) if most else total
@@ -81,7 +111,7 @@ def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
             f"design.hours: in {found.hours / HOUR:.3g} h some sigma stays at {found.value:.3g} times what "
             f"is wanted; {worst} is among those that hinder"
         )
-    return replace(best, fewest=_fewest(sought, least, best.hours))
+    return best
 
 
 def _enough(sought: Problem, total: float, told: Told) -> tuple[float, Optimum]:

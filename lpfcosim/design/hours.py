@@ -1,6 +1,7 @@
 """Hours as part of a design: shared out among experiments, or as few as reach what is wanted."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +10,11 @@ from numpy.typing import NDArray
 from lpfcosim.campaign import Campaign
 from lpfcosim.design import programme
 from lpfcosim.design.programme import Optimum
-from lpfcosim.design.search import AFTER, Told
+from lpfcosim.design.search import AFTER, Design, Told
 from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import Foresight, Problem, changed
 from lpfcosim.design.timetable import HOUR, WHOLE, in_turn
-from lpfcosim.errors import InputError
+from lpfcosim.errors import InputError, RunError
 from lpfcosim.spacecraft import FS, Sine
 
 Array = NDArray[np.float64]
@@ -52,6 +53,53 @@ def shared(sought: Problem, best: Optimum, foresight: Foresight) -> Problem:
     names = [stage.run.experiment for stage in sought.stages]
     plan = with_durations(sought.plan, dict(zip(names, lasting.tolist(), strict=True)))
     return changed(plan, sought.before, sought.own, foresight)
+
+
+def without_one(sought: Problem, found: Design, foresight: Foresight) -> Problem | None:
+    """Return the same without the experiment that is missed least, to take less time than what was found.
+
+    Only those are tried that last no longer than they must, and whose noise tells no inertial period.
+
+    Returns
+    -------
+    Problem or None
+        None if what is wanted is out of reach without any of them.
+    """
+    lasting = {stage.run.experiment: stage.sight.duration for stage in found.problem.stages}
+    most, lowest, best = found.hours - WHOLE, 1.0, None
+    for stage, least in zip(sought.stages, shortest(sought), strict=True):
+        name = stage.run.experiment
+        if lasting[name] > least or any(
+            e.name == name and e.inertial_period for e in sought.plan.experiments
+        ):
+            continue
+        rest = _without(sought, name, most, foresight)
+        if rest is None or shortest(rest).sum() > most:
+            continue
+        with suppress(RunError):  # the solver fails where hardly anything is told
+            bound = programme.optimum(
+                rest.stages,
+                rest.fixed,
+                rest.objective,
+                rest.plan.design.forbidden,
+                rounds=1,
+                hours=Hours(most, shortest(rest)),
+            ).bound
+            if bound <= lowest:
+                lowest, best = bound, rest
+    return best
+
+
+def _without(sought: Problem, name: str, most: float, foresight: Foresight) -> Problem | None:
+    """Return the same without an experiment, in so many hours [s] at most; None if parameters go with it."""
+    rest = tuple(e for e in sought.plan.experiments if e.name != name)
+    if not any(e.n_samples for e in rest):
+        return None
+    wishes = replace(sought.plan.design, hours=most)
+    less = changed(
+        replace(sought.plan, experiments=rest, design=wishes), sought.before, sought.own, foresight
+    )
+    return less if less.wanted == sought.wanted else None
 
 
 def shortest(sought: Problem) -> Array:

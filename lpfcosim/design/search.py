@@ -77,7 +77,7 @@ class Design:
     complete : bool
         False if the search was interrupted; `alone` is then left out.
     fewest : float, optional
-        Hours that were sought: what no design does with less than [s].
+        Hours that were sought: what no design of the same experiments does with less than [s].
     angles : Angles, optional
         What becomes of the inertial calibration, where its angles are sought.
     """
@@ -222,7 +222,9 @@ def _better(sought: Problem, best: Optimum, told: Told) -> Iterator[Score]:
     """Yield few tones that reach the limits, the best so far of a few beginnings, then tightened ones."""
     found: Score | None = None
     whole = FINISHED - SOLVED
-    shares = [0.0, (COMPOSED - SOLVED) / whole, (REGROWN - SOLVED) / whole, 1.0]
+    grown = GROWN if any(limit.of_wave for stage in sought.stages for limit in stage.bounds) else 0
+    composed = COMPOSED if grown else REGROWN
+    shares = [0.0, (composed - SOLVED) / whole, (REGROWN - SOLVED) / whole, 1.0]
     drawing, growing, tightening = (told.part(*each) for each in pairwise(shares))
     for trial in range(TRIALS):
         score = _trial(sought, best, trial, drawing.part(trial / TRIALS, (trial + 1) / TRIALS))
@@ -230,8 +232,8 @@ def _better(sought: Problem, best: Optimum, told: Told) -> Iterator[Score]:
             found = score
         yield found
     assert found is not None
-    for n in range(GROWN if any(limit.of_wave for stage in sought.stages for limit in stage.bounds) else 0):
-        score = _again(sought, found, n, growing.part(n / GROWN, (n + 1) / GROWN))
+    for n in range(grown):
+        score = _again(sought, found, n, growing.part(n / grown, (n + 1) / grown))
         if score.value < found.value:
             found = score
         yield found

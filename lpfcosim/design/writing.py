@@ -106,7 +106,9 @@ def _raw(campaign: Campaign) -> list[dict[str, Any]]:
     tables = campaign.tables
     defaults = tables.get("defaults", {})
     if "sweep" not in tables:
-        return [_with_sequences({**defaults, **raw}, tables) for raw in tables["experiments"]]
+        kept = {experiment.name for experiment in campaign.experiments}
+        raws = [raw for raw in tables["experiments"] if raw["name"] in kept]
+        return [_with_sequences({**defaults, **raw}, tables) for raw in raws]
     base = _with_sequences({**defaults, **tables["experiments"][0]}, tables)
     return [_swept(base, experiment) for experiment in campaign.experiments]
 
