@@ -11,7 +11,7 @@ from lpfcosim.design.search import Design, Told, search
 from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import Foresight, Problem, problem
 from lpfcosim.design.timetable import HOUR
-from lpfcosim.errors import InputError
+from lpfcosim.errors import InputError, RunError
 
 LAST = 0.99  # worst ratio from which on fewer hours are not worth another search
 SEARCHES = 5  # for the least hours, at most
@@ -62,14 +62,17 @@ def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
 
     Experiments that need not be are left out, one after the other, as long as hours become fewer by it.
     """
-    best, left = _in_few_hours(sought, foresight, told.part(0.0, 1 - HALF)), HALF
+    begin = sought.plan.design.hours or max(
+        sum(stage.sight.duration for stage in sought.stages), _least(sought)
+    )
+    best, left = _in_few_hours(sought, begin, foresight, told.part(0.0, 1 - HALF)), HALF
     while best.complete:
         try:
             fewer = hours.without_one(sought, best, foresight)
             if fewer is None:
                 break
-            found = _in_few_hours(fewer, foresight, told.part(1 - left, 1 - left * HALF))
-        except InputError:
+            found = _in_few_hours(fewer, _least(fewer), foresight, told.part(1 - left, 1 - left * HALF))
+        except (InputError, RunError):
             break  # all that are left are needed
         except KeyboardInterrupt:
             return replace(best, complete=False)
@@ -77,14 +80,19 @@ def _soonest(sought: Problem, foresight: Foresight, told: Told) -> Design:
         left *= HALF
     if not best.complete:
         return best
-    return replace(best, fewest=_fewest(sought, float(hours.shortest(sought).sum()), best.hours))
+    return replace(best, fewest=_fewest(sought, _least(sought), best.hours))
 
 
-def _in_few_hours(sought: Problem, foresight: Foresight, told: Told) -> Design:
-    """Return the best of a few searches, each in the hours that the one before leads to expect."""
-    least = float(hours.shortest(sought).sum())
-    most = sought.plan.design.hours
-    total = most or max(least, sum(stage.sight.duration for stage in sought.stages))
+def _least(sought: Problem) -> float:
+    return float(hours.shortest(sought).sum())
+
+
+def _in_few_hours(sought: Problem, total: float, foresight: Foresight, told: Told) -> Design:
+    """Return the best of a few searches, each in the hours that the one before leads to expect.
+
+    The first is in `total` [s].
+    """
+    least, most = _least(sought), sought.plan.design.hours
     best: Design | None = None
     for n in range(SEARCHES):
         try:

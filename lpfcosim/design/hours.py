@@ -76,7 +76,7 @@ def without_one(sought: Problem, found: Design, foresight: Foresight) -> Problem
         rest = _without(sought, name, most, foresight)
         if rest is None or shortest(rest).sum() > most:
             continue
-        with suppress(RunError):  # the solver fails where hardly anything is told
+        with suppress(RunError, np.linalg.LinAlgError):  # of information that does not tell all
             bound = programme.optimum(
                 rest.stages,
                 rest.fixed,
