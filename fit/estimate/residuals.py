@@ -53,6 +53,8 @@ class Residual:
         Sum of the squared correlations of a bin with all bins: 1 without a window, 1.06 with the default.
     independent : bool
         Whether the noise model is that of another run.
+    taken : int
+        How many real numbers were projected out of it.
     """
 
     f: Array
@@ -60,6 +62,7 @@ class Residual:
     noise: NoiseModel
     correlation: float
     independent: bool
+    taken: int = 2
 
 
 def diagnose(experiment: Experiment, outcome: Outcome) -> Diagnostics:
@@ -72,7 +75,7 @@ def diagnose(experiment: Experiment, outcome: Outcome) -> Diagnostics:
     """
     share, solution = outcome.blocks[0].share, outcome.solution
     left = residual(experiment, share @ solution.theta, share @ solution.covariance @ share.T)
-    return judge(left, taken=int(np.count_nonzero(~outcome.lost)) + 2)
+    return judge(left, taken=int(np.count_nonzero(~outcome.lost)) + left.taken)
 
 
 def residual(experiment: Experiment, theta: Array, covariance: Array) -> Residual:
@@ -99,7 +102,7 @@ def residual(experiment: Experiment, theta: Array, covariance: Array) -> Residua
     w2 = terms.window**2
     correlation = w2.size * float(w2 @ w2) / float(w2.sum()) ** 2
     z = np.asarray(U @ dynamics.coefficients(theta, terms.tau), dtype=np.complex128)
-    return Residual(terms.f, z, noise, correlation, experiment.noise is not None)
+    return Residual(terms.f, z, noise, correlation, experiment.noise is not None, terms.nuisance.shape[1])
 
 
 def judge(left: Residual, taken: int) -> Diagnostics:

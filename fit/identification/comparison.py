@@ -118,7 +118,7 @@ def replayed(
     error = series.at_loop_rate(telemetry, "o_12") - series.at_loop_rate(telemetry, "guidance_o_12")
     asked = loop.command(telemetry, theta, error)
     recorded = series.at_loop_rate(telemetry, "f_x_2") - loop.direct(telemetry)
-    grid = series.reduced(telemetry, run.channels)
+    grid = series.reduced(telemetry, run.without(run.patches).channels)
     whole = _rms(recorded, telemetry, grid)
     of_fmus = [name for name in theta if "." in name]  # the others are not the controller's
     varied = [loop.command(telemetry, {**theta, name: theta[name] + sigmas[name]}, error) for name in of_fmus]

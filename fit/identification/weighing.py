@@ -142,7 +142,9 @@ class Imposed:
     def transformed(self, columns: Sequence[Array]) -> Spectra:
         """Return the spectra of series on the grid of residuals."""
         values = np.stack(columns, axis=1)
-        return spectra.transform(values, self._grid.valid, self._grid.fs, beside=self._beside)
+        grid = self._grid
+        impulses = self._run.impulses(grid.time, grid.fs)
+        return spectra.transform(values, grid.valid, grid.fs, beside=self._beside, impulses=impulses)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.inspection.first_fit import least
-from fit.signal import NoiseModel, spectra
+from fit.signal import NoiseModel, Spectra, spectra
 from fit.weighing import Run, linear
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class _Search:
         names = dict(zip(found.names, found.values.T, strict=True))
         self.from_after = bool(when < found.time[found.time.size // 2])  # the longer part tells
         part = self.valid & ((found.time >= when) == self.from_after)
-        c = least(linear.whiten(spectra.transform(found.values, part, found.fs), self.S)[0])
+        c = least(linear.whiten(self._transformed(found.values, part), self.S)[0])
         self.c = dict(zip(found.names, c.tolist(), strict=True))
         acting = found.values[:, 1:] @ c[1:] - self.c["o_12"] * names["o_12"]
         one = np.ones(found.time.size)
@@ -65,10 +65,14 @@ class _Search:
         if not np.any(names["f_1"]):
             del self.columns["f_x_1"]
 
+    def _transformed(self, values: Array, valid: NDArray[np.bool_]) -> Spectra:
+        impulses = self.run.impulses(self.time, self.fs)
+        return spectra.transform(values, valid, self.fs, impulses=impulses)
+
     def attempt(self, channel: str, when: float) -> _Try:
         """Let a channel change at an instant."""
         more = self.columns[channel] * (self.time >= when)
-        E = linear.stacked(linear.whiten(spectra.transform(more.T, self.valid, self.fs), self.S)[0])
+        E = linear.stacked(linear.whiten(self._transformed(more.T, self.valid), self.S)[0])
         E -= self.Q @ (self.Q.T @ E)
         norms = np.where(np.any(E, axis=0), np.linalg.norm(E, axis=0), 1.0)
         q, R = np.linalg.qr(E / norms)

@@ -5,9 +5,10 @@ itself and nothing else. The search is that for known shapes in coloured noise. 
 windowed and whitened as the fit does it, is filtered with bell curves of some widths and with the longer
 shapes of `pursuit`, which gives the signal-to-noise ratio of a glitch at every instant.
 
-A short glitch is masked: its own samples go, whatever its shape. To mask a long one would cost hours, so that
-its shape becomes a column of the run with an amplitude of its own, projected out of everything like constant
-and ramp. What a shape leaves of it is found by the next round.
+A short glitch is masked: its own samples go, whatever its shape. Patches take them out as long as these are
+few; where they are long or many, the window has notches. To mask a long one would cost hours, so that its
+shape becomes a column of the run with an amplitude of its own, projected out of everything like constant and
+ramp. What a shape leaves of it is found by the next round.
 
 What the search needs of the dynamics it takes from the run itself: the coefficients of the columns, free of
 any model of what experiments share, that leave the least residual. Injected sines are subtracted that way
@@ -45,6 +46,8 @@ RAISED = (
     0.5  # noise of the narrowest bell curve, in units of what the PSD tells, that a short glitch has raised
 )
 MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
+PATCHED = 60.0  # s; a patch that is longer may hide the onset of a long glitch, which is then not found
+MOST_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
 MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
 TAKEN_OUT = "fitted along and taken out"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
@@ -157,7 +160,15 @@ class _Search:
         self.hopeless = (
             masked.weight < (1 - MOST_GLITCHES) * self._original.weight or len(self._shapes) > MOST_SHAPES
         )
-        self.run = self._original if self.hopeless else masked.free_of(self._shapes)
+        if self.hopeless:
+            self.run = self._original
+        else:
+            brief = [(begin, end) for begin, end in stretches if end - begin <= PATCHED]
+            patched = self._original.patched(brief)
+            impulses = patched.impulses(time, self.run.channels.fs)
+            if impulses is not None and impulses.size <= MOST_IMPULSES:
+                masked = patched.without([stretch for stretch in stretches if stretch not in brief])
+            self.run = masked.free_of(self._shapes)
         return True
 
     def _about(self, glitch: Glitch, bells: Array) -> float:
@@ -233,7 +244,7 @@ class _Search:
             )
             return FitWarning(TOO_MANY, (), message)
         masks, end = (
-            self.run.masks[len(self._original.masks) :],
+            sorted(self.run.masks[len(self._original.masks) :]),
             float(self.run.telemetry.instants(slice(-1, None))[0]),
         )
         taken_out = merged([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])

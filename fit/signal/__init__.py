@@ -3,6 +3,7 @@
 Nothing here knows what the channels mean.
 """
 
+from fit.signal import patches
 from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, welch
 from fit.signal.excess import Excess
 from fit.signal.noise import NoiseModel, fit_noise
@@ -20,6 +21,7 @@ __all__ = [
     "derivatives",
     "fit_noise",
     "log_psd",
+    "patches",
     "spectra",
     "welch",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.signal import patches
 from fit.signal.derivatives import F_MAX, stretches
 
 Array = NDArray[np.float64]
@@ -81,11 +82,13 @@ def transform(
     fs: float,
     tau: tuple[float, float] = (0.0, 0.0),
     beside: Array | None = None,
+    impulses: NDArray[np.intp] | None = None,
 ) -> Spectra:
     """Window and transform columns, shape (N, P), of sample rate `fs`, expanded about the delays `tau`.
 
     Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in `beside`,
-    shape (N, G), is to be projected out along with constant and ramp.
+    shape (N, G), is to be projected out along with constant and ramp; so are `impulses` at some
+    of the samples.
     """
     n = scipy.fft.prev_fast_len(len(columns))
     w = window(valid[:n], fs)
@@ -94,7 +97,12 @@ def transform(
         nuisance = np.hstack([nuisance, beside[:n]])
 
     f = np.arange(n // 2 + 1)[_bins(n, fs)] * fs / n
-    return Spectra(f, windowed(columns, w, fs), windowed(nuisance, w, fs), w, tau)
+    found = Spectra(f, windowed(columns, w, fs), windowed(nuisance, w, fs), w, tau)
+    if impulses is None:
+        return found
+    seen = impulses[impulses < n]
+    patched = patches.columns(seen[w[seen] > 0], n, _bins(n, fs))  # what the window leaves of one is as good
+    return replace(found, nuisance=np.hstack([found.nuisance, patched]))
 
 
 def windowed(columns: Array, w: Array, fs: float) -> Spectrum:

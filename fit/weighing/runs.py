@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.model import dynamics, wander
 from fit.settings import Settings
-from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, spectra
+from fit.signal import NoiseModel, Spectra, derivatives, fit_noise, patches, spectra
 from fit.telemetry import Telemetry
 from fit.threads import each
 from fit.weighing import linear, shapes
@@ -43,6 +43,8 @@ class Run:
         Begin and end [s] of every stretch that is masked though its samples are there.
     glitches : tuple of Glitch
         What is taken out of it, each with an amplitude of its own, and nothing masked.
+    patches : tuple of tuple of float
+        Which of the masks leave the window as it is, see `signal.patches`.
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
@@ -50,6 +52,7 @@ class Run:
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
         self.glitches: tuple[Glitch, ...] = ()
+        self.patches: tuple[tuple[float, float], ...] = ()
         self._first: Spectra | None = None
         self._last: Spectra | None = None
         self._wander: Spectra | None = None
@@ -106,6 +109,17 @@ class Run:
         run._forget()
         return run
 
+    def patched(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked by patches besides what is masked already."""
+        run = copy(self)
+        run.masks, run.patches = (*self.masks, *stretches), (*self.patches, *stretches)
+        run._forget()
+        return run
+
+    def impulses(self, time: Array, fs: float) -> NDArray[np.intp] | None:
+        """Return at which of the instants `time` [s] patches have impulses; None without patches."""
+        return patches.impulses(self.patches, time, fs) if self.patches else None
+
     def _forget(self) -> None:
         self._first = self._last = self._wander = None
 
@@ -159,7 +173,8 @@ class Run:
     def transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P), that lie beside `terms`."""
         beside = shapes.columns(self.glitches, terms.time, terms.fs) if self.glitches else None
-        return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside)
+        impulses = self.impulses(terms.time, terms.fs)
+        return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses)
 
 
 def _apart(tau: tuple[float, float], other: tuple[float, float]) -> float:

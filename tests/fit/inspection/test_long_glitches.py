@@ -76,6 +76,58 @@ def test_one_glitch_is_taken_out_by_one_shape_its_own(name, glitch, seed):
     assert found.begin == pytest.approx(glitch.begin, abs=0.02 * glitch.fall)
 
 
+def test_a_mask_of_seconds_hardly_moves_what_one_run_tells():
+    # a notch in the window lets the ramp of test mass 1 leak: C_1 moved by 0.3 sigma
+    clean, mask = experiment("G3", seed=6), [(12603.0, 12608.0)]
+    masked = Experiment(clean.sysid.patched(mask), clean.noise)
+    assert masked.sysid.masked == 5
+    assert masked.sysid.weight == clean.sysid.weight
+    before, after = (fit_experiment(e) for e in (clean, masked))
+    assert np.max(np.abs(shifts(after, before))) < 0.2
+    notched = Experiment(clean.sysid.without(mask), clean.noise)
+    assert np.max(np.abs(shifts(fit_experiment(notched), before))) > 0.25
+
+
+@pytest.mark.parametrize(("channel", "strong"), [("o_12", 0.2), ("f_x_2", 10.0)])
+def test_whatever_is_in_a_patch_tells_nothing(channel, strong):
+    clean = experiment("B4")
+    telemetry = clean.sysid.telemetry
+    spoilt = telemetry.channels[channel].copy()
+    spoilt[9000:9004] += np.array([1.0, -3.0, 2.0, 5.0]) * strong * np.std(np.diff(spoilt))
+    channels = {**telemetry.channels, channel: spoilt}
+    before, after = (
+        fit_experiment(
+            Experiment(Run(replace(telemetry, channels=of)).patched([(8998.0, 9005.0)]), clean.noise)
+        )
+        for of in (telemetry.channels, channels)
+    )
+    assert np.max(np.abs(shifts(after, before))) < 0.02
+    struck_by = Experiment(Run(replace(telemetry, channels=channels)), clean.noise)
+    assert np.max(np.abs(shifts(fit_experiment(struck_by), before))) > 1
+
+
+def test_patches_that_overlap_or_reach_over_the_end_take_no_more_than_there_is():
+    run = experiment("B4").sysid
+    end = float(run.telemetry.time[-1])
+    once, beside, last = (
+        run.patched(stretches).spectra((0.2, 0.2)).nuisance
+        for stretches in ([(9000.0, 9010.0)], [(9000.0, 9008.0), (9002.0, 9010.0)], [(end - 5, end)])
+    )
+    assert once.shape == beside.shape
+    assert 2 <= last.shape[1] < once.shape[1]
+    # as many as the band holds in that time, some more at its ends
+    long = run.patched([(9000.0, 9200.0)]).spectra((0.2, 0.2)).nuisance
+    assert 40 < long.shape[1] < 70
+    assert np.linalg.cond(np.vstack([long.real, long.imag])[:, 2:]) < 1.01
+
+
+def test_a_long_mask_is_a_notch_lest_it_hide_the_onset_of_a_long_glitch():
+    glitch = Glitch(17461.0, 1191.4, 6933.2, "one", -191.4, 2)
+    after, _ = glitches.without_glitches(experiment("D2", ((), [glitch]), seed=2))
+    assert all(end - begin <= glitches.PATCHED for begin, end in after.noise.patches)
+    assert after.noise.glitches
+
+
 def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
     # five times the noise at low frequencies: a matter of chi2, not of glitches
     rng, sysid = np.random.default_rng(1), experiment("B4").sysid.telemetry
