@@ -66,7 +66,8 @@ def table(judged: list[Judged]) -> str:
         f"{len(FAULTS)} faults, {harmless} of them harmless. Called sound and more than {FAR:g} σ off, "
         f"though data could tell: {verdicts['silent']}. Harmless, but no sound result: "
         f"{verdicts['cries wolf']}; harmless, but an experiment is left out: {verdicts['costs a run']}. "
-        f"One bad experiment that costs the others their fit: {verdicts['costs all']}."
+        f"One bad experiment that costs the others their fit: {verdicts['costs all']}. "
+        f"No cause is named: {verdicts['no cause']}; another cause is: {verdicts['wrong cause']}."
     )
     rows = [row(fault, each) for fault, each in zip(FAULTS, judged, strict=True)]
     return "\n".join([counts, "", HEAD, "|---" * 8 + "|", *rows])

@@ -13,6 +13,7 @@ from tests.hostile.spoiling import Runs, clean
 from tests.oracles.thirteen import PLANS, TRUTH, plant_of
 
 FAR = 5.0  # sigma
+UNNAMED = ("no single cause", "no equation of motion", "no channel alone", "does not fit either")
 LONG = "D3"
 NARROW = 0.85  # of the sigma without the fault, upon which no copy may improve
 RESTS = "rests_on_one_run"  # said of a clean campaign too
@@ -80,7 +81,7 @@ class Judged:
             if fault.run and not self.names_run:
                 return "wrong run"
             if fault.cause and not self.names_cause:
-                unknown = any("no single cause" in words for words in self.said)
+                unknown = any(words in said for words in UNNAMED for said in self.said)
                 return "no cause" if unknown else "wrong cause"
         return "ok"
 

@@ -5,10 +5,10 @@ import numpy as np
 from tests.hostile.catalogue.fault import changes, faults
 from tests.hostile.spoiling import READ_OUTS, before_archive, changed
 
-GLITCH = "glitch|spike"
+GLITCH = "glitch|spike|is off by"
 JUMP = "jump|step|glitch"
 STEPS = "quanti|steps|round"
-STUCK = "stuck|constant|repeat|zero|is -?0|throughout|held"
+STUCK = "stuck|constant|repeat|zero|is -?0|exactly|throughout|held"
 rng = np.random.default_rng
 
 
