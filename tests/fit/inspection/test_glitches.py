@@ -233,7 +233,6 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     (told,) = (w.message for w in results.joint.warnings if w.code in ("excluded", "left_out"))
     assert re.search(r"\bA\b.*(no matter of glitches|no equation of motion holds)", told)
     assert not results.joint.unsound
-    assert "A" in results.experiments or "not_fitted_alone" in {w.code for w in results.joint.warnings}
 
 
 def test_masks_leave_the_channels_as_they_are():
