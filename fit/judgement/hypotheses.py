@@ -190,7 +190,8 @@ def _filters(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
         f"{name} has gone through a filter of its own, which at {1e3 * FILTERED:g} mHz passes "
         f"{abs(passed):.3g} of it, {abs(late):.2g} s {'late' if late > 0 else 'early'}"
     )
-    yield Hypothesis("filter", words, Remedy({name: x + moves @ amounts}), len(TAPS) * AMOUNT)
+    costs = len(TAPS) * AMOUNT + SOUGHT  # no less than the lag that it contains
+    yield Hypothesis("filter", words, Remedy({name: x + moves @ amounts}), costs)
 
 
 def _exchanges(trial: Trial, x: Channels, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
