@@ -1,10 +1,11 @@
 """Quantities with units, as campaigns, archives and maps of them state them, turned into SI; one registry."""
 
 import re
-import sys
 from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING
+
+from fit import lean
 
 if TYPE_CHECKING:
     import pint
@@ -15,11 +16,7 @@ _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 o
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
-_UNASKED = (
-    "babel",
-    "dask",
-    "uncertainties",
-)  # pint reads them in if they are there, which nobody needs
+_UNASKED = ("babel", "dask", "uncertainties")  # pint reads them in if they are there
 
 
 class UnknownUnitError(ValueError):
@@ -29,13 +26,8 @@ class UnknownUnitError(ValueError):
 @cache
 def registry() -> "pint.UnitRegistry[float]":
     """Return the units there are."""
-    kept_out = [name for name in _UNASKED if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(kept_out))  # type: ignore[arg-type]
-    try:
+    with lean.without(_UNASKED, "pint"):
         import pint  # takes its time
-    finally:
-        for name in kept_out:
-            del sys.modules[name]
     return pint.UnitRegistry()
 
 

@@ -22,6 +22,7 @@ LAYERS = {
         *(
             "errors",
             "display",
+            "lean",
             "units",
             "warnings",
             "paper",

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import instruments
+from fit.estimate import instruments, normal
 from fit.estimate.instruments import OF, ORDER, Mean, Moments, Weighed
 from fit.estimate.irls import Outcome
 from fit.model import dynamics
@@ -187,8 +187,7 @@ def _solved(outcome: Outcome, runs: Sequence[Moments]) -> linear.Solution:
     here = rows.T @ (rows @ away)
     for run in runs:
         here += run.map.T @ run.bins(np.zeros(len(run.map))).sum(axis=0)
-    scale = 1 / np.sqrt(np.abs(np.diag(A)))
-    inverse = np.linalg.inv(A * np.outer(scale, scale)) * np.outer(scale, scale)
+    inverse = normal.inverse(A)
     change = -inverse @ here
     scores = rows.T @ rows
     for run in runs:

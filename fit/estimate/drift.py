@@ -83,8 +83,7 @@ def measured(
                 to_run[:, column] = block.share[:, at[name]]
         H += to_run.T @ run.H @ to_run
         b += to_run.T @ run.b
-    scale = 1 / np.sqrt(np.diag(H))
-    covariance = np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale)
+    covariance = normal.inverse(H)
     change, found = covariance @ b, {}
     for name in each:
         rows = [kept.size + k for k, (_, of) in enumerate(places) if of == name]

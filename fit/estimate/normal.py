@@ -29,6 +29,12 @@ def of_runs(blocks: Sequence[linear.Block], theta: Array, inflations: Sequence[f
     return found
 
 
+def inverse(H: Array) -> Array:
+    """Return the inverse of normal equations, shape (P, P), whatever the units of their parameters."""
+    scale = 1 / np.sqrt(np.abs(np.diag(H)))
+    return np.asarray(np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
 def joined(
     blocks: Sequence[linear.Block], prior: linear.Prior, theta: Array, inflations: Sequence[float]
 ) -> Normal:

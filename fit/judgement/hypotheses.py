@@ -76,7 +76,7 @@ def of_all(trial: Trial, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
 
 def amount(trial: Trial, name: str, change: Array) -> tuple[float, float, float]:
     """Return how much of a change of a channel there is, its sigma, and by how much chi2 falls."""
-    gain, amounts, sigmas = trial.gain(trial.whitened(trial.of_channel(name, change)[:, None]))
+    gain, amounts, sigmas = trial.gain(trial.column(name, change)[:, None])
     return float(amounts[0]), float(sigmas[0]), gain
 
 
@@ -120,7 +120,7 @@ def moved(x: Array, fs: float, late: float) -> Array:
 def _lags(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     """Try that a channel is late or early, and that it is of another scale as well."""
     fs, seen = trial.sysid.channels.fs, trial.as_it_is
-    column = trial.whitened(trial.of_channel(name, x)[:, None])[:, 0]
+    column = trial.column(name, x)
     u = of_bins(column)
     r = seen.U @ seen.c - column
     product = of_bins(r).conj() * u
@@ -143,10 +143,9 @@ def _lag(trial: Trial, name: str, x: Array, late: float, g: float, *, scaled: bo
     for _ in range(3):
         y = g * moved(x, fs, late)
         slope = np.gradient(y) * fs
-        base = trial.of_channel(name, y - x)
         changes = [slope, y] if scaled else [slope]
-        E = trial.whitened(np.column_stack([base, *(trial.of_channel(name, d) for d in changes)]))
-        amounts, sigmas = beside(trial, E)
+        once, *E = (trial.column(name, d) for d in (y - x, *changes))
+        _, amounts, sigmas = trial.gain(np.column_stack(E), once)
         late, sigma = late + float(amounts[0]), float(sigmas[0])
         if scaled:
             g, of_scale = g * (1 + float(amounts[1])), float(sigmas[1])
@@ -165,24 +164,11 @@ def _lag(trial: Trial, name: str, x: Array, late: float, g: float, *, scaled: bo
         yield Hypothesis("lag", words, remedy, costs)
 
 
-def beside(trial: Trial, E: Array) -> tuple[Array, Array]:
-    """Return the amounts of all columns but the first, which is there once, and their sigmas."""
-    seen = trial.as_it_is
-    full = np.concatenate([E, np.zeros((seen.root.shape[1], E.shape[1]))])
-    full -= seen.Q @ (seen.Q.T @ full)
-    rest, columns = seen.rest + full[:, 0], full[:, 1:]
-    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    q, R = np.linalg.qr(columns / norms)
-    inverse = np.linalg.pinv(R, rcond=1e-8) / norms[:, None]
-    return -inverse @ (q.T @ rest), np.linalg.norm(inverse, axis=1)
-
-
 def _filters(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     """Try that a channel has gone through a filter of its own, which a few taps undo."""
     fs = trial.sysid.channels.fs
     moves = np.stack([moved(x, fs, n / fs) - x for n in TAPS], axis=1)
-    columns = np.column_stack([trial.of_channel(name, move) for move in moves.T])
-    _, amounts, _ = trial.gain(trial.whitened(columns))
+    _, amounts, _ = trial.gain(np.column_stack([trial.column(name, move) for move in moves.T]))
     turn = 2j * np.pi * FILTERED / fs
     passed = 1 / (1 + sum(a * (np.exp(turn * n) - 1) for n, a in zip(TAPS, amounts, strict=True)))
     late = -np.angle(passed) / (2 * np.pi * FILTERED)
@@ -218,8 +204,8 @@ def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
     time, fs = trial.sysid.channels.time, trial.sysid.channels.fs
     share = (time - time.mean()) / np.ptp(time)
     for name, of in x.items():
-        both = np.column_stack([trial.of_channel(name, change) for change in (of, of * share)])
-        _, (whole, a), (_, sigma) = trial.gain(trial.whitened(both))
+        both = np.column_stack([trial.column(name, change) for change in (of, of * share)])
+        _, (whole, a), (_, sigma) = trial.gain(both)
         more = "a growing" if a < 0 else "a falling"
         words = f"{name} has {more} scale, by {100 * abs(a):.2g} ± {100 * sigma:.1g} % from start to end"
         yield Hypothesis("scale that drifts", words, Remedy({name: of * (1 + whole + a * share)}), 2 * AMOUNT)

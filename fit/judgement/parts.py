@@ -122,7 +122,7 @@ def _best(trial: Trial, change: _Change) -> _Part:
     """Return the part of a run in which a change lowers chi2 most, to a minute."""
     seen = trial.as_it_is
     n = seen.found.window.size
-    column = trial.whitened(trial.of_channel(change.channel, change.unit)[:, None])[:, 0]
+    column = trial.column(change.channel, change.unit)
     both = np.stack([of_bins(column), seen.residual], axis=1)
     d, r = spectra.series(both, seen.found.first, n).T * np.sqrt(n / 2)
     size = max(round(MINUTE * seen.terms.fs), -(-n // MOST_BLOCKS))
@@ -149,7 +149,7 @@ def _refined(trial: Trial, change: _Change, part: _Part, x: Array) -> Hypothesis
     def tried(begin: float, end: float) -> tuple[_Part, float, float]:
         of_part = np.where((time >= begin) & (time < end), change.unit, 0.0)
         if change.exact:
-            gain, a, sigma = trial.with_column(change.channel, of_part), 1.0, 0.0
+            gain, a, sigma = trial.with_column(trial.column(change.channel, of_part)), 1.0, 0.0
         else:
             a, sigma, gain = amount(trial, change.channel, of_part)
         return _Part(gain, begin, end), a, sigma
@@ -179,9 +179,7 @@ def _jump(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     seen, time = trial.as_it_is, trial.sysid.channels.time
     n = seen.found.window.size
     middle = float(seen.terms.time[n // 2])
-    column = trial.whitened(trial.of_channel(name, np.asarray(time >= middle, dtype=np.float64))[:, None])[
-        :, 0
-    ]
+    column = trial.column(name, np.asarray(time >= middle, dtype=np.float64))
     shape = of_bins(column).conj() * seen.residual
     padded = np.zeros(n // 2 + 1, dtype=np.complex128)
     padded[seen.found.first : seen.found.first + shape.size] = shape

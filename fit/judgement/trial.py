@@ -29,7 +29,6 @@ POSSIBLE = 1e-3  # least p-value of what the coefficients of the run explain bey
 BLOCK = 300.0  # s
 UNEVEN = 1e-7  # p-value of the power of a block, below which it stands out
 LEVEL = 1.25  # factor on o_12 within which a change of its scale is no change of its noise
-_RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -131,9 +130,8 @@ class Trial:
         share = sharing.matrix(experiment.sysid.telemetry, experiment.parameters, names)
         self._of_all = dict(zip(names, theta.tolist(), strict=True))
         self.expected = share @ theta
-        scale = np.sqrt(np.maximum(np.diag(P := share @ covariance @ share.T), 1e-300))
-        values, vectors = np.linalg.eigh(P / np.outer(scale, scale))
-        self._root = scale[:, None] * vectors * np.sqrt(np.maximum(values, _RIDGE))
+        P = share @ covariance @ share.T
+        self._root = linear.rooted(P).T
         self.tau = dynamics.delays(self.expected)
         self.noise: NoiseModel = noise_model(experiment, self.expected, P, None)
 
@@ -160,24 +158,35 @@ class Trial:
         """Return what is left with a remedy."""
         return self._seen(remedy).left
 
-    def gain(self, columns: Array) -> tuple[float, Array, Array]:
-        """Return by how much whitened columns, shape (2 B, E), lower chi2, their amounts and sigmas."""
-        seen = self.as_it_is
-        E = np.concatenate([columns, np.zeros((seen.root.shape[1], columns.shape[1]))])
-        E -= seen.Q @ (seen.Q.T @ E)
+    def gain(self, columns: Array, once: Array | None = None) -> tuple[float, Array, Array]:
+        """Return by how much whitened columns, shape (2 B, E), lower chi2, their amounts and sigmas.
+
+        The column `once`, shape (2 B,), has been added just once before.
+        """
+        E, rest = self._beside_known(columns), self.as_it_is.rest
+        if once is not None:
+            rest = rest + self._beside_known(once)
         norms = np.maximum(np.linalg.norm(E, axis=0), 1e-300)
         q, R = np.linalg.qr(E / norms)
         inverse = np.linalg.pinv(R, rcond=1e-8) / norms[:, None]
-        b = q.T @ seen.rest
+        b = q.T @ rest
         return float(b @ b), -inverse @ b, np.linalg.norm(inverse, axis=1)
 
-    def with_column(self, name: str, series: Array) -> float:
-        """Return by how much chi2 falls with a series added to a channel, shape (N,), just once."""
+    def with_column(self, column: Array) -> float:
+        """Return by how much chi2 falls with a whitened column, shape (2 B,), added just once."""
+        full = self._beside_known(column)
+        return -float(2 * full @ self.as_it_is.rest + full @ full)
+
+    def _beside_known(self, columns: Array) -> Array:
+        """Return what the knowledge of the others leaves of whitened columns, shape (2 B + Q, ...)."""
         seen = self.as_it_is
-        E = self.whitened(self.of_channel(name, series)[:, None])
-        full = np.concatenate([E, np.zeros((seen.root.shape[1], 1))])[:, 0]
+        full = np.concatenate([columns, np.zeros((seen.root.shape[1], *columns.shape[1:]))])
         full -= seen.Q @ (seen.Q.T @ full)
-        return -float(2 * full @ seen.rest + full @ full)
+        return np.asarray(full)
+
+    def column(self, name: str, series: Array) -> Array:
+        """Return what a series added to a channel, shape (N,), adds, as a whitened column, shape (2 B,)."""
+        return self.whitened(self.of_channel(name, series)[:, None])[:, 0]
 
     def of_channel(self, name: str, series: Array) -> Array:
         """Return what a series added to a channel, shape (N,), adds to Delta g, shape (M,)."""

@@ -8,7 +8,6 @@ conditions stay free of bias because that answer is causal, so that its transfer
 band. Leaving out the lowest bins would break the sum.
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fit import lean
 from fit.errors import FitError
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum, spectra
@@ -350,13 +350,8 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
 
 def _lmfit() -> Any:
     """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
-    kept_out = [name for name in _UNASKED if name not in sys.modules and "lmfit" not in sys.modules]
-    sys.modules.update(dict.fromkeys(kept_out))  # type: ignore[arg-type]
-    try:
+    with lean.without(_UNASKED, "lmfit"):
         return import_module("lmfit")
-    finally:
-        for name in kept_out:
-            del sys.modules[name]
 
 
 def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:

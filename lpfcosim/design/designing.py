@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.design import calibration, hours, programme, settings
+from lpfcosim.design import calibration, hours, settings
 from lpfcosim.design.programme import Optimum
 from lpfcosim.design.search import Design, Told, search
-from lpfcosim.design.solving import Hours
 from lpfcosim.design.sought import Foresight, Problem, problem
 from lpfcosim.design.timetable import HOUR
 from lpfcosim.errors import InputError, RunError
@@ -149,13 +148,5 @@ def _fewest(sought: Problem, least: float, enough: float) -> float:
     low, high = least, enough
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        bound = programme.optimum(
-            sought.stages,
-            sought.fixed,
-            sought.objective,
-            sought.plan.design.forbidden,
-            rounds=1,
-            hours=Hours(middle, hours.shortest(sought)),
-        ).bound
-        low, high = (middle, high) if bound > 1 else (low, middle)
+        low, high = (middle, high) if hours.least_value(sought, middle) > 1 else (low, middle)
     return low

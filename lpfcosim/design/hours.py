@@ -77,14 +77,7 @@ def without_one(sought: Problem, found: Design, foresight: Foresight) -> Problem
         if rest is None or shortest(rest).sum() > most:
             continue
         with suppress(RunError, np.linalg.LinAlgError):  # of information that does not tell all
-            bound = programme.optimum(
-                rest.stages,
-                rest.fixed,
-                rest.objective,
-                rest.plan.design.forbidden,
-                rounds=1,
-                hours=Hours(most, shortest(rest)),
-            ).bound
+            bound = least_value(rest, most)
             if bound <= lowest:
                 lowest, best = bound, rest
     return best
@@ -100,6 +93,18 @@ def _without(sought: Problem, name: str, most: float, foresight: Foresight) -> P
         replace(sought.plan, experiments=rest, design=wishes), sought.before, sought.own, foresight
     )
     return less if less.wanted == sought.wanted else None
+
+
+def least_value(sought: Problem, most: float) -> float:
+    """Return what no design that lasts so long [s] in all goes below, by a single round of the programme."""
+    return programme.optimum(
+        sought.stages,
+        sought.fixed,
+        sought.objective,
+        sought.plan.design.forbidden,
+        rounds=1,
+        hours=Hours(most, shortest(sought)),
+    ).bound
 
 
 def shortest(sought: Problem) -> Array:

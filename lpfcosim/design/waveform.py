@@ -287,10 +287,7 @@ def composed(
     """Return few tones: seek amplitudes, drop the least, and again."""
     score = Ensemble(voices, known, objective).improve(NORMS, FIRST)
     told(score.value)
-    for size in (*(n for n in STEPS if n > most), most):
-        score = Ensemble(pruned(score.voices, size), known, objective).improve(FEWER, BETWEEN)
-        told(score.value)
-    return finished(score.voices, known, objective, told)
+    return _thinned(score, known, objective, (*(n for n in STEPS if n > most), most), told)
 
 
 def regrown(
@@ -302,7 +299,14 @@ def regrown(
 ) -> Score:
     """Return few tones where many faint ones joined those there were: better ones take their places."""
     score = Ensemble(voices, known, objective).improve(AGAIN, SHORT)
-    for size in (most + MORE, most):
+    return _thinned(score, known, objective, (most + MORE, most), told)
+
+
+def _thinned(
+    score: Score, known: Array, objective: Objective, sizes: Sequence[int], told: Callable[[float], None]
+) -> Score:
+    """Drop the least tones, down to one size after another, then finish those that are left."""
+    for size in sizes:
         score = Ensemble(pruned(score.voices, size), known, objective).improve(FEWER, BETWEEN)
         told(score.value)
     return finished(score.voices, known, objective, told)

@@ -19,7 +19,7 @@ from xml.etree import ElementTree as ET
 from lpfcosim.cosim import Interface, checks, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
-from lpfcosim.modelica import build
+from lpfcosim.modelica import build, markup
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -125,8 +125,7 @@ def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) 
                 unknowns.remove(unknown)
     content = hashlib.sha256(ET.tostring(root) + settings).hexdigest()
     root.set("guid", str(uuid.uuid5(uuid.NAMESPACE_OID, content)))
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    return markup.text(root)
 
 
 def _add_units(root: ET.Element, run: Run, found: Sequence[Interface]) -> None:

@@ -23,7 +23,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Interface, driver, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
-from lpfcosim.modelica import build
+from lpfcosim.modelica import build, markup
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -113,9 +113,7 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path, version: st
 
 
 def _save(element: ET.Element, path: Path) -> None:
-    ET.indent(element)
-    text = ET.tostring(element, encoding="unicode", xml_declaration=True) + "\n"
-    path.write_text(text, encoding="utf-8", newline="\n")
+    path.write_text(markup.text(element), encoding="utf-8", newline="\n")
 
 
 def _execution(run: Run) -> str:

@@ -4,6 +4,7 @@ All models of the package ``fmus/LISAPathfinder`` take the same path; nothing he
 A construct that cannot be translated faithfully is refused with file, line and name.
 """
 
+from lpfcosim.modelica import markup
 from lpfcosim.modelica.build import engine_library
 
-__all__ = ["build", "engine_library"]
+__all__ = ["build", "engine_library", "markup"]

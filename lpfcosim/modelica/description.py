@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import sympy as sp
 
+from lpfcosim.modelica import markup
 from lpfcosim.modelica.codegen import Layout, settable_until
 from lpfcosim.modelica.evaluate import TIME
 from lpfcosim.modelica.flat import FlatModel, UnsupportedError
@@ -78,7 +79,7 @@ class Description:
         for name, unknowns in self._structure("3.0"):
             for reference, attributes in unknowns:
                 ET.SubElement(structure, name, {"valueReference": str(reference), **attributes})
-        return _text(root)
+        return markup.text(root)
 
     def fmi2(self, sources: Sequence[str]) -> str:
         """XML text for FMI 2.0 co-simulation, built from the C files ``sources``."""
@@ -116,7 +117,7 @@ class Description:
                 group = ET.SubElement(structure, groups[name])
                 for reference, attributes in unknowns:
                     ET.SubElement(group, "Unknown", {"index": str(reference), **attributes})
-        return _text(root)
+        return markup.text(root)
 
     def _root(self, version: str, identity: str) -> ET.Element:
         root = ET.Element("fmiModelDescription", fmiVersion=version, modelName=self.model.name)
@@ -202,11 +203,6 @@ def _value(scalar: Scalar) -> dict[str, str]:
     return attributes
 
 
-def _text(root: ET.Element) -> str:
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
-
-
 def _units(root: ET.Element, model: FlatModel, system: System) -> None:
     users = {s.variable.unit: s.variable for s in reversed(system.scalars) if s.variable.unit}
     definitions = ET.SubElement(root, "UnitDefinitions")
@@ -234,4 +230,4 @@ def build_description(identifier: str, sources: Sequence[str]) -> str:
     group = ET.SubElement(configuration, "SourceFileSet", language="C99", compilerOptions="-ffp-contract=off")
     for name in sources:
         ET.SubElement(group, "SourceFile", name=name)
-    return _text(root)
+    return markup.text(root)

@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 import sympy as sp
 
+from lpfcosim.modelica import markup
 from lpfcosim.modelica.system import System
 
 _WIDTH, _HEIGHT, _PORT = 96, 64, 4  # of the icon in pixels, and half the height of an arrow at its side
@@ -107,8 +108,7 @@ def _terminals(system: System) -> str:
             ET.SubElement(
                 bus, "TerminalMemberVariable", variableName=name, memberName=name, variableKind="signal"
             )
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    return markup.text(root)
 
 
 def _arrows(count: int) -> list[int]:

@@ -17,6 +17,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from lpfcosim.modelica import markup
 from lpfcosim.modelica.flat import package_files
 from lpfcosim.modelica.system import Scalar, System
 from lpfcosim.modelica.unit import base
@@ -176,5 +177,4 @@ def _page(related: Sequence[_Related]) -> str:
 
 def _save(root: ET.Element, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    ET.indent(root)
-    path.write_text(ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n", encoding="utf-8")
+    path.write_text(markup.text(root), encoding="utf-8")

@@ -185,7 +185,7 @@ SAMPLES = (
     *changes("slow drift", "drift|noise", ("1 um", "o_12", "B4", plus(lambda t: 1e-6 * (t / 21600) ** 2))),
     *changes(
         "clipped",
-        "clip|satur|limit|stops|stuck",
+        "clip|satur|limit|stops",
         ("at 30 %, below F_max", "f_x_2", "C4", clipped(0.3)),
         ("at 80 %", "o_12", "C4", clipped(0.8)),
     ),

@@ -1,0 +1,17 @@
+"""Imports without what a package reads in only because it is there."""
+
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def without(unasked: Iterable[str], package: str) -> Iterator[None]:
+    """Keep modules out while a package is imported, unless it or they have been imported before."""
+    kept_out = [name for name in unasked if name not in sys.modules and package not in sys.modules]
+    sys.modules.update(dict.fromkeys(kept_out))  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        for name in kept_out:
+            del sys.modules[name]
