@@ -1,7 +1,5 @@
 """The Euler fit on telemetry of closed rotation loops that shares no code with it."""
 
-import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,52 +7,9 @@ import pytest
 from scipy.signal import csd, welch
 from scipy.spatial.transform import Rotation
 
-from fit.errors import InputError
-from fit.estimate.inertial import fit_period, takes_part
 from fit.model import rate, rotation
-from fit.pipeline import calibrate, calibrate_inertial
-from fit.telemetry.reader import read_all
-from lpfcosim.cli import start as cli
-from tests.oracles import synthetic
-from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
-from tests.oracles.synthetic import without
-
-DAY = 86400.0
-TRUTH = {"delta_phi": World().phi.delta, "delta_eta": World().eta.delta}
-QUIET = World(plateau=0.5e-15, tail=3e-15)  # the angles' own errors stand out of Delta g
-
-
-def pulls(fit, truth=None):
-    truth = truth or TRUTH
-    return [(e.value - truth[name]) / e.sigma for name, e in fit.parameters.items()]
-
-
-def codes(fit):
-    return {w.code for w in fit.warnings}
-
-
-def lacking(telemetry, *beginnings):
-    kept = {k: v for k, v in telemetry.channels.items() if not k.startswith(beginnings)}
-    return replace(telemetry, channels=kept)
-
-
-def fitted(*runs, world=None):
-    return fit_period(runs, calibration(world).joint)
-
-
-@pytest.fixture(scope="module")
-def three_days():
-    return run()
-
-
-@pytest.fixture(scope="module")
-def found(three_days):
-    return fitted(three_days[0])
-
-
-@pytest.fixture(scope="module")
-def quiet_day():
-    return run(QUIET, duration=DAY)
+from tests.fit.estimate.euler import DAY, QUIET, TRUTH, as_quaternion, codes, fitted, lacking, pulls
+from tests.oracles.rotation_synthetic import Plane, World, run
 
 
 def test_recovers_both_angles_with_the_expected_sigmas(found):
@@ -218,18 +173,6 @@ def test_torsional_stiffness_counts(quiet_day):
     assert twice == pytest.approx(2 * once, rel=0.15)  # not exactly: Omega doubles too
 
 
-def as_quaternion(telemetry, start, flip):
-    """Replace the star-tracker angles by a quaternion, body axes at the start turned by `start`."""
-    angles = np.stack(
-        [0 * telemetry.time, telemetry.channels["ast_eta"], telemetry.channels["ast_phi"]], axis=1
-    )
-    q = (start * Rotation.from_rotvec(angles)).as_quat()
-    q[flip::7] *= -1
-    columns = {f"ast_q_{i + 1}": q[:, i] for i in range(4)}
-    bare = lacking(telemetry, "ast")
-    return replace(bare, channels={**bare.channels, **columns})
-
-
 def test_quaternion_tells_what_the_angles_tell(three_days, found):
     telemetry = three_days[0]
     start = Rotation.from_euler("xyz", [0.3, -1.2, 2.0])
@@ -255,138 +198,6 @@ def test_without_star_tracker_sigma_widens_and_it_is_told(three_days, found):
     assert fit.parameters["delta_eta"].sigma > 1.1 * found.parameters["delta_eta"].sigma
 
 
-def struck(telemetry, glitches):
-    """Return telemetry with forces on test mass 2: begin [s], fall [s] and velocity [m s-1] of each."""
-    time, omega2 = telemetry.time, World().omega2_2
-    g = np.zeros(time.size)
-    for begin, fall, velocity in glitches:
-        after = np.clip(time - begin, 0, None)
-        g += velocity / (fall - 5) * (np.exp(-after / fall) - np.exp(-after / 5)) * (time >= begin)
-    s2 = -((2 * np.pi * np.fft.rfftfreq(time.size, time[1] - time[0])) ** 2)
-    o_12 = np.fft.irfft(np.fft.rfft(g) / (s2 + omega2), time.size)
-    return replace(telemetry, channels={**telemetry.channels, "o_12": telemetry.channels["o_12"] + o_12})
-
-
-def test_glitches_are_taken_out_of_long_noise_runs(three_days, found):
-    glitches = [(40_000, 900, 3e-11), (100_000, 30, -2e-11), (110_000, 3000, 2e-11), (200_000, 200, 1e-11)]
-    after = fitted(struck(three_days[0], glitches))
-    (told,) = (w for w in after.warnings if w.code == "glitches")
-    for begin, *_ in glitches:
-        assert any(span.begin - 600 < begin < span.end + 600 for span in told.spans)
-    for name, e in after.parameters.items():
-        clean = found.parameters[name]
-        assert e.sigma < 1.5 * clean.sigma  # twenty times, were they left in
-        assert abs(e.value - clean.value) < 2 * clean.sigma
-    assert "glitches" not in codes(found)
-
-
-def test_more_than_glitches_would_make_is_left_in(quiet_day):
-    rng = np.random.default_rng(0)
-    often = [(t, f, v) for t, f, v in zip(np.linspace(9e3, 8e4, 40), 200 * 5 ** rng.random(40),
-                                          2e-11 * rng.standard_normal(40), strict=True)]  # fmt: skip
-    told = fitted(struck(quiet_day[0], often))
-    assert any("none is taken out" in w.message for w in told.warnings)
-
-
-def test_missing_samples_are_masked(three_days, found, quiet_day):
-    telemetry = three_days[0]
-    gaps = without(telemetry, (1000, 1003), (100_000, 100_400), (200_000, 200_001))
-    fit = fitted(gaps)
-    assert fit.masked_samples == 404
-    for name, estimate in found.parameters.items():
-        assert abs(fit.parameters[name].value - estimate.value) < estimate.sigma
-    telemetry = replace(quiet_day[0], time=quiet_day[0].time[:43_200])
-    ragged = {name: values[:43_200].copy() for name, values in quiet_day[0].channels.items()}
-    for start in range(50, 43_000, 120):
-        ragged["N_phi_1"][start : start + 3] = np.nan
-    with pytest.raises(InputError, match=r"^inertial\.h5: missing samples in .* widely scattered"):
-        fitted(replace(telemetry, channels=ragged))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "expected"),
-    [
-        ("I_zz", -6.8e-4, "attribute I_zz: -0.00068, expected a positive number"),
-        ("I_yy", "heavy", "attribute I_yy: 'heavy', expected a positive number"),
-        ("I_yy", np.array([1.0, 2.0]), r"attribute I_yy: array\(\[1., 2.\]\), expected a positive number"),
-        ("omega2_phi", float("nan"), "attribute omega2_phi: nan, expected a finite number"),
-        ("inertial_period", -1, "attribute inertial_period: -1, expected a whole number"),
-        ("inertial_period", 1.5, "attribute inertial_period: 1.5, expected a whole number"),
-    ],
-)
-def test_bad_attributes_are_one_sentence(quiet_day, name, value, expected):
-    telemetry = quiet_day[0]
-    bad = replace(telemetry, attributes={**telemetry.attributes, name: value})
-    with pytest.raises(InputError, match=rf"^inertial\.h5: {expected}") as caught:
-        calibrate_inertial([bad], calibration(QUIET))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_quaternion_of_another_norm_is_refused(quiet_day):
-    turned = as_quaternion(quiet_day[0], Rotation.identity(), 3)
-    turned.channels["ast_q_4"][500] = 3.0
-    with pytest.raises(InputError, match=r"^inertial\.h5: channels ast_q_1 to ast_q_4: norm 3 at sample 500"):
-        fitted(turned, world=QUIET)
-
-
-def test_periods_are_kept_apart(quiet_day):
-    other = replace(QUIET, phi=Plane(0.13e-3, 2e-7, 0.2e-3))
-    runs = [
-        run(QUIET, duration=DAY, name="a", inertial_period=1.0)[0],
-        run(other, duration=DAY, name="b", inertial_period=2)[0],
-        run(other, duration=DAY, name="c", inertial_period=2)[0],
-        quiet_day[0],
-    ]
-    results = calibrate_inertial(runs, calibration(QUIET))
-    assert list(results.inertial) == ["1", "2", "0"]
-    assert results.provenance.inertial_runs == {"1": ["a"], "2": ["b", "c"], "0": ["inertial"]}
-    assert results.joint.parameters == calibration(QUIET).joint.parameters
-    assert results.inertial["2"].parameters["delta_phi"].value == pytest.approx(0.2e-3, rel=0.05)
-    assert results.inertial["1"].parameters["delta_phi"].value == pytest.approx(-0.4e-3, rel=0.05)
-
-
-def test_what_takes_part(quiet_day):
-    telemetry = quiet_day[0]
-    short = replace(telemetry, time=telemetry.time[:40_000])
-    for unfit in (replace(telemetry, kind="sysid"), lacking(telemetry, "N_eta"), short):
-        assert not takes_part(unfit)
-    with pytest.raises(InputError, match=r"^inertial\.h5: no noise run of 12 h or more with torques"):
-        calibrate_inertial([lacking(telemetry, "N_eta")], calibration())
-    with pytest.raises(InputError, match=r"^inertial\.h5: a sysid run, expected noise runs only"):
-        calibrate_inertial([replace(telemetry, kind="sysid")], calibration())
-
-
-def test_what_the_calibration_lacks_widens_the_sigmas_and_is_told(quiet_day):
-    results = calibration(QUIET)
-    kept = [name for name in results.joint.parameters if name not in ("lambda_1", "C_1", "delta_ifo_1")]
-    joint = replace(
-        results.joint,
-        parameters={name: results.joint.parameters[name] for name in kept},
-        covariance=np.diag([results.joint.parameters[name].sigma ** 2 for name in kept]),
-    )
-    loud = replace(QUIET, leak=0.03)  # m: comparable with what delta_phi does
-    fit = fit_period([run(loud, duration=DAY)[0]], joint)
-    (warning,) = (w for w in fit.warnings if w.code == "not_calibrated")
-    assert warning.parameters == ("lambda_1", "C_1", "delta_ifo_1")
-    assert fit.parameters["delta_phi"].sigma > 1.5 * fitted(quiet_day[0]).parameters["delta_phi"].sigma
-
-
-def test_one_folder_of_calibration_and_inertial_runs():
-    world = synthetic.World()
-    of_run = synthetic.of_run(world, "A")
-    names = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_1", "omega2_2", "delta_ifo")
-    turning = World(**{name: of_run[name] for name in names})
-    runs = [r for authority in "AB" for r in synthetic.pair(world, authority)]
-    runs += [run(turning, duration=2 * DAY, name=name)[0] for name in ("one", "two")]
-    runs = [replace(r, experiment="inertial") if r.run in ("one", "two") else r for r in runs]
-    results = calibrate(runs)
-    assert list(results.experiments) == ["A", "B"]
-    assert max(map(abs, pulls(results.inertial["0"]))) < 4.5
-    second = replace(runs[1], run="again", path=runs[1].path.with_name("again.h5"))
-    with pytest.raises(InputError, match=r"^again\.h5: a second noise run of experiment 'A' beside"):
-        calibrate([*runs, second])
-
-
 def test_lengths_that_compensate_the_lever_arm_leave_the_angles_where_they_are():
     """As in flight, where b_1 and b_2 leave little of it above 10 mHz."""
     plain = World()
@@ -394,54 +205,6 @@ def test_lengths_that_compensate_the_lever_arm_leave_the_angles_where_they_are()
     there, here = (fitted(run(world, duration=DAY / 2)[0]) for world in (plain, replace(plain, **arms)))
     for name, estimate in there.parameters.items():
         assert here.parameters[name].value == pytest.approx(estimate.value, abs=0.05 * estimate.sigma)
-
-
-@pytest.fixture
-def files(tmp_path, quiet_day):
-    from fit import results
-
-    write(tmp_path, quiet_day[0], QUIET)
-    results.write(calibration(QUIET), tmp_path / "earlier.json")
-    return tmp_path
-
-
-def command(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["lpfcosim", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    return stopped.value.code or 0
-
-
-@pytest.mark.slow
-def test_command_with_an_earlier_calibration(files, monkeypatch, capfd):
-    monkeypatch.chdir(files)
-    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json", "--out", "new") == 0
-    document = json.loads((files / "new" / "results.json").read_text())
-    earlier = json.loads((files / "earlier.json").read_text())
-    assert document["joint"] == earlier["joint"]
-    found = document["inertial"]["0"]["parameters"]
-    assert found["delta_phi"]["truth"] == -0.4e-3
-    assert max(abs(found[name]["pull"]) for name in ("delta_phi", "delta_eta")) < 4.5
-    assert document["provenance"]["calibration"] == "earlier.json"
-    assert (files / "new" / "report.html").is_file()
-    assert "delta_eta (0)" in capfd.readouterr().out
-    assert command(monkeypatch, "report", "new", "--quiet") == 0
-
-
-def test_command_refuses_a_calibration_without_dynamics(files, monkeypatch, capfd):
-    monkeypatch.chdir(files)
-    document = json.loads((files / "earlier.json").read_text())
-    (files / "earlier.json").write_text(json.dumps({**document, "joint": None}))
-    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "earlier.json") == 2
-    assert "earlier.json: joint: missing, expected the joint fit" in capfd.readouterr().err
-    assert command(monkeypatch, "fit", "inertial.h5", "--calibration", "nowhere.json") == 2
-
-
-def test_files_tell_the_same_as_memory(files, quiet_day):
-    (from_file,) = read_all([files / "inertial.h5"])
-    there, here = fitted(from_file, world=QUIET), fitted(quiet_day[0], world=QUIET)
-    for name, estimate in here.parameters.items():
-        assert there.parameters[name].value == pytest.approx(estimate.value, rel=1e-9)
 
 
 @pytest.mark.long
