@@ -1,6 +1,6 @@
 """The experiments that a campaign file asks for, each completed, and where the file says what of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from lpfcosim.campaign.schema import AuthorityTable, DefaultsTable, ExperimentTable
@@ -48,3 +48,30 @@ def written(experiments: Sequence[ExperimentTable], defaults: DefaultsTable) -> 
         places = {key: f"defaults.{key}" for key in keys}
         found.append(Entry(table.model_copy(update=update), f"experiments[{i}]", places))
     return tuple(found)
+
+
+def check_defaults(said: Collection[str], experiments: Sequence[ExperimentTable], *, swept: bool) -> None:
+    """Refuse defaults that a file says and no experiment takes, as each has its own.
+
+    Parameters
+    ----------
+    said : collection of str
+        The keys of `[defaults]` in the file itself. Those of a file that it extends may idle.
+    experiments : sequence of ExperimentTable
+        As written.
+    swept : bool
+        Whether a sweep is made of the first.
+
+    Raises
+    ------
+    ConflictError
+        If one says nothing.
+    """
+    for key in said:
+        if swept and key in experiments[0].model_fields_set:
+            advice = f"experiments[0], of which the sweep is made, says {key} itself"
+        elif all(key in table.model_fields_set for table in experiments):
+            advice = f"every experiment says {key} itself"
+        else:
+            continue
+        raise ConflictError(f"defaults.{key}: changes nothing, {advice}")

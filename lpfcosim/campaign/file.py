@@ -10,6 +10,12 @@ from lpfcosim.errors import InputError, ours
 _LONGEST_CHAIN = 20  # of files that extend each other
 
 
+def alone(path: Path) -> dict[str, Any]:
+    """Return what a file says itself. Raises InputError if it cannot be read or is not TOML."""
+    with ours():
+        return documents.toml(path, "a campaign file")
+
+
 def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Return what a file says, on top of what it extends.
 
@@ -25,8 +31,7 @@ def read(path: Path, below: tuple[Path, ...] = ()) -> dict[str, Any]:
     InputError
         If it cannot be read or is not TOML, or extends itself.
     """
-    with ours():
-        raw = documents.toml(path, "a campaign file")
+    raw = alone(path)
     fmus = raw.get("fmus")
     for entry in fmus.values() if isinstance(fmus, dict) else ():
         if isinstance(entry, dict) and isinstance(entry.get("path"), str) and entry["path"]:

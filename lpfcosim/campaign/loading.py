@@ -17,7 +17,7 @@ from fit.errors import quote
 from fit.files import closest, told
 from lpfcosim.campaign import file, sweep
 from lpfcosim.campaign.campaign import Campaign, Experiment, iso
-from lpfcosim.campaign.entries import ConflictError, Entry, written
+from lpfcosim.campaign.entries import ConflictError, Entry, check_defaults, written
 from lpfcosim.campaign.injections import SHAPES
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
 from lpfcosim.campaign.values import LONGEST_DELAY
@@ -52,7 +52,11 @@ def load(path: Path) -> Campaign:
     """
     raw = file.read(path)
     try:
-        found = _build(CampaignTable.model_validate(raw))
+        table = CampaignTable.model_validate(raw)
+        if "extends" in raw:
+            said = file.alone(path).get("defaults", {})
+            check_defaults(said, table.experiments, swept=table.sweep is not None)
+        found = _build(table)
     except ValidationError as error:
         raise InputError(f"{path}: {told(error, SHAPES)}") from None
     except ConflictError as error:

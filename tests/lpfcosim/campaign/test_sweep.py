@@ -1,5 +1,6 @@
 """Sweeps and defaults: the experiments they make, and the sentence for all that can be wrong with them."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -146,6 +147,30 @@ def test_mistakes_in_defaults_are_told_there(tmp_path, text, sentence):
     with pytest.raises(InputError) as refusal:
         loading.load(path)
     assert str(refusal.value).startswith(f"{path}: {sentence}")
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ("", "every experiment says"),
+        (
+            '[sweep]\nF_max_2 = ["50 pN", "200 pN"]',
+            "experiments[0], of which the sweep is made, says",
+        ),
+    ],
+)
+def test_defaults_that_change_nothing_are_refused(tmp_path, more, sentence):
+    path = tmp_path / "longer.toml"
+    text = f'schema = "lpf-campaign/1"\nextends = "{QUICKSTART.as_posix()}"\nname = "longer"\n'
+    path.write_text(f'{text}[defaults]\nduration = "9 h"\n{more}\n', encoding="utf-8")
+    with pytest.raises(
+        InputError, match=rf"longer.toml: defaults.duration: changes nothing, {re.escape(sentence)}"
+    ):
+        loading.load(path)
+    last = 'extends = "longer.toml"\nname = "last"\n'  # what a file beneath says in vain hurts nobody
+    above = tmp_path / "last.toml"
+    above.write_text(f'schema = "lpf-campaign/1"\n{last}', encoding="utf-8")
+    assert loading.load(above).runs
 
 
 def test_authority_beyond_an_electrode_is_refused_with_its_place(swept):
