@@ -51,13 +51,15 @@ def closest(view: View, found: Glitch, column: Array) -> Fitted:
     """
     best = _climbed(view, found, column)
     shortest, longest = shapes.bounds(view.duration)
+    tried = [
+        _placed(view, Glitch(Shape(kind, float(tau), q), found.begin))
+        for kind, q in shapes.SOUGHT
+        for tau in np.clip(found.shape.tau * np.array(TIMES), shortest, longest)
+    ]
     starts: list[Fitted] = []
-    for kind, q in shapes.SOUGHT:
-        for tau in np.clip(found.shape.tau * np.array(TIMES), shortest, longest):
-            glitch = _placed(view, Glitch(Shape(kind, float(tau), q), found.begin))
-            its_own = view.column(glitch)
-            if its_own is not None:
-                starts.append((glitch, its_own, abs(float(its_own @ view.residual))))
+    for glitch, its_own in zip(tried, view.columns(tried), strict=True):
+        if its_own is not None:
+            starts.append((glitch, its_own, abs(float(its_own @ view.residual))))
     for glitch, its_own, _ in sorted(starts, key=lambda start: -start[2])[:STARTS]:
         climbed = _climbed(view, glitch, its_own)
         if climbed[2] > best[2]:
@@ -103,13 +105,11 @@ def _climbed(view: View, glitch: Glitch, column: Array) -> Fitted:
 
 def _slopes(view: View, glitch: Glitch, column: Array) -> Array:
     """Return the derivatives of the column by begin, tau and the other time, shape (2 B, 3)."""
+    steps = np.diag([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])
     found = np.zeros((column.size, 3))
-    for k in range(3):
-        step = np.zeros(3)
-        step[k] = -STEP if k == 2 and glitch.shape.other > 1 - STEP else STEP
-        beside = view.column(_moved(view, glitch, step))
+    for k, beside in enumerate(view.columns([_moved(view, glitch, step) for step in steps])):
         if beside is not None:
-            found[:, k] = (beside - column) / step[k]
+            found[:, k] = (beside - column) / steps[k, k]
     return found
 
 

@@ -143,9 +143,8 @@ def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
             *(replace(best, shape=replace(best.shape, tau=tau * np.exp(s * step))) for s in (-1, 1)),
             *(replace(best, shape=best.shape.turned(s * step)) for s in (-1, 1)),
         ]
-        columns = [
-            (view.column(glitch), glitch) for glitch in near if shortest <= glitch.shape.tau <= longest
-        ]
+        near = [glitch for glitch in near if shortest <= glitch.shape.tau <= longest]
+        columns = zip(view.columns(near), near, strict=True)
         moved = [(abs(float(c @ view.residual)), c, glitch) for c, glitch in columns if c is not None]
         farther = max(moved, key=lambda m: m[0], default=(0.0, column, best))
         if farther[0] > most:

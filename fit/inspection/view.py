@@ -1,12 +1,14 @@
 """One whitened run as the search for long glitches sees it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.weighing import Glitch, linear
+from fit.weighing import Glitch, shapes
 
 Array = NDArray[np.float64]
 
@@ -54,11 +56,20 @@ class View:
 
     def column(self, glitch: Glitch) -> Array | None:
         """Return a glitch as a whitened column of length 1, shape (2 B,), None if little of it is left."""
-        series = glitch.series(self.time[: self.window.size], self.fs)
-        whole = linear.stacked(scipy.fft.rfft(self.window * series)[1 : self.f.size + 1] / np.sqrt(self.S))
-        left = whole - self.Q @ (self.Q.T @ whole)
-        norm = float(np.linalg.norm(left))
-        return left / norm if norm > LEAST * float(np.linalg.norm(whole)) else None
+        return self.columns([glitch])[0]
+
+    def columns(self, glitches: Sequence[Glitch]) -> list[Array | None]:
+        """Return the `column` of each of some glitches, which is faster than one by one."""
+        series = shapes.series(glitches, self.time[: self.window.size], self.fs)
+        series *= self.window
+        whole = (scipy.fft.rfft(series)[:, 1 : self.f.size + 1] * self._scale).view(np.float64)
+        left = whole - (whole @ self.Q) @ self.Q.T
+        both = zip(left, np.linalg.norm(left, axis=1), np.linalg.norm(whole, axis=1), strict=True)
+        return [column / norm if norm > LEAST * of_whole else None for column, norm, of_whole in both]
+
+    @cached_property
+    def _scale(self) -> Array:
+        return np.asarray(1 / np.sqrt(self.S))
 
     def seen(self, glitch: Glitch) -> float:
         """Return the share of a glitch that the window leaves, from 0 to 1."""

@@ -7,6 +7,7 @@ tell. Each is made from its transform, so that it begins between samples and hol
 band that could be folded into it.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -19,12 +20,12 @@ from fit.signal import Spectrum, derivatives
 
 Array = NDArray[np.float64]
 
-#: By name, the transform as a function of ``s = 2 pi i f tau`` but for the factor ``1 / (1 + q s)`` of the
-#: other time: what is pushed and falls, what is pushed back, what rises and ends.
-KINDS: Mapping[str, Callable[[Spectrum], Spectrum]] = {
-    "pushed": lambda s: 1 / (1 + s),
-    "swinging": lambda s: s / (1 + s),
-    "rising": lambda s: 1 / (1 - s),
+#: By name, the transform as a function of ``s = 2 pi i f tau`` and of the other time over tau, q: what is
+#: pushed and falls, what is pushed back, what rises and ends.
+KINDS: Mapping[str, Callable[[Spectrum, float], Spectrum]] = {
+    "pushed": lambda s, q: 1 / ((1 + s) * (1 + q * s)),
+    "swinging": lambda s, q: s / ((1 + s) * (1 + q * s)),
+    "rising": lambda s, q: 1 / ((1 - s) * (1 + q * s)),
 }
 #: What is looked for first, with the other time over tau, q: ``exp(-t)``, ``t exp(-t)``, its derivative
 #: ``(1 - t) exp(-t)``, ``exp(t)`` that ends, and ``exp(-|t|)``; t is in units of tau since the begin.
@@ -35,6 +36,7 @@ PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
 SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
+_TOGETHER = 8  # transforms at most: all of them would fill the memory
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Shape:
     def transform(self, f: Array) -> Spectrum:
         """Return the transform of the shape that begins at zero, at the frequencies f [Hz], shape (B,)."""
         s = np.asarray(2j * np.pi * self.tau * f, dtype=np.complex128)
-        return np.asarray(KINDS[self.kind](s) / (1 + self.other * s), dtype=np.complex128)
+        return np.asarray(KINDS[self.kind](s, self.other), dtype=np.complex128)
 
     def turned(self, by: float) -> "Shape":
         """Return the shape whose other time is longer by so much, in tau, as far as that goes."""
@@ -71,23 +73,49 @@ class Glitch:
 
     def series(self, time: Array, fs: float) -> Array:
         """Return it at the evenly spaced instants `time` [s], shape (N,), no higher than about 1."""
-        n = scipy.fft.next_fast_len(time.size + int(2 * LASTS * self.shape.tau * fs), real=True)
-        f, smooth = _low_pass(n, fs)
-        spectrum = np.zeros(n // 2 + 1, dtype=np.complex128)
-        late = -2 * np.pi * f * (self.begin - time[0])
-        inside = spectrum[: f.size]
-        inside.real, inside.imag = np.cos(late), np.sin(late)
-        inside *= self.shape.transform(f)
-        inside *= smooth
-        found = np.asarray(scipy.fft.irfft(spectrum, n), dtype=np.float64)[: time.size]
-        return found * (fs * self.shape.tau)
+        return np.asarray(series([self], time, fs)[0])
 
 
-@lru_cache(maxsize=4)  # a shape that is moved and turned keeps its length for a while
+def series(found: Sequence[Glitch], time: Array, fs: float) -> Array:
+    """Return glitches at the evenly spaced instants `time` [s], shape (number of glitches, N)."""
+    sizes = [_padded(glitch, time.size, fs) for glitch in found]
+    together = np.empty((len(found), time.size))
+    for n in set(sizes):  # transforms of one length go faster together
+        which = [i for i, size in enumerate(sizes) if size == n]
+        for some in (which[i : i + _TOGETHER] for i in range(0, len(which), _TOGETHER)):
+            spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
+            for spectrum, i in zip(spectra, some, strict=True):
+                _fill(spectrum, found[i], n, float(time[0]), fs)
+            together[some] = scipy.fft.irfft(spectra, n)[:, : time.size]
+    return together
+
+
+def _padded(glitch: Glitch, size: int, fs: float) -> int:
+    """Return how many samples it takes to make so many of a glitch."""
+    return int(scipy.fft.next_fast_len(size + int(2 * LASTS * glitch.shape.tau * fs), real=True))
+
+
+def _fill(spectrum: Spectrum, glitch: Glitch, n: int, first: float, fs: float) -> None:
+    """Fill in the transform of a glitch at n instants from `first` [s] on."""
+    f, smooth = _low_pass(n, fs)
+    inside = spectrum[: f.size]
+    inside[:] = glitch.shape.transform(f)
+    inside *= smooth * (fs * glitch.shape.tau)
+    inside *= _turns(2 * np.pi * fs * (first - glitch.begin) / n, f.size)
+
+
+def _turns(angle: float, size: int) -> Spectrum:
+    """Return ``exp(i k angle)`` for k from 0 on, shape (size,), as products of far fewer ones."""
+    width = math.isqrt(size) + 1
+    fine, coarse = np.exp(1j * angle * np.arange(width)), np.exp(1j * (angle * width) * np.arange(width))
+    return np.asarray(np.multiply.outer(coarse, fine)).reshape(-1)[:size]
+
+
+@lru_cache(maxsize=8)  # a shape that is moved and turned keeps its length for a while
 def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
     f = scipy.fft.rfftfreq(n, 1 / fs)
-    smooth = np.exp(-((f / (2 * min(derivatives.F_MAX, fs / 10))) ** 4))
+    smooth = np.exp(-np.square(np.square(f / (2 * min(derivatives.F_MAX, fs / 10)))))
     kept = int(np.count_nonzero(smooth))
     for shared in (f, smooth):
         shared.setflags(write=False)  # others get the same ones
@@ -109,4 +137,4 @@ def bank(duration: float) -> list[Shape]:
 
 def columns(found: Sequence[Glitch], time: Array, fs: float) -> Array:
     """Return the glitches at the instants `time` [s], shape (N, number of glitches)."""
-    return np.stack([glitch.series(time, fs) for glitch in found], axis=1)
+    return series(found, time, fs).T
