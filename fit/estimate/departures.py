@@ -49,6 +49,7 @@ class Kind:
 
 
 GAINS = ("lambda_1", "lambda_2")
+DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2"}  # C = lambda tau, by its gain
 #: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02; that gains wander
 #: within a run was not seen.
 KINDS = (
@@ -57,13 +58,6 @@ KINDS = (
     Kind("slope", ("slope_1", "slope_2"), GAINS, 0.001),
     Kind("bend", ("bend_1", "bend_2"), GAINS, 0.001),
 )
-
-
-def row(name: str, own: int) -> int:
-    """Return where a departure enters among the parameters of a run, of which `own` are not its `wander`."""
-    if name in dynamics.PARAMETERS:
-        return dynamics.PARAMETERS.index(name)
-    return own + wander.NAMES.index(name)
 
 
 def wanders(names: Iterable[str]) -> bool:
@@ -114,16 +108,41 @@ def share(plain: Array, names: Sequence[str], experiment: int, experiments: int)
     experiment, experiments : int
         Number of the run, and how many there are.
     """
-    more = len(wander.NAMES) if wanders(names) else 0
+    more = wander.NAMES if wanders(names) else ()
+    others = len(plain) - len(dynamics.PARAMETERS)  # of cross-talk, which does not depart
+    own = entering((*dynamics.PARAMETERS, *[""] * others, *more), names, experiment, experiments)
+    return np.hstack([np.vstack([plain, np.zeros((len(more), plain.shape[1]))]), own])
+
+
+def entering(
+    of_run: Sequence[str],
+    names: Sequence[str],
+    experiment: int,
+    experiments: int,
+    following: Sequence[str] = tuple(DELAYS.values()),
+) -> Array:
+    """Return the map from the D departures of all experiments to the K parameters of a run, shape (K, D).
+
+    Parameters
+    ----------
+    of_run : sequence of str
+        The parameters of the run, `names` among them.
+    names : sequence of str
+        What departs.
+    experiment, experiments : int
+        Number of the run, and how many there are.
+    following : sequence of str
+        The parameters C that are to be told that their gain departs.
+    """
     ordered = [name for kind in KINDS for name in kind.parameters if name in names]
-    own = np.zeros((len(plain) + more, len(ordered) * experiments))
+    own = np.zeros((len(of_run), len(ordered) * experiments))
     for i, name in enumerate(ordered):
         column = i * experiments + experiment
-        own[row(name, len(plain)), column] = 1.0
-        if name in GAINS:
-            delay = name.replace("lambda", "C")
-            own[row(delay, len(plain)), column] = FLIGHT[delay].value / FLIGHT[name].value
-    return np.hstack([np.vstack([plain, np.zeros((more, plain.shape[1]))]), own])
+        own[of_run.index(name), column] = 1.0
+        delay = DELAYS.get(name, "")
+        if delay in following:
+            own[of_run.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
+    return own
 
 
 def extended(block: linear.Block, spectra: Spectra) -> linear.Block:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate.hierarchy import Normal
-from fit.model import dynamics
 from fit.weighing import linear
 
 Array = NDArray[np.float64]
@@ -22,8 +21,7 @@ def of_runs(blocks: Sequence[linear.Block], theta: Array, inflations: Sequence[f
     """Return what each run alone says of its own K parameters at the joint theta, shape (P,)."""
     found = []
     for block, k in zip(blocks, inflations, strict=True):
-        of_run = block.share @ theta
-        to_columns = dynamics.gradient(of_run, block.tau)
+        of_run, to_columns = block.share @ theta, block.of_run(theta)
         left = block.R.T @ (block.R @ block.coefficients(theta))
         found.append(Normal(to_columns.T @ block.H @ to_columns / k, -to_columns.T @ left / k, of_run))
     return found
@@ -78,7 +76,7 @@ def inflation(block: linear.Block, theta: Array) -> float:
     theta : ndarray, shape (P,)
         The estimate.
     """
-    c = dynamics.gradient(block.share @ theta, block.tau)
+    c = block.of_run(theta)
     H, M = c.T @ block.H @ c, c.T @ block.M @ c
     diagonal = np.diag(H)
     scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)

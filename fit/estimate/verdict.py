@@ -53,7 +53,7 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     """
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
     lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
-    found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *_scatter(outcome)])
+    found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *scattered(outcome)])
     return replace(found, stiffness=sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments]))
 
 
@@ -183,7 +183,7 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None)
     return "the injections are too weak, too short or of too few frequencies"
 
 
-def _scatter(outcome: Outcome) -> list[FitWarning]:
+def scattered(outcome: Outcome) -> list[FitWarning]:
     """Say by how much parameters differ between the experiments, or within them."""
     chosen = ", as the data ask for" if outcome.by_data else ""
     told = {

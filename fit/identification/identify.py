@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import irls, verdict
+from fit.estimate import departures, irls, verdict
 from fit.identification import comparison, noise
-from fit.identification.protocol import Free, Loop, joint_parameters, share
+from fit.identification.joint import Joint, joint
+from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
 from fit.model import Sharing, dynamics
 from fit.results import Fit, Provenance, Results
@@ -68,12 +69,11 @@ def identify(
     """
     if chosen.estimator == "flscov":
         raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
-    references = [_dynamics(e, calibrated, chosen) for e in experiments]
-    along = _along(experiments, chosen)
-    values = calibrated.joint.values if calibrated.joint else {}
-    begin = partial(_Search, experiments, free, along, loop, references, values)
-    search, outcome, levels = _searched(begin, experiments, chosen.estimator, chosen)
+    begin = partial(_begun, experiments, free, loop, calibrated, chosen, chosen.estimator)
+    search, outcome, levels = _searched(begin, experiments, chosen)
     outcome, restless = noise.changing(outcome, experiments)
+    if outcome.departing:
+        outcome = replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
     found = _reported(search, outcome, experiments, free)
     commands = search.commands(experiments, loop, outcome)
     more = [
@@ -88,13 +88,25 @@ def identify(
     ]
     said = {"from_fit": comparison.differences(found, calibrated.joint), "commands": _mismatches(commands)}
     found = replace(found, warnings=(*found.warnings, *more))
-    return Results(found, {}, {}, {}, _provenance(calibrated, said, levels))
+    return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
 
 
-def _along(experiments: Sequence[Experiment], chosen: Settings) -> list[Free]:
-    """Return the cross-talk that is estimated along."""
-    known = {name for e in experiments for name in e.parameters}
-    return [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
+def _begun(
+    experiments: Sequence[Experiment],
+    free: Sequence[Free],
+    loop: Loop,
+    calibrated: Results,
+    chosen: Settings,
+    likelihood: Likelihood,
+    levels: Sequence[bool],
+    found: Mapping[str, float],
+) -> "_Search":
+    """Begin where the fit ended, or an earlier search (`found`); what the fit lets scatter does so here."""
+    references = [_dynamics(e, calibrated, chosen) for e in experiments]
+    values = calibrated.joint.values if calibrated.joint else {}
+    scatter = [*(calibrated.provenance.scatter or {})]  # as the settings say, or the data asked for
+    parameters = joint(experiments, free, chosen, scatter, (found, values))
+    return _Search(experiments, loop, references, parameters, likelihood, levels)
 
 
 def _reported(
@@ -102,16 +114,16 @@ def _reported(
 ) -> Fit:
     """Return what is determined of what was sought, and why the rest is not."""
     sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
-    names = {p.name: p.name for p in search.parameters if p.name in sought}
+    names = {p.name: p.name for p in outcome.parameters if p.name in sought}
     named = {name: name for name in names if name not in search.bound}
     lost = verdict.indeterminable(outcome, experiments, named)
-    return verdict.report(outcome, experiments, names, [*lost, *verdict.doubts(outcome, experiments)])
+    doubts = [*verdict.doubts(outcome, experiments), *verdict.scattered(outcome)]
+    return verdict.report(outcome, experiments, names, [*lost, *doubts])
 
 
 def _searched(
-    begin: Callable[[Likelihood, Sequence[bool], Mapping[str, float]], "_Search"],
+    begin: Callable[[Sequence[bool], Mapping[str, float]], "_Search"],
     experiments: Sequence[Experiment],
-    likelihood: Likelihood,
     chosen: Settings,
 ) -> tuple["_Search", irls.Outcome, list[str]]:
     """Search; return also the experiments whose noise levels are marginalised.
@@ -123,10 +135,10 @@ def _searched(
     by_data = chosen.levels == ["auto"]
 
     def searched(levels: Sequence[bool]) -> tuple[_Search, irls.Outcome]:
-        search = begin(likelihood, levels, {})
+        search = begin(levels, {})
         outcome = search.outcome()
         if search.strayed(outcome.solution.theta):
-            anew = begin(likelihood, levels, search.named(outcome.solution.theta))
+            anew = begin(levels, search.joint.named(outcome.solution.theta))
             anew.stepped = search.stepped
             search, outcome = anew, anew.outcome()
         return search, outcome
@@ -140,12 +152,12 @@ def _searched(
 
 
 class _Search:
-    """The joint parameters, the runs that tell them, and how far a step may go.
+    """A search for the joint parameters: the runs that tell them, and how far a step may go.
 
     Attributes
     ----------
-    parameters : list of Parameter
-        The P parameters, with where the search begins.
+    joint : Joint
+        The parameters.
     weighings : list of Simulated
         One for each experiment.
     bound : set of str
@@ -157,56 +169,37 @@ class _Search:
     def __init__(
         self,
         experiments: Sequence[Experiment],
-        free: Sequence[Free],
-        along: Sequence[Free],
         loop: Loop,
         references: Sequence[Array],
-        known: Mapping[str, float],
+        joint: Joint,
         likelihood: Likelihood,
         levels: Sequence[bool],
-        found: Mapping[str, float],
     ) -> None:
-        joint = joint_parameters((*free, *along), [e.sysid.telemetry for e in experiments])
-        low, high = np.array([each.bounds for _, each in joint.values()]).T
-        given = {p.name: p.value for p, each in joint.values() if each.start is not None}
-        begin = {**{p.name: p.value for p, _ in joint.values()}, **known, **given, **found}
-        start = np.clip([begin[name] for name in joint], low, high)
-        pairs = zip(joint.values(), start.tolist(), strict=True)
-        self.parameters = [replace(p, value=value) for (p, _), value in pairs]
-        self._given = set(given)
+        self.joint = joint
         self.bound: set[str] = set()
         self.stepped: list[str] = []
-        self._low, self._high = low, high
-        self._widths = np.array([p.prior_sigma for p in self.parameters])
-        self._names = tuple(each.name for each in free)
-        of_runs = [[each for each in along if each.name in e.parameters] for e in experiments]
-        self._shares = [
-            share((*free, *own), e.sysid.telemetry, list(joint))
-            for e, own in zip(experiments, of_runs, strict=True)
-        ]
+        self._low, self._high = joint.bounds
+        self._start = np.array([p.value for p in joint.parameters])
+        self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
             Simulated(
                 experiment,
                 loop,
-                Reference(references[k], self.of_run(k, start)),
-                self._names,
-                [each.name for each in of_runs[k]],
-                self._shares[k],
-                (self._widths, low, high),
+                Reference(references[k], joint.of_run(k, self._start)),
+                joint.names,
+                joint.views[k].along,
+                joint.views[k].share,
+                joint.scales,
                 "marginalised" if levels[k] else likelihood,
             )
             for k, experiment in enumerate(experiments)
         ]
 
-    def named(self, theta: Array) -> dict[str, float]:
-        """Return the joint parameters theta, shape (P,), by name."""
-        return dict(zip((p.name for p in self.parameters), theta.tolist(), strict=True))
-
     def strayed(self, theta: Array) -> bool:
         """Tell whether the controller by which forces are told from motions may have been another one."""
-        moved = np.abs(theta - [p.value for p in self.parameters]) / self._widths
-        of_fmus = ["." in p.name for p in self.parameters]
-        return bool(np.any(moved[of_fmus] > STRAYED))
+        moved = np.abs(theta - self._start) / self._widths
+        of_fmus = ["." in name for name in self.joint.named(theta)]
+        return bool(np.any(moved[: len(of_fmus)][of_fmus] > STRAYED))
 
     def outcome(self) -> irls.Outcome:
         """Search.
@@ -217,16 +210,16 @@ class _Search:
             If the loop cannot be simulated where the search begins, or it does not settle.
         """
         try:
-            each(partial(_reach, theta=np.array([p.value for p in self.parameters])), self.weighings)
+            each(partial(_reach, theta=self._start), self.weighings)
         except FitError as error:
-            given = [f"{p.name} = {p.value:.6g}" for p in self.parameters if p.name in self._given]
+            known = self.joint.named(self._start)
+            given = [f"{name} = {known[name]:.6g}" for name in self.joint.given]
             at = f" ({', '.join(given)})" if given else ""
             raise FitError(f"where the search begins{at}: {error}") from None
-        return irls.iterate(self.weighings, self.parameters, self.held, admitted=self.admitted)
-
-    def of_run(self, k: int, theta: Array) -> dict[str, float]:
-        """Return the parameters of the k-th experiment by name."""
-        return dict(zip(self._names, (self._shares[k] @ theta).tolist(), strict=False))
+        joint = self.joint
+        return irls.iterate(
+            self.weighings, joint.parameters, self.held, departing=joint.departing, admitted=self.admitted
+        )
 
     def commands(
         self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.Outcome
@@ -234,23 +227,26 @@ class _Search:
         """Replay the recorded commands with what was found, by run."""
         theta, covariance = outcome.solution.theta, outcome.solution.covariance
         found = {}
-        for k, (experiment, to_run) in enumerate(zip(experiments, self._shares, strict=True)):
-            sigmas = np.sqrt(np.diag(to_run @ covariance @ to_run.T)).tolist()
-            of_run = dict(zip(self._names, sigmas, strict=False))
-            replayed = comparison.replayed(experiment.sysid, loop, self.of_run(k, theta), of_run)
+        for k, (experiment, view) in enumerate(zip(experiments, self.joint.views, strict=True)):
+            sigmas = np.sqrt(np.diag(view.share @ covariance @ view.share.T)).tolist()
+            of_run = dict(zip(self.joint.names, sigmas, strict=False))
+            replayed = comparison.replayed(experiment.sysid, loop, self.joint.of_run(k, theta), of_run)
             if replayed:
                 found[experiment.sysid.telemetry.run] = replayed
         return found
 
-    def held(self, blocks: Sequence[linear.Block], theta: Array, _: Array) -> irls.Held:
-        """Hold by its natural scale what the data do not tell, and at its bound what wants beyond."""
-        H = linear.information(blocks, theta)
+    def held(self, blocks: Sequence[linear.Block], theta: Array, more: Array) -> irls.Held:
+        """Hold by its natural scale what the data do not tell, and at its bound what wants beyond.
+
+        Rows of chi^2, `more`, hold what departs.
+        """
+        H = linear.information(blocks, theta) + more.T @ more
         lost, directions = linear.blind(H, self._widths)
         lost |= self._resting(H, lost)
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
-        self.bound = {p.name for p, out in zip(self.parameters, beyond, strict=True) if out}
-        centre = np.where(beyond, theta, [p.value for p in self.parameters])
+        self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
+        centre = np.where(beyond, theta, self._start)
         scale = np.where(beyond, AT_BOUND, 1.0) * self._widths
         rows = np.diag(1 / scale)[lost | beyond]
         return irls.Held(linear.Prior(centre, rows), lost | beyond, directions, None)
@@ -277,7 +273,7 @@ class _Search:
         """Warn of bounds that are reached, and tell of steps that were taken back."""
         found = []
         if self.bound:
-            names = tuple(p.name for p in self.parameters if p.name in self.bound)
+            names = tuple(p.name for p in self.joint.parameters if p.name in self.bound)
             message = f"the data want {', '.join(names)} beyond its bounds, where it is held"
             found.append(FitWarning("at_bound", names, message))
         if self.stepped:
@@ -291,11 +287,14 @@ def _reach(weighing: Simulated, theta: Array) -> None:
     weighing.reach(theta)
 
 
-def _provenance(calibrated: Results, more: Mapping[str, object], levels: list[str]) -> Provenance:
+def _provenance(
+    calibrated: Results, outcome: irls.Outcome, more: Mapping[str, object], levels: list[str]
+) -> Provenance:
     """Return that of the calibration without what an identification has not."""
     said = calibrated.provenance
-    gone = dict.fromkeys(("cross_talk_periods", "subtraction", "scatter", "inertial_runs", "inertial_band"))
-    return replace(said, more={**said.more, **more}, levels=levels, **gone)
+    gone = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
+    widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
+    return replace(said, more={**said.more, **more}, levels=levels, scatter=widths, **gone)
 
 
 def _mismatches(commands: Mapping[str, comparison.Commands]) -> dict[str, float]:

@@ -22,10 +22,11 @@ def changing(
         if steps:
             blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))
             told.append(steadiness.told(experiment.name, steps))
-    if told:
+    outcome = replace(outcome, blocks=tuple(blocks))
+    if told and not outcome.departing:
         width = np.array([p.prior_sigma for p in outcome.parameters])
         solution = linear.solution(blocks, outcome.prior, solution.theta, width)
-    return replace(outcome, blocks=tuple(blocks), solution=solution), told
+    return replace(outcome, solution=solution), told
 
 
 def is_off(excess: float) -> bool:

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import louder, unsteady
+from fit.estimate import departures, louder, unsteady
 from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
-from fit.model import dynamics
+from fit.model import dynamics, wander
 from fit.signal import NoiseModel, Spectra, spectra
 from fit.weighing import Experiment, Likelihood, Run, linear, shapes, smooth_noise, weights
 
@@ -24,7 +24,7 @@ PUSH = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
 @dataclass(frozen=True)
 class Linearised(unsteady.Unsteady):
-    """A whitened run: the residual at a trial, then its derivatives by the P parameters.
+    """A whitened run: the residual at a trial, then its derivatives by the K parameters of the run.
 
     Attributes
     ----------
@@ -40,15 +40,11 @@ class Linearised(unsteady.Unsteady):
     def coefficients(self, theta: Array) -> Array:
         """As those of `linear.Block`."""
         moved = theta - (self.at if theta.ndim == 1 else self.at[:, None])
-        return np.concatenate([np.ones_like(theta[:1]), moved])
+        return np.concatenate([np.ones_like(theta[:1]), self.share @ moved])
 
-    def gradient(self, theta: Array) -> Array:
-        """As that of `linear.Block`."""
-        return np.eye(theta.size + 1, theta.size, k=-1)
-
-    def jacobian(self, theta: Array) -> Array:
-        """As that of `linear.Block`."""
-        return np.asarray(self.R @ self.gradient(theta))
+    def of_run(self, _: Array, /) -> Array:
+        """As those of `linear.Block`."""
+        return np.eye(len(self.share) + 1, len(self.share), k=-1)
 
 
 @dataclass(frozen=True)
@@ -96,12 +92,27 @@ class Imposed:
         self._beside = np.hstack(beside)
 
     def along(self, names: Sequence[str]) -> Array:
-        """Return what coefficients of `dynamics.CROSS_TALK` multiply, shape (names, N), zero without it."""
-        found = self._run.columns((0.0, 0.0))
-        values = np.zeros((len(names), self._grid.time.size))
+        """Return the derivatives of the residual by parameters of the equation, shape (names, N).
+
+        From what was measured, as in the fit, and zero where the run has nothing of it: of motion that the
+        loop is not asked to predict, of gains and delays that are not sought but differ between experiments,
+        and of gains within the run (`wander`).
+        """
+        theta, run = self._reference.dynamics, self._run
+        tau = dynamics.delays(theta)
+        found = run.columns(tau)
+        others = found.names[len(dynamics.COLUMNS) :]
+        gradient = dynamics.gradient(np.concatenate([theta, np.zeros(len(others))]), tau)
+        known = dict(zip((*dynamics.PARAMETERS, *others), gradient.T, strict=True))
+        at, values = self._at(found), np.zeros((len(names), self._grid.time.size))
         for row, name in zip(values, names, strict=True):
-            if name in found.names:
-                row[:] = found.values[self._at(found), found.names.index(name)]
+            if name in known:
+                row[:] = (found.values @ known[name])[at]
+        if departures.wanders(names) and run.telemetry.kind == "sysid":
+            within = wander.columns(wander.commanded(run.channels, tau))[at].T
+            for name, column in zip(wander.NAMES, within, strict=True):
+                if name in names:
+                    values[names.index(name)] = column
         return values
 
     def motion(self) -> Array:
@@ -168,11 +179,11 @@ class Simulated:
     names : sequence of str
         The first of the K parameters of the experiment, those of the loop.
     along : sequence of str
-        The others, of `dynamics.CROSS_TALK`: of motion that the loop is not asked to predict.
+        The others, see `Imposed.along`.
     share : ndarray, shape (K, P)
         Map from the P joint parameters to all of them.
-    scales : tuple of ndarray, each of shape (P,)
-        Natural scales, and bounds.
+    scales : tuple of ndarray, each of shape (len(names),)
+        Natural scales of those of the loop, and bounds.
     likelihood : str
         What the residual is taken to be like.
     """
@@ -199,7 +210,7 @@ class Simulated:
         self._model: NoiseModel | None = None
         self._slopes: list[Array] = []
         self._residuals: list[Array] = []
-        self._at = self._reached = np.full(share.shape[1], np.nan)
+        self._at, self._reached = np.full(len(names), np.nan), np.full(share.shape[1], np.nan)
 
     def reach(self, theta: Array) -> None:
         """Simulate the runs with theta, shape (P,), which `block` is to be asked for next.
@@ -219,11 +230,11 @@ class Simulated:
         self.reach(theta)
         n, of_run = len(self._names), self._share @ theta
         left = [r + of_run[n:] @ x for r, x in zip(self._residuals, self._along, strict=True)]
-        sigma = np.sqrt(np.diag(covariance))
+        sigma = np.sqrt(np.diag(self._share @ covariance @ self._share.T))[:n]
         step = np.where(sigma > 0, np.minimum(sigma, STEP * self._widths), STEP * self._widths)
-        if not np.max(np.abs(theta - self._at) / step) < MOVED:
-            self._slopes = self._derivatives(theta, step)
-            self._at = theta
+        if not np.max(np.abs(of_run[:n] - self._at) / step) < MOVED:
+            self._slopes = self._derivatives(of_run[:n], step)
+            self._at = of_run[:n]
         terms = self._sysid.transformed([left[0], *self._slopes, *self._louder])
         if self._louder:
             kept = replace(terms, columns=terms.columns[:, : -len(self._louder)])
@@ -250,8 +261,8 @@ class Simulated:
             if self._noise:
                 quiet = self._noise.transformed([left[1]])
                 return smooth_noise(quiet, np.ones(1), None, self._model)
-            size = len(covariance)
-            taken = (np.eye(size + 1, size, k=-1), covariance)
+            size = len(self._share)
+            taken = (np.eye(size + 1, size, k=-1), self._share @ covariance @ self._share.T)
             return smooth_noise(terms, np.eye(1 + size)[0], taken, self._model)
         except FitError as error:
             run = (self._noise or self._sysid).telemetry.run
@@ -260,26 +271,29 @@ class Simulated:
             ) from None
 
     def _of_run(self, theta: Array) -> dict[str, float]:
-        return dict(zip(self._names, (self._share @ theta).tolist(), strict=False))
+        return self._named(self._share[: len(self._names)] @ theta)
 
-    def _derivatives(self, theta: Array, step: Array) -> list[Array]:
-        n, of_run = len(self._names), self._of_run(theta)
+    def _named(self, of_run: Array) -> dict[str, float]:
+        return dict(zip(self._names, of_run.tolist(), strict=True))
+
+    def _derivatives(self, of_run: Array, step: Array) -> list[Array]:
+        """Return the derivatives of the residual by the K parameters, those of the loop at `of_run`."""
         for run in (self._sysid, self._noise) if self._slopes else ():
             if run:
-                run.strike(of_run)
-        beside = self._share[n:].T @ self._along[0]
-        seen = np.any(self._share[:n] != 0, axis=0).tolist()
-        return [
-            self._derivative(theta, h * unit) if sees else known
-            for h, unit, sees, known in zip(step, np.eye(step.size), seen, beside, strict=True)
+                run.strike(self._named(of_run))
+        by_loop = [
+            self._derivative(of_run, h * unit) for h, unit in zip(step, np.eye(step.size), strict=True)
         ]
+        return [*by_loop, *self._along[0]]
 
-    def _derivative(self, theta: Array, h: Array) -> Array:
+    def _derivative(self, of_run: Array, h: Array) -> Array:
         """Return the derivative by a parameter from a central difference, if need be a shorter one."""
+        # what departs may be beyond the bounds of what it departs from
+        high, low = np.maximum(self._high, of_run), np.minimum(self._low, of_run)
         for _ in range(SHORTER):
-            above, below = np.minimum(theta + h, self._high), np.maximum(theta - h, self._low)
+            above, below = np.minimum(of_run + h, high), np.maximum(of_run - h, low)
             try:
-                moved = self._sysid.departure(self._of_run(above), self._of_run(below))
+                moved = self._sysid.departure(self._named(above), self._named(below))
             except FitError as error:
                 h, failed = h / 4, error
             else:

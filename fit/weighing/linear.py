@@ -70,13 +70,17 @@ class Block:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
         return dynamics.coefficients(self.share @ theta, self.tau)
 
+    def of_run(self, theta: Array, /) -> Array:
+        """Return the derivatives of `coefficients` by the parameters of the run, shape (K, K - 1)."""
+        return dynamics.gradient(self.share @ theta, self.tau)
+
     def gradient(self, theta: Array) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P)."""
-        return np.asarray(dynamics.gradient(self.share @ theta, self.tau) @ self.share)
+        return np.asarray(self.of_run(theta) @ self.share)
 
     def jacobian(self, theta: Array) -> Array:
         """Return the derivatives of ``R c`` by theta, shape (K, P)."""
-        return np.asarray(self.R @ dynamics.gradient(self.share @ theta, self.tau) @ self.share)
+        return np.asarray(self.R @ self.of_run(theta) @ self.share)
 
     @property
     def size(self) -> int:

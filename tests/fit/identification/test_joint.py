@@ -1,0 +1,61 @@
+"""What experiments see of the joint parameters where gains and delays depart."""
+
+import numpy as np
+import pytest
+
+from fit.estimate import departures
+from fit.identification.joint import _view
+from fit.identification.protocol import Free
+from fit.paper import FLIGHT
+
+RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
+
+
+def view(sought, departing):
+    """Return what the second of two experiments sees, of one parameter each besides what departs."""
+    return _view(np.eye(len(sought)), [Free(name) for name in sought], len(sought), departing, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("sought", "departing", "along", "entries"),
+    [
+        (("lambda_2", "C_2"), ["lambda_2"], (), {"lambda_2": 1.0, "C_2": RATIO}),
+        # the loop keeps its delay
+        (("lambda_2",), ["lambda_2"], (), {"lambda_2": 1.0}),
+        # of a gain that the loop holds, force and delay come from what was measured
+        (("omega2_2_0",), ["lambda_2"], ("lambda_2", "C_2"), {"lambda_2": 1.0, "C_2": RATIO}),
+        (("C_2",), ["lambda_2"], ("lambda_2",), {"lambda_2": 1.0, "C_2": RATIO}),
+    ],
+)
+def test_a_gain_departs_with_the_delay_of_its_force(sought, departing, along, entries):
+    found = view(sought, departing)
+    assert found.along == along
+    of_run = [*sought, *along]
+    expected = np.zeros((len(of_run), len(sought) + 2))
+    expected[: len(sought), : len(sought)] = np.eye(len(sought))
+    for name, value in entries.items():
+        expected[of_run.index(name), -1] = value  # the departure of the second experiment
+    np.testing.assert_array_equal(found.share, expected)
+
+
+def test_a_delay_that_departs_beside_a_gain_of_the_loop_counts_once():
+    found = view(("lambda_2",), ["lambda_2", "C_2"])
+    assert found.along == ("C_2",)
+    np.testing.assert_array_equal(found.share, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
+
+
+def test_what_gains_do_within_a_run_comes_from_what_was_measured():
+    found = view(("lambda_2",), ["slope_2"])
+    assert found.along == ("slope_2",)
+    np.testing.assert_array_equal(found.share, [[1, 0, 0], [0, 0, 1]])
+
+
+def test_the_map_of_the_fit_is_the_same():
+    plain = np.arange(16.0).reshape(8, 2)
+    names = ("lambda_1", "C_2", "slope_1")
+    found = departures.share(plain, names, 0, 2)
+    assert found.shape == (12, 8)
+    np.testing.assert_array_equal(found[:8, :2], plain)
+    more = found[:, 2:]
+    assert [int(i) for i in np.flatnonzero(more.any(axis=1))] == [0, 2, 3, 8]
+    assert more[2, 0] == pytest.approx(FLIGHT["C_1"].value / FLIGHT["lambda_1"].value)
