@@ -31,6 +31,7 @@ from lpfcosim.modelica.compiler import (
     cross_compiler,
 )
 from lpfcosim.modelica.flat import flatten, package_files
+from lpfcosim.modelica.reference import resources
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
 MODELS = (
@@ -59,8 +60,9 @@ def source_files(package: Path = PACKAGE) -> dict[str, Path]:
     """All that FMUs are made from, by name: Modelica sources, generator and runtime."""
     generator = sorted([*Path(__file__).parent.glob("*.py"), *RUNTIME.iterdir()])
     generator.append(Path(units.__file__))  # the units of a description
+    named = [*package_files(package), *resources(package)]
     return {
-        **{f.relative_to(package.parent).as_posix(): f for f in package_files(package)},
+        **{f.relative_to(package.parent).as_posix(): f for f in named},
         **{f.relative_to(Path(__file__).parents[2]).as_posix(): f for f in generator},
     }
 
@@ -232,20 +234,30 @@ def build_one(
     """
     import fmpy
 
-    from lpfcosim.modelica import codegen, description, presentation, reference, sensitivity, system
+    from lpfcosim.modelica import (
+        codegen,
+        description,
+        presentation,
+        reference,
+        sensitivity,
+        system,
+        variables,
+    )
 
     flat = flatten(package, model)
     translated = system.build(flat)
     found = sensitivity.Sensitivity(translated)
     where = codegen.layout(translated)
-    header = codegen.header(translated, where, found, STEP)
-    body = codegen.source(translated, where, found, token="@token@")
+    declared = variables.declare(where, fmi)
+    arrays = variables.arrays(declared, where)
+    header = codegen.header(translated, where, found, arrays, STEP)
+    body = codegen.source(translated, where, found, arrays, token="@token@")
     runtime = "".join(file.read_text(encoding="utf-8") for file in _runtime(fmi))
     token = str(
         uuid.uuid5(uuid.NAMESPACE_OID, hashlib.sha256((header + body + runtime).encode()).hexdigest())
     )
     tool = f"lpfcosim {version or _version('lpfcosim')} with rumoca {_version('rumoca')}"
-    shown = description.Description(flat, translated, found, where, token, STEP, tool)
+    shown = description.Description(flat, translated, found, declared, token, STEP, tool)
 
     archive.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
@@ -266,9 +278,9 @@ def build_one(
         text = shown.fmi3() if fmi == "3.0" else shown.fmi2(units)
         (root / "modelDescription.xml").write_text(text, encoding="utf-8")
         compile_binaries(sources, units, root / "binaries", translated.name, fmi=fmi, targets=targets)
-        presentation.write(root, translated, fmi)
+        presentation.write(root, translated, declared, fmi)
         here = fmpy.platform if fmi == "2.0" else fmpy.platform_tuple
-        reference.write(root, package, translated, STEP, runs=(root / "binaries" / here).is_dir())
+        reference.write(root, package, declared, STEP, runs=(root / "binaries" / here).is_dir())
         write_archive(root, archive)
 
 

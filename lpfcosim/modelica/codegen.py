@@ -6,7 +6,7 @@ The printed functions work on one array ``v`` of values by value reference; :fun
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -70,12 +70,15 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
         return repr(float(expr))
 
 
-def header(system: System, where: Layout, sensitivity: Sensitivity, step: float) -> str:
+def header(
+    system: System, where: Layout, sensitivity: Sensitivity, arrays: Sequence[tuple[int, int]], step: float
+) -> str:
     """Text of ``model.h``; ``step`` is the internal step in s."""
     affine = system.affine
     held = len(affine.held) if affine else 0
     sizes = {
         "NV": 1 + len(where.order),
+        "NA": len(arrays),
         "NX": len(system.derivatives),
         "FIRST_STATE": where.first("state"),
         "NU": where.count("input"),
@@ -92,8 +95,10 @@ def header(system: System, where: Layout, sensitivity: Sensitivity, step: float)
     )
 
 
-def source(system: System, where: Layout, sensitivity: Sensitivity, token: str) -> str:
-    """Text of ``model.c``; ``token`` is the FMU's instantiation token."""
+def source(
+    system: System, where: Layout, sensitivity: Sensitivity, arrays: Sequence[tuple[int, int]], token: str
+) -> str:
+    """Text of ``model.c``; ``token`` is the FMU's instantiation token, ``arrays`` as `variables.arrays`."""
     used = set().union(*(e.value.free_symbols for e in system.events))
     before = {
         symbol: where.reference[s.symbol]
@@ -112,6 +117,7 @@ def source(system: System, where: Layout, sensitivity: Sensitivity, token: str) 
     leaf = ("state", "discrete", "input", "parameter")
     known = ",".join(["1", *(str(int(s.kind in leaf)) for s in where.order)])
     inputs = [where.first("input") + i for i in range(where.count("input"))]
+    table = ",".join(f"{{{first},{count}}}" for first, count in arrays or [(0, 0)])
     return "\n".join([
         f"/* {system.name}: {system.description}. Generated from Modelica; edit that. */",
         '#include "core.h"',
@@ -122,6 +128,7 @@ def source(system: System, where: Layout, sensitivity: Sensitivity, token: str) 
         f"static const uint32_t model_inputs[] = {{{','.join(map(str, inputs or [0]))}}};",
         f"static const unsigned char model_known[NV] = {{{known}}};",
         f"static const unsigned char model_stage[NV] = {{{stage}}};",
+        f"static const uint32_t model_arrays[][2] = {{{table}}};",
         f'static const char *const model_token = "{token}";',
         "",
         *_assignments(system, where, c, inputs, stages),

@@ -9,12 +9,12 @@ from xml.etree import ElementTree as ET
 import sympy as sp
 
 from lpfcosim.modelica import markup
-from lpfcosim.modelica.codegen import Layout, settable_until
 from lpfcosim.modelica.evaluate import TIME
 from lpfcosim.modelica.flat import FlatModel, UnsupportedError
-from lpfcosim.modelica.sensitivity import Dependence, Sensitivity
-from lpfcosim.modelica.system import Scalar, System
+from lpfcosim.modelica.sensitivity import KINDS, Dependence, Sensitivity
+from lpfcosim.modelica.system import System
 from lpfcosim.modelica.unit import base
+from lpfcosim.modelica.variables import Declared, references
 
 # Kinds of knowns after initialization: those of FMI 2.0, and what FMI 3.0 counts as well.
 _KNOWNS = {"2.0": ("input", "state"), "3.0": ("input", "state", "discrete", "parameter")}
@@ -26,8 +26,10 @@ class Description:
 
     Attributes
     ----------
-    model, system, sensitivity, where : FlatModel, System, Sensitivity, Layout
-        The model, sorted, with what follows from what, and its value references.
+    model, system, sensitivity : FlatModel, System, Sensitivity
+        The model, sorted, with what follows from what.
+    variables : tuple of Declared
+        What is declared, in the version of FMI that is asked for.
     token : str
         GUID (FMI 2.0) or instantiation token (FMI 3.0).
     step : float
@@ -39,7 +41,7 @@ class Description:
     model: FlatModel
     system: System
     sensitivity: Sensitivity
-    where: Layout
+    variables: tuple[Declared, ...]
     token: str
     step: float
     tool: str
@@ -70,11 +72,14 @@ class Description:
             description="Simulation time",
             unit="s",
         )
-        for reference, scalar in enumerate(self.where.order, start=1):
-            element = ET.SubElement(variables, "Float64", self._identity(scalar, reference))
-            element.attrib.update(_value(scalar))
-            if scalar.kind == "rate":
-                element.set("derivative", str(self._state(reference)))
+        states = self._states()
+        for declared in self.variables:
+            element = ET.SubElement(variables, "Float64", self._identity(declared))
+            element.attrib.update(_value(declared))
+            if declared.kind == "rate":
+                element.set("derivative", str(states[declared.reference]))
+            for extent in declared.dims:
+                ET.SubElement(element, "Dimension", start=str(extent))
         structure = ET.SubElement(root, "ModelStructure")
         for name, unknowns in self._structure("3.0"):
             for reference, attributes in unknowns:
@@ -98,13 +103,14 @@ class Description:
             ET.SubElement(files, "File", name=name)
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
-        for reference, scalar in enumerate(self.where.order, start=1):
-            element = ET.SubElement(variables, "ScalarVariable", self._identity(scalar, reference))
-            if scalar.kind == "input":
+        states = self._states()
+        for declared in self.variables:
+            element = ET.SubElement(variables, "ScalarVariable", self._identity(declared))
+            if declared.kind == "input":
                 element.attrib.pop("initial", None)
-            real = ET.SubElement(element, "Real", _value(scalar))
-            if scalar.kind == "rate":
-                real.set("derivative", str(self._state(reference)))
+            real = ET.SubElement(element, "Real", _value(declared))
+            if declared.kind == "rate":
+                real.set("derivative", str(states[declared.reference]))
         structure = ET.SubElement(root, "ModelStructure")
         # Without time, the position in the list is the value reference.
         groups = {
@@ -137,38 +143,46 @@ class Description:
         ET.SubElement(categories, "Category", name="logStatusError", description="Why a call failed")
         ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="100", stepSize=repr(self.step))
 
-    def _state(self, rate: int) -> int:
-        """Return the value reference of the state whose derivative has this one."""
-        return rate - self.where.first("rate") + self.where.first("state")
+    def _states(self) -> dict[int, int]:
+        """Return the value reference of the state by that of its derivative."""
+        states, rates = ([d for d in self.variables if d.kind == kind] for kind in ("state", "rate"))
+        return {rate.reference: state.reference for rate, state in zip(rates, states, strict=True)}
 
     def _structure(self, version: str) -> list[tuple[str, list[tuple[int, dict[str, str]]]]]:
         """Return what the model computes: the kind of unknown, and the value reference of each of them."""
-        numbered = list(enumerate(self.where.order, start=1))
-        outputs = [(i, s) for i, s in numbered if s.variable.causality == "output"]
-        rates = [(i, s) for i, s in numbered if s.kind == "rate"]
+        outputs = [d for d in self.variables if d.causality == "output"]
+        rates = [d for d in self.variables if d.kind == "rate"]
         unknown = [
-            (i, s)
-            for i, s in numbered
-            if settable_until(s) == 0
-            and (s.kind in ("calculated", "state", "rate") or s.variable.causality == "output")
+            d
+            for d in self.variables
+            if d.settable == 0 and (d.kind in ("calculated", "state", "rate") or d.causality == "output")
         ]
-        knowns = {s.symbol for s in self.where.order if s.kind in _KNOWNS[version]}
-        starts = {s.symbol for s in self.where.order if settable_until(s)}
+        knowns = {s.symbol for d in self.variables if d.kind in _KNOWNS[version] for s in d.elements}
+        starts = {s.symbol for d in self.variables if d.settable for s in d.elements}
         if version == "3.0":  # the other one has no variable for time
             knowns.add(TIME)
             starts.add(TIME)
         running, initial = self.sensitivity.running, self.sensitivity.initial
         return [
-            ("Output", [(i, self._dependence(running, s, knowns)) for i, s in outputs]),
-            ("ContinuousStateDerivative", [(i, self._dependence(running, s, knowns)) for i, s in rates]),
-            ("InitialUnknown", [(i, self._dependence(initial, s, starts)) for i, s in unknown]),
+            ("Output", [(d.reference, self._dependence(running, d, knowns)) for d in outputs]),
+            (
+                "ContinuousStateDerivative",
+                [(d.reference, self._dependence(running, d, knowns)) for d in rates],
+            ),
+            ("InitialUnknown", [(d.reference, self._dependence(initial, d, starts)) for d in unknown]),
         ]
 
     def _dependence(
-        self, on: Mapping[sp.Symbol, Dependence], scalar: Scalar, among: set[sp.Symbol]
+        self, on: Mapping[sp.Symbol, Dependence], declared: Declared, among: set[sp.Symbol]
     ) -> dict[str, str]:
-        found = on.get(scalar.symbol, {})
-        kinds = {self.where.reference[s]: kind for s, kind in found.items() if s in among}
+        """Return what any element depends on, by the least simple factor of all."""
+        reference = {TIME: 0, **references(self.variables)}
+        kinds: dict[int, str] = {}
+        for element in declared.elements:
+            for symbol, kind in on.get(element.symbol, {}).items():
+                if symbol in among:
+                    i = reference[symbol]
+                    kinds[i] = max(kind, kinds.get(i, kind), key=KINDS.index)
         if on is self.sensitivity.initial:  # other factors have no names of their own there
             kinds = {i: kind if kind == "constant" else "dependent" for i, kind in kinds.items()}
         ordered = sorted(kinds.items())
@@ -177,29 +191,39 @@ class Description:
             "dependenciesKind": " ".join(kind for _, kind in ordered),
         }
 
-    def _identity(self, scalar: Scalar, reference: int) -> dict[str, str]:
-        v = scalar.variable
+    def _identity(self, declared: Declared) -> dict[str, str]:
+        v = declared.elements[0].variable
         kinds = {"parameter": "parameter", "calculated": "calculatedParameter"}
+        found = {self.sensitivity.variability(s) for s in declared.elements}
+        if declared.kind == "parameter" and len(found) > 1:  # what some elements are not, all are not
+            found = {"fixed"}
         attributes = {
-            "name": scalar.symbol.name,
-            "valueReference": str(reference),
-            "causality": kinds.get(scalar.kind, v.causality),
-            "variability": self.sensitivity.variability(scalar),
+            "name": declared.name,
+            "valueReference": str(declared.reference),
+            "causality": kinds.get(declared.kind, v.causality),
+            "variability": max(found),  # an array that follows from others is tunable if an element is
         }
         if v.description:
             attributes["description"] = v.description
-        if scalar.kind != "input":  # an input is "exact" by definition
-            attributes["initial"] = "exact" if settable_until(scalar) else "calculated"
+        if declared.kind != "input":  # an input is "exact" by definition
+            attributes["initial"] = "exact" if declared.settable else "calculated"
         return attributes
 
 
-def _value(scalar: Scalar) -> dict[str, str]:
-    v = scalar.variable
+def _value(declared: Declared) -> dict[str, str]:
+    v = declared.elements[0].variable
     attributes = {name: value for name, value in (("quantity", v.quantity), ("unit", v.unit)) if value}
-    limits = {"min": scalar.minimum, "max": scalar.maximum, "nominal": scalar.nominal}
-    attributes |= {name: repr(value) for name, value in limits.items() if value is not None}
-    if settable_until(scalar):
-        attributes["start"] = repr(float(scalar.value))
+    # What is said once has to hold for all elements.
+    for name, of, choose in (
+        ("min", [s.minimum for s in declared.elements], min),
+        ("max", [s.maximum for s in declared.elements], max),
+        ("nominal", [s.nominal for s in declared.elements], min),
+    ):
+        told = [x for x in of if x is not None]
+        if len(told) == len(of):
+            attributes[name] = repr(choose(told))
+    if declared.settable:
+        attributes["start"] = declared.start
     return attributes
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import metadata
 from pathlib import Path
@@ -14,21 +14,20 @@ import sympy as sp
 
 from lpfcosim.modelica import markup
 from lpfcosim.modelica.system import System
+from lpfcosim.modelica.variables import Declared
 
 _WIDTH, _HEIGHT, _PORT = 96, 64, 4  # of the icon in pixels, and half the height of an arrow at its side
 _SHOWN = 7  # arrows at most, at each side
 _INK, _PAPER, _ARROW = (40, 60, 90), (245, 247, 250), (60, 110, 180)
 
 
-def write(root: Path, system: System, fmi: str) -> None:
+def write(root: Path, system: System, declared: Sequence[Declared], fmi: str) -> None:
     """Write documentation, icon and terminal of a model into the folder of its FMU."""
     licenses = root / "documentation" / "licenses"
     licenses.mkdir(parents=True)
     (licenses / "license.txt").write_text(_licence(), encoding="utf-8")
-    (root / "documentation" / "index.html").write_text(_page(system), encoding="utf-8")
-    sides = tuple(
-        min(_SHOWN, sum(s.variable.causality == kind for s in system.scalars)) for kind in ("input", "output")
-    )
+    (root / "documentation" / "index.html").write_text(_page(system, declared), encoding="utf-8")
+    sides = tuple(min(_SHOWN, sum(d.causality == kind for d in declared)) for kind in ("input", "output"))
     if fmi == "2.0":
         (root / "model.png").write_bytes(_png(*sides))
         return
@@ -36,7 +35,7 @@ def write(root: Path, system: System, fmi: str) -> None:
     folder.mkdir()
     (folder / "icon.png").write_bytes(_png(*sides))
     (folder / "icon.svg").write_text(_svg(system.name, *sides), encoding="utf-8")
-    (folder / "terminalsAndIcons.xml").write_text(_terminals(system), encoding="utf-8")
+    (folder / "terminalsAndIcons.xml").write_text(_terminals(declared), encoding="utf-8")
 
 
 def _licence() -> str:
@@ -49,7 +48,7 @@ def _licence() -> str:
     return f"{own}\nThe headers fmi*.h are of the Modelica Association; each has its licence inside.\n"
 
 
-def _page(system: System) -> str:
+def _page(system: System, declared: Sequence[Declared]) -> str:
     delays = {d.symbol: sp.Symbol(f"delay({d.value}, {d.duration})") for d in system.delays}
 
     def listed(title: str, pairs: Iterable[tuple[sp.Symbol, sp.Expr]]) -> str:
@@ -58,9 +57,10 @@ def _page(system: System) -> str:
 
     starts = [(s.symbol, s.value) for s in system.scalars if s.kind in ("state", "discrete")]
     rows = "".join(
-        f"<tr><td>{escape(s.symbol.name)}</td><td>{s.kind}</td><td>{escape(s.variable.unit or '')}</td>"
-        f"<td>{escape(s.variable.description or '')}</td></tr>\n"
-        for s in system.scalars
+        f"<tr><td>{escape(d.name)}</td><td>{' by '.join(map(str, d.dims))}</td><td>{d.kind}</td>"
+        f"<td>{escape(d.elements[0].variable.unit or '')}</td>"
+        f"<td>{escape(d.elements[0].variable.description or '')}</td></tr>\n"
+        for d in declared
     )
     clocks = "".join(
         listed(
@@ -83,19 +83,19 @@ def _page(system: System) -> str:
         + clocks
         + listed("At any time", system.solved)
         + "<h2>Variables</h2>\n<table>\n"
-        + "<tr><th>name</th><th>kind</th><th>unit</th><th>description</th></tr>\n"
+        + "<tr><th>name</th><th>size</th><th>kind</th><th>unit</th><th>description</th></tr>\n"
         + rows
         + "</table>\n</body>\n</html>\n"
     )
 
 
-def _terminals(system: System) -> str:
+def _terminals(declared: Sequence[Declared]) -> str:
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     graphics = ET.SubElement(root, "GraphicalRepresentation")
     box = {"x1": "-100", "y1": "-67", "x2": "100", "y2": "67"}
     ET.SubElement(graphics, "CoordinateSystem", box, suggestedScalingFactorTo_mm="0.1")
     ET.SubElement(graphics, "Icon", box)
-    signals = [s for s in system.scalars if s.variable.causality in ("input", "output")]
+    signals = [d.name for d in declared if d.causality in ("input", "output")]
     if signals:
         terminals = ET.SubElement(root, "Terminals")
         # One thing has one name everywhere: what has the same name belongs together.
@@ -103,8 +103,7 @@ def _terminals(system: System) -> str:
             terminals, "Terminal", name="bus", matchingRule="bus",
             description="All inputs and outputs; those of the same name belong together",
         )  # fmt: skip
-        for scalar in signals:
-            name = scalar.symbol.name
+        for name in signals:
             ET.SubElement(
                 bus, "TerminalMemberVariable", variableName=name, memberName=name, variableKind="signal"
             )

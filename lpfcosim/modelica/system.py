@@ -262,8 +262,8 @@ class _Builder:
                 with suppress(KeyError, ValueError):  # told where the units are defined
                     unit = per_second(s.variable.unit, units) if s.variable.unit else None
                 variable = replace(
-                    s.variable, name=name, dims=(), causality="local", unit=unit, quantity=None,
-                    description=f"Derivative: {s.variable.description or s.symbol.name}",
+                    s.variable, name=f"der({s.variable.name})", causality="local", unit=unit, quantity=None,
+                    description=f"Derivative: {s.variable.description or s.variable.name}",
                 )  # fmt: skip
                 symbol = sp.Symbol(name, real=True)
                 yield Scalar(symbol, "rate", sp.S.Zero, None, None, None, variable)

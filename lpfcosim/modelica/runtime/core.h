@@ -43,12 +43,13 @@ typedef struct {
     unsigned char starting; /* at the start only */
 } Link;
 
-/* Generated, model.c. It comes first in the one translation unit, with six constants:
+/* Generated, model.c. It comes first in the one translation unit, with seven constants:
    model_inputs     value references of all NU inputs, in order
    model_settable   by value reference: 0 never, 1 until the end of initialization, 2 always, 3 always as parameter
    model_known      by value reference: follows from nothing once a step may be made
    model_links      from known to unknown: all partial derivatives, in the order of execution
    model_stage      by value reference: up to date after 1 model_moved, 2 model_outputs, 3 model_algebraic
+   model_arrays     by array: value reference of its first element, and how many there are
    model_token      of instantiation
    Every function works on the values v by value reference. */
 static void model_start(double *v);

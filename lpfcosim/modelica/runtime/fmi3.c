@@ -1,7 +1,8 @@
-/* FMI 3.0 for Co-Simulation. Every variable is a scalar Float64. */
+/* FMI 3.0 for Co-Simulation. Every variable is a Float64: a scalar, or an array, whose value reference is NV or more. */
 #include "instance.h"
 #include "fmi3Functions.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -77,15 +78,56 @@ fmi3Status fmi3Reset(fmi3Instance m) {
     return fmi3OK;
 }
 
+static int is_array(fmi3ValueReference vr) { return vr >= NV && vr - NV < NA; }
+
+/* The value references of all n_values elements of n variables, to be freed; NULL if they have more or less. */
+static uint32_t *elements(const fmi3ValueReference vr[], size_t n, size_t n_values) {
+    uint32_t *all = malloc((n_values + 1) * sizeof *all); /* none of none is no NULL */
+    size_t at = 0, i = 0;
+    for (; all && i < n; i++) {
+        uint32_t first = is_array(vr[i]) ? model_arrays[vr[i] - NV][0] : vr[i];
+        size_t count = is_array(vr[i]) ? model_arrays[vr[i] - NV][1] : 1;
+        if (count > n_values - at) break;
+        while (count--) all[at++] = first++;
+    }
+    if (i == n && at == n_values) return all;
+    free(all);
+    return NULL;
+}
+
+static fmi3Status miscounted(const Component *m, const char *function) {
+    char message[128];
+    snprintf(message, sizeof message, "%s: as many values as the variables have elements are expected", function);
+    return fail(m, message);
+}
+
 fmi3Status fmi3GetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t n_values) {
-    if (n != n_values) return fail(m, "fmi3GetFloat64: as many values as value references are expected");
-    return done(m, instance_get(m, vr, n, values));
+    if (n == n_values) { /* scalars, which is quicker */
+        const char *problem = instance_get(m, vr, n, values);
+        for (size_t i = 0; problem && i < n; i++)
+            if (is_array(vr[i])) return miscounted(m, "fmi3GetFloat64");
+        return done(m, problem);
+    }
+    uint32_t *all = elements(vr, n, n_values);
+    if (!all) return miscounted(m, "fmi3GetFloat64");
+    const char *problem = instance_get(m, all, n_values, values);
+    free(all);
+    return done(m, problem);
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
                           size_t n_values) {
-    if (n != n_values) return fail(m, "fmi3SetFloat64: as many values as value references are expected");
-    return done(m, instance_set(m, vr, n, values));
+    if (n == n_values) {
+        const char *problem = instance_set(m, vr, n, values);
+        for (size_t i = 0; problem && i < n; i++)
+            if (is_array(vr[i])) return miscounted(m, "fmi3SetFloat64");
+        return done(m, problem);
+    }
+    uint32_t *all = elements(vr, n, n_values);
+    if (!all) return miscounted(m, "fmi3SetFloat64");
+    const char *problem = instance_set(m, all, n_values, values);
+    free(all);
+    return done(m, problem);
 }
 
 fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,
@@ -124,20 +166,31 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_
     return done(m, snapshot_read(bytes, size, state));
 }
 
+static fmi3Status derivative(const char *function, fmi3Instance m, const fmi3ValueReference unknowns[],
+                             size_t n_unknowns, size_t size_unknowns, const fmi3ValueReference knowns[],
+                             size_t n_knowns, size_t size_knowns, const fmi3Float64 seed[], fmi3Float64 sensitivity[],
+                             int adjoint) {
+    uint32_t *of = elements(unknowns, n_unknowns, size_unknowns), *by = elements(knowns, n_knowns, size_knowns);
+    fmi3Status status =
+        !of || !by
+            ? miscounted(m, function)
+            : done(m, instance_derivative(m, of, size_unknowns, by, size_knowns, seed, sensitivity, adjoint));
+    free(of), free(by);
+    return status;
+}
+
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
                                         const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
                                         size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    if (n_seed != n_knowns || n_sensitivity != n_unknowns)
-        return fail(m, "fmi3GetDirectionalDerivative: a seed for each known and a place for each unknown are expected");
-    return done(m, instance_derivative(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity, 0));
+    return derivative("fmi3GetDirectionalDerivative", m, unknowns, n_unknowns, n_sensitivity, knowns, n_knowns,
+                      n_seed, seed, sensitivity, 0);
 }
 
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance m, const fmi3ValueReference unknowns[], size_t n_unknowns,
                                     const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
                                     size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    if (n_seed != n_unknowns || n_sensitivity != n_knowns)
-        return fail(m, "fmi3GetAdjointDerivative: a seed for each unknown and a place for each known are expected");
-    return done(m, instance_derivative(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity, 1));
+    return derivative("fmi3GetAdjointDerivative", m, unknowns, n_unknowns, n_seed, knowns, n_knowns, n_sensitivity,
+                      seed, sensitivity, 1);
 }
 
 /* There are no variables of other types: reading or writing none of them is all that can succeed. */

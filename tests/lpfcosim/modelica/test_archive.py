@@ -1,9 +1,7 @@
 """What else an archive holds: documentation, licence, icon, terminal, related files."""
 
-import csv
 import hashlib
 import io
-import json
 import zipfile
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import pytest
 from lxml import etree
 from PIL import Image
 
+from lpfcosim.campaign import loading
 from lpfcosim.modelica import build
 from tests.lpfcosim.modelica.modelica_source import fmu
 
@@ -20,12 +19,18 @@ pytestmark = pytest.mark.fmu
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema" / "fmi3"
 LS = "{http://fmi-standard.org/fmi-ls-manifest}"
+AUTHORITY = ("F_max_1", "F_max_2", "N_max_1", "N_max_2")
+MISSION_X = loading.load(Path(__file__).parents[3] / "campaigns" / "mission-x.toml")
 RELATED = "extra/org.fmi-standard.fmi-ls-ref/"
 CASES = [
     pytest.param(model, version, marks=() if model in ("Plant", "Actuation") else pytest.mark.slow)
     for model in (*build.MODELS, *build.SIGNALS)
     for version in ("2.0", "3.0")
 ]
+
+
+def manifest(found):
+    return etree.fromstring(found[f"{RELATED}fmi-ls-manifest.xml"])
 
 
 def members(model, version):
@@ -73,10 +78,11 @@ def test_icon_and_terminal(model, version):
 @pytest.mark.parametrize(("model", "version"), CASES)
 def test_related_files_are_there_and_as_they_were_signed(model, version):
     found = members(model, version)
-    manifest = etree.fromstring(found[f"{RELATED}fmi-ls-manifest.xml"])
-    assert manifest.tag == "fmiReferences"
-    assert manifest.get(f"{LS}fmi-ls-name") == "org.fmi-standard.fmi-ls-ref"
-    related = {r.get("source"): r.get("role") for r in manifest}
+    root = manifest(found)
+    assert root.tag == "fmiReferences"
+    assert root.get(f"{LS}fmi-ls-name") == "org.fmi-standard.fmi-ls-ref"
+    assert root.get(f"{LS}fmi-ls-version") == "1.0.0-alpha.1"
+    related = {r.get("source"): r.get("role") for r in root}
     assert {f"{RELATED}{source}" for source in related} <= set(found)
     assert set(related.values()) >= {"model", "signature", "experiment/smoke-test", "testcase", "result"}
     own = {p.name for p in build.PACKAGE.rglob("*.mo")}
@@ -91,28 +97,62 @@ def test_related_files_are_there_and_as_they_were_signed(model, version):
         assert hashlib.sha256(found[name]).hexdigest() == digest
 
 
-def read(text):
-    rows = list(csv.reader(io.StringIO(text.decode())))
-    return np.array([tuple(map(float, r)) for r in rows[1:]], [(name, float) for name in rows[0]])
+def read(folder, name, content):
+    (folder / name).write_bytes(content)
+    return fmpy.util.read_csv(folder / name)
+
+
+def parameters(found, name):
+    root = etree.fromstring(found[f"{RELATED}{name}"])
+    return {p.get("name"): p[0].get("value") for p in root[0]}
 
 
 @pytest.mark.parametrize(("model", "version"), CASES)
-def test_experiment_gives_the_result_again(model, version):
+def test_experiments_give_their_results_again(tmp_path, model, version):
     found = members(model, version)
-    told = json.loads(found[f"{RELATED}experiment.json"])
-    wanted = read(found[RELATED + told["result"]])
-    result = fmpy.simulate_fmu(
-        str(build.build([model], fmi=version)[model]),
-        start_time=told["startTime"], stop_time=told["stopTime"], output_interval=told["stepSize"],
-        input=read(found[RELATED + told["input"]]), output=list(wanted.dtype.names[1:]),
-    )  # fmt: skip
-    assert len(wanted) == 101
-    for name in wanted.dtype.names:
-        np.testing.assert_allclose(
-            result[name], wanted[name], rtol=0, atol=told["tolerance"] * np.abs(wanted[name]).max()
-        )
-    if model == "Plant":
-        assert all(wanted[name].any() for name in wanted.dtype.names)
+    root = etree.fromstring(found[f"{RELATED}smoke-test.exp"])
+    assert root.tag == "Experiments" and root.get("name")
+    results = {}
+    for told in root:
+        stimuli, values = told.find("Stimuli"), told.find("Parameters")
+        wanted = read(tmp_path, "wanted.csv", found[RELATED + told.find("References").get("source")])
+        result = fmpy.simulate_fmu(
+            str(build.build([model], fmi=version)[model]),
+            start_time=float(told.get("startTime")), stop_time=float(told.get("stopTime")),
+            output_interval=float(told.get("stepSize")),
+            start_values={} if values is None else parameters(found, values.get("source")),
+            input=read(tmp_path, "input.csv", found[RELATED + stimuli.get("source")]),
+            output=list(wanted.dtype.names[1:]),
+        )  # fmt: skip
+        assert len(wanted) == 101
+        for name in wanted.dtype.names:
+            np.testing.assert_allclose(
+                result[name], wanted[name],
+                rtol=0, atol=float(told.get("tolerance")) * np.abs(wanted[name]).max(),
+            )  # fmt: skip
+        results[told.get("name")] = wanted
+        if model == "Plant":
+            assert all(wanted[name].any() for name in wanted.dtype.names)
+    authority = model in ("Plant", "WholePlant", "Actuation", "WholeActuation")
+    assert list(results) == ["start", *("ABCDEFG" if authority else "")]
+    if model == "Plant":  # the stiffness follows the authority
+        assert (results["D"]["x_2"] != results["A"]["x_2"]).any()
+
+
+@pytest.mark.parametrize("name", "ABCDEFG")
+def test_sets_of_parameters_are_those_of_the_campaigns(name):
+    authority = next(r.authority for r in MISSION_X.runs if r.authority.name == name)
+    found = members("Plant", "2.0")
+    start = parameters(found, "start.ssv")
+    told = parameters(found, f"parameters_authority_{name}.ssv")
+    assert set(told) == set(start)
+    assert {key for key in told if told[key] != start[key]} <= set(AUTHORITY)
+    assert {key: float(told[key]) for key in AUTHORITY} == pytest.approx(
+        {key: getattr(authority, key) for key in AUTHORITY}, rel=1e-15
+    )
+    labels = {r.get("source"): [x.get("name") for x in r] for r in manifest(found)}
+    assert labels[f"parameters_authority_{name}.ssv"] == [f"authority:{name}"]
+    assert labels[f"result_authority_{name}.csv"] == [f"authority:{name}"]
 
 
 @pytest.mark.parametrize(("model", "version"), CASES)
@@ -145,5 +185,5 @@ def test_model_that_does_not_run_as_it_starts_has_no_result(tmp_path):
     )
     with zipfile.ZipFile(path) as stored:
         names = stored.namelist()
-        assert not any(name.endswith(("result.csv", "experiment.json", "input.csv")) for name in names)
+        assert not any(name.endswith(("result.csv", ".exp", "input.csv")) for name in names)
         assert f"{RELATED}fmi-ls-manifest.xml" in names

@@ -1,0 +1,196 @@
+"""Arrays of a Modelica model: one variable of FMI 3.0, scalars in FMI 2.0, and the same numbers in both.
+
+Oracle. The FMU of FMI 2.0, that has no arrays; sums by NumPy.
+"""
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from lxml import etree
+
+from lpfcosim.modelica import build
+from tests.lpfcosim.modelica.modelica_source import write
+from tests.lpfcosim.modelica.slaves import slave, told
+
+pytestmark = pytest.mark.fmu
+MODEL = """model M "Arrays"
+  parameter Real p[3](each unit = "s-1", min = {0, -1, -2}, max = {5, 6, 7}) = {1, 2, 3} "Rates";
+  parameter Real A[2,3](nominal = {{1, 2, 3}, {4, 5, 6}}) = {{1, 2, 3}, {4, 5, 6}} "Matrix";
+  parameter Real z = 4 "Start"; parameter Real one[1] = {7} "Array of one";
+  final parameter Real q[3] = 2*p "Calculated";
+  input Real u[3](each unit = "1") "Inputs";
+  output Real y[2] "Outputs"; output Real s "Scalar";
+  Real x[3](start = {0.5, z, 0.7}, each fixed = true, each unit = "1") "States";
+  discrete Real n[2](each start = 0.25, each fixed = true) "Sampled";
+equation
+  for i in 1:3 loop
+    der(x[i]) = -p[i]*x[i] + u[i];
+  end for;
+  y = A*x + n;
+  s = x[1]*x[2] + q[3] + one[1];
+  when sample(0, 0.1) then
+    n = pre(n) + u[1:2];
+  end when;
+end M;"""
+A = np.array([[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arrays")
+    source = write(folder, MODEL)
+    for version in ("2.0", "3.0"):
+        build.build_one(source, "M", folder / f"{version}.fmu", fmi=version)
+    return {version: folder / f"{version}.fmu" for version in ("2.0", "3.0")}
+
+
+def test_arrays_are_declared_with_their_extents(made):
+    assert validate_fmu(str(made["3.0"])) == []
+    found = {v.name: v for v in fmpy.read_model_description(str(made["3.0"])).modelVariables}
+    shapes = {name: v.shape for name, v in found.items() if v.shape}
+    assert shapes == {
+        "p": (3,), "A": (2, 3), "one": (1,), "q": (3,), "u": (3,), "y": (2,), "x": (3,), "n": (2,),
+        "der(x)": (3,),
+    }  # fmt: skip
+    assert found["A"].start == "1.0 2.0 3.0 4.0 5.0 6.0"
+    # What is said for all holds for each.
+    assert (found["p"].min, found["p"].max, found["A"].nominal) == ("-2.0", "7.0", "1.0")
+    assert (found["p"].variability, found["q"].variability) == ("tunable", "tunable")
+    assert found["x"].initial == "calculated"  # one element starts where a parameter says
+    assert found["der(x)"].derivative is found["x"]
+    assert len({v.valueReference for v in found.values()}) == len(found)
+
+
+def test_an_array_depends_on_what_any_element_does(made):
+    structure = told(made["3.0"]).structure
+    assert set(structure["Output"]["y[1]"]) == {
+        *(f"x[{i}]" for i in (1, 2, 3)), *(f"A[{i},{j}]" for i in (1, 2) for j in (1, 2, 3)), "n[1]", "n[2]",
+    }  # fmt: skip
+    assert structure["Output"]["y[1]"]["n[2]"] == "constant"
+    assert structure["ContinuousStateDerivative"]["der(x[1])"]["u[3]"] == "constant"
+    assert "z" in structure["InitialUnknown"]["x[1]"]
+
+
+def test_fmpy_steps_whole_arrays_to_the_numbers_of_scalars(made):
+    time = np.arange(21) * 0.1
+    waves = np.array([np.sin(time), np.cos(2 * time), time**2]).T
+    whole = np.zeros(21, [("time", float), ("u", float, (3,))])
+    whole["time"], whole["u"] = time, waves
+    single = np.zeros(21, [("time", float), *((f"u[{k}]", float) for k in (1, 2, 3))])
+    single["time"] = time
+    for k in range(3):
+        single[f"u[{k + 1}]"] = waves[:, k]
+    options = {"stop_time": 2.0, "step_size": 0.1, "output_interval": 0.1}
+    arrays = fmpy.simulate_fmu(
+        str(made["3.0"]), input=whole, output=["y", "s", "x", "n"], start_values={"p": [2, 1, 0.5]}, **options
+    )
+    scalars = fmpy.simulate_fmu(
+        str(made["2.0"]), input=single, start_values={"p[1]": 2, "p[2]": 1, "p[3]": 0.5},
+        output=["y[1]", "y[2]", "s", *(f"x[{k}]" for k in (1, 2, 3)), "n[1]", "n[2]"], **options,
+    )  # fmt: skip
+    np.testing.assert_array_equal(arrays["s"], scalars["s"])
+    for name in ("y", "x", "n"):
+        for k in range(arrays[name].shape[1]):
+            np.testing.assert_array_equal(arrays[name][:, k], scalars[f"{name}[{k + 1}]"])
+    np.testing.assert_allclose(arrays["y"], arrays["x"] @ A.T + arrays["n"], rtol=1e-14)
+    assert np.ptp(arrays["y"]) > 1
+
+
+def test_whole_arrays_are_set_and_read_in_any_company(made):
+    own = told(made["3.0"])
+    vr = {name: own.vr([f"{name}[1]"])[0] for name in ("p", "u", "y", "n", "one")}
+    s = own.vr(["s"])[0]
+    with slave(made["3.0"]) as fmu:
+        fmu.setFloat64([vr["u"], vr["one"], vr["n"]], [1, 2, 3, 8, 0.1, 0.2])
+        assert fmu.getFloat64([s, vr["u"], vr["one"], vr["n"]], 7)[1:] == [1, 2, 3, 8, 0.1, 0.2]
+        np.testing.assert_allclose(
+            fmu.getFloat64([vr["y"], s], 3), [*(A @ [0.5, 4, 0.7] + [0.1, 0.2]), 2 + 6 + 8], rtol=1e-15
+        )
+        for wrong in (1, 2, 4, 0):
+            with pytest.raises(FMICallException):
+                fmu.getFloat64([vr["u"]], wrong)
+            with pytest.raises(FMICallException):
+                fmu.setFloat64([vr["u"]], [9.0] * wrong)
+        with pytest.raises(FMICallException):
+            fmu.getFloat64([vr["u"], s], 2)
+        with pytest.raises(FMICallException):
+            fmu.getFloat64([max(own.sizes) + 1], 1)
+        assert fmu.getFloat64([vr["u"]], 3) == [1, 2, 3]
+        fmu.exitInitializationMode()
+        fmu.setFloat64([vr["p"]], [3, 2, 1])  # tunable
+        with pytest.raises(FMICallException):
+            fmu.setFloat64([vr["y"]], [3, 2])
+
+
+def test_derivatives_of_arrays_by_arrays(made):
+    own = told(made["3.0"])
+    y, x, rate, u, p, s = (own.vr([n])[0] for n in ("y[1]", "x[1]", "der(x[1])", "u[1]", "p[1]", "s"))
+    random = np.random.default_rng(5)
+    with slave(made["3.0"]) as fmu:
+        fmu.exitInitializationMode()
+        fmu.doStep(0.0, 0.1)
+        now = np.array(fmu.getFloat64([x], 3))
+        seed, back = random.normal(size=9), random.normal(size=5)
+        jacobian = np.zeros((5, 9))  # of y and der(x) by x, u and p
+        jacobian[:2, :3] = A
+        jacobian[2:, :3] = -np.diag([1, 2, 3])
+        jacobian[2:, 3:6] = np.eye(3)
+        jacobian[2:, 6:] = -np.diag(now)
+        np.testing.assert_allclose(
+            fmu.getDirectionalDerivative([y, rate], [x, u, p], seed, 5), jacobian @ seed, rtol=1e-13
+        )
+        np.testing.assert_allclose(
+            fmu.getAdjointDerivative([y, rate], [x, u, p], back, 9), back @ jacobian, rtol=1e-13
+        )
+        assert fmu.getDirectionalDerivative([s], [x], [1, 0, 0], 1) == [now[1]]
+        for unknowns, knowns, seeds, size in (
+            ([y], [x], 2, 2),
+            ([y], [x], 3, 3),
+            ([y], [x], 3, 1),
+            ([], [x], 3, 2),
+        ):
+            with pytest.raises(FMICallException):
+                fmu.getDirectionalDerivative(unknowns, knowns, [1.0] * seeds, size)
+
+
+def test_arrays_are_arrays_in_the_related_files(made, tmp_path):
+    folder = fmpy.extract(str(made["3.0"]), tmp_path)
+    related = tmp_path / "extra" / "org.fmi-standard.fmi-ls-ref"
+    result = fmpy.util.read_csv(related / "result.csv")
+    assert result["y"].shape == (101, 2) and fmpy.util.read_csv(related / "input.csv")["u"].shape == (101, 3)
+    again = fmpy.simulate_fmu(
+        str(folder), stop_time=10.0, step_size=0.1, output_interval=0.1, output=["y", "s"],
+        input=fmpy.util.read_csv(related / "input.csv"),
+    )  # fmt: skip
+    np.testing.assert_allclose(again["y"], result["y"], rtol=1e-12)
+    values = etree.parse(related / "start.ssv").getroot()
+    found = {v.get("name"): (v[0].get("value"), [d.get("size") for d in v[1:]]) for v in values[0]}
+    assert found["A"] == ("1.0 2.0 3.0 4.0 5.0 6.0", ["2", "3"])
+    assert found["z"] == ("4.0", [])
+    terminal = etree.parse(tmp_path / "terminalsAndIcons" / "terminalsAndIcons.xml")
+    assert {m.get("variableName") for m in terminal.iter("TerminalMemberVariable")} == {"u", "y", "s"}
+
+
+@pytest.mark.slow
+def test_the_whole_plant_shows_its_vectors():
+    path = build.build(["WholePlant"])["WholePlant"]
+    description = fmpy.read_model_description(str(path))
+    arrays = {v.name: v.shape for v in description.modelVariables if v.shape}
+    assert arrays["testMass_1.s"] == arrays["thrusters.F_thrust"] == arrays["der(spacecraft.Omega)"] == (3,)
+    # What crosses the boundary keeps the names that channels and parameters have everywhere.
+    assert not {v.name for v in description.modelVariables if v.causality != "local" and v.shape} - {
+        v.name for v in description.modelVariables if v.causality == "calculatedParameter"
+    }
+    single = fmpy.simulate_fmu(
+        str(build.build(["WholePlant"], fmi="2.0")["WholePlant"]), stop_time=1.0, output_interval=0.1,
+        start_values={"Omega_phi_start": 1e-6, "F_x_sc": 1e-6}, output=["testMass_1.s[1]", "testMass_1.s[2]"],
+    )  # fmt: skip
+    whole = fmpy.simulate_fmu(
+        str(path), stop_time=1.0, output_interval=0.1, output=["testMass_1.s"],
+        start_values={"Omega_phi_start": 1e-6, "F_x_sc": 1e-6},
+    )  # fmt: skip
+    for k in range(2):
+        np.testing.assert_array_equal(whole["testMass_1.s"][:, k], single[f"testMass_1.s[{k + 1}]"])
+    assert whole["testMass_1.s"].any()
