@@ -121,7 +121,6 @@ def bent(request, tmp_path_factory):
 
 
 def test_what_bends_has_the_slope_of_its_side(bent):
-    own = told(bent)
     for u, w in ((1.2, 0.7), (0.7, 1.5), (-0.9, 2.0)):
         values = {"u": u, "w": w, "p": 2.2, "n": 0.4, "z": 1.3}
         with slave(bent, **values) as made:
@@ -154,7 +153,6 @@ def test_what_follows_from_others_is_no_known(bent):
 
 def test_asking_for_a_derivative_changes_nothing(bent):
     def run(asking):
-        own = told(bent)
         with slave(bent, u=0.2) as made:
             made.exitInitializationMode()
             for n in range(5):
