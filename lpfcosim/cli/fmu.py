@@ -120,7 +120,9 @@ def validate(
 
 @app.command(
     name="export-ssp",
-    epilog=examples("lpfcosim fmu export-ssp mine.toml", "lpfcosim fmu export-ssp mine.toml --ssp 2.0"),
+    epilog=examples(
+        "lpfcosim fmu export-ssp mine.toml", "lpfcosim fmu export-ssp mine.toml --ssp 2.0 --results mine"
+    ),
 )
 def export_ssp(
     campaign: CampaignFile,
@@ -132,21 +134,32 @@ def export_ssp(
         Literal["1.0", "2.0"],
         typer.Option("--ssp", help="Version of SSP: 1.0 has FMI 2.0 inside, 2.0 FMI 3.0."),
     ] = "1.0",
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            "--results",
+            metavar="DIR",
+            help="Folder of a run of the campaign: say how its results came about.",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write the closed loop as SSP.
 
-    With it comes one set of parameter values per authority set of the campaign.
+    With it comes one set of parameter values per authority set of the campaign, and a record of how all of it
+    came about (SSP Traceability).
     """
     from lpfcosim.campaign import loading
+    from lpfcosim.cli import outcome
     from lpfcosim.cli.console import Console
     from lpfcosim.export import ssp
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
+    came = outcome.gather(results, plan) if results else None
     with about(campaign):
         archives = fmus(plan, console, ssp.fmi(version))
-        written = ssp.export(plan, archives, out or Path(f"{campaign.stem}.ssp"), version)
+        written = ssp.export(plan, archives, out or Path(f"{campaign.stem}.ssp"), version, came)
     console.say(str(written))
 
 

@@ -23,6 +23,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Interface, driver, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
+from lpfcosim.export.outcome import Outcome
 from lpfcosim.modelica import build, markup
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
@@ -51,7 +52,13 @@ def fmi(version: str) -> str:
     return _INSIDE[version][0]
 
 
-def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path, version: str = "1.0") -> Path:
+def export(
+    campaign: Campaign,
+    fmus: Mapping[str, Path],
+    path: Path,
+    version: str = "1.0",
+    outcome: Outcome | None = None,
+) -> Path:
     """Write the closed loop to an ``.ssp`` archive; the same input gives the same bytes.
 
     Every authority set that an experiment uses gets a file of parameter values,
@@ -69,6 +76,8 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path, version: st
         The archive to write.
     version : str
         Of SSP, ``1.0`` or ``2.0``.
+    outcome : Outcome, optional
+        What came of the campaign. Its results go into the archive; its telemetry is named and stays outside.
 
     Returns
     -------
@@ -105,9 +114,11 @@ def export(campaign: Campaign, fmus: Mapping[str, Path], path: Path, version: st
             _save(element, root / file)
         for interface in (driving, *found):
             shutil.copyfile(interface.archive, root / _fmu_file(interface.model))
+        if outcome:
+            shutil.copyfile(outcome.results, root / traceability.RESULTS)
         task = root / traceability.FILE
         task.parent.mkdir(parents=True)
-        _save(traceability.task(campaign, root, _execution(run)), task)
+        _save(traceability.task(campaign, root, _execution(run), outcome), task)
         build.write_archive(root, path)
     return path
 

@@ -1,4 +1,4 @@
-"""How an exported system came about, and how it is to be stepped: SSP Traceability."""
+"""How an exported system came about, is to be stepped, and what came of it: SSP Traceability."""
 
 from __future__ import annotations
 
@@ -10,22 +10,27 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
+from lpfcosim.export.outcome import Outcome
 
 FILE = "extra/org.ssp-standard.ssp-traceability.stmd/SimulationTask.stmd"
+RESULTS = "resources/results.json"
 _STMD, _STC = (
     f"{{http://ssp-standard.org/SSPTraceability1/{part}}}"
     for part in ("SimulationTaskMetaData", "SSPTraceabilityCommon")
 )
-for _prefix, _uri in (("stmd", _STMD), ("stc", _STC)):
+_XLINK = "{http://www.w3.org/1999/xlink}"
+for _prefix, _uri in (("stmd", _STMD), ("stc", _STC), ("xlink", _XLINK)):
     ET.register_namespace(_prefix, _uri.strip("{}"))
 _TYPES = {
     ".fmu": ("application/x-fmu-sharedlibrary", "model"),
     ".ssv": ("application/x-ssp-parameter-set", "parameter"),
     ".ssd": ("application/x-ssp-definition", "system"),
+    ".h5": ("application/x-hdf5", "result"),
+    ".json": ("application/json", "result"),
 }  # by the end of a name: MIME type and kind of resource
 
 
-def task(campaign: Campaign, root: Path, execution: str) -> ET.Element:
+def task(campaign: Campaign, root: Path, execution: str, outcome: Outcome | None = None) -> ET.Element:
     """Return the simulation task meta-data (STMD) of an archive.
 
     Parameters
@@ -36,13 +41,16 @@ def task(campaign: Campaign, root: Path, execution: str) -> ET.Element:
         The folder with all files of the archive but this one.
     execution : str
         How the system is to be stepped.
+    outcome : Outcome, optional
+        What came of it. Telemetry is named by its place beside the unpacked archive, and by its digest.
     """
     files = {p.relative_to(root).as_posix(): p for p in sorted(root.rglob("*")) if p.is_file()}
-    digests = {name: hashlib.sha256(p.read_bytes()).hexdigest() for name, p in files.items()}
+    digests = {name: _digest(p) for name, p in files.items()}
+    recorded = {name: _digest(p) for name, p in outcome.telemetry.items()} if outcome else {}
     tool = f"lpfcosim {metadata.version('lpfcosim')}"
-    identity = "".join(f"{digest} {name}\n" for name, digest in digests.items())
+    identity = "".join(f"{digest} {name}\n" for name, digest in (digests | recorded).items())
     element = ET.Element(
-        f"{_STMD}SimulationTaskMetaData", version="1.0", name=campaign.name, generationTool=tool,
+        f"{_STMD}SimulationTaskMetaData", version="1.0.0", name=campaign.name, generationTool=tool,
         GUID=str(uuid.uuid5(uuid.NAMESPACE_OID, campaign.digest + identity)),
     )  # fmt: skip
     general = ET.SubElement(element, f"{_STMD}GeneralInformation")
@@ -65,8 +73,42 @@ def task(campaign: Campaign, root: Path, execution: str) -> ET.Element:
                 _classify(_resource(output, name), {"sha256": digest})
     executed = ET.SubElement(ET.SubElement(element, f"{_STMD}ExecutionPhase"), f"{_STMD}ExecuteSimulation")
     _resource(ET.SubElement(executed, f"{_STC}Input"), "SystemStructure.ssd")
-    ET.SubElement(executed, f"{_STC}Procedure", description=execution)
+    procedure = ET.SubElement(executed, f"{_STC}Procedure", description=execution)
+    if outcome:
+        _flown(procedure, outcome, set(digests.values()))
+        output = ET.SubElement(executed, f"{_STC}Output")
+        for k, (name, digest) in enumerate(recorded.items(), start=1):
+            resource = _resource(output, name)
+            resource.set("id", f"telemetry-{k}")
+            _classify(resource, {"sha256": digest})
+        _evaluation(element, outcome, digests[RESULTS], len(recorded))
     return element
+
+
+def _flown(procedure: ET.Element, outcome: Outcome, inside: set[str]) -> None:
+    """Say with which FMUs the telemetry was simulated, and whether they are those of the archive."""
+    others = sorted(model for model, digest in outcome.flown.items() if digest not in inside)
+    known = {"fmus_flown": f"not those inside: {', '.join(others)}" if others else "those inside"}
+    digests = {f"fmu_{model}_sha256": digest for model, digest in outcome.flown.items()}
+    _classify(procedure, {**outcome.simulated, **known, **digests})
+
+
+def _evaluation(task: ET.Element, outcome: Outcome, digest: str, runs: int) -> None:
+    phase = ET.SubElement(task, f"{_STMD}EvaluationPhase")
+    step = ET.SubElement(phase, f"{_STMD}EvaluateSimulationResults")
+    source = ET.SubElement(step, f"{_STC}Input")
+    for k in range(1, runs + 1):
+        ET.SubElement(source, f"{_STC}ResourceReference", {f"{_XLINK}href": f"#telemetry-{k}"})
+    how = "Fit of the dynamics to the telemetry (lpfcosim fit) with these settings"
+    _classify(ET.SubElement(step, f"{_STC}Procedure", description=how), outcome.evaluated)
+    _classify(_resource(ET.SubElement(step, f"{_STC}Output"), RESULTS), {"sha256": digest})
+    verdict = ET.SubElement(phase, f"{_STMD}DeriveSimulationQualityVerdict")
+    _classify(ET.SubElement(verdict, f"{_STC}Output"), outcome.verdict)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _resource(parent: ET.Element, name: str) -> ET.Element:

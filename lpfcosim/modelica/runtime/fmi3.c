@@ -78,7 +78,7 @@ fmi3Status fmi3Reset(fmi3Instance m) {
     return fmi3OK;
 }
 
-static int is_array(fmi3ValueReference vr) { return vr >= NV && vr - NV < NA; }
+static int is_array(fmi3ValueReference vr) { return vr >= NV && vr < NV + NA; }
 
 /* The value references of all n_values elements of n variables, to be freed; NULL if they have more or less. */
 static uint32_t *elements(const fmi3ValueReference vr[], size_t n, size_t n_values) {
