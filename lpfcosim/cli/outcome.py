@@ -12,12 +12,12 @@ from lpfcosim.errors import InputError
 if TYPE_CHECKING:
     from fit.results import Results
     from lpfcosim.campaign import Campaign
-    from lpfcosim.export.outcome import Outcome
+    from lpfcosim.export import outcome
 
 _FMU = "fmu_"
 
 
-def gather(folder: Path, campaign: Campaign) -> Outcome:
+def gather(folder: Path, campaign: Campaign) -> outcome.Outcome:
     """Read what `folder` holds of a campaign.
 
     Raises
@@ -28,7 +28,7 @@ def gather(folder: Path, campaign: Campaign) -> Outcome:
     """
     from fit import results
     from fit.telemetry import root_attributes
-    from lpfcosim.export.outcome import Outcome
+    from lpfcosim.export import outcome
 
     path = folder / "results.json"
     found = results.load(path)
@@ -47,7 +47,7 @@ def gather(folder: Path, campaign: Campaign) -> Outcome:
                 model = key.removeprefix(_FMU)
                 raise InputError(f"{file}: was simulated with another {model} than other runs")
         said |= attributes
-    return Outcome(
+    return outcome.Outcome(
         results=path,
         telemetry=telemetry,
         flown={key.removeprefix(_FMU): str(said[key]) for key in sorted(said) if key.startswith(_FMU)},

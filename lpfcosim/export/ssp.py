@@ -94,11 +94,7 @@ def export(
         first.setdefault(run.authority.name, run)
     run = next(iter(first.values()))
     found = interfaces(campaign.runs[0], fmus)
-    for interface in found:
-        if interface.version != fmi(version):
-            raise InputError(
-                f"{interface.archive}: is FMI {interface.version}; SSP {version} takes FMI {fmi(version)}"
-            )
+    _same_version(found, version)
     signals = world_of(run).signals
     driving = driver(run, found, build.build([signals], fmi=fmi(version))[signals])
     same_units([driving, *found])
@@ -106,21 +102,34 @@ def export(
     files = {_values_file(name): writer.values(run) for name, run in first.items()}
     files["SystemStructure.ssd"] = writer.structure(campaign.name, run)
     files["open.ssd"] = writer.structure(campaign.name, run, outside=True)
+    copied = {_fmu_file(interface.model): interface.archive for interface in (driving, *found)}
+    if outcome:
+        copied[traceability.RESULTS] = outcome.results
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         root = Path(folder)
-        (root / "resources").mkdir()
-        for file, element in files.items():
-            _save(element, root / file)
-        for interface in (driving, *found):
-            shutil.copyfile(interface.archive, root / _fmu_file(interface.model))
-        if outcome:
-            shutil.copyfile(outcome.results, root / traceability.RESULTS)
+        _fill(root, files, copied)
         task = root / traceability.FILE
         task.parent.mkdir(parents=True)
         _save(traceability.task(campaign, root, _execution(run), outcome), task)
         build.write_archive(root, path)
     return path
+
+
+def _same_version(found: Sequence[Interface], version: str) -> None:
+    for interface in found:
+        if interface.version != fmi(version):
+            raise InputError(
+                f"{interface.archive}: is FMI {interface.version}; SSP {version} takes FMI {fmi(version)}"
+            )
+
+
+def _fill(root: Path, written: Mapping[str, ET.Element], copied: Mapping[str, Path]) -> None:
+    (root / "resources").mkdir()
+    for name, element in written.items():
+        _save(element, root / name)
+    for name, source in copied.items():
+        shutil.copyfile(source, root / name)
 
 
 def _save(element: ET.Element, path: Path) -> None:

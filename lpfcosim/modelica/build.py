@@ -263,15 +263,7 @@ def build_one(
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
         root = Path(name)
         sources = root / "sources"
-        sources.mkdir()
-        (sources / "model.h").write_text(header, encoding="utf-8")
-        (sources / "model.c").write_text(body.replace("@token@", token), encoding="utf-8")
-        for file in _runtime(fmi):
-            shutil.copyfile(file, sources / file.name)
-        # One translation unit: the compiler then sees the equations from inside the step.
-        parts = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
-        (sources / "all.c").write_text("".join(f'#include "{p}"\n' for p in parts), encoding="utf-8")
-        units = ["all.c"]
+        units = _write_sources(sources, header, body.replace("@token@", token), fmi)
         if fmi == "3.0":
             text = description.build_description(translated.name, units)
             (sources / "buildDescription.xml").write_text(text, encoding="utf-8")
@@ -282,6 +274,19 @@ def build_one(
         here = fmpy.platform if fmi == "2.0" else fmpy.platform_tuple
         reference.write(root, package, declared, STEP, runs=(root / "binaries" / here).is_dir())
         write_archive(root, archive)
+
+
+def _write_sources(folder: Path, header: str, body: str, fmi: str) -> list[str]:
+    """Write the C sources of a model and of the runtime; return those to be compiled."""
+    folder.mkdir()
+    (folder / "model.h").write_text(header, encoding="utf-8")
+    (folder / "model.c").write_text(body, encoding="utf-8")
+    for file in _runtime(fmi):
+        shutil.copyfile(file, folder / file.name)
+    # One translation unit: the compiler then sees the equations from inside the step.
+    parts = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
+    (folder / "all.c").write_text("".join(f'#include "{p}"\n' for p in parts), encoding="utf-8")
+    return ["all.c"]
 
 
 def _runtime(fmi: str) -> Iterator[Path]:

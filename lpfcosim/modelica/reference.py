@@ -2,15 +2,15 @@
 
 An experiment drives every input with a tone of its own and of its nominal size, for `_STOP` seconds, once for
 each set of parameters. Its result is what the FMU gave where it was built, to see whether it does the same
-elsewhere. A package says its sets of parameters in ``Resources/authority.toml``.
+elsewhere. A package says its sets of parameters in ``Resources/authority.json``.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import shutil
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -66,7 +66,7 @@ class _Set:
 
 def resources(package: Path) -> list[Path]:
     """Files of a package that archives are made from, beside its Modelica sources."""
-    file = package / "Resources" / "authority.toml"
+    file = package / "Resources" / "authority.json"
     return [file] if file.is_file() else []
 
 
@@ -122,7 +122,7 @@ def _sets(package: Path, declared: Sequence[Declared]) -> list[_Set]:
         return [_Set("", "No parameters", {})]
     found = [_Set("", "The parameters as they start", starts)]
     for file in resources(package):
-        for name, values in tomllib.loads(file.read_text(encoding="utf-8")).items():
+        for name, values in json.loads(file.read_text(encoding="utf-8"))["sets"].items():
             told = values.pop("description")
             own = {key: repr(float(value)) for key, value in values.items() if key in starts}
             if own:

@@ -267,7 +267,7 @@ def test_constants_of_mathematics(tmp_path):
         tmp_path, "model M output Real y[3]; equation y = {4*atan(1.0), exp(1.0), log10(1000.0)}; end M;"
     )
     result = fmpy.simulate_fmu(str(archive), stop_time=0.1, output_interval=0.1)
-    np.testing.assert_allclose([result[f"y[{i}]"][-1] for i in (1, 2, 3)], [np.pi, np.e, 3], rtol=1e-15)
+    np.testing.assert_allclose(result["y"][-1], [np.pi, np.e, 3], rtol=1e-15)
 
 
 def test_long_communication_step_is_divided(tmp_path):
