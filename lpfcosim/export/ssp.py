@@ -109,9 +109,7 @@ def export(
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
         root = Path(folder)
         _fill(root, files, copied)
-        task = root / traceability.FILE
-        task.parent.mkdir(parents=True)
-        _save(traceability.task(campaign, root, _execution(run), outcome), task)
+        _save(traceability.task(campaign, root, _execution(run), outcome), root / traceability.FILE)
         build.write_archive(root, path)
     return path
 
@@ -125,7 +123,8 @@ def _same_version(found: Sequence[Interface], version: str) -> None:
 
 
 def _fill(root: Path, written: Mapping[str, ET.Element], copied: Mapping[str, Path]) -> None:
-    (root / "resources").mkdir()
+    for folder in ("resources", Path(traceability.FILE).parent):
+        (root / folder).mkdir(parents=True)
     for name, element in written.items():
         _save(element, root / name)
     for name, source in copied.items():
