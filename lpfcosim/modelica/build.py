@@ -30,8 +30,7 @@ from lpfcosim.modelica.compiler import (
     compiler,
     cross_compiler,
 )
-from lpfcosim.modelica.flat import flatten, package_files
-from lpfcosim.modelica.reference import resources
+from lpfcosim.modelica.flat import flatten, package_files, resource_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
 MODELS = (
@@ -60,7 +59,7 @@ def source_files(package: Path = PACKAGE) -> dict[str, Path]:
     """All that FMUs are made from, by name: Modelica sources, generator and runtime."""
     generator = sorted([*Path(__file__).parent.glob("*.py"), *RUNTIME.iterdir()])
     generator.append(Path(units.__file__))  # the units of a description
-    named = [*package_files(package), *resources(package)]
+    named = [*package_files(package), *resource_files(package)]
     return {
         **{f.relative_to(package.parent).as_posix(): f for f in named},
         **{f.relative_to(Path(__file__).parents[2]).as_posix(): f for f in generator},

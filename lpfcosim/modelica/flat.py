@@ -133,6 +133,12 @@ def package_files(package: Path) -> list[Path]:
     return sorted(package.rglob("*.mo")) if package.is_dir() else [package]
 
 
+def resource_files(package: Path) -> list[Path]:
+    """Files of a package that archives are made from, beside its Modelica sources."""
+    file = package / "Resources" / "authority.json"
+    return [file] if file.is_file() else []
+
+
 def flatten(package: Path, model: str) -> FlatModel:
     """Flatten ``model`` of the Modelica package in the folder ``package``.
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.modelica import markup
-from lpfcosim.modelica.flat import package_files
+from lpfcosim.modelica.flat import package_files, resource_files
 from lpfcosim.modelica.unit import base
 from lpfcosim.modelica.variables import Declared
 
@@ -62,12 +62,6 @@ class _Set:
 
     def file(self, stem: str, suffix: str) -> str:
         return f"{stem}_authority_{self.name}{suffix}" if self.name else f"{stem}{suffix}"
-
-
-def resources(package: Path) -> list[Path]:
-    """Files of a package that archives are made from, beside its Modelica sources."""
-    file = package / "Resources" / "authority.json"
-    return [file] if file.is_file() else []
 
 
 def write(root: Path, package: Path, declared: Sequence[Declared], step: float, *, runs: bool) -> None:
@@ -121,7 +115,7 @@ def _sets(package: Path, declared: Sequence[Declared]) -> list[_Set]:
     if not starts:
         return [_Set("", "No parameters", {})]
     found = [_Set("", "The parameters as they start", starts)]
-    for file in resources(package):
+    for file in resource_files(package):
         for name, values in json.loads(file.read_text(encoding="utf-8"))["sets"].items():
             told = values.pop("description")
             own = {key: repr(float(value)) for key, value in values.items() if key in starts}
