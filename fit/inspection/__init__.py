@@ -16,6 +16,7 @@ __all__ = [
     "long_noise",
     "prepare",
     "prepare_each",
+    "samples",
     "searches",
     "told",
 ]

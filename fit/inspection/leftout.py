@@ -26,6 +26,8 @@ class LeftOut:
     tells : str
         What the reason tells: the cause, a sign of it, a guess that others may outdo, or no more than that
         the run does not fit.
+    perhaps : str
+        The part of the reason that gives a likely cause; one that explains more takes its place.
     """
 
     experiment: str
@@ -33,6 +35,7 @@ class LeftOut:
     code: str = "left_out"
     own: str = "faulty"
     tells: Tells = "sign"
+    perhaps: str = ""
 
     @property
     def of_joint(self) -> FitWarning:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 READ_OUTS = ("o_1", "o_12")
 STRAIGHT, LONG = 6, 30  # samples in a row on a straight line, where there is noise; of rounded values
 COARSE = 0.1  # of the increments: where values are rounded so much, equal ones come by themselves
+BETWEEN = 0.1  # share of samples on the line between their neighbours, where noise puts none
 LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
 SMALLEST = 200  # increments that tell whether values are rounded
 SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
@@ -100,18 +101,37 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
     if rounded == 0 and (different := np.unique(looked).size) < FEW * looked.size:
         yield Oddity(f"is rounded: it has {different} values in {looked.size} samples", 0.0, x.size / fs)
         return
+    typical = np.abs(_bends(x)(slice(0, LOOKED)))
+    size = np.abs(looked)
+    large = looked[size > np.nanmax(size) / 2]
+    digit = step(large) if large.size > SMALLEST else 0.0  # of floating point, it grows with the values
+    if digit > max(2 * rounded, COARSE * float(np.nanmedian(typical))):
+        yield Oddity(f"is rounded: to steps of {digit:.2g} where it is largest", 0.0, x.size / fs)
+        return
     if rounded > 0 and rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
         return  # equal values come by themselves
-    typical = np.abs(_bends(x)(slice(0, LOOKED)))
+    if rounded == 0 and (share := _between(typical, np.nanmax(size))) > BETWEEN:
+        what = f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
+        yield Oddity(what, 0.0, x.size / fs)
+        return
     kept = _flat(x, max(2.1 * rounded, 1e-9 * float(np.nanmax(typical))), rounded)
     if len(kept):  # of the largest, which is found faster than the median
         kept = _flat(x, max(2.1 * rounded, 1e-9 * float(np.nanmedian(typical))), rounded)
     for begin, end in kept:
         constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
-        what = f"is stuck at {x[begin] + 0.0:.4g}" if constant else "is a straight line"
+        extreme = constant and x[begin] in (np.nanmin(x), np.nanmax(x))
+        how = "stops at its limit of" if extreme else "is stuck at"
+        what = f"{how} {x[begin] + 0.0:.4g}" if constant else "is a straight line"
         yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
     if rounded == 0 and not len(kept):
         yield from _repeated(x, fs)
+
+
+def _between(bends: Array, largest: float) -> float:
+    """Return the share of samples that lie on the line between their neighbours, a few in a row at most."""
+    line = bends <= max(1e-9 * float(np.nanmax(bends)), 4 * float(np.spacing(largest)))
+    length = np.diff(derivatives.stretches(line), axis=1)
+    return float(np.sum(length[length < STRAIGHT - 2])) / bends.size
 
 
 def _flat(x: Array, least: float, rounded: float) -> NDArray[np.intp]:

@@ -137,9 +137,13 @@ def named(case: Case) -> str:
 
 
 def exchanged(case: Case, i: int) -> str:
-    """Say that the run and another one that contradicts, by number, are exchanged; empty if they are not."""
-    found = [c.words for c in _of_exchange(case, i) if c.left.p > POSSIBLE]
-    return found[0] if found else ""
+    """Say what a run has exchanged with another one, by number, that contradicts too; empty if nothing."""
+    if not any(c.left.p > POSSIBLE for c in _of_exchange(case, i)):
+        return ""
+    other = case.experiments[i].sysid.telemetry
+    authority = "authority" * (case.run.authority != other.authority)
+    epoch = "alignment epoch" * (case.run.alignment_epoch != other.alignment_epoch)
+    return " and ".join(filter(None, (authority, epoch)))
 
 
 def _causes(case: Case) -> Iterator[_Cause]:

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.errors import FitError
-from fit.estimate import Outcome
-from fit.inspection import LeftOut, Tells
+from fit.estimate import Outcome, louder
+from fit.inspection import LeftOut, Tells, samples
 from fit.judgement.agreement import ALARM, Agreed, Odd
 from fit.judgement.causes import ALIKE, TOLD, Case, exchanged, named
 from fit.judgement.consistency import Regression, voiced
@@ -32,7 +32,7 @@ PLAIN = ("sign", "unit", "scale", "lag", "exchange", "jump")  # kinds that other
 OF_GAIN = ("sign", "unit", "scale")  # kinds of hypotheses that a gain alone suggests
 
 
-def likeliest(trial: Trial, others: Sequence[Experiment]) -> list[Hypothesis]:
+def likeliest(trial: Trial, others: Sequence[Experiment], most: float = np.inf) -> list[Hypothesis]:
     """Return the hypothesis that explains a run, and those that the data cannot tell from it.
 
     Parameters
@@ -41,6 +41,8 @@ def likeliest(trial: Trial, others: Sequence[Experiment]) -> list[Hypothesis]:
         The run beside what the others say.
     others : sequence of Experiment
         Which may have lent it their channels.
+    most : float
+        chi2 that something else leaves already; what explains the run must leave clearly less.
     """
     plain = trial.as_it_is.left
     if plain.fits:
@@ -56,7 +58,7 @@ def likeliest(trial: Trial, others: Sequence[Experiment]) -> list[Hypothesis]:
         for left, h in found
         if left.chi2 + h.costs < lowest + ALIKE * scale
     ]
-    if not alike or not all(fits for *_, fits in alike):
+    if not alike or not all(fits for *_, fits in alike) or lowest > most - ALIKE * scale:
         return []
     return _simplest([h for _, h, _ in sorted(alike, key=lambda one: one[0])])
 
@@ -94,8 +96,12 @@ def explained(
 
     def anew(f: LeftOut) -> LeftOut:
         experiment, own = known.get(f.experiment), alone.get(f.experiment)
-        if f.tells == "cause" or experiment is None or agreed.outcome.tone is not None:
+        if experiment is None or agreed.outcome.tone is not None or (f.tells == "cause" and not f.perhaps):
             return f
+        if f.perhaps:
+            alike = _of_samples(experiment, experiments, agreed, sharing, beyond=True)
+            better = f"{f.experiment}: perhaps its {_either(alike)}"
+            return replace(f, reason=f.reason.replace(f.perhaps, better)) if alike else f
         alike = _of_samples(experiment, experiments, agreed, sharing)
         if alike and f.tells in ("guess", "misfit"):
             if f.tells == "guess" and any(h.kind in OF_GAIN for h in alike):
@@ -106,10 +112,18 @@ def explained(
         cause = f"its {_either(alike)}" if alike else ""
         if not cause and isinstance(own, Outcome) and not agreed.outcome.departing:
             cause = _of_parameters(experiment, own.blocks[0], agreed, sharing)
+        if not cause and f.tells == "misfit":
+            return replace(f, reason="; ".join([f.reason, *_odd_by_itself(experiment)]))
         reason = f.reason.removesuffix(f"; {UNTOLD}")
         return replace(f, reason=f"{reason}; perhaps {cause}") if cause else f
 
     return tuple(each(anew, list(left_out)))
+
+
+def _odd_by_itself(experiment: Experiment) -> list[str]:
+    """Return what is odd about a run that nothing explains, though it would do no harm in another."""
+    wild = list(samples.of_commands(experiment.sysid.telemetry))
+    return wild or [told for told in (louder.told(experiment),) if told]
 
 
 def _either(alike: Sequence[Hypothesis]) -> str:
@@ -117,14 +131,23 @@ def _either(alike: Sequence[Hypothesis]) -> str:
 
 
 def _of_samples(
-    experiment: Experiment, experiments: Sequence[Experiment], agreed: Agreed, sharing: Sharing
+    experiment: Experiment,
+    experiments: Sequence[Experiment],
+    agreed: Agreed,
+    sharing: Sharing,
+    *,
+    beyond: bool = False,
 ) -> list[Hypothesis]:
-    """Return what its samples, mended, would make an experiment say what the others say."""
+    """Return what its samples, mended, would make an experiment say what the others say.
+
+    If it is to go `beyond` its parameters, it must explain more than any values of them.
+    """
     if experiment.noise is None:
         return []  # without it nothing tells what is too much
     agreeing = {e.name for e in agreed.experiments}  # whose channels are their own
     lenders = [e for e in experiments if e.name not in agreeing]
-    found = likeliest(Trial(experiment, agreed.outcome, agreed.experiments, sharing), lenders)
+    trial = Trial(experiment, agreed.outcome, agreed.experiments, sharing)
+    found = likeliest(trial, lenders, trial.as_it_is.left.free if beyond else np.inf)
     return found if len(found) <= TOLD else []
 
 
@@ -183,15 +206,16 @@ def of_odd(voices: Regression, odd: Odd, court: Court) -> tuple[LeftOut, ...]:
     for i, name in zip(odd.left_out, names, strict=True):
         others = [k for k in odd.left_out if k != i]
         case = court.case(voices, i, others)
-        if len(others) == 1 and exchanged(court.case(voices, i), others[0]):
-            cause = f"{who}: each fits with the metadata of the other, their data look exchanged"
+        perhaps = ""
+        if len(others) == 1 and (labels := exchanged(court.case(voices, i), others[0])):
+            cause = f"{who}: each fits with the {labels} of the other, their data look exchanged"
         else:
             likely = named(case)
-            cause = f"{name}: perhaps {likely}" if likely else ""
+            cause = perhaps = f"{name}: perhaps {likely}" if likely else ""
         reason = f"{cause}; " * bool(cause) + f"{said}; {name} {_apart(case)}"
         untold = "" if cause else f"; {UNTOLD}"
         tells: Tells = "cause" if cause else "sign"
-        found.append(LeftOut(name, reason + untold, own="contradiction", tells=tells))
+        found.append(LeftOut(name, reason + untold, own="contradiction", tells=tells, perhaps=perhaps))
     return tuple(found)
 
 

@@ -1,8 +1,8 @@
 """What may be wrong with all of a run: hypotheses, each a remedy and its words.
 
 Channels of another scale, sign or unit, late, smoothed, exchanged, those of another run, in reverse. What
-grows along the run or with the force. What is no matter of a channel: a sine, and stretches in which
-something else acts. An amount is the one that leaves least.
+grows along the run or with the force. What is no matter of a channel: a sine, a slow drift, and stretches in
+which something else acts. An amount is the one that leaves least.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Channels = Mapping[str, Array]
 
 LAGS = 300.0  # s, up to which a channel may be late
-PADDED = 4  # times the samples that lags are told to
+PADDED = 4  # lags that are tried to every sample
 WHOLE = 0.03  # of a sample: so near to a number of samples a lag is that number
 SURE = 5.0  # sigma
 ROUND = 0.01  # by which a unit or a sign may be off
@@ -30,6 +30,7 @@ AMOUNT = 2.0  # by which chi2 must fall for an amount, as information criteria h
 SOUGHT = 8.0  # and more for a place: among some hundreds
 MOST_LEFT_OUT = 0.2  # of a run, that stretches may take
 SLOWEST = 4  # periods in a run, without which a sine is no more than a drift
+BENT = [2, 3, 4]  # degrees of a slow drift; an offset and a slope do no harm
 REACH = 30.0  # s, that are left out on either side
 TOLD = 4  # stretches at most that are named
 LOUD = 1e-9  # p-value of the power of a block from which something else acts there
@@ -71,6 +72,7 @@ def of_all(trial: Trial, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
     yield from _exchanges(trial, x, others)
     yield from _growing(trial, {name: x[name] for name in live})
     yield _line(trial)
+    yield _drift(trial)
     yield from _stretches(trial)
 
 
@@ -126,7 +128,7 @@ def _lags(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     product = of_bins(r).conj() * u
     n = PADDED * seen.found.window.size
     padded = np.zeros(n // 2 + 1, dtype=np.complex128)
-    padded[PADDED * seen.found.first :: PADDED][: u.size] = product
+    padded[seen.found.first : seen.found.first + u.size] = product
     both = scipy.fft.irfft(padded, n) * n / 2  # <rest, u moved by tau>
     tau = scipy.fft.fftfreq(n, 1 / n) / (fs * PADDED)
     inside = np.abs(tau) < min(LAGS, 0.05 * seen.found.window.size / fs)
@@ -168,16 +170,32 @@ def _filters(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     """Try that a channel has gone through a filter of its own, which a few taps undo."""
     fs = trial.sysid.channels.fs
     moves = np.stack([moved(x, fs, n / fs) - x for n in TAPS], axis=1)
-    _, amounts, _ = trial.gain(np.column_stack([trial.column(name, move) for move in moves.T]))
-    turn = 2j * np.pi * FILTERED / fs
-    passed = 1 / (1 + sum(a * (np.exp(turn * n) - 1) for n, a in zip(TAPS, amounts, strict=True)))
+    columns = np.column_stack([trial.column(name, move) for move in moves.T])
+    b, inverse = trial.reduced(columns)
+
+    def undone(y: Array, f: Array) -> NDArray[np.complex128]:
+        turns = np.exp(2j * np.pi * f[:, None] / fs * np.array(TAPS)) - 1
+        return np.asarray(1 + turns @ (inverse @ y))
+
+    def spread(y: Array) -> float:
+        """Return by how much chi2 is too large only because a filter has made noise louder."""
+        return -4 * float(np.sum(np.log(np.abs(undone(y, trial.as_it_is.found.f)))))
+
+    def left(y: Array) -> float:
+        return float((b + y) @ (b + y)) + spread(y)
+
+    y, of_noise = -b, 0.0
+    if name == "o_12":  # the noise of the residual is its own
+        y = scipy.optimize.minimize(left, y).x
+        of_noise = spread(y)
+    passed = complex(1 / undone(y, np.array([FILTERED]))[0])
     late = -np.angle(passed) / (2 * np.pi * FILTERED)
     words = (
         f"{name} has gone through a filter of its own, which at {1e3 * FILTERED:g} mHz passes "
         f"{abs(passed):.3g} of it, {abs(late):.2g} s {'late' if late > 0 else 'early'}"
     )
-    costs = len(TAPS) * AMOUNT + SOUGHT  # no less than the lag that it contains
-    yield Hypothesis("filter", words, Remedy({name: x + moves @ amounts}), costs)
+    costs = len(TAPS) * AMOUNT + SOUGHT + of_noise  # no less than the lag that it contains
+    yield Hypothesis("filter", words, Remedy({name: x + moves @ (inverse @ y)}), costs)
 
 
 def _exchanges(trial: Trial, x: Channels, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
@@ -210,10 +228,13 @@ def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
         words = f"{name} has {more} scale, by {100 * abs(a):.2g} ± {100 * sigma:.1g} % from start to end"
         yield Hypothesis("scale that drifts", words, Remedy({name: of * (1 + whole + a * share)}), 2 * AMOUNT)
         slope = np.gradient(of) * fs
-        a, sigma, _ = amount(trial, name, slope * share)
+        both = np.column_stack([trial.column(name, change) for change in (slope, slope * share)])
+        _, (whole, a), (_, sigma) = trial.gain(both)
         ever = "later" if a > 0 else "earlier"
         words = f"{name} is ever {ever}, by {abs(a):.2g} ± {sigma:.1g} s from start to end"
-        yield Hypothesis("lag that drifts", words, Remedy({name: of + a * slope * share}), AMOUNT)
+        yield Hypothesis(
+            "lag that drifts", words, Remedy({name: of + (whole + a * share) * slope}), 2 * AMOUNT
+        )
         if name.startswith("f"):
             largest = float(np.abs(of).max())
             for bent, what in (
@@ -258,6 +279,16 @@ def _line(trial: Trial) -> Hypothesis:
     size = float(np.sqrt(2 * np.mean(series**2)))
     words = f"Delta g holds a sine of {1e3 * f:.4g} mHz and {size:.2g} m s-2"
     return Hypothesis("line", words, Remedy(acceleration=series), 3 * AMOUNT + SOUGHT)
+
+
+def _drift(trial: Trial) -> Hypothesis:
+    """Try a slow drift that no channel explains: of a read-out, or of a force."""
+    time = trial.as_it_is.terms.time
+    slow = np.polynomial.legendre.legvander(2 * (time - time[0]) / np.ptp(time) - 1, BENT[-1])[:, BENT]
+    _, amounts, _ = trial.gain(trial.whitened(slow))
+    drift = np.asarray(slow @ amounts)
+    words = f"o_12 or a force holds a slow drift, as if of {np.ptp(drift):.2g} m s-2"
+    return Hypothesis("drift", words, Remedy(acceleration=-drift), len(BENT) * AMOUNT)
 
 
 def _stretches(trial: Trial) -> Iterator[Hypothesis]:

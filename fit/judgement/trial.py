@@ -163,14 +163,20 @@ class Trial:
 
         The column `once`, shape (2 B,), has been added just once before.
         """
+        b, inverse = self.reduced(columns, once)
+        return float(b @ b), -inverse @ b, np.linalg.norm(inverse, axis=1)
+
+    def reduced(self, columns: Array, once: Array | None = None) -> tuple[Array, Array]:
+        """Return b, shape (E,), and A, shape (E, E): amounts A y of columns add |b + y|^2 - |b|^2 to chi2.
+
+        Columns are whitened, shape (2 B, E); the column `once`, shape (2 B,), has been added once before.
+        """
         E, rest = self._beside_known(columns), self.as_it_is.rest
         if once is not None:
             rest = rest + self._beside_known(once)
         norms = np.maximum(np.linalg.norm(E, axis=0), 1e-300)
         q, R = np.linalg.qr(E / norms)
-        inverse = np.linalg.pinv(R, rcond=1e-8) / norms[:, None]
-        b = q.T @ rest
-        return float(b @ b), -inverse @ b, np.linalg.norm(inverse, axis=1)
+        return q.T @ rest, np.linalg.pinv(R, rcond=1e-8) / norms[:, None]
 
     def with_column(self, column: Array) -> float:
         """Return by how much chi2 falls with a whitened column, shape (2 B,), added just once."""
@@ -201,11 +207,6 @@ class Trial:
         terms = self.as_it_is.terms
         found = self.sysid.transformed(series, terms)
         return linear.stacked(linear.whiten(found, self.as_it_is.S)[0])
-
-    def of_parameters(self, direction: Array) -> Array:
-        """Return what moves the parameters of the run along a direction as a column, shape (2 B, 1)."""
-        seen = self.as_it_is
-        return seen.U[:, : seen.c.size] @ dynamics.gradient(self.expected, self.tau) @ direction[:, None]
 
     def _seen(self, remedy: Remedy) -> "_Seen":
         run = self.sysid

@@ -52,6 +52,10 @@ def stale(x):
     return x
 
 
+def every_other(x):
+    return np.interp(np.arange(x.size), np.arange(0, x.size, 2), x[::2])
+
+
 def plus(amount, start, stop=N):
     return lambda x: x + amount * ((np.arange(x.size) >= start) & (np.arange(x.size) < stop))
 
@@ -68,6 +72,8 @@ def plus(amount, start, stop=N):
         ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
         ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
         ("f_x_2", lambda x: 1e-12 * np.round(x / 1e-12), "f_x_2 is rounded to steps of 1e-12"),
+        ("f_x_2", every_other, "f_x_2 is interpolated: 50 % of its samples lie on the line"),
+        ("o_1", lambda x: np.minimum(x, np.quantile(x, 0.98)), "o_1 stops at its limit of"),
         ("o_1", plus(1e-7, 12345), r"o_1 jumps by 1e-07 m at 1234[45] s"),
         ("o_12", plus(-3e-10, 7000), r"o_12 jumps by -3e-10 m at (6999|7000) s"),
         (
@@ -105,10 +111,18 @@ def test_what_is_in_order_is_left_alone(channels):
     assert not said(**channels)
 
 
+@pytest.mark.slow
+def test_a_read_out_in_half_precision_is_rounded_where_it_is_large():
+    x = thirteen.telemetry(thirteen.made("A2", "sysid"), fs=1.0).channels["o_12"]
+    largest = np.abs(x).max()
+    (found,) = samples.stuck((x / largest).astype(np.float16) * largest, 1.0)
+    assert found.what.startswith("is rounded: to steps of 5.8e-12 where it is largest")  # 2^-11 of 12 nm
+
+
 def test_a_command_at_the_limit_of_its_authority_is_not_stuck():
     limited = {"f_x_2": lambda x: np.clip(x, None, np.quantile(x, 0.9))}
     odd = run(**limited)
-    assert any("f_x_2 is stuck at" in reason for reason in samples.faults(odd, run("noise")))
+    assert any("f_x_2 stops at its limit of" in reason for reason in samples.faults(odd, run("noise")))
     given = replace(odd, F_max_2=float(odd.channels["f_x_2"].max()) * odd.m_tm)
     assert not list(samples.faults(given, run("noise")))
 

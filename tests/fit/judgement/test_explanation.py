@@ -75,6 +75,21 @@ FAULTS = {
         {"filter"},
         "f_x_2 has gone through a filter of its own, which at 50 mHz passes 0.958 of it, 0.55 s late",
     ),
+    "low-pass of what bears the noise": (
+        {"o_12": lambda c: signal.lfilter([1 - 1 / np.e], [1, -1 / np.e], c["o_12"])},
+        {"filter"},
+        "o_12 has gone through a filter of its own, which at 50 mHz passes 0.958 of it, 0.55 s late",
+    ),
+    "late by a minute": (
+        {"f_x_2": lambda c: late(c["f_x_2"], 60)},
+        {"lag"},
+        "f_x_2 is late by 60 samples",
+    ),
+    "a slow drift": (
+        {"o_12": lambda c: c["o_12"] + 1e-6 * np.linspace(0, 1, N) ** 2},
+        {"drift"},
+        "o_12 or a force holds a slow drift, as if of",
+    ),
     "mean of three": (
         {"o_12": lambda c: np.convolve(np.pad(c["o_12"], 1, mode="edge"), np.ones(3) / 3, "valid")},
         {"filter"},
