@@ -33,7 +33,7 @@ from fit.estimate import inertial as euler_fit
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation, separation
 from fit.results import Fit, Results, check_frame, sound_joint
 from fit.signal import Excess, derivatives
-from fit.telemetry import Telemetry, Writer, inertial_period, read_stretch, samples
+from fit.telemetry import Telemetry, Writer, another_stretch, inertial_period, read_stretch, samples
 from fit.threads import tell
 from fit.warnings import FitWarning
 
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 UNIT = "m s-2"
 SPLIT = (3e-3, 12e-3)  # Hz, where the low-pass of g_dOmega begins to fall and where it has fallen
 RIPPLE = 60.0  # dB, what it leaves
-OUTPUTS = 14_400  # per stretch: 4 h at 1 Hz
+AT_ONCE = 144_000  # samples of the file per stretch: 4 h at 10 Hz, 40 h at 1 Hz
 MARGIN = 400.0  # s, kept on either side for `derivatives.bridge` to see gaps whole and for filters to run in
 #: The terms of Delta g_x, by channel of the product.
 TERMS: Mapping[str, dynamics.Term] = {term.channel: term for term in dynamics.DELTA_G_X}
@@ -93,15 +93,17 @@ class Stretch:
     keep: slice
 
 
-def cut(path: Path, fs: float) -> Iterator[Stretch]:
-    """Read a file in pieces of `OUTPUTS` outputs each, with all around that they depend on."""
-    whole = grid(samples(path), fs)
-    margin = int(np.ceil(MARGIN * fs / whole.factor))
-    for first in range(0, whole.outputs, OUTPUTS):
-        last = min(first + OUTPUTS, whole.outputs)
+def cut(head: Telemetry) -> Iterator[Stretch]:
+    """Read the file of a run in pieces of `AT_ONCE` samples each, with all around that they depend on."""
+    whole = grid(samples(head.path), head.fs)
+    margin = int(np.ceil(MARGIN * head.fs / whole.factor))
+    outputs = max(1, AT_ONCE // whole.factor)
+    for first in range(0, whole.outputs, outputs):
+        last = min(first + outputs, whole.outputs)
         begin, end = max(0, first - margin), min(whole.outputs, last + margin)
         stop = whole.factor * (end - 1) + whole.reach + 1 if end < whole.outputs else None
-        yield Stretch(read_stretch(path, whole.factor * begin, stop), slice(first - begin, last - begin))
+        piece = another_stretch(head, whole.factor * begin, stop)
+        yield Stretch(piece, slice(first - begin, last - begin))
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,7 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     }
     excess = Excess(size.outputs, head.fs / size.factor)
     with Writer(out, size.outputs, described, attributes) as writer:
-        for time, channels in _series(path, head.fs, recipe):
+        for time, channels in _series(head, recipe):
             writer.append(time, {name: channels[name] for name in described})
             excess.add(channels["delta_g_x"], channels["delta_g"])
             tell((time[-1] - head.time[0]) * head.fs / size.samples)
@@ -196,7 +198,7 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     """
     head, size, recipe = _begun(run.path, results)
     described = _described(recipe)
-    pieces = list(_series(run.path, head.fs, recipe))
+    pieces = list(_series(head, recipe))
     excess = Excess(size.outputs, head.fs / size.factor)
     for _, found in pieces:
         excess.add(found["delta_g_x"], found["delta_g"])
@@ -297,19 +299,19 @@ def _turning(head: Telemetry) -> _Turning | None:
         return None
     reference = None
     if len(sources.star_tracker) == 4:
-        each = (rotation.first_quaternion(stretch.telemetry) for stretch in cut(path, fs))
+        each = (rotation.first_quaternion(stretch.telemetry) for stretch in cut(head))
         reference = next((q for q in each if q is not None), None)
-    motions = (rotation.motion(s.telemetry, sources, reference).part(s.keep) for s in cut(path, fs))
+    motions = (rotation.motion(s.telemetry, sources, reference).part(s.keep) for s in cut(head))
     whole = grid(samples(path), fs)
     start = head.time[0] + whole.reach / 2 / fs
     slow = rate.slow_rate(path, motions, start, start + (whole.outputs - 1) * whole.factor / fs)
     return _Turning(sources, reference, slow)
 
 
-def _series(path: Path, fs: float, recipe: _Recipe) -> Iterator[tuple[Array, dict[str, Array]]]:
+def _series(head: Telemetry, recipe: _Recipe) -> Iterator[tuple[Array, dict[str, Array]]]:
     """Yield time and channels, stretch by stretch."""
-    turning, integral = recipe.turning, None
-    for stretch in cut(path, fs):
+    fs, turning, integral = head.fs, recipe.turning, None
+    for stretch in cut(head):
         time, channels = _delta_g_x(stretch, recipe.known)
         if recipe.cross_talk is not None:
             delta_g_SC, valid = dynamics.delta_g_SC(stretch.telemetry, recipe.cross_talk)

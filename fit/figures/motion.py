@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fit.figures.charts import ASD, FREQUENCY, Chart, Curve, Panel, chart, limits
 from fit.model import dynamics
 from fit.signal import LogSpectrum, log_psd
+from fit.threads import each
 
 Array = NDArray[np.float64]
 Series = Sequence[Mapping[str, Array]]
@@ -38,7 +39,8 @@ def spectra(series: Series, fs: float) -> dict[str, LogSpectrum]:
         Sample rate [Hz].
     """
     names = [name for name in series[0] if all(name in run for run in series)]
-    return {name: log_psd([run[name] for run in series], fs) for name in names}
+    found = each(lambda name: log_psd([run[name] for run in series], fs), names)
+    return dict(zip(names, found, strict=True))
 
 
 def gain(found: Mapping[str, LogSpectrum]) -> tuple[float, float]:

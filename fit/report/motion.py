@@ -12,6 +12,7 @@ from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry, XAxis, inertial_period
+from fit.threads import each
 
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
@@ -80,7 +81,7 @@ def _drawings(
 ) -> tuple[Drawing, ...]:
     if results.joint is None or not runs:
         return ()
-    terms = [products.terms(run) for run in runs]
+    terms = each(products.terms, runs)
     rates = [each.fs for each in terms]
     if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in each.channels for each in terms):
         return ()  # no common spectrum, or a frame that is refused

@@ -17,6 +17,7 @@ from fit.signal import Estimator, LogSpectrum, log_psd
 from fit.tables import Cell, Grid, Line
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
+from fit.threads import each
 from fit.warnings import masked
 
 Array = NDArray[np.float64]
@@ -68,10 +69,11 @@ def parts(results: Results, telemetries: Sequence[Telemetry], products: Products
     runs = [t for t in telemetries if t.kind == "noise" and t.duration >= 0.995 * _SHORTEST]
     if results.joint is None or results.joint.unsound:
         return []
-    runs = [run for run in runs if np.mean(np.isfinite(products.total(run).delta_g)) > _LEFT]
+    left = each(lambda run: float(np.mean(np.isfinite(products.total(run).delta_g))), runs)
+    runs = [run for run, share in zip(runs, left, strict=True) if share > _LEFT]
     if len(runs) < 2:
         return []
-    points = [_point(run, products.total(run)) for run in runs]
+    points = each(lambda run: _point(run, products.total(run)), runs)
     law = figures.law(points)
     if law and law.relative < _SURE * law.sigma:
         law = None

@@ -62,16 +62,13 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
     joint_table = None if joint is None else tables.table(joint, [joint_parameter(name) for name in names])
-    upto(0.8)
+    upto(0.3 if results.inertial else 0.8)
     sections = _drawn(report_experiments.sections(results, telemetries))
     products = Products(results)
+    upto(0.8)
     motion = _drawn(report_motion.parts(results, telemetries, products))
-    parts = [
-        *report_mission.parts(results, telemetries),
-        *report_noise.parts(results, telemetries, products),
-        *report_identified.parts(results, directory),
-        *report_sampling.parts(results, directory),
-    ]
+    upto(1.0)
+    parts = _drawn(_last(directory, results, telemetries, products))
     page = (
         _environment()
         .get_template("report.html.jinja")
@@ -86,7 +83,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
             sections=sections,
             open=len(sections) <= report_experiments.OPEN,
             motion=motion,
-            parts=_drawn(parts),
+            parts=parts,
             runs=telemetries,
             provenance=_provenance(results, telemetries),
             colours=COLOURS,
@@ -97,6 +94,18 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     )
     atomic.write(path := directory / "report.html", page)
     return path
+
+
+def _last(
+    directory: Path, results: Results, telemetries: Sequence[Telemetry], products: Products
+) -> list[Part]:
+    """Return the sections at the end of the page."""
+    return [
+        *report_mission.parts(results, telemetries),
+        *report_noise.parts(results, telemetries, products),
+        *report_identified.parts(results, directory),
+        *report_sampling.parts(results, directory),
+    ]
 
 
 def drawings(results: Results, telemetries: Sequence[Telemetry]) -> list[Drawing]:

@@ -112,6 +112,7 @@ def stretches(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.flatnonzero(bounded[1:] != bounded[:-1]).reshape(-1, 2)
 
 
+@lru_cache(maxsize=16)
 def low_pass(fs: float, f_max: float = F_MAX, rate: float = RATE) -> tuple[Array, int]:
     """Return the taps of the common zero-phase filter and the decimation it makes safe, 1 below twice `rate`.
 
@@ -124,8 +125,9 @@ def low_pass(fs: float, f_max: float = F_MAX, rate: float = RATE) -> tuple[Array
     half = (RIPPLE - 7.95) / (2.285 * 2 * math.pi * width / fs) / 2
     half = factor * math.ceil(half / factor)
     window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
-    taps = scipy.signal.firwin(2 * half + 1, f_max + width / 2, window=window, fs=fs)
-    return np.asarray(taps, dtype=np.float64), factor
+    taps = np.asarray(scipy.signal.firwin(2 * half + 1, f_max + width / 2, window=window, fs=fs), np.float64)
+    taps.flags.writeable = False  # others get the same ones
+    return taps, factor
 
 
 def decimate(x: Array, taps: Array, factor: int) -> Array:

@@ -10,6 +10,7 @@ from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.pieces import pieces
 from fit.telemetry.reader import (
     Telemetry,
+    another_stretch,
     common_x_axis,
     inertial_period,
     inside,
@@ -30,6 +31,7 @@ __all__ = [
     "Telemetry",
     "Writer",
     "XAxis",
+    "another_stretch",
     "check_storage",
     "common_x_axis",
     "convert",

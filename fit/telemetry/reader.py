@@ -6,7 +6,7 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -162,6 +162,21 @@ def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
     """
     with _opened(path) as file:
         return _read(file, path, slice(start, stop))
+
+
+def another_stretch(telemetry: Telemetry, start: int, stop: int | None) -> Telemetry:
+    """Return samples `start` to `stop` of the file of a run; all but its time axis is as it was read before.
+
+    Raises
+    ------
+    InputError
+        As `read`.
+    """
+    part = slice(start, stop)
+    with _opened(telemetry.path) as file:
+        time = read_time(file, telemetry.path, telemetry.fs, part)
+    channels = _OnDemand(telemetry.path, list(telemetry.units), part, telemetry.fs)
+    return replace(telemetry, time=time, channels=channels)
 
 
 def look(path: Path) -> None:

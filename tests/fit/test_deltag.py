@@ -148,7 +148,7 @@ def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
             file[name][start:stop] = np.nan
     whole, _ = product(path, tmp_path / "whole.h5", calibrated(LATE))
     for outputs in (4_990, 7_001):
-        monkeypatch.setattr(deltag, "OUTPUTS", outputs)
+        monkeypatch.setattr(deltag, "AT_ONCE", outputs)
         pieces, _ = product(path, tmp_path / "pieces.h5", calibrated(LATE))
         for name, channel in whole.data_vars.items():
             scale = float(np.nanmax(np.abs(channel)))
@@ -173,7 +173,7 @@ def test_ten_hertz_gives_the_same_at_one(tmp_path):
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(deltag, "OUTPUTS", 3_600)
+    monkeypatch.setattr(deltag, "AT_ONCE", 3_600)
     peaks = []
     for days in (0.6, 1.6):  # longer than a segment of `Excess`
         path = write(tmp_path, run(LATE, duration=days * DAY, name="long")[0], LATE)
