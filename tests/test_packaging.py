@@ -98,6 +98,7 @@ def test_digest_covers_models_generator_and_runtime():
     covered = set(build.source_files().values())
     generator = build.ENGINE.parent / "modelica"
     assert covered >= {*build.PACKAGE.rglob("*.mo"), *generator.rglob("*.py"), *generator.rglob("*.[ch]")}
+    assert covered >= {p for p in (build.PACKAGE / "Resources").rglob("*") if p.is_file()} != set()
 
 
 def test_damaged_file_is_noticed(shipped):
