@@ -195,7 +195,9 @@ def _experiments(
                 str(root), stop_time=_STOP, step_size=step, output_interval=step, start_values=values,
                 input=driven if inputs else None, output=[d.name for d in outputs],
             )  # fmt: skip
-        except Exception:  # FMPy raises bare exceptions where a model does not run as it starts
+        # FMPy raises bare exceptions where a model does not run as it starts, or where inputs are scalars and
+        # arrays, which it cannot drive together.
+        except Exception:
             return []
         results.append(result)
     told = _experiment_file(sets, step, stimuli=bool(inputs))

@@ -95,39 +95,38 @@ static uint32_t *elements(const fmi3ValueReference vr[], size_t n, size_t n_valu
     return NULL;
 }
 
-static fmi3Status miscounted(const Component *m, const char *function) {
+static COLD fmi3Status miscounted(const Component *m, const char *function) {
     char message[128];
     snprintf(message, sizeof message, "%s: as many values as the variables have elements are expected", function);
     return fail(m, message);
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t n_values) {
-    if (n == n_values) { /* scalars, which is quicker */
-        const char *problem = instance_get(m, vr, n, values);
-        for (size_t i = 0; problem && i < n; i++)
-            if (is_array(vr[i])) return miscounted(m, "fmi3GetFloat64");
-        return done(m, problem);
-    }
+static COLD APART fmi3Status get_arrays(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
+                                        size_t n_values) {
     uint32_t *all = elements(vr, n, n_values);
-    if (!all) return miscounted(m, "fmi3GetFloat64");
-    const char *problem = instance_get(m, all, n_values, values);
+    fmi3Status status = all ? fmi3GetFloat64(m, all, n_values, values, n_values) : miscounted(m, "fmi3GetFloat64");
     free(all);
-    return done(m, problem);
+    return status;
+}
+
+static COLD APART fmi3Status set_arrays(fmi3Instance m, const fmi3ValueReference vr[], size_t n,
+                                        const fmi3Float64 values[], size_t n_values) {
+    uint32_t *all = elements(vr, n, n_values);
+    fmi3Status status = all ? fmi3SetFloat64(m, all, n_values, values, n_values) : miscounted(m, "fmi3SetFloat64");
+    free(all);
+    return status;
+}
+
+/* As many values as variables are values of scalars, which is quick. */
+fmi3Status fmi3GetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t n_values) {
+    if (n != n_values) return get_arrays(m, vr, n, values, n_values);
+    return done(m, instance_get(m, vr, n, values));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[],
                           size_t n_values) {
-    if (n == n_values) {
-        const char *problem = instance_set(m, vr, n, values);
-        for (size_t i = 0; problem && i < n; i++)
-            if (is_array(vr[i])) return miscounted(m, "fmi3SetFloat64");
-        return done(m, problem);
-    }
-    uint32_t *all = elements(vr, n, n_values);
-    if (!all) return miscounted(m, "fmi3SetFloat64");
-    const char *problem = instance_set(m, all, n_values, values);
-    free(all);
-    return done(m, problem);
+    if (n != n_values) return set_arrays(m, vr, n, values, n_values);
+    return done(m, instance_set(m, vr, n, values));
 }
 
 fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_rollback,

@@ -26,7 +26,7 @@ static const char *instance_exit(Instance *m) {
 static const char *instance_get(Instance *m, const uint32_t *vr, size_t n, double *values) {
     State *s = &m->now.state;
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= NV) return "there is no variable of this value reference";
+        if (vr[i] >= NV) return "there is no scalar variable of this value reference";
         const int stage = model_stage[vr[i]];
         if (stage > s->fresh) core_refresh(s, stage);
         memcpy(values + i, s->v + vr[i], sizeof *values); /* past the floating-point registers, which is quicker */
@@ -45,7 +45,7 @@ static const char *instance_set(Instance *m, const uint32_t *vr, size_t n, const
         return NULL;
     }
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= NV) return "there is no variable of this value reference";
+        if (vr[i] >= NV) return "there is no scalar variable of this value reference";
         if (model_settable[vr[i]] < least) return "this variable cannot be set, or not any more";
         s->v[vr[i]] = values[i];
         if (model_settable[vr[i]] > 2 && s->initialized) core_tune(s);
