@@ -14,6 +14,7 @@ from fit.identification import comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
+from fit.judgement import jury
 from fit.model import Sharing, dynamics
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
@@ -78,6 +79,7 @@ def identify(
     commands = search.commands(experiments, loop, outcome)
     more = [
         *comparison.of_data(calibrated),
+        *jury.said(experiments, outcome),
         *noise.misfits(experiments, outcome),
         *comparison.misled(commands, list(found)),
         *restless,
@@ -209,17 +211,18 @@ class _Search:
         FitError
             If the loop cannot be simulated where the search begins, or it does not settle.
         """
+        joint, known = self.joint, self.joint.named(self._start)
+        given = ", ".join(f"{name} = {known[name]:.6g}" for name in joint.given)
         try:
             each(partial(_reach, theta=self._start), self.weighings)
         except FitError as error:
-            known = self.joint.named(self._start)
-            given = [f"{name} = {known[name]:.6g}" for name in self.joint.given]
-            at = f" ({', '.join(given)})" if given else ""
-            raise FitError(f"where the search begins{at}: {error}") from None
-        joint = self.joint
-        return irls.iterate(
-            self.weighings, joint.parameters, self.held, departing=joint.departing, admitted=self.admitted
-        )
+            raise FitError(f"where the search begins{f' ({given})' * bool(given)}: {error}") from None
+        try:
+            return irls.iterate(
+                self.weighings, joint.parameters, self.held, departing=joint.departing, admitted=self.admitted
+            )
+        except FitError as error:
+            raise FitError(f"{error}{f'; the search began at {given}' * bool(given)}") from None
 
     def commands(
         self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.Outcome

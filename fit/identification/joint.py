@@ -116,8 +116,9 @@ def joint(
     first = [each.of(runs[0]).prior_sigma for each in free]
     views = []
     for n, e in enumerate(experiments):
-        own = (*free, *(each for each in beside if each.name in e.parameters))
-        views.append(_view(share(own, runs[n], list(found)), own, len(free), departing, n, N))
+        own = [each for each in beside if each.name in e.parameters]
+        plain = share((*free, *own), runs[n], list(found))
+        views.append(_view(plain, [each.name for each in free], [each.name for each in own], departing, n, N))
     no_bound = np.full(len(more), np.inf)
     return Joint(
         parameters=(*(replace(p, value=x) for (p, _), x in zip(found.values(), start, strict=True)), *more),
@@ -130,15 +131,18 @@ def joint(
     )
 
 
-def _view(plain: Array, own: Sequence[Free], sought: int, departing: Sequence[str], n: int, N: int) -> View:
+def _view(
+    plain: Array, sought: Sequence[str], cross_talk: Sequence[str], departing: Sequence[str], n: int, N: int
+) -> View:
     """Return what experiment n of N sees; `plain`, shape (K, P), is without what departs."""
-    names = [each.name for each in own]
-    by_loop = names[:sought]
-    wanted = [name for name in departing if name not in by_loop]  # from what was measured
-    wanted += [d for gain, d in departures.DELAYS.items() if gain in wanted and d not in (*by_loop, *wanted)]
+    wanted = [name for name in departing if name not in sought]  # from what was measured
+    wanted += [d for gain, d in departures.DELAYS.items() if gain in wanted and d not in (*sought, *wanted)]
     # a gain of the loop that departs takes its delay along where the loop has that delay itself
-    following = [d for gain, d in departures.DELAYS.items() if d in by_loop or gain in wanted]
-    of_run = [*names, *wanted]
+    following = [d for gain, d in departures.DELAYS.items() if d in sought or gain in wanted]
+    of_equation = [name for name in wanted if name in dynamics.PARAMETERS]
+    within = [name for name in wanted if name not in dynamics.PARAMETERS]
+    of_run = [*sought, *of_equation, *cross_talk, *within]
+    share = np.zeros((len(of_run), plain.shape[1]))
+    share[[of_run.index(name) for name in (*sought, *cross_talk)]] = plain
     more = departures.entering(of_run, departing, n, N, following)
-    below = np.zeros((len(wanted), plain.shape[1]))
-    return View(tuple(of_run[sought:]), np.hstack([np.vstack([plain, below]), more]))
+    return View(tuple(of_run[len(sought) :]), np.hstack([share, more]))

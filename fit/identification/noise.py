@@ -17,7 +17,7 @@ def changing(
     """Let the sigmas allow for noise that changes within runs, and tell of which it does."""
     solution, blocks, told = outcome.solution, list(outcome.blocks), []
     for k, (experiment, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
-        assert isinstance(block, Linearised)
+        assert isinstance(block, Linearised) and block.f is not None
         steps = steadiness.of_block(block, solution.theta, block.f)
         if steps:
             blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))

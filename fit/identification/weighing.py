@@ -28,13 +28,10 @@ class Linearised(unsteady.Unsteady):
 
     Attributes
     ----------
-    f : ndarray, shape (B,)
-        Frequencies [Hz].
     at : ndarray, shape (P,)
         The trial.
     """
 
-    f: Array = field(kw_only=True)
     at: Array = field(kw_only=True)
 
     def coefficients(self, theta: Array) -> Array:
@@ -179,7 +176,7 @@ class Simulated:
     names : sequence of str
         The first of the K parameters of the experiment, those of the loop.
     along : sequence of str
-        The others, see `Imposed.along`.
+        The others, see `Imposed.along`; those of `dynamics.PARAMETERS` first.
     share : ndarray, shape (K, P)
         Map from the P joint parameters to all of them.
     scales : tuple of ndarray, each of shape (len(names),)
@@ -205,6 +202,7 @@ class Simulated:
         self._noise = experiment.noise and Imposed(experiment.noise, loop, reference)
         self._names, self._share, self._likelihood = names, share, likelihood
         self._widths, self._low, self._high = scales
+        self._beside = along
         self._along = [run.along(along) for run in (self._sysid, self._noise) if run]
         self._louder = list(self._sysid.motion()) if experiment.louder else []
         self._model: NoiseModel | None = None
@@ -252,6 +250,7 @@ class Simulated:
             noise=self._model,
             taken=terms.nuisance.shape[1],
             f=terms.f,
+            names=(*self._names, *(name for name in self._beside if name in dynamics.PARAMETERS)),
             at=theta,
         )
 

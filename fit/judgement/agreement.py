@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from fit.estimate import Outcome, departures, hierarchy
 from fit.inspection import LeftOut
 from fit.judgement.consistency import HELD, Regression, Squares
-from fit.model import dynamics
 from fit.paper import FLIGHT
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -145,7 +144,7 @@ def _shared_out(voices: Regression) -> Iterable[float]:
     runs = range(len(voices.voices))
     yield len(runs) * min(voices.of_run(i).p for i in runs)
     single, every = [], []
-    for name in dynamics.PARAMETERS:
+    for name in voices.voices[0].names:
         columns = [voices.column(i, v.along(name)) for i, v in enumerate(voices.voices)]
         tests = [t for t in map(voices.of_columns, columns) if t.dof]
         single += [t.p for t in tests]

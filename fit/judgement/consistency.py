@@ -94,6 +94,8 @@ class Voice:
         Covariance of the knots.
     level : float
         How much louder than its model the noise was taken to be: 1 where the model holds.
+    names : sequence of str
+        The first of the parameters of the run.
     """
 
     name: str
@@ -106,6 +108,7 @@ class Voice:
     knots: Array
     of_knots: Array
     level: float = 1.0
+    names: Sequence[str] = dynamics.PARAMETERS
 
     @property
     def X(self) -> Array:
@@ -127,8 +130,10 @@ class Voice:
         return self.theta + step, np.where(free, np.inf, sigma)
 
     def along(self, name: str) -> Array:
-        """By how much z falls with one of the run's own parameters, shape (N,)."""
-        return np.asarray(self.answer @ self.gradient[:, dynamics.PARAMETERS.index(name)])
+        """By how much z falls with one of the run's own parameters, shape (N,); not at all if it has none."""
+        if name not in self.names:
+            return np.zeros_like(self.z)
+        return np.asarray(self.answer @ self.gradient[:, self.names.index(name)])
 
 
 def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
@@ -146,11 +151,11 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
     of_run = block.share @ theta
     R, H, c = block.R, block.H, block.coefficients(theta)
     score = R.T[1:] @ (R @ c)
-    gradient = dynamics.gradient(of_run, block.tau)
+    gradient = block.of_run(theta)
     level = _level(block, c)
     W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
     W = _believed(block, of_run, W @ H[1:] @ gradient) @ W
-    knots, of_knots = _knots(experiment, block, W)
+    knots, of_knots = _knots(block, W)
     return Voice(
         name=experiment.name,
         z=W @ score,
@@ -161,6 +166,7 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
         tau=block.tau,
         knots=knots,
         of_knots=of_knots,
+        names=block.names,
         level=level,
     )
 
@@ -173,8 +179,9 @@ def _believed(block: linear.Block, of_run: Array, slope: Array) -> Array:
     it, in every run differently. `slope`, shape (N, Q), is what the parameters of the run do to z.
     """
     at = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
-    stiffness, gain, delay = (slope[:, at[name]] for name in ("omega2_2", "lambda_2", "C_2"))
-    blind = slope[:, len(dynamics.PARAMETERS) :]
+    blind = slope[:, len(block.names) :]
+    if block.tone is not None:
+        stiffness, gain, delay = (slope[:, at[name]] for name in ("omega2_2", "lambda_2", "C_2"))
     if block.tone:  # at its frequency nothing changes if the gain follows the stiffness
         omega2_2, lambda_2 = of_run[at["omega2_2"]], of_run[at["lambda_2"]]
         per_stiffness = lambda_2 / (omega2_2 - (2 * np.pi * block.tone) ** 2)
@@ -211,11 +218,11 @@ def _whitening(H: Array, M: Array) -> Array:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(V.T @ M @ V), V.T))
 
 
-def _knots(experiment: Experiment, block: linear.Block, W: Array) -> tuple[Array, Array]:
+def _knots(block: linear.Block, W: Array) -> tuple[Array, Array]:
     """Return by how much each knot of the noise model adds to the covariance of z, and theirs."""
-    if block.noise is None:
+    if block.noise is None or block.f is None:
         return np.zeros((0, len(W), len(W))), np.zeros((0, 0))
-    basis = block.noise.basis(experiment.sysid.spectra(block.tau).f)
+    basis = block.noise.basis(block.f)
     u = (block.columns[:, 1:] * np.sqrt(block.weights.fit)[:, None]) @ W.T
     pairs = (u.conj()[:, :, None] * u[:, None, :]).real.reshape(len(u), -1)
     found = (basis.T @ pairs).reshape(-1, len(W), len(W))

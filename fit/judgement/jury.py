@@ -231,11 +231,19 @@ def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> Fit
     return FitWarning("contradiction", (), f"{message}; the sigmas do not hold")
 
 
+def said(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning]:
+    """Return what is to be said of a fit that leaves none of its experiments out."""
+    if len(experiments) == 1:
+        return []
+    voices = regression(experiments, outcome)
+    return _leaning(voices, outcome) if agree(voices) else [_contradiction(voices, experiments)]
+
+
 def _leaning(voices: Regression, outcome: Outcome) -> list[FitWarning]:
     """Say what rests on a single run."""
     found = []
     for i, grown in leaning(voices, outcome.lost).items():
-        names = tuple(outcome.parameters[k].name for k in grown if outcome.parameters[k].equation)
+        names = tuple(outcome.parameters[k].name for k in grown if k < outcome.shared)
         if names:
             run, verb = voices.voices[i].name, "rests" if len(names) == 1 else "rest"
             message = (

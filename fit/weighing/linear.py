@@ -54,6 +54,10 @@ class Block:
         By which it was whitened; None where its own residual has told.
     taken : int
         Real numbers that have been projected out of every column.
+    f : ndarray, shape (B,), or None
+        Their frequencies [Hz] where it was whitened by a PSD.
+    names : sequence of str
+        The first of the parameters of the run; the others are of what noisy read-outs tell.
     """
 
     tau: tuple[float, float]
@@ -65,6 +69,8 @@ class Block:
     first: int = 1
     noise: NoiseModel | None = None
     taken: int = 2
+    f: Array | None = None
+    names: Sequence[str] = dynamics.PARAMETERS
 
     def coefficients(self, theta: Array) -> Array:
         """Return the coefficients of the columns, shape (K, ...), for theta, shape (P, ...)."""
@@ -77,10 +83,6 @@ class Block:
     def gradient(self, theta: Array) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P)."""
         return np.asarray(self.of_run(theta) @ self.share)
-
-    def jacobian(self, theta: Array) -> Array:
-        """Return the derivatives of ``R c`` by theta, shape (K, P)."""
-        return np.asarray(self.R @ self.of_run(theta) @ self.share)
 
     @property
     def size(self) -> int:
@@ -204,7 +206,7 @@ def block(
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
     tone = single_tone(spectra.f, drives(U))
     of_bins, taken = weights(likelihood, spectra.f, u), spectra.nuisance.shape[1]
-    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise, taken=taken)
+    return Block(spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise, taken=taken, f=spectra.f)
 
 
 def information(blocks: Sequence[Block], theta: Array) -> Array:
@@ -325,7 +327,6 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     if all(isinstance(block, Straight) for block in blocks):
         return _normal(blocks, prior, width)
     lmfit = _lmfit()
-    rows = prior.rows * width
 
     def parameters(p: Any) -> Array:
         return np.array([p[name].value for name in p]) * width
@@ -337,8 +338,8 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
 
     def jacobian(p: Any) -> Array:
         theta = parameters(p)
-        data = [block.jacobian(theta) * width for block in blocks]
-        return np.concatenate([*data, rows])
+        data = [block.R @ block.of_run(theta) @ block.share * width for block in blocks]
+        return np.concatenate([*data, prior.rows * width])
 
     p = lmfit.Parameters()
     for i, value in enumerate(start / width):

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from fit.errors import quote
 from fit.files import Table, problem
@@ -24,9 +24,13 @@ class SoughtTable(Table):
 
     @field_validator("bounds")
     @classmethod
-    def _ascending(cls, bounds: list[float]) -> list[float]:
-        if bounds[0] >= bounds[1]:
-            raise problem(f"from {bounds[0]:g} to {bounds[1]:g}, expected the lower bound first")
+    def _ascending(cls, bounds: list[float], info: ValidationInfo) -> list[float]:
+        low, high = bounds
+        if low >= high:
+            raise problem(f"from {low:g} to {high:g}, expected the lower bound first")
+        start = info.data.get("start")
+        if start is not None and not low <= start <= high:
+            raise problem(f"from {low:g} to {high:g}, expected bounds about the start, {start:g}")
         return bounds
 
     def record(self) -> Sought:

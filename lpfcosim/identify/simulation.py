@@ -31,7 +31,8 @@ _GUIDANCE = ("guidance_o_1", "guidance_o_12")
 class _Loaded:
     """A run as it is simulated: what drives it, its whole loop, and its controller alone.
 
-    `sense` is -1 where +x of the telemetry points the other way than that of the FMUs.
+    `sense` is -1 where +x of the telemetry points the other way than that of the FMUs, `steady` the mean of
+    the commands on both test masses, in the frame of the FMUs.
     """
 
     run: Run
@@ -40,6 +41,7 @@ class _Loaded:
     controller: Trials
     jitters: bool
     sense: float
+    steady: tuple[float, float]
 
 
 class Simulation:
@@ -100,7 +102,9 @@ class Simulation:
         force = loaded.sense * inputs["f_x_1"]
         imposed = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
         thrust = loaded.sense * inputs["F_noise_x_sc"]
-        feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, loaded.run.dc)}
+        # whatever the gains of the trial, the run begins at rest: else they would show in how it settles
+        constant = _held_by(loaded.steady, {**self._gains, **theta})
+        feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, constant)}
         found = self._simulated(loaded.loop, n, feeds, theta)
         self._done += 1
         self.told(self._done)
@@ -160,21 +164,29 @@ def _load(
         run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
     sense = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
     feeds = _driven(run, telemetry, sense)
-    run = replace(run, dc=sense * _balance(run, telemetry, feeds))
+    steady = _steady(run, telemetry, feeds, sense)
+    run = replace(
+        run, dc=_held_by(steady, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)})
+    )
     found = interfaces(run, fmus)
     loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"), where)
     controller = trials.controller(stack, replace(run, dc=0.0), found, where)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
-    return _Loaded(run, feeds, loop, controller, jitters, sense)
+    return _Loaded(run, feeds, loop, controller, jitters, sense, steady)
 
 
-def _balance(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array]) -> float:
-    """Return the constant acceleration that the commands hold, as the run shows it without direct forces."""
+def _held_by(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
+    """Return the constant acceleration that such commands hold."""
+    return gains["lambda_1"] * steady[0] - gains["lambda_2"] * steady[1]
+
+
+def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: float) -> tuple[float, float]:
+    """Return the mean commands on both test masses, as the run shows them without direct forces."""
     factor = round(run.fs / telemetry.fs)
     quiet = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
     quiet = quiet[::factor] if np.mean(quiet) > QUIET else np.ones(telemetry.size, dtype=bool)
     force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][quiet])) for j in (1, 2))
-    return run.truth.lambda_1 * force_1 - run.truth.lambda_2 * force_2
+    return sense * force_1, sense * force_2
 
 
 def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:

@@ -5,7 +5,6 @@ import pytest
 
 from fit.estimate import departures
 from fit.identification.joint import _view
-from fit.identification.protocol import Free
 from fit.paper import FLIGHT
 
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
@@ -13,7 +12,7 @@ RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
 
 def view(sought, departing):
     """Return what the second of two experiments sees, of one parameter each besides what departs."""
-    return _view(np.eye(len(sought)), [Free(name) for name in sought], len(sought), departing, 1, 2)
+    return _view(np.eye(len(sought)), sought, [], departing, 1, 2)
 
 
 @pytest.mark.parametrize(

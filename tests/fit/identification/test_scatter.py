@@ -68,6 +68,17 @@ def test_what_the_fit_lets_scatter_scatters_here_too(flown):
     assert [w.parameters for w in found.joint.warnings if w.code == "scatter"] == [("lambda_2",)]
 
 
+def test_gains_that_differ_and_are_not_let_contradict_each_other(flown):
+    """As in the fit, though chi2 of every run is that of its noise run."""
+    runs, telemetries, _ = flown
+    firm = CHOSEN.model_copy(update={"scatter": []})
+    calibrated = pipeline.calibrate(telemetries, firm)
+    found = identify(pair(telemetries), (Free("lambda_2"), *SOUGHT), LinearLoop(runs), calibrated, firm)
+    (told,) = [w for w in found.joint.warnings if w.code == "contradiction"]
+    assert "a gain that scatters by" in told.message
+    assert found.joint.unsound
+
+
 def test_a_gain_that_is_held_departs_by_what_was_measured(flown):
     """Though nobody seeks lambda_2, what else is found has no share of its scatter."""
     fitted, found = flown[2], identified(flown, SOUGHT)

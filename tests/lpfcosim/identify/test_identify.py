@@ -87,6 +87,18 @@ def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
 
 
 @pytest.mark.slow
+def test_gain_of_the_controller_and_of_the_actuation_are_one_number(lpfcosim, done):
+    """Nor does it tell them apart how a run settles whose constant force they hold."""
+    done.write_text(f"{CAMPAIGN}\n[identify]\nlambda_2 = {{}}\nC_2 = {{}}\nSuspensionControl.f_u = {{}}\n")
+    status, out, err = lpfcosim("identify", done, "--json")
+    assert status == 0, err
+    joint = json.loads(out)["joint"]
+    assert not {"lambda_2", "SuspensionControl.f_u"} & set(joint["names"])
+    (blind,) = [w for w in joint["warnings"] if w["code"] == "indeterminable"]
+    assert {"lambda_2", "SuspensionControl.f_u"} <= set(blind["combination"])
+
+
+@pytest.mark.slow
 def test_telemetry_in_the_other_frame_tells_the_same(lpfcosim, done, tmp_path):
     done.write_text(CAMPAIGN + SOUGHT)
     paths = []
@@ -137,6 +149,7 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ("C_2 = {}\nPlant.tau_2 = {}", "Plant.tau_2 is sought under two names"),
         ("Actuation.lambda_bend_2 = {}", "starts at 0, which tells no scale; expected a width or bounds"),
         ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
+        ("lambda_2 = { start = 2, bounds = [1, 1.2] }", "expected bounds about the start, 2"),
         ("lambda_2 = { begin = 1 }", "begin"),
     ],
 )
