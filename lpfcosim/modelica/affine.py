@@ -1,44 +1,37 @@
-"""Derivatives that are affine in states and held quantities, so that a step can be exact."""
+"""Linear forms: of equations to be solved, and of derivatives, so that a step can be exact."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import sympy as sp
 
-from lpfcosim.modelica.evaluate import TIME
 from lpfcosim.modelica.events import switches
+from lpfcosim.modelica.expressions import TIME
+from lpfcosim.modelica.system import Affine, Assignment
 
 
-@dataclass(frozen=True)
-class Affine:
-    """``der(x) = A x + B [held; delayed; 1]``; A and B depend on parameters only."""
-
-    a: sp.Matrix
-    b: sp.Matrix
-    held: tuple[sp.Symbol, ...]
+def linear(
+    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], moving: set[sp.Symbol]
+) -> tuple[sp.Matrix, sp.Matrix] | None:
+    """Return M and r of ``expressions = M symbols + r``; None if M, or an ``if``, depends on what moves."""
+    matrix = sp.Matrix(expressions).jacobian(symbols) if symbols else sp.zeros(len(expressions), 0)
+    # The derivative of an `if` says nothing of its condition.
+    if matrix.free_symbols & moving or switches(expressions, moving):
+        return None
+    return matrix, sp.Matrix(expressions).xreplace(dict.fromkeys(symbols, sp.S.Zero))
 
 
 def affine(
-    derivatives: tuple[tuple[sp.Symbol, sp.Expr], ...], held: list[sp.Symbol], delayed: list[sp.Symbol]
+    derivatives: Sequence[Assignment], held: Sequence[sp.Symbol], delayed: Sequence[sp.Symbol]
 ) -> Affine | None:
     """Return the matrices of the derivatives if these are affine in states, held and delayed quantities."""
-    if not derivatives:
-        return None
-    states = [x for x, _ in derivatives]
-    rates = sp.Matrix([e for _, e in derivatives])
-    a = rates.jacobian(states)
+    states, rates = [x for x, _ in derivatives], [e for _, e in derivatives]
     used = [w for w in held if any(e.has(w) for e in rates)]
-    varying = [*used, *delayed]
-    forcing = rates.jacobian(varying) if varying else sp.zeros(len(states), 0)
-    constant = rates.xreplace(dict.fromkeys([*states, *varying], sp.S.Zero))
-    b = forcing.row_join(constant)
-    moving = {*states, *varying, TIME}
-    # The derivative of an `if` says nothing of its condition, which must not depend on what varies either.
-    if switches(rates, moving):
+    varying = [*states, *used, *delayed]
+    form = linear(rates, varying, {*varying, TIME}) if rates else None
+    if form is None or TIME in form[1].free_symbols:
         return None
-    if (a.free_symbols | b.free_symbols) & moving or a.atoms(sp.Derivative, sp.Subs) | b.atoms(
-        sp.Derivative, sp.Subs
-    ):
-        return None
-    return Affine(a, b, tuple(used))
+    matrix, constant = form
+    n = len(states)
+    return Affine(matrix[:, :n], matrix[:, n:].row_join(constant), tuple(used))

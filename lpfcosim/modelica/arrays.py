@@ -1,13 +1,16 @@
-"""Object arrays of SymPy expressions, and the array functions of Modelica on them."""
+"""Modelica's arrays: NumPy arrays of SymPy expressions; a scalar is one without dimensions."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
+
+from lpfcosim.modelica.events import EVENT_FUNCTIONS
 
 Algebra = npt.NDArray[np.object_]
 
@@ -35,29 +38,34 @@ def mapped(function: Callable[..., Any], *arrays: Algebra) -> Algebra:
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays, order="C"), dtype=object)
 
 
-def _diagonal(v: Algebra) -> Algebra:
-    array = filled(sp.Integer(0), (v.size, v.size))
-    np.fill_diagonal(array, v)
-    return array
+def _shape(sizes: tuple[Algebra, ...]) -> tuple[int, ...]:
+    return tuple(int(n) for n in sizes)
 
 
-def _skew(v: Algebra) -> Algebra:
-    o = sp.Integer(0)
-    return np.array([[o, -v[2], v[1]], [v[2], o, -v[0]], [-v[1], v[0], o]], dtype=object)
+def _skew(v: Algebra) -> list[list[Any]]:
+    return [[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]]
 
 
-BUILDERS: dict[str, Callable[[list[Algebra], tuple[int, ...]], Algebra]] = {
-    "Fill": lambda values, shape: filled(values[0].item(), shape),
-    "Zeros": lambda _, shape: filled(sp.Integer(0), shape),
-    "Ones": lambda _, shape: filled(sp.Integer(1), shape),
-    "Identity": lambda _, shape: _diagonal(filled(sp.Integer(1), shape[:1])),
-}
+def _extremum(name: str, *values: Algebra) -> Any:
+    return functools.reduce(EVENT_FUNCTIONS[name], np.concatenate([np.ravel(v) for v in values]))
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
+
+#: What Modelica's functions make of arrays; numbers among their results may still be Python's.
+ARRAY_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "Fill": lambda value, *sizes: filled(value[()], _shape(sizes)),
+    "Zeros": lambda *sizes: filled(0, _shape(sizes)),
+    "Ones": lambda *sizes: filled(1, _shape(sizes)),
+    "Identity": lambda size: np.eye(int(size), dtype=object),
+    "Diagonal": np.diag,
     "Transpose": np.transpose,
-    "Cross": lambda a, b: _skew(a) @ b,
+    "Cross": np.cross,
     "Skew": _skew,
-    "Diagonal": _diagonal,
     "Scalar": lambda a: a.reshape(()),
     "Vector": np.ravel,
+    "Cat": lambda axis, *parts: np.concatenate(parts, axis=int(axis) - 1),
+    "Size": lambda a, *axis: a.shape[int(axis[0]) - 1] if axis else a.shape,
+    "Sum": lambda a: sp.Add(*np.ravel(a)),
+    "Product": lambda a: sp.Mul(*np.ravel(a)),
+    "Min": functools.partial(_extremum, "min"),
+    "Max": functools.partial(_extremum, "max"),
 }

@@ -233,18 +233,11 @@ def build_one(
     """
     import fmpy
 
-    from lpfcosim.modelica import (
-        codegen,
-        description,
-        presentation,
-        reference,
-        sensitivity,
-        system,
-        variables,
-    )
+    from lpfcosim.modelica import codegen, description, presentation, reference, sensitivity, variables
+    from lpfcosim.modelica.translate import translate
 
     flat = flatten(package, model)
-    translated = system.build(flat)
+    translated = translate(flat)
     found = sensitivity.Sensitivity(translated)
     where = codegen.layout(translated)
     declared = variables.declare(where, fmi)

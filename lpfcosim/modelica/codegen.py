@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy.printing.c import C99CodePrinter
 
-from lpfcosim.modelica.evaluate import TIME
 from lpfcosim.modelica.events import EVENT_FUNCTIONS
+from lpfcosim.modelica.expressions import TIME
 from lpfcosim.modelica.sensitivity import Sensitivity
 from lpfcosim.modelica.system import Scalar, System
 

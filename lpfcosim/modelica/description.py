@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import sympy as sp
 
 from lpfcosim.modelica import markup
-from lpfcosim.modelica.evaluate import TIME
+from lpfcosim.modelica.expressions import TIME
 from lpfcosim.modelica.flat import FlatModel, UnsupportedError
 from lpfcosim.modelica.sensitivity import KINDS, Dependence, Sensitivity
 from lpfcosim.modelica.system import System

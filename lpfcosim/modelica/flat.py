@@ -190,6 +190,9 @@ def _flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
             raise UnsupportedError(
                 f"{sources.where(_first_span(tree[key]))}: {name}: '{construct}' is not supported"
             )
+    if tree["is_partial"]:
+        place = next((v["source_span"] for v in tree["variables"].values()), None)
+        raise UnsupportedError(f"{sources.where(place)}: {name}: the model is partial")
     whens = tuple(_whens(tree, name, sources))
     functions = tree["functions"]
     for function in functions.values():

@@ -13,8 +13,8 @@ from itertools import chain
 
 import sympy as sp
 
-from lpfcosim.modelica.evaluate import TIME
 from lpfcosim.modelica.events import switches
+from lpfcosim.modelica.expressions import TIME
 from lpfcosim.modelica.system import Scalar, System
 
 KINDS = ("constant", "fixed", "tunable", "discrete", "dependent")  # of a factor, as FMI calls them

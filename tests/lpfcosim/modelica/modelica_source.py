@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from lpfcosim.modelica import build, flat, system
+from lpfcosim.modelica import translate as translating
 
 
 def write(folder: Path, text: str) -> Path:
@@ -14,7 +15,7 @@ def write(folder: Path, text: str) -> Path:
 
 def translate(folder: Path, text: str, model: str = "M") -> system.System:
     """Flatten and sort ``model``."""
-    return system.build(flat.flatten(write(folder, text), model))
+    return translating.translate(flat.flatten(write(folder, text), model))
 
 
 def fmu(folder: Path, text: str, model: str = "M") -> Path:

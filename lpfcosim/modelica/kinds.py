@@ -1,0 +1,113 @@
+"""What each variable is: a parameter, or one that follows from others, input, state, sampled, algebraic.
+
+In go the declarations and the equations: what is differentiated in them is a state, what a `when` assigns is
+sampled. Out comes every element of every variable with its kind, its start value and its limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import sympy as sp
+
+from lpfcosim.modelica.arrays import Algebra
+from lpfcosim.modelica.evaluate import Evaluator
+from lpfcosim.modelica.flat import Node, Variable
+from lpfcosim.modelica.system import Scalar
+from lpfcosim.modelica.unit import per_second
+
+
+def classify(evaluate: Evaluator, rates: Collection[sp.Symbol]) -> list[Scalar]:
+    """Return the scalar elements of all variables, and after them the derivatives of the states.
+
+    Parameters
+    ----------
+    evaluate : Evaluator
+        Of the model.
+    rates : collection of symbol
+        The derivatives that stand in the equations.
+
+    Raises
+    ------
+    UnsupportedError
+        If a declaration asks for what its kind cannot have.
+    """
+    variables = [v for v in evaluate.model.variables if v.type == "Real" and v.variability != "constant"]
+    kinds = {v.name: _kind(evaluate, v, rates) for v in variables}
+    known = {
+        symbol
+        for name, kind in kinds.items()
+        if kind in ("parameter", "calculated")
+        for symbol in np.ravel(evaluate.value(name))
+    }
+    scalars = [s for v in variables for s in _elements(evaluate, v, kinds[v.name], known)]
+    return [
+        *scalars,
+        *(_rate(s, {v.unit for v in variables if v.unit}) for s in scalars if s.kind == "state"),
+    ]
+
+
+def _kind(evaluate: Evaluator, v: Variable, rates: Collection[sp.Symbol]) -> str:
+    if v.causality == "input":
+        return "input"
+    if v.variability == "parameter":
+        if v.fixed and not all(v.fixed):
+            evaluate.refuse(f"parameter '{v.name}' with 'fixed = false'", v.span)
+        follows = any(x.free_symbols for x in np.ravel(_start(evaluate, v, "parameter")))
+        return "calculated" if v.final or follows else "parameter"
+    if v.variability == "discrete":
+        if not any(v.name == target for when in evaluate.model.whens for target, _, _ in when.assignments):
+            evaluate.refuse(f"sampled variable '{v.name}' that no 'when' assigns", v.span)
+        return "discrete"
+    differentiated = [
+        sp.Symbol(f"der({x.name})", real=True) in rates for x in np.ravel(evaluate.value(v.name))
+    ]
+    if all(differentiated):
+        return "state"
+    if any(differentiated):
+        evaluate.refuse(f"array '{v.name}' of which only some elements are differentiated", v.span)
+    if v.fixed and any(v.fixed):
+        evaluate.refuse(f"initial equation 'fixed = true' of '{v.name}', which is not a state,", v.span)
+    return "algebraic"
+
+
+def _start(evaluate: Evaluator, v: Variable, kind: str) -> Algebra:
+    bound = v.binding is not None and kind in ("parameter", "calculated", "input")
+    return evaluate.attribute(v, v.binding if bound else v.start)
+
+
+def _elements(evaluate: Evaluator, v: Variable, kind: str, known: set[sp.Symbol]) -> list[Scalar]:
+    starts = np.ravel(_start(evaluate, v, kind))
+    if any(x.free_symbols - known for x in starts):
+        evaluate.refuse(f"start value of '{v.name}' that is not a parameter expression", v.span)
+
+    def limits(node: Node | None) -> list[float | None]:
+        if node is None:
+            return [None] * len(starts)
+        values = np.ravel(evaluate.attribute(v, node))
+        if any(x.free_symbols for x in values):
+            evaluate.refuse(f"attribute of '{v.name}' that is not a number", v.span)
+        return [float(x) for x in values]
+
+    symbols, of_each = np.ravel(evaluate.value(v.name)), map(limits, (v.nominal, v.minimum, v.maximum))
+    return [
+        Scalar(symbol, kind, start, nominal, low, high, v)
+        for symbol, start, nominal, low, high in zip(symbols, starts, *of_each, strict=True)
+    ]
+
+
+def _rate(state: Scalar, units: Collection[str]) -> Scalar:
+    v = state.variable
+    unit = None
+    with suppress(KeyError, ValueError):  # told where the units are defined
+        unit = per_second(v.unit, units) if v.unit else None
+    variable = replace(
+        v, name=f"der({v.name})", causality="local", unit=unit, quantity=None,
+        description=f"Derivative: {v.description or v.name}",
+    )  # fmt: skip
+    return Scalar(
+        sp.Symbol(f"der({state.symbol.name})", real=True), "rate", sp.S.Zero, None, None, None, variable
+    )
