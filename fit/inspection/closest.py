@@ -25,45 +25,22 @@ STEP = 1e-3  # of begin in tau, of the logarithm of tau, of the other time: for 
 FARTHEST = 1.0  # the same, in one move
 DAMPED, STUCK = 1e-2, 1e6  # at first; from where on nothing more can be gained
 
-Fitted = tuple[Glitch, Array, float]  # with its column, see `View.column`, and amplitude
 
-
-def closest(view: View, found: Glitch, column: Array) -> Fitted:
-    """Return the glitch that takes most of the residual where one was found.
-
-    Parameters
-    ----------
-    view : View
-        The run.
-    found : Glitch
-        What was found.
-    column : ndarray, shape (2 B,)
-        Of `found`, see `View.column`.
-
-    Returns
-    -------
-    glitch : Glitch
-        The closest.
-    column : ndarray, shape (2 B,)
-        Its column.
-    amplitude : float
-        Its signal-to-noise ratio, at least that of `found`.
-    """
-    best = _climbed(view, found, column)
+def closest(view: View, found: Glitch) -> Glitch:
+    """Return the glitch that takes most of the residual where one was found."""
+    best, most = _climbed(view, found)
     shortest, longest = shapes.bounds(view.duration)
-    tried = [
+    starts = [
         _placed(view, Glitch(Shape(kind, float(tau), q), found.begin))
         for kind, q in shapes.SOUGHT
         for tau in np.clip(found.shape.tau * np.array(TIMES), shortest, longest)
     ]
-    starts: list[Fitted] = []
-    for glitch, its_own in zip(tried, view.columns(tried), strict=True):
-        if its_own is not None:
-            starts.append((glitch, its_own, abs(float(its_own @ view.residual))))
-    for glitch, its_own, _ in sorted(starts, key=lambda start: -start[2])[:STARTS]:
-        climbed = _climbed(view, glitch, its_own)
-        if climbed[2] > best[2]:
-            best = climbed
+    amplitudes = np.nan_to_num(np.abs(view.traces(starts).amplitudes))
+    for i in np.argsort(-amplitudes, kind="stable")[:STARTS]:
+        if amplitudes[i] > 0:
+            glitch, amplitude = _climbed(view, starts[i])
+            if amplitude > most:
+                best, most = glitch, amplitude
     return best
 
 
@@ -79,38 +56,39 @@ def _placed(view: View, glitch: Glitch) -> Glitch:
     return replace(glitch, begin=float(begin[np.argmax(answer)]))
 
 
-def _climbed(view: View, glitch: Glitch, column: Array) -> Fitted:
-    """Move begin and times of a glitch by damped least squares until it takes no more."""
-    amplitude, damped = float(column @ view.residual), DAMPED
+def _climbed(view: View, glitch: Glitch) -> tuple[Glitch, float]:
+    """Move begin and times of a glitch by damped least squares until it takes no more; return how much."""
+    amplitude, damped = float(view.traces([glitch]).amplitudes[0]), DAMPED
     for _ in range(STEPS):
-        slopes = amplitude * _slopes(view, glitch, column)
-        right, H = slopes.T @ (view.residual - amplitude * column), slopes.T @ slopes
+        right, H = _normal(view, glitch)
         scale = np.diag(np.diag(H) + 1e-12)
         while damped < STUCK:
             by = np.asarray(np.linalg.solve(H + damped * scale, right), dtype=np.float64)
             moved = _moved(view, glitch, by)
-            its_own = view.column(moved)
-            taken = 0.0 if its_own is None else float(its_own @ view.residual)
-            if its_own is not None and abs(taken) > abs(amplitude):
+            taken = float(view.traces([moved]).amplitudes[0])
+            if abs(taken) > abs(amplitude):
                 break
             damped *= 5
         else:
             break
         gained = taken**2 - amplitude**2
-        glitch, column, amplitude, damped = moved, its_own, taken, damped / 10
+        glitch, amplitude, damped = moved, taken, damped / 10
         if gained < GAINED:
             break
-    return glitch, column, abs(amplitude)
+    return glitch, abs(amplitude)
 
 
-def _slopes(view: View, glitch: Glitch, column: Array) -> Array:
-    """Return the derivatives of the column by begin, tau and the other time, shape (2 B, 3)."""
-    steps = np.diag([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])
-    found = np.zeros((column.size, 3))
-    for k, beside in enumerate(view.columns([_moved(view, glitch, step) for step in steps])):
-        if beside is not None:
-            found[:, k] = (beside - column) / steps[k, k]
-    return found
+def _normal(view: View, glitch: Glitch) -> tuple[Array, Array]:
+    """Return the normal equations, shapes (3,) and (3, 3), of a move in begin, tau and the other time."""
+    steps = np.array([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])
+    beside = [_moved(view, glitch, step) for step in np.diag(steps)]
+    found = view.traces([glitch, *beside])
+    amplitude, moved = found.amplitudes[0], found.amplitudes[1:]
+    rates = np.where(np.isnan(moved), 0.0, amplitude / steps)
+    sums = np.zeros((4, 4))  # the glitch itself, and what changes with each step
+    sums[0, 0], sums[1:, 0], sums[1:, 1:] = 1.0, -rates, np.diag(rates)
+    products = found.products(sums)
+    return rates * np.nan_to_num(moved - amplitude) - amplitude * products[1:, 0], products[1:, 1:]
 
 
 def _moved(view: View, glitch: Glitch, by: Array) -> Glitch:

@@ -71,8 +71,11 @@ def pursue(view: View) -> list[Found]:
         glitch, column = found
         amplitude = abs(float(column @ left.residual))
         if _significance(left.without(column), column, amplitude) > _least(view, glitch):
-            glitch, column, amplitude = closest(left, glitch, column)
-        taken.append((glitch, column, amplitude))
+            nearer = closest(left, glitch)
+            its_own = left.column(nearer)
+            if its_own is not None:
+                glitch, column = nearer, its_own
+        taken.append((glitch, column, abs(float(column @ left.residual))))
         left = left.without(column)
     return [
         Found(glitch, amplitude * view.seen(glitch))
@@ -144,14 +147,13 @@ def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
             *(replace(best, shape=best.shape.turned(s * step)) for s in (-1, 1)),
         ]
         near = [glitch for glitch in near if shortest <= glitch.shape.tau <= longest]
-        columns = zip(view.columns(near), near, strict=True)
-        moved = [(abs(float(c @ view.residual)), c, glitch) for c, glitch in columns if c is not None]
-        farther = max(moved, key=lambda m: m[0], default=(0.0, column, best))
-        if farther[0] > most:
-            most, column, best = farther
+        amplitudes = np.nan_to_num(np.abs(view.traces(near).amplitudes))
+        if amplitudes.max() > most:
+            most, best = float(amplitudes.max()), near[int(np.argmax(amplitudes))]
         else:
             step /= 2
-    return best, column
+    column = view.column(best)
+    return None if column is None else (best, column)
 
 
 def _significance(left: View, column: Array, amplitude: float) -> float:

@@ -1,4 +1,10 @@
-"""One whitened run as the search for long glitches sees it."""
+"""One whitened run as the search for long glitches sees it.
+
+A glitch is a column of the run: as many numbers as the band has, from transforms of all samples. The search
+asks thousands of times only for products of such columns with each other and with the residual. Where a
+glitch is over long before the run is, these take the samples that it reaches (`View.traces`): a product of
+whitened columns is one of the series themselves with a kernel that depends on the time between two samples.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,11 +14,40 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.signal import spectra
 from fit.weighing import Glitch, shapes
 
 Array = NDArray[np.float64]
 
 LEAST = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
+NEAR = 0.4  # of a run: glitches that reach farther are taken as columns
+
+
+@dataclass(frozen=True)
+class Traces:
+    """What glitches leave in a whitened run, each of length 1, in as few numbers as products take.
+
+    Attributes
+    ----------
+    amplitudes : ndarray, shape (G,)
+        Product of each with the residual, NaN where constant, ramp and columns leave too little of it.
+    vectors : ndarray, shape (G, D)
+        Of each, zero where too little is left.
+    weights : ndarray, shape (D,)
+        Of their products.
+    taken : ndarray, shape (G, K)
+        Products of each with what has been projected out, where it still is in the vectors.
+    """
+
+    amplitudes: Array
+    vectors: Array
+    weights: Array
+    taken: Array
+
+    def products(self, sums: Array) -> Array:
+        """Return the products, shape (S, S), of sums of them, whose coefficients have the shape (S, G)."""
+        vectors, taken = sums @ self.vectors, sums @ self.taken
+        return np.asarray((vectors * self.weights) @ vectors.T - taken @ taken.T)
 
 
 @dataclass(frozen=True)
@@ -56,20 +91,85 @@ class View:
 
     def column(self, glitch: Glitch) -> Array | None:
         """Return a glitch as a whitened column of length 1, shape (2 B,), None if little of it is left."""
-        return self.columns([glitch])[0]
+        left, told = self._columns([glitch])
+        return left[0] if told[0] else None
 
-    def columns(self, glitches: Sequence[Glitch]) -> list[Array | None]:
-        """Return the `column` of each of some glitches, which is faster than one by one."""
+    def traces(self, glitches: Sequence[Glitch]) -> Traces:
+        """Return what glitches leave that are not far from each other."""
+        n, spans = self.window.size, [shapes.reach(glitch, self.fs) for glitch in glitches]
+        begin, end = min(first for first, _ in spans), max(last for _, last in spans)
+        shortest = min(glitch.shape.tau for glitch in glitches)
+        first = max(0, int((begin - self.time[0]) * self.fs))
+        last = min(n, int((end - self.time[0]) * self.fs) + 2)
+        # what reaches beyond the ends comes in again at the other one, some tau later
+        inside = begin > self.time[0] - shortest and end < self.time[0] + self.duration + shortest
+        if inside and last - first < NEAR * n:
+            return self._near(glitches, slice(first, last))
+        left, told = self._columns(glitches)
+        amplitudes = np.where(told, left @ self.residual, np.nan)
+        return Traces(amplitudes, left, np.ones(left.shape[1]), np.zeros((len(left), 0)))
+
+    def _columns(self, glitches: Sequence[Glitch]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return glitches as columns, shape (G, 2 B), zero where little is left, and where it is enough."""
         series = shapes.series(glitches, self.time[: self.window.size], self.fs)
         series *= self.window
         whole = (scipy.fft.rfft(series)[:, 1 : self.f.size + 1] * self._scale).view(np.float64)
         left = whole - (whole @ self.Q) @ self.Q.T
-        both = zip(left, np.linalg.norm(left, axis=1), np.linalg.norm(whole, axis=1), strict=True)
-        return [column / norm if norm > LEAST * of_whole else None for column, norm, of_whole in both]
+        norms = np.linalg.norm(left, axis=1)
+        told = norms > LEAST * np.linalg.norm(whole, axis=1)
+        return left * np.where(told, 1 / np.where(told, norms, 1.0), 0.0)[:, None], told
+
+    def _near(self, glitches: Sequence[Glitch], stretch: slice) -> Traces:
+        """Return the traces of glitches that reach the samples of a stretch and no others."""
+        series = shapes.series(glitches, self.time[stretch], self.fs)
+        products = series @ self._answers[stretch]
+        series *= self.window[stretch]
+        n = 2 << (stretch.stop - stretch.start).bit_length()
+        if 3 * n // 4 >= 2 * (stretch.stop - stretch.start):
+            n = 3 * n // 4
+        vectors, weights = scipy.fft.rfft(series, n).view(np.float64), self._weights(n)
+        taken = products[:, 1:]
+        whole = (vectors**2) @ weights
+        squares = whole - np.sum(taken**2, axis=1)
+        told = squares > LEAST**2 * whole
+        scale = np.where(told, 1 / np.sqrt(np.where(told, squares, 1.0)), 0.0)[:, None]
+        amplitudes = np.where(told, products[:, 0] * scale[:, 0], np.nan)
+        return Traces(amplitudes, vectors * scale, weights, taken * scale)
 
     @cached_property
     def _scale(self) -> Array:
         return np.asarray(1 / np.sqrt(self.S))
+
+    @cached_property
+    def _answers(self) -> Array:
+        """What every sample of a series adds to its products with the residual and Q, shape (n, 1 + K)."""
+        both, n = np.column_stack([self.residual, self.Q]), self.window.size
+        whitened = np.ascontiguousarray(both.T).view(np.complex128) * self._scale
+        found = spectra.series(whitened.T, 1, n)
+        found *= (self.window * (n / 2))[:, None]
+        return found
+
+    @cached_property
+    def _kernel(self) -> Array:
+        """Product of whitened impulses, by the samples between them, shape (n,)."""
+        n = self.window.size
+        squares = np.asarray(1 / self.S, dtype=np.complex128)
+        return np.asarray(spectra.series(squares[:, None], 1, n)[:, 0] * (n / 2))
+
+    @cached_property
+    def _known_weights(self) -> dict[int, Array]:
+        return {}
+
+    def _weights(self, n: int) -> Array:
+        """Return the weights of products of transforms of n samples, of which half are zero."""
+        if n not in self._known_weights:
+            around = np.zeros(n)
+            around[: n // 2] = self._kernel[: n // 2]
+            around[n // 2 + 1 :] = around[1 : n // 2][::-1]
+            weights = scipy.fft.rfft(around).real * (2 / n)
+            weights[[0, -1]] /= 2  # of n that are even
+            self._known_weights[n] = np.repeat(weights, 2)
+        return self._known_weights[n]
 
     def seen(self, glitch: Glitch) -> float:
         """Return the share of a glitch that the window leaves, from 0 to 1."""

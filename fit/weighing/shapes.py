@@ -32,6 +32,8 @@ KINDS: Mapping[str, Callable[[Spectrum, float], Spectrum]] = {
 SOUGHT = (("pushed", 0.0), ("pushed", 1.0), ("swinging", 1.0), ("rising", 0.0), ("pushed", -1.0))
 LEAST = {"swinging": 0.02}  # q; -1 where nothing is said
 LASTS = 4.0  # tau after the begin until which a glitch is said to last
+GONE = 38.0  # tau after the begin, from where on nothing is left of it
+BLURRED = 3.0  # periods of the highest frequency of the band, over which the low-pass spreads an instant
 PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
@@ -88,6 +90,16 @@ def series(found: Sequence[Glitch], time: Array, fs: float) -> Array:
                 _fill(spectrum, found[i], n, float(time[0]), fs)
             together[some] = scipy.fft.irfft(spectra, n)[:, : time.size]
     return together
+
+
+def reach(glitch: Glitch, fs: float) -> tuple[float, float]:
+    """Return begin and end [s] beyond which a glitch of sample rate fs is zero to all digits."""
+    first, last = glitch.span
+    beside = BLURRED / min(derivatives.F_MAX, fs / 10)
+    return (
+        glitch.begin - (glitch.begin - first) * (GONE / LASTS) - beside,
+        glitch.begin + (last - glitch.begin) * (GONE / LASTS) + beside,
+    )
 
 
 def _padded(glitch: Glitch, size: int, fs: float) -> int:
