@@ -87,14 +87,14 @@ def export(
     Raises
     ------
     InputError
-        If an FMU cannot be read, is of another version of FMI or lacks a variable.
+        If an FMU cannot be read, is of another version of FMI, lacks a variable or has an array for it.
     """
     first: dict[str, Run] = {}
     for run in campaign.runs:
         first.setdefault(run.authority.name, run)
     run = next(iter(first.values()))
     found = interfaces(campaign.runs[0], fmus)
-    _same_version(found, version)
+    _refuse_unfit(found, version)
     signals = world_of(run).signals
     driving = driver(run, found, build.build([signals], fmi=fmi(version))[signals])
     same_units([driving, *found])
@@ -114,12 +114,19 @@ def export(
     return path
 
 
-def _same_version(found: Sequence[Interface], version: str) -> None:
+def _refuse_unfit(found: Sequence[Interface], version: str) -> None:
     for interface in found:
         if interface.version != fmi(version):
             raise InputError(
                 f"{interface.archive}: is FMI {interface.version}; SSP {version} takes FMI {fmi(version)}"
             )
+        own = interface.replacement.values if interface.replacement else {}
+        for name in (*interface.inputs, *interface.outputs, *own):
+            if interface.variable(name).shape:
+                raise InputError(
+                    f"{interface.archive}: '{name}' is an element of an array; "
+                    "an exported system connects scalars only"
+                )
 
 
 def _fill(root: Path, written: Mapping[str, ET.Element], copied: Mapping[str, Path]) -> None:

@@ -20,6 +20,8 @@ from lpfcosim.export import ssp
 from lpfcosim.modelica import build
 from lpfcosim.worlds import along_x, drive, world, world_of
 from tests import ROOT
+from tests.campaign_text import ONE_EXPERIMENT
+from tests.lpfcosim.modelica.modelica_source import fmu
 
 pytestmark = pytest.mark.fmu
 
@@ -222,6 +224,30 @@ def test_fmi_3_is_refused(fmus, plan, tmp_path):
     with pytest.raises(InputError, match=r"fmi3/Plant\.fmu: is FMI 3\.0; SSP 1\.0 takes FMI 2\.0"):
         ssp.export(plan, {**fmus, **newer}, tmp_path / "loop.ssp")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_arrays_are_refused(tmp_path):
+    mine = fmu(
+        tmp_path,
+        """model M "Own"
+          input Real y[2](each unit = "m") "Read-out, set point"; output Real u(unit = "m/s2") "Force";
+        equation
+          u = -1e-6*(y[1] - y[2]);
+        end M;""",
+    )
+    file = tmp_path / "own.toml"
+    file.write_text(
+        f"""schema = "lpf-campaign/1"\nname = "own"\nseed = 3
+        [fmus.SuspensionControl]
+        path = "{mine.name}"
+        variables = {{ o_12 = "y[1]", guidance_o_12 = "y[2]", f_control_2 = "u" }}
+        {ONE_EXPERIMENT}duration = "60 s"\nnoise_duration = "60 s"
+        """
+    )
+    newer = build.build([c.model for c in along_x.COMPONENTS])
+    with pytest.raises(InputError, match=r"M\.fmu: 'y\[1\]' is an element of an array; an exported system"):
+        ssp.export(loading.load(file), {**newer, "SuspensionControl": mine}, tmp_path / "loop.ssp", "2.0")
+    assert not (tmp_path / "loop.ssp").exists()
 
 
 def test_missing_variable_is_told(fmus, plan, tmp_path):
