@@ -21,7 +21,8 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
     results = load(calibration)
     sound_joint(results, str(calibration))
     inputs = reader.files(telemetry(console, paths, directory, any_gaps=True))
-    reader.check(inputs)
+    with console.stage("reading"):
+        reader.check(inputs)
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
     for path in inputs:
         if outputs[f"{path.stem}-deltag.h5"] is not path:

@@ -21,7 +21,8 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
         results, telemetries = earlier.load(directory)
     place = directory / "figures"
     check_folder(directory, "figures")
-    known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}
+    with console.stage("preparation"):
+        known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}
     for name in names:
         if not any(name in each for each in known):
             raise InputError(f"{directory}: no figure is called {name!r}, expected a part of {_told(known)}")

@@ -30,8 +30,6 @@ def _sample(
     steps: int,
     seed: int,
 ) -> None:
-    from fit.journal import studies, write
-
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     with console.stage("fit"):
@@ -44,6 +42,8 @@ def _sample(
     document = chains.summary(chain, outcome, truths)
     text = atomic.write_json(directory / "mcmc.json", document)
     with console.stage("figure"):
+        from fit.journal import studies, write  # takes its time
+
         (directory / "figures").mkdir(exist_ok=True)
         theta = chain.theta.reshape(-1, chain.theta.shape[2])
         write(directory / "figures", "corner", studies.corner_plot, theta, outcome, truths)

@@ -143,8 +143,6 @@ def _tell(
     lines: Mapping[int, Line],
 ) -> None:
     """Write and print what the campaigns say together."""
-    from fit.journal import studies, write
-
     failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
     drawn = [line["estimates"] for line in lines.values() if "estimates" in line]
     for number, told in failed.items():
@@ -155,8 +153,11 @@ def _tell(
         raise RunError(f"{plan.name}: {told}")
     more = {"campaign": plan.name, **header}
     document = pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
-    (directory / "figures").mkdir(exist_ok=True)
-    write(directory / "figures", "pulls", studies.histograms, found, drawn)
+    with console.stage("figure"):
+        from fit.journal import studies, write  # takes its time
+
+        (directory / "figures").mkdir(exist_ok=True)
+        write(directory / "figures", "pulls", studies.histograms, found, drawn)
     console.document(document)
     console.show(_table(found))
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed: {directory / 'montecarlo.json'}")

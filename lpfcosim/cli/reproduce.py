@@ -39,10 +39,12 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
         if status == 2 or not (again / "telemetry").is_dir():
             raise RunError(f"{directory}: its campaign cannot be run any more")
         names = sorted({p.name for p in (*recorded, *(again / "telemetry").glob("*.h5"))})
-        told = {
-            f"telemetry/{file}": _telemetry(directory / "telemetry" / file, again / "telemetry" / file)
-            for file in names
-        }
+        told = {}
+        with console.counted("comparison", len(names)) as progress:
+            for file in names:
+                of_folders = (place / "telemetry" / file for place in (directory, again))
+                told[f"telemetry/{file}"] = _telemetry(*of_folders)
+                progress(len(told))
         told["results.json"] = _results(directory / "results.json", again / "results.json")
     for file, difference in told.items():
         console.say(f"{directory / file}: {difference or 'the same'}")
