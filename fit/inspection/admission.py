@@ -226,4 +226,5 @@ def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
         name = _louder(e.noise, e.sysid) if e.noise else ""
         if e.noise and name:
             path = e.noise.telemetry.path
-            yield LeftOut(e.name, f"{path}: a noise run, but {name} holds injections, expected noise alone")
+            reason = f"{path}: a noise run, but {name} holds injections, expected noise alone"
+            yield LeftOut(e.name, reason, tells="cause")  # and no noise to hold the run against

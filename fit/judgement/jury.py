@@ -139,7 +139,7 @@ def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tupl
 def _settled(
     experiments: list[Experiment], alone: Mapping[str, Outcome | FitError], chosen: Settings
 ) -> tuple[Outcome, list[Experiment], tuple[LeftOut, ...]]:
-    """Fit jointly; if that does not settle, without those that do not fit by themselves either.
+    """Fit jointly; if that does not settle or settles nothing, without those that do not fit by themselves.
 
     Raises
     ------
@@ -147,18 +147,28 @@ def _settled(
         If it does not settle without them, or there are none.
     """
     try:
-        return fit_joint(experiments, chosen), experiments, ()
+        outcome = fit_joint(experiments, chosen)
     except FitError as error:
         why = verdict.suspects({e.name: alone[e.name] for e in experiments})
         why = why or _contradicting(experiments, alone, Sharing(chosen.shared))
         if not 0 < len(why) < len(experiments):
             suspects = f"; {' and '.join(why.values())}: mend or exclude it ([fit] exclude)" if why else ""
             raise FitError(f"{error}{suspects}") from error
-    left_out = tuple(
-        LeftOut(name, f"{words}, and with it nothing settles", tells="misfit") for name, words in why.items()
-    )
-    kept = _without(experiments, left_out)
-    return fit_joint(kept, chosen), kept, left_out
+        found = _misfitting(why, "nothing settles")
+        kept = _without(experiments, found)
+        return fit_joint(kept, chosen), kept, found
+    failed = {e.name: own for e in experiments if isinstance(own := alone[e.name], FitError)}
+    if outcome.lost.any() and 0 < len(failed) < len(experiments):
+        found = _misfitting(verdict.suspects(failed), "the data determine less than without")
+        kept = _without(experiments, found)
+        rest = fit_joint(kept, chosen)
+        if np.count_nonzero(rest.lost) < np.count_nonzero(outcome.lost):
+            return rest, kept, found
+    return outcome, experiments, ()
+
+
+def _misfitting(why: Mapping[str, str], then: str) -> tuple[LeftOut, ...]:
+    return tuple(LeftOut(name, f"{words}, and with it {then}", tells="misfit") for name, words in why.items())
 
 
 def _groups(experiments: Sequence[Experiment]) -> list[tuple[int, ...]]:

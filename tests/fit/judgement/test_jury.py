@@ -113,6 +113,14 @@ def test_an_exchange_of_two_runs_is_named():
         hold(results.joint)
 
 
+def test_counts_of_a_converter_cost_no_other_run_its_fit():
+    results = calibrate(of("A", channel("o_12", lambda x: 3e12 * x))(campaign()))
+    assert not results.joint.unsound
+    hold(results.joint)
+    (said,) = left_out(results)
+    assert "A alone does not fit either" in said
+
+
 def test_of_two_nobody_knows_which_is_wrong():
     results = calibrate(campaign(worlds={"E": World(lambda_2=1.0884)}, sets="AE"))
     assert [w.code for w in results.joint.unsound] == ["contradiction"]
