@@ -30,7 +30,7 @@ from fit.errors import FitError
 from fit.estimate import centrifugal
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
 from fit.inspection import long_noise
-from fit.model import dynamics, dynamics_of, inertial, rate, rotation
+from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
@@ -122,6 +122,37 @@ class _Rotation(linear.Straight):
     apart: Spectrum = field(kw_only=True)
 
 
+@dataclass(frozen=True)
+class _Made:
+    """Columns of a run as `_Turning` fits them, without mean; missing samples, what is odd about its rate."""
+
+    terms: dynamics.Columns
+    missing: int
+    warnings: tuple[FitWarning, ...]
+
+
+def _columns(run: Telemetry, found: rotation.Sources, of_run: Dynamics) -> _Made:
+    """Make the columns; of what they are made of nothing stays in memory."""
+    channels = dynamics.channels(run, motion=False)
+    terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
+    motion = rotation.motion(run, found)
+    slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
+    Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
+    d = inertial.separation(run.x_axis)
+    delta_g_x = terms.values @ dynamics.coefficients(of_run.theta, terms.tau)
+    uncertain = terms.values @ (dynamics.gradient(of_run.theta, terms.tau) @ of_run.share)
+    g_Omega = inertial.g_Omega(Omega, d)
+    apart = inertial.euler(rotation.apart(run, found), d)
+    # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
+    length = motion.swing + of_run.theta[dynamics.PARAMETERS.index("omega2_2")] * motion.angle
+    fitted = (delta_g_x + g_Omega, inertial.euler(motion.dOmega, d), length)
+    columns = np.column_stack([*fitted, g_Omega, apart, uncertain])
+    # Constants and ramps are projected out later; large ones would cost digits.
+    columns -= columns.mean(axis=0)
+    made = replace(terms, names=(), values=columns, valid=terms.valid & motion.valid)
+    return _Made(made, channels.missing, tuple(slow.warnings))
+
+
 class _Turning:
     """Weighs a run by the smooth PSD of its own residual.
 
@@ -143,32 +174,17 @@ class _Turning:
         found = rotation.sources(run)
         assert found is not None
         of_run = dynamics_of(run, joint)
-        channels = dynamics.channels(run, motion=False)
-        terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
-        motion = rotation.motion(run, found)
-        slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
-        Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
-        d = inertial.separation(run.x_axis)
-        delta_g_x = terms.values @ dynamics.coefficients(of_run.theta, terms.tau)
-        uncertain = terms.values @ (dynamics.gradient(of_run.theta, terms.tau) @ of_run.share)
-        g_Omega = inertial.g_Omega(Omega, d)
-        apart = inertial.euler(rotation.apart(run, found), d)
-        # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
-        length = motion.swing + of_run.theta[dynamics.PARAMETERS.index("omega2_2")] * motion.angle
-        fitted = (delta_g_x + g_Omega, inertial.euler(motion.dOmega, d), length)
-        columns = np.column_stack([*fitted, g_Omega, apart, uncertain])
-        # Constants and ramps are projected out below; large ones would cost digits.
-        columns -= columns.mean(axis=0)
-        valid = terms.valid & motion.valid
-        struck = long_noise.glitches(columns[:, :LAST], valid, terms.time, BAND)
+        made = _columns(run, found, of_run)
+        terms = made.terms
+        struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
         beside = shapes.columns(struck, terms.time, terms.fs) if struck else None
-        whole = spectra.transform(columns, valid, terms.fs, beside=beside)
+        whole = spectra.transform(terms.values, terms.valid, terms.fs, beside=beside)
         check_left(run, whole.window, "missing samples in read-outs, torques or angles")
         self._terms = whole.band(*BAND)
         self._model: NoiseModel | None = None
-        self.run, self.correlation, self.missing = run.run, of_run.correlation, channels.missing
+        self.run, self.correlation, self.missing = run.run, of_run.correlation, made.missing
         glitched = long_noise.told(run.run, struck, run.duration)
-        self.warnings = [*found.warnings, *slow.warnings, *of_run.warnings, *([glitched] if glitched else [])]
+        self.warnings = [*found.warnings, *made.warnings, *of_run.warnings, *([glitched] if glitched else [])]
 
     def block(self, theta: Array, covariance: Array, _: int) -> _Rotation:
         """Return the run weighed at the estimate theta of that covariance."""
