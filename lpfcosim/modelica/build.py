@@ -30,7 +30,8 @@ from lpfcosim.modelica.compiler import (
     compiler,
     cross_compiler,
 )
-from lpfcosim.modelica.flat import flatten, package_files, resource_files
+from lpfcosim.modelica.frontend import flatten
+from lpfcosim.modelica.sources import package_files, resource_files
 
 PACKAGE = Path(__file__).parents[2] / "fmus" / "LISAPathfinder"
 MODELS = (

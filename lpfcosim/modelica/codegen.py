@@ -119,7 +119,7 @@ def source(
     inputs = [where.first("input") + i for i in range(where.count("input"))]
     table = ",".join(f"{{{first},{count}}}" for first, count in arrays or [(0, 0)])
     return "\n".join([
-        f"/* {system.name}: {system.description}. Generated from Modelica; edit that. */",
+        f"/* {system.name}: {_comment(system.description)}. Generated from Modelica; edit that. */",
         '#include "core.h"',
         "#include <math.h>",
         "",
@@ -228,7 +228,7 @@ def _links(
     number = where.reference | {d.symbol: 1 + len(where.order) + j for j, d in enumerate(system.delays)}
     rows = [
         f"    {{{number[link.unknown]}, {number[link.known]}, {int(link.starting)}}},"
-        f" /* {_comment(link.unknown)} by {_comment(link.known)} */"
+        f" /* {_comment(link.unknown.name)} by {_comment(link.known.name)} */"
         for link in sensitivity.links
     ]
     partials = _sharing(c, names, "p", [link.partial for link in sensitivity.links])
@@ -238,8 +238,8 @@ def _links(
     ]
 
 
-def _comment(symbol: sp.Symbol) -> str:
-    return str(symbol.name).replace("*/", "* /")
+def _comment(text: str) -> str:
+    return text.replace("*/", "* /")
 
 
 def _assigned(c: _Printer, symbol: sp.Symbol, value: sp.Expr) -> str:

@@ -19,7 +19,7 @@ from sympy.utilities.iterables import strongly_connected_components
 from lpfcosim.modelica.affine import linear
 from lpfcosim.modelica.arrays import scalar
 from lpfcosim.modelica.evaluate import Evaluator
-from lpfcosim.modelica.flat import Node
+from lpfcosim.modelica.sources import Node
 from lpfcosim.modelica.system import Assignment
 
 

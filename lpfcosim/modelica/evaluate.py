@@ -17,7 +17,8 @@ import sympy as sp
 from lpfcosim.modelica.arrays import ARRAY_FUNCTIONS, Algebra, filled, mapped, scalar
 from lpfcosim.modelica.events import EVENT_FUNCTIONS
 from lpfcosim.modelica.expressions import Expressions, Scope
-from lpfcosim.modelica.flat import FlatModel, Node
+from lpfcosim.modelica.flat import FlatModel
+from lpfcosim.modelica.sources import Node
 from lpfcosim.modelica.system import Delay
 
 _ELEMENTARY: dict[str, Callable[..., sp.Expr]] = {

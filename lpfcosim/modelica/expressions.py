@@ -17,7 +17,8 @@ import sympy as sp
 
 from lpfcosim.modelica.arrays import Algebra, filled, mapped, scalar, symbols
 from lpfcosim.modelica.events import either
-from lpfcosim.modelica.flat import FlatModel, Node, UnsupportedError, Variable
+from lpfcosim.modelica.flat import FlatModel, UnsupportedError, Variable
+from lpfcosim.modelica.sources import Node
 
 _UNARY: dict[str, Callable[[Any], Any]] = {
     "Minus": operator.neg,
@@ -84,6 +85,8 @@ class Expressions:
     def _number(self, v: Variable) -> Algebra:
         if v.variability not in ("constant", "parameter"):
             self.refuse(f"{v.type} variable '{v.name}'", v.span)
+        if v.variability == "constant" and v.binding is None:
+            self.fail(f"the constant '{v.name}' has no value", v.span)
         value = self.attribute(v, v.binding if v.binding is not None else v.start)
         if any(getattr(x, "free_symbols", None) for x in np.ravel(value)):
             self.refuse(f"{v.type} parameter '{v.name}' that depends on other parameters", v.span)

@@ -1,4 +1,4 @@
-"""The flat model: what the front end (rumoca) makes of a Modelica class, with its place in the sources.
+"""The flat model: what the front end makes of a Modelica class, as records with their places in the sources.
 
 The tree of an expression stays as the front end gives it (nested one-key dictionaries); :mod:`.evaluate`
 turns it into algebra.
@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from lpfcosim.errors import InputError
-
-Node = dict[str, Any]
+from lpfcosim.modelica.sources import Node, SourceMap
 
 # Root keys that must be empty: the path to C has no counterpart for them.
 _REFUSED_SECTIONS = {
@@ -106,85 +104,14 @@ class FlatModel:
     sources: SourceMap
 
 
-class SourceMap:
-    """Map the front end's byte spans to ``file:line``; it names a file by the FNV-1a hash of its path."""
-
-    def __init__(self, files: list[Path]) -> None:
-        self._files = {_fnv1a(str(file).encode()): file for file in files}
-
-    def where(self, span: Node | None) -> str:
-        """Return ``file:line`` of a span, or what is known of it."""
-        file = self._files.get(span["source"]) if span else None
-        if span is None or file is None:
-            return "<unknown place>"
-        line = file.read_bytes().count(b"\n", 0, span["start"]) + 1
-        return f"{file}:{line}"
-
-
-def _fnv1a(data: bytes) -> int:
-    value = 0xCBF29CE484222325
-    for byte in data:
-        value = (value ^ byte) * 0x100000001B3 % 2**64
-    return value
-
-
-def package_files(package: Path) -> list[Path]:
-    """All Modelica sources of a package folder, or the one file given."""
-    return sorted(package.rglob("*.mo")) if package.is_dir() else [package]
-
-
-def resource_files(package: Path) -> list[Path]:
-    """Files of a package that archives are made from, beside its Modelica sources."""
-    file = package / "Resources" / "authority.json"
-    return [file] if file.is_file() else []
-
-
-def flatten(package: Path, model: str) -> FlatModel:
-    """Flatten ``model`` of the Modelica package in the folder ``package``.
+def flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
+    """Read the tree of the front end.
 
     Raises
     ------
-    InputError
-        If the front end finds an error, with file and line where it gives one.
     UnsupportedError
         If the model uses a construct that is not translated.
     """
-    try:
-        import rumoca
-    except ImportError as error:
-        raise InputError(
-            "Modelica models cannot be translated: the front end 'rumoca' is not installed; "
-            "install the build extra (pip install 'lpfcosim[build]')"
-        ) from error
-    package = package.resolve()
-    root = package / "package.mo" if package.is_dir() else package
-    if not root.is_file():
-        raise InputError(f"{root}: no such Modelica file; expected a package folder with package.mo")
-    files = package_files(package)
-    try:
-        tree = rumoca.Session().load(str(root), model=model).to_dict("flat")
-    except BaseException as error:  # the front end also raises a PanicException, which is not an Exception
-        if isinstance(error, (KeyboardInterrupt, SystemExit)):
-            raise
-        raise InputError(_front_end_message(rumoca, files, model, error)) from None
-    return _flat_model(tree, model, SourceMap(files))
-
-
-def _front_end_message(rumoca: Any, files: list[Path], model: str, error: BaseException) -> str:
-    # A syntax error comes without its file; ask for each file alone.
-    for file in files:
-        for diagnostic in rumoca.validate_source(file.read_text(encoding="utf-8")):
-            if diagnostic.rule == "syntax-error":
-                lines = str(diagnostic.message).splitlines()
-                place = next((ln for ln in lines if ":" in ln and "[input" in ln), "")
-                line = place.partition("input.mo:")[2].partition(":")[0] or diagnostic.line
-                what = next((ln.strip(" ×") for ln in lines[1:] if ln.strip()), "syntax error")
-                return f"{file}:{line}: {what}"
-    first = " ".join(str(error).splitlines()[0].split())
-    return f"{files[0].parent if len(files) > 1 else files[0]}: {model}: {first}"
-
-
-def _flat_model(tree: Node, name: str, sources: SourceMap) -> FlatModel:
     for key, construct in _REFUSED_SECTIONS.items():
         if tree[key]:
             raise UnsupportedError(

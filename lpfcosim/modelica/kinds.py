@@ -15,7 +15,8 @@ import sympy as sp
 
 from lpfcosim.modelica.arrays import Algebra
 from lpfcosim.modelica.evaluate import Evaluator
-from lpfcosim.modelica.flat import Node, Variable
+from lpfcosim.modelica.flat import Variable
+from lpfcosim.modelica.sources import Node
 from lpfcosim.modelica.system import Scalar
 from lpfcosim.modelica.unit import per_second
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.modelica import markup
-from lpfcosim.modelica.flat import package_files, resource_files
+from lpfcosim.modelica.sources import package_files, resource_files
 from lpfcosim.modelica.unit import base
 from lpfcosim.modelica.variables import Declared
 

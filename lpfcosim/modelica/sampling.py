@@ -15,7 +15,7 @@ import sympy as sp
 
 from lpfcosim.modelica.evaluate import Evaluator
 from lpfcosim.modelica.expressions import TIME
-from lpfcosim.modelica.flat import Node
+from lpfcosim.modelica.sources import Node
 from lpfcosim.modelica.system import Delay, Event
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from lpfcosim.modelica.flat import Node, Variable
+from lpfcosim.modelica.flat import Variable
+from lpfcosim.modelica.sources import Node
 
 Assignment = tuple[sp.Symbol, sp.Expr]
 

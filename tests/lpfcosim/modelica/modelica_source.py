@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lpfcosim.modelica import build, flat, system
+from lpfcosim.modelica import build, frontend, system
 from lpfcosim.modelica import translate as translating
 
 
@@ -15,7 +15,7 @@ def write(folder: Path, text: str) -> Path:
 
 def translate(folder: Path, text: str, model: str = "M") -> system.System:
     """Flatten and sort ``model``."""
-    return translating.translate(flat.flatten(write(folder, text), model))
+    return translating.translate(frontend.flatten(write(folder, text), model))
 
 
 def fmu(folder: Path, text: str, model: str = "M") -> Path:

@@ -8,7 +8,8 @@ import sympy as sp
 
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
-from lpfcosim.modelica.flat import UnsupportedError, flatten
+from lpfcosim.modelica.flat import UnsupportedError
+from lpfcosim.modelica.frontend import flatten
 from tests.lpfcosim.modelica.modelica_source import translate, write
 
 pytestmark = pytest.mark.fmu
@@ -184,6 +185,22 @@ REFUSED = {
                            "  when sample(0, 0.1) then\n    n = pre(n) + 1;\n  end when;", 3),
     "attribute of 'x' that is not a number": ("parameter Real p = 1; output Real x(min = p);\n"
                                               "equation\n  x = 1;", 1),
+    "start value of 'x' that is not a parameter": ("Real x(start = u); input Real u;\n"
+                                                   "equation\n  der(x) = u;", 1),
+    "start value of 'p' that is not a parameter": ("input Real u;\n  parameter Real p = u;\n"
+                                                   "  output Real y = p;", 2),
+    "a value that is no real number": ("output Real y;\nequation\n  y = sqrt(-2.0);", 3),
+    "a value that is no real number ": ("output Real y;\nequation\n  y = 1 + log(0.0);", 3),
+    "division by zero": ("output Real y; constant Real c = 0;\nequation\n  y = 1/c;", 3),
+    "the constant 'c' has no value": ("output Real y;\n  constant Real c;\nequation\n  y = c;", 2),
+    "power of a matrix": ("output Real y[2, 2]; parameter Real A[2, 2] = [1, 2; 3, 4];\n"
+                          "equation\n  y = A^2;", 3),
+    "x, y depend on each other in a circle": ("discrete Real x; discrete Real y;\nequation\n"
+                                              "  when sample(0, 0.1) then\n    x = y;\n    y = 2*x;\n"
+                                              "  end when;", 4),
+    "pre(x) of a variable that is not sampled": ("Real x; discrete Real n;\nequation\n  der(x) = 1;\n"
+                                                 "  when sample(0, 1) then\n    n = pre(x);\n  end when;", 5),
+    "sampled variable 'n' that no 'when' assigns": ("discrete Real n;\nequation\n  n = 3;", 1),
     "unit 'flubber'": ("output Real x(unit = \"flubber\");\nequation\n  x = 1;", 1),
 }  # fmt: skip
 
@@ -212,18 +229,58 @@ model M output Real x; equation x = f(3); end M;"""
 
 
 def test_syntax_error_has_file_and_line(tmp_path):
-    with pytest.raises(InputError, match=r"Test\.mo:2: unexpected"):
+    with pytest.raises(InputError, match=r"Test\.mo:2: M: unexpected"):
         translate(tmp_path, "model M\n  Real x\n  equation\n  x = 1;\nend M;\n")
 
 
-def test_unknown_name_is_told(tmp_path):
-    with pytest.raises(InputError, match="unresolved component reference: 'nowhere'"):
-        translate(tmp_path, "model M output Real x; equation x = nowhere; end M;")
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("equation\n  x = nowhere;", r"Test\.mo:3: M: unresolved component reference: 'nowhere'$"),
+        ("equation\n  x = foo(3);", r"Test\.mo:3: M: unresolved function call: 'foo'$"),
+        ("equation\n\n  x = {1, 2};", r"Test\.mo:4: M: array dimension mismatch: .*`\[2\]`$"),
+        (
+            "  input Real u;\nequation\n  x = der(u);",
+            r"Test\.mo:4: M: der\(\.\.\.\) must name .* continuous state$",
+        ),
+        ("equation\n  x = 1;\n  x = 2;", r"M: unbalanced model: 2 equations, 1 unknowns \(balance = 1\)$"),
+    ],
+)
+def test_what_the_front_end_finds_is_one_sentence_with_its_place(tmp_path, capfd, body, told):
+    with pytest.raises(InputError, match=told) as caught:
+        translate(tmp_path, f"model M output Real x;\n{body}\nend M;")
+    assert "\n" not in str(caught.value)
+    assert not capfd.readouterr().err
 
 
-def test_unbalanced_model_is_told(tmp_path):
-    with pytest.raises(InputError, match="unbalanced model"):
-        translate(tmp_path, "model M output Real x; equation x = 1; x = 2; end M;")
+def test_partial_model_is_told(tmp_path):
+    with pytest.raises(UnsupportedError, match=r"Test\.mo:2: M: the model is partial"):
+        translate(tmp_path, "partial model M\n  Real x;\nend M;")
+
+
+def test_several_vector_subscripts(tmp_path):
+    system = translate(
+        tmp_path,
+        """function f
+          input Real u; output Real y[2, 3];
+        algorithm
+          y[1] := {u, 2*u, 3*u}; y[2, :] := {4*u, 5*u, 6*u};
+        end f;
+        model M
+          input Real u; Real A[2, 3]; Real y[2, 2];
+        equation
+          A = f(u); y = A[{2, 1}, 2:3];
+        end M;""",
+    )
+    for i, row in enumerate(([5, 6], [2, 3]), start=1):
+        for j, factor in enumerate(row, start=1):
+            assert value(system, f"y[{i},{j}]", u=0.5) == factor * 0.5
+
+
+def test_description_cannot_end_a_comment_of_the_c(tmp_path):
+    from tests.lpfcosim.modelica.modelica_source import fmu
+
+    assert fmu(tmp_path, 'model M "all */ none" output Real x = 1; end M;').is_file()
 
 
 def test_missing_package_is_told(tmp_path):

@@ -1,0 +1,102 @@
+"""The front end, rumoca: it reads Modelica, resolves names, checks types and shapes, and flattens a model.
+
+In go a package and the name of a model, out comes the :mod:`.flat` model. What rumoca finds wrong is told in
+one sentence, with file and line where they can be seen from what rumoca says.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from lpfcosim.errors import InputError
+from lpfcosim.modelica.flat import FlatModel, flat_model
+from lpfcosim.modelica.sources import SourceMap, package_files
+
+_PLACE = re.compile(r" ?\[([^\[\]]*):(\d+):\d+\]")  # file, line and column, as rumoca writes them
+_SPAN = re.compile(r"SourceId\((\d+)\), start: BytePos\((\d+)\)")
+_STAGES = re.compile(
+    r"^((\w+ failed: )?\S+ (failed in \w+|could not be compiled): |parse error: "
+    r"|canonical DAE construction rejected an invalid operation: |unsupported Flat semantic owner `[^`]*`: )+"
+)
+_NAMELESS = re.compile(r"unresolved .*'([\w.]+)'")
+
+
+def flatten(package: Path, model: str) -> FlatModel:
+    """Flatten ``model`` of the Modelica package in the folder ``package``.
+
+    Raises
+    ------
+    InputError
+        If the front end finds an error, with file and line where it gives one.
+    UnsupportedError
+        If the model uses a construct that is not translated.
+    """
+    try:
+        import rumoca
+    except ImportError as error:
+        raise InputError(
+            "Modelica models cannot be translated: the front end 'rumoca' is not installed; "
+            "install the build extra (pip install 'lpfcosim[build]')"
+        ) from error
+    package = package.resolve()
+    root = package / "package.mo" if package.is_dir() else package
+    if not root.is_file():
+        raise InputError(f"{root}: no such Modelica file; expected a package folder with package.mo")
+    sources = SourceMap(package_files(package))
+    try:
+        with _silence():
+            tree = rumoca.Session().load(str(root), model=model).to_dict("flat")
+    except BaseException as error:  # the front end also raises a PanicException, which is not an Exception
+        if isinstance(error, (KeyboardInterrupt, SystemExit)):
+            raise
+        place, what = _told(rumoca, sources, str(error))
+        place = place or str(root.parent if package.is_dir() else root)
+        raise InputError(f"{place}: {model}: {what}") from None
+    return flat_model(tree, model, sources)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep back what a panic of the front end writes past Python; its message comes with the exception."""
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _told(rumoca: Any, sources: SourceMap, error: str) -> tuple[str | None, str]:
+    """Return place and sentence of an error of the front end."""
+    # A syntax error comes without its file; ask for each file alone.
+    for file in sources.files:
+        for diagnostic in rumoca.validate_source(file.read_text(encoding="utf-8"), filename=str(file)):
+            if diagnostic.rule == "syntax-error":
+                what = str(diagnostic.message).partition("×")[2].partition("╭")[0].replace("│", " ")
+                return f"{file}:{_line(diagnostic)}", _STAGES.sub("", " ".join(what.split()))
+    what = " ".join(_STAGES.sub("", error.splitlines()[0]).split())
+    if found := _PLACE.search(what):
+        return f"{found[1]}:{found[2]}", _PLACE.sub("", what)
+    if found := _SPAN.search(what):
+        detail = re.search(r'detail: "([^"]*)"', what)
+        place = sources.where({"source": int(found[1]), "start": int(found[2])})
+        return place, detail[1] if detail else what
+    if found := _NAMELESS.search(what):
+        for file in sources.files:
+            for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+                if re.search(rf"\b{re.escape(found[1])}\b", line):
+                    return f"{file}:{number}", what
+    return None, what.partition("; unknowns[")[0]
+
+
+def _line(diagnostic: Any) -> Any:
+    found = _PLACE.search(str(diagnostic.message))
+    return found[2] if found else diagnostic.line

@@ -1,0 +1,42 @@
+"""The Modelica source files of a package, and where something stands in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+Node = dict[str, Any]  # of the tree that the front end gives
+
+
+def package_files(package: Path) -> list[Path]:
+    """All Modelica sources of a package folder, or the one file given."""
+    return sorted(package.rglob("*.mo")) if package.is_dir() else [package]
+
+
+def resource_files(package: Path) -> list[Path]:
+    """Files of a package that archives are made from, beside its Modelica sources."""
+    file = package / "Resources" / "authority.json"
+    return [file] if file.is_file() else []
+
+
+class SourceMap:
+    """Map the front end's byte spans to ``file:line``; it names a file by the FNV-1a hash of its path."""
+
+    def __init__(self, files: list[Path]) -> None:
+        self.files = files
+        self._of_hash = {_fnv1a(str(file).encode()): file for file in files}
+
+    def where(self, span: Node | None) -> str:
+        """Return ``file:line`` of a span, or what is known of it."""
+        file = self._of_hash.get(span["source"]) if span else None
+        if span is None or file is None:
+            return "<unknown place>"
+        line = file.read_bytes().count(b"\n", 0, span["start"]) + 1
+        return f"{file}:{line}"
+
+
+def _fnv1a(data: bytes) -> int:
+    value = 0xCBF29CE484222325
+    for byte in data:
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return value
