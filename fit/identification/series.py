@@ -20,6 +20,8 @@ BAND = (derivatives.F_MAX, 2 * derivatives.F_MAX)  # Hz: the end of that band
 PASSED, STOPPED, RIPPLE = 0.2, 0.8, 120.0  # of the rate of an archive, that is filled up; dB
 EDGE = 100.0  # s, over which what is imposed comes in and goes out
 FORGOTTEN = 200.0  # s after a gap, when a controller but for its integrator is what it is without
+BEGUN = (0.1, 1.0, 5.0, 20.0, 60.0)  # s since an answer: what is left of it then is all that a state does
+NO_MODE = 1e-4  # relative strength below which there is none
 MEMORY = 4096.0  # s, after which the loop has forgotten a push
 
 
@@ -130,6 +132,26 @@ def thrust(motion: Array, blown: Array, made: Array) -> Array:
         A stray thrust, and what o_1 makes of it.
     """
     return _answer(motion, made, blown, RATE, HIGH)
+
+
+def settling(answer: Array, size: int) -> Array:
+    """Return what the state that a controller began in adds to the force, shape (N, number of its modes).
+
+    Its integrator left out, whose constant no residual has anyway.
+
+    Parameters
+    ----------
+    answer : ndarray, shape (M,)
+        Of the controller, to a motion in the first sample and in no other.
+    size : int
+        Number of samples of the run at the rate of the loop.
+    """
+    taps, factor = derivatives.low_pass(RATE)
+    later = np.pad(answer - answer[-1], (0, size), mode="edge")
+    half = slice(derivatives.HALF, -derivatives.HALF)
+    columns = [derivatives.decimate(later[round(s * RATE) :][:size], taps, factor)[half] for s in BEGUN]
+    modes, strength, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    return np.asarray(modes[:, strength > NO_MODE * strength[0]])
 
 
 def followed(motion: Array, made: Array, force_made: Array) -> Array:

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 MOVED = 3.0  # sigma, from where the derivatives were taken, after which they are taken anew
 STEP = 1e-3  # of its natural scale, by which a parameter is varied unless its sigma is smaller
 SHORTER = 6  # times that a difference is tried before a trial that fails is told
+MOTION = 1e-9  # m, for a sample, that a controller answers
 PUSH = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
 
@@ -82,11 +83,11 @@ class Imposed:
         self._inputs = {FORCE_1: force_1, THRUST: np.zeros(force_1.size)}
         self._grid = series.reduced(run.telemetry, run.channels)
         self._blow = series.blow(force_1.size, PUSH)
-        self._made = self._force_made = np.empty(0)
+        self._made = self._force_made = self._settling = np.empty(0)
         beside = [self._grid.steps]
         if run.glitches:
             beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
-        self._beside = np.hstack(beside)
+        self._beside = beside
 
     def along(self, names: Sequence[str]) -> Array:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).
@@ -137,6 +138,10 @@ class Imposed:
         blown = self._loop.response(self.telemetry, theta, {**still, THRUST: self._blow})
         self._made = blown["o_1"] - without["o_1"]
         self._force_made = self._force(blown["o_12"] - without["o_12"])
+        if not self._settling.size:
+            once = np.where(np.arange(self._blow.size) == 0, MOTION, 0.0)
+            answer = self._loop.command(self.telemetry, self._reference.theta, once)
+            self._settling = series.settling(answer, self._o_1.size)
 
     def departure(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
         """Return by how much the residual at one trial exceeds that at another, both near the last."""
@@ -152,7 +157,8 @@ class Imposed:
         values = np.stack(columns, axis=1)
         grid = self._grid
         impulses = self._run.impulses(grid.time, grid.fs)
-        return spectra.transform(values, grid.valid, grid.fs, beside=self._beside, impulses=impulses)
+        beside = np.hstack([*self._beside, self._settling])
+        return spectra.transform(values, grid.valid, grid.fs, beside=beside, impulses=impulses)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)

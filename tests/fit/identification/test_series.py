@@ -82,3 +82,16 @@ def test_what_goes_along_with_a_motion_is_found():
     inside = slice(2000, -500)
     assert found.shape == force(thrust).shape
     assert np.max(np.abs(found - force(thrust))[inside]) < 1e-2 * np.max(np.abs(force(thrust)))
+
+
+def test_what_a_controller_began_in_is_made_of_its_modes():
+    n, poles = 50_000, (6e-3, 30e-3)  # Hz
+    t = np.arange(n) / series.RATE
+    answer = 2.0 + sum(k * np.exp(-2 * np.pi * p * t) for k, p in zip((1.0, 0.3), poles, strict=True))
+    found = series.settling(answer, n)
+    assert found.shape[1] == 2  # the integrator is none
+    reduced = np.arange(len(found)) / len(found) * n / series.RATE
+    for p in poles:
+        decay = np.exp(-2 * np.pi * p * reduced[:1000])
+        left = decay - found[:1000] @ np.linalg.lstsq(found[:1000], decay, rcond=None)[0]
+        assert np.max(np.abs(left)) < 1e-2
