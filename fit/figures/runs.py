@@ -34,6 +34,7 @@ _Series = tuple[Array, Array]
 _BUCKETS = 500  # per curve over time
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
+_AT_ONCE = 2**15  # samples of which all columns are made
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
@@ -153,7 +154,8 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     time, n = run.time[inner], run.time[inner].size
     valid, total = np.empty(n, dtype=bool), np.empty(n)
     terms = {} if telemetry.kind == "noise" else {term.name: np.zeros(n) for term in dynamics.TERMS}
-    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF):  # of weeks, all columns fill the memory
+    # Of weeks, all columns fill the memory.
+    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF, each=_AT_ONCE):
         found = dynamics.columns(_part(run, piece), dynamics.delays(theta))
         there = slice(piece.start, piece.start + found.valid.size)
         valid[there], total[there] = found.valid, dynamics.total(found, theta)
@@ -207,14 +209,17 @@ class Analysis:
 def analysed(telemetry: Telemetry, parameters: Mapping[str, float]) -> Analysis:
     """Return what the figures of a run show; see `split`."""
     run = split(telemetry, parameters)
-    estimator, start = Estimator(run.valid, run.fs, HIGHEST), float(telemetry.instants(slice(1))[0])
+    start = float(telemetry.instants(slice(1))[0])
     signal = run.terms.get("ddo_12", np.zeros(0))
+    fast, slow = (_over_time(run, run.delta_g, length, start) for length in (FAST, SLOW))
+    drawn = _over_time(run, signal, FAST, start) if np.any(signal[run.valid[: signal.size]]) else None
+    estimator = Estimator(run.valid, run.fs, HIGHEST)  # now: of weeks, it and all that fill the memory
     return Analysis(
         run.fs,
         derivatives.stretches(~run.valid) / run.fs + run.time[0],
-        _over_time(run, run.delta_g, FAST, start),
-        _over_time(run, run.delta_g, SLOW, start),
-        _over_time(run, signal, FAST, start) if np.any(signal[run.valid[: signal.size]]) else None,
+        fast,
+        slow,
+        drawn,
         estimator.asd(run.delta_g) if np.any(run.delta_g) else None,
         {name: estimator.asd(term) for name, term in run.terms.items()},
     )

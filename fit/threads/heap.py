@@ -1,6 +1,7 @@
 """One heap for all threads: what one gives back is there for the others, and for the rest of the machine."""
 
 import ctypes
+import gc
 import sys
 from collections.abc import Callable
 
@@ -17,7 +18,11 @@ def one_heap() -> None:
 
 
 def give_back() -> None:
-    """Give back to the system what is free in between, where the C library can be told to."""
+    """Give back to the system what is free in between, where the C library can be told to.
+
+    Objects that only hold each other are freed first: arrays of a fit are among them.
+    """
+    gc.collect()
     if function := _function("malloc_trim"):
         function(0)
 
