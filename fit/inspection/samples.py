@@ -79,6 +79,15 @@ def step(x: Array) -> float:
     return 0.0
 
 
+def _digit(large: Array) -> float:
+    """Return the last digit of the largest values, 0 if they have none; of floating point it grows."""
+    digit = step(large) if large.size > SMALLEST else 0.0
+    if not digit:
+        return 0.0
+    multiples = (large - large[0]) / digit  # a slope makes increments alike, values not
+    return digit if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
+
+
 def is_noisy(x: Array) -> bool:
     """Tell whether a channel changes nearly always, as noise makes it."""
     return bool(np.count_nonzero(x[1:] == x[:-1]) < 0.5 * (x.size - 1))
@@ -103,8 +112,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         return
     typical = np.abs(_bends(x)(slice(0, LOOKED)))
     size = np.abs(looked)
-    large = looked[size > np.nanmax(size) / 2]
-    digit = step(large) if large.size > SMALLEST else 0.0  # of floating point, it grows with the values
+    digit = _digit(looked[size > np.nanmax(size) / 2])
     if digit > max(2 * rounded, COARSE * float(np.nanmedian(typical))):
         yield Oddity(f"is rounded: to steps of {digit:.2g} where it is largest", 0.0, x.size / fs)
         return

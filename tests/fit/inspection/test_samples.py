@@ -98,6 +98,7 @@ def test_an_odd_channel_is_named(name, fault, words):
         {"o_12": lambda x: np.array([float(f"{value:.6e}") for value in x])},
         {"o_12": lambda x: x + 1e-6},
         {"o_12": lambda x: np.where(np.arange(x.size) % 5000 < 50, np.nan, x)},
+        {"o_12": lambda x: 0.01 * x + 5e-11 * np.maximum(np.arange(N) - 5000.0, 0)},
         {"o_12": lambda x: x + 1e-10 * np.maximum(np.arange(x.size) - 7000.0, 0)},
         {
             name: lambda x: np.concatenate([x[:8000], x[7999:-1]])
@@ -105,7 +106,18 @@ def test_an_odd_channel_is_named(name, fault, words):
         },
         {"o_1": lambda x: np.concatenate([np.zeros(5), x[5:]])},
     ],
-    ids=["clean", "single", "rounded", "decimal", "offset", "gaps", "pushed", "all repeated", "from zero"],
+    ids=[
+        "clean",
+        "single",
+        "rounded",
+        "decimal",
+        "offset",
+        "gaps",
+        "slope",
+        "pushed",
+        "all repeated",
+        "from zero",
+    ],
 )
 def test_what_is_in_order_is_left_alone(channels):
     assert not said(**channels)
