@@ -177,7 +177,7 @@ class _Turning:
         made = _columns(run, found, of_run)
         terms = made.terms
         struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
-        beside = shapes.columns(struck, terms.time, terms.fs) if struck else None
+        beside = shapes.loose(struck, terms.time, terms.fs) if struck else None
         whole = spectra.transform(terms.values, terms.valid, terms.fs, beside=beside)
         check_left(run, whole.window, "missing samples in read-outs, torques or angles")
         self._terms = whole.band(*BAND)

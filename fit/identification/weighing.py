@@ -12,7 +12,7 @@ from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
 from fit.model import dynamics, wander
 from fit.signal import NoiseModel, Spectra, spectra
-from fit.weighing import Experiment, Likelihood, Run, linear, shapes, smooth_noise, weights
+from fit.weighing import Experiment, Likelihood, Run, linear, smooth_noise, weights
 
 Array = NDArray[np.float64]
 
@@ -84,10 +84,8 @@ class Imposed:
         self._grid = series.reduced(run.telemetry, run.channels)
         self._blow = series.blow(force_1.size, PUSH)
         self._made = self._force_made = self._settling = np.empty(0)
-        beside = [self._grid.steps]
-        if run.glitches:
-            beside.append(shapes.columns(run.glitches, self._grid.time, self._grid.fs))
-        self._beside = beside
+        glitches = run.beside(self._grid.time, self._grid.fs)
+        self._beside = [self._grid.steps] if glitches is None else [self._grid.steps, glitches]
 
     def along(self, names: Sequence[str]) -> Array:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).

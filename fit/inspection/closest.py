@@ -21,7 +21,6 @@ STARTS = 6  # of these that are followed
 NEAR = 12.0  # tau, within which a start may begin elsewhere
 STEPS = 60
 GAINED = 0.02  # of chi2: less is nothing
-STEP = 1e-3  # of begin in tau, of the logarithm of tau, of the other time: for derivatives
 FARTHEST = 1.0  # the same, in one move
 DAMPED, STUCK = 1e-2, 1e6  # at first; from where on nothing more can be gained
 
@@ -80,7 +79,7 @@ def _climbed(view: View, glitch: Glitch) -> tuple[Glitch, float]:
 
 def _normal(view: View, glitch: Glitch) -> tuple[Array, Array]:
     """Return the normal equations, shapes (3,) and (3, 3), of a move in begin, tau and the other time."""
-    steps = np.array([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])
+    steps = shapes.steps(glitch)
     beside = [_moved(view, glitch, step) for step in np.diag(steps)]
     found = view.traces([glitch, *beside])
     amplitude, moved = found.amplitudes[0], found.amplitudes[1:]
@@ -94,7 +93,5 @@ def _normal(view: View, glitch: Glitch) -> tuple[Array, Array]:
 def _moved(view: View, glitch: Glitch, by: Array) -> Glitch:
     """Return the glitch with another begin, tau and other time, as far as these go."""
     shortest, longest = shapes.bounds(view.duration)
-    late, longer, other = np.clip(by, -FARTHEST, FARTHEST).tolist()
-    tau = float(np.clip(glitch.shape.tau * np.exp(longer), shortest, longest))
-    shape = replace(glitch.shape.turned(other), tau=tau)
-    return Glitch(shape, glitch.begin + late * glitch.shape.tau)
+    moved = glitch.moved(np.clip(by, -FARTHEST, FARTHEST))
+    return replace(moved, shape=replace(moved.shape, tau=float(np.clip(moved.shape.tau, shortest, longest))))

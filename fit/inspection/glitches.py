@@ -8,7 +8,7 @@ shapes of `pursuit`, which gives the signal-to-noise ratio of a glitch at every 
 A short glitch is masked: its own samples go, whatever its shape. Patches take them out as long as these are
 few; where they are long or many, the window has notches. To mask a long one would cost hours, so that its
 shape becomes a column of the run with an amplitude of its own, projected out of everything like constant and
-ramp. What a shape leaves of it is found by the next round.
+ramp. What a shape leaves of it is found by the next round. In the end begin and times are free as well.
 
 What the search needs of the dynamics it takes from the run itself: the coefficients of the columns, free of
 any model of what experiments share, that leave the least residual. Injected sines are subtracted that way
@@ -85,7 +85,7 @@ def without_glitches(experiment: Experiment) -> tuple[Experiment, tuple[FitWarni
         if not any(search.look(noise) for search in reversed(searches)):  # the noise weighs: it goes first
             break
     warnings = tuple(search.warning() for search in searches if search.found)
-    return Experiment(sysid.run, noise.run if noise else None), warnings
+    return Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None), warnings
 
 
 class _Search:

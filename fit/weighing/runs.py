@@ -43,6 +43,8 @@ class Run:
         Begin and end [s] of every stretch that is masked though its samples are there.
     glitches : tuple of Glitch
         What is taken out of it, each with an amplitude of its own, and nothing masked.
+    loose : bool
+        Whether their begin and times are free as well.
     patches : tuple of tuple of float
         Which of the masks leave the window as it is, see `signal.patches`.
     """
@@ -52,6 +54,7 @@ class Run:
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
         self.glitches: tuple[Glitch, ...] = ()
+        self.loose = False
         self.patches: tuple[tuple[float, float], ...] = ()
         self._first: Spectra | None = None
         self._last: Spectra | None = None
@@ -108,6 +111,18 @@ class Run:
         run.glitches = (*self.glitches, *glitches)
         run._forget()
         return run
+
+    def loosened(self) -> "Run":
+        """Return the run with begin and times of its glitches free, about where they are."""
+        run = copy(self)
+        run.loose = True
+        run._forget()
+        return run
+
+    def beside(self, time: Array, fs: float) -> Array | None:
+        """Return what is taken out at the instants `time` [s], shape (N, G); None without glitches."""
+        of = shapes.loose if self.loose else shapes.columns
+        return of(self.glitches, time, fs) if self.glitches else None
 
     def patched(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked by patches besides what is masked already."""
@@ -172,7 +187,7 @@ class Run:
 
     def transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P), that lie beside `terms`."""
-        beside = shapes.columns(self.glitches, terms.time, terms.fs) if self.glitches else None
+        beside = self.beside(terms.time, terms.fs)
         impulses = self.impulses(terms.time, terms.fs)
         return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses)
 

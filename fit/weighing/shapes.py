@@ -34,6 +34,7 @@ LEAST = {"swinging": 0.02}  # q; -1 where nothing is said
 LASTS = 4.0  # tau after the begin until which a glitch is said to last
 GONE = 38.0  # tau after the begin, from where on nothing is left of it
 BLURRED = 3.0  # periods of the highest frequency of the band, over which the low-pass spreads an instant
+STEP = 1e-3  # of begin in tau, of the logarithm of tau, of the other time: for derivatives
 PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
@@ -72,6 +73,12 @@ class Glitch:
         reach, q = LASTS * self.shape.tau, self.shape.other
         before, after = (1.0, q) if self.shape.kind == "rising" else (-q, 1.0)
         return self.begin - reach * max(before, 0.0), self.begin + reach * max(after, 0.0)
+
+    def moved(self, by: Array) -> "Glitch":
+        """Return the glitch that begins later and takes longer, by (begin / tau, log tau, other / tau)."""
+        late, longer, other = by.tolist()
+        shape = replace(self.shape.turned(other), tau=self.shape.tau * float(np.exp(longer)))
+        return Glitch(shape, self.begin + late * self.shape.tau)
 
     def series(self, time: Array, fs: float) -> Array:
         """Return it at the evenly spaced instants `time` [s], shape (N,), no higher than about 1."""
@@ -150,3 +157,21 @@ def bank(duration: float) -> list[Shape]:
 def columns(found: Sequence[Glitch], time: Array, fs: float) -> Array:
     """Return the glitches at the instants `time` [s], shape (N, number of glitches)."""
     return series(found, time, fs).T
+
+
+def loose(found: Sequence[Glitch], time: Array, fs: float) -> Array:
+    """Return the `columns` and how these change with begin, tau and other time, shape (N, 4 glitches).
+
+    A strong glitch drives the loop, whose answer tells stiffness and gain as an injection does, but only as
+    well as the shape of the glitch is known: without these columns the answer would be trusted too much.
+    """
+    changes = [steps(glitch) for glitch in found]
+    beside = [g.moved(step) for g, of in zip(found, changes, strict=True) for step in np.diag(of)]
+    own = columns(found, time, fs)
+    changed = columns(beside, time, fs) - np.repeat(own, 3, axis=1)
+    return np.hstack([own, changed / np.concatenate(changes)])
+
+
+def steps(glitch: Glitch) -> Array:
+    """Return small changes of begin, tau and other time, shape (3,), see `Glitch.moved`."""
+    return np.array([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])

@@ -7,9 +7,10 @@ import pytest
 
 from fit.estimate.joint import fit_experiment, fit_joint
 from fit.inspection import glitches
+from fit.model import dynamics
 from fit.settings import settings
-from fit.weighing import shapes
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import linear, shapes
+from fit.weighing.runs import Experiment, Run, noise_model
 from tests.oracles import thirteen
 from tests.oracles.glitches import Glitch, draw, struck
 
@@ -28,6 +29,16 @@ def shifts(outcome, clean):
     return ((outcome.solution.theta - clean.solution.theta) / clean.solution.sigma)[told]
 
 
+def stiffness(run, noise):
+    """Return the sigma of omega2_2 that a run by itself tells, beside its gain."""
+    theta = np.array([1.07, 1.08, 0.15, 0.18, -7e-7, 0.0, -1e-5])
+    model = noise_model(Experiment(run, noise), theta, np.zeros((theta.size, theta.size)), None)
+    terms = run.spectra(dynamics.delays(theta))
+    U, _ = linear.whiten(terms, model.expected(terms.f))
+    X = linear.stacked(U @ dynamics.gradient(theta, terms.tau))[:, [1, 4]]
+    return float(np.sqrt(np.linalg.inv(X.T @ X)[1, 1]))
+
+
 def test_long_glitches_are_taken_out_and_cost_nothing():
     sysid = [Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
     noise = [Glitch(9000.0, 50.0, 300.0, "none", 100.0, 2)]
@@ -43,7 +54,18 @@ def test_long_glitches_are_taken_out_and_cost_nothing():
     assert np.max(np.abs(shifts(found, clean))) < 0.5
     assert found.solution.chi2 / found.solution.dof == pytest.approx(1, abs=0.1)
     whole, left = (sum(b.size for b in outcome.blocks) for outcome in (before, found))
-    assert whole - left == len(after.sysid.glitches) > 0
+    assert whole - left == 4 * len(after.sysid.glitches) > 0
+
+
+def test_the_answer_of_the_loop_to_a_glitch_tells_less_stiffness_than_a_known_shape_would():
+    strong, noise = (
+        Glitch(12000.0, 20.0, 120.0, "one", 3000.0, 2),
+        Run(struck(thirteen.made("A1b", "noise"), ())),
+    )
+    shaken = Run(struck(thirteen.made("A1", "noise"), [strong]))
+    after, _ = glitches.without_glitches(Experiment(shaken, noise))
+    known = Run(shaken.telemetry).without(after.sysid.masks).free_of(after.sysid.glitches)
+    assert stiffness(after.sysid, noise) > 3 * stiffness(known, noise)
 
 
 @pytest.mark.parametrize("rise", [1.8, 4.8])
