@@ -23,6 +23,8 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
     inputs = reader.files(telemetry(console, paths, directory, any_gaps=True))
     with console.stage("reading"):
         reader.check(inputs)
+        for path in inputs:
+            reader.samples(path)  # nothing is written where one is missing
     outputs = {f"{path.stem}-deltag.h5": path for path in inputs}
     for path in inputs:
         if outputs[f"{path.stem}-deltag.h5"] is not path:
