@@ -114,6 +114,8 @@ class Run:
 
     def loosened(self) -> "Run":
         """Return the run with begin and times of its glitches free, about where they are."""
+        if not self.glitches:
+            return self
         run = copy(self)
         run.loose = True
         run._forget()

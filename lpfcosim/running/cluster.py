@@ -170,8 +170,7 @@ def record(
                 yield name, delivery
             else:
                 yield name, _received(delivery, setting, name, items[name][2])
-    with suppress(OSError):  # unless something stands in it
-        setting.logs.rmdir()
+    setting.tidy()
 
 
 def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Path) -> Any:

@@ -157,11 +157,12 @@ def simulate(
     listener.begin(origin)
     missing = {run.name: run for run in campaign.runs if run.name not in whole}
     found: dict[str, RunError] = {}
+    setting = workers.Setting(_simulate, directory, directory.parent / "logs")
+    setting.tidy()  # after whoever was killed
     if missing:
         ledger.forget(map(paths.__getitem__, missing))
         for name in missing:  # lest old and new lie side by side, should this be killed
             paths[name].unlink(missing_ok=True)
-        setting = workers.Setting(_simulate, directory, directory.parent / "logs")
         common = dict(origin), how.engine
         tasks = {name: (run, dict(fmus), paths[name], *common) for name, run in missing.items()}
         outcomes = _outcomes(setting, tasks, how, listener)

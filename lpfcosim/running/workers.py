@@ -75,6 +75,14 @@ class Setting:
         """Path of the log of a task."""
         return self.logs / f"{name}.log"
 
+    def tidy(self) -> None:
+        """Remove the folder of logs unless something stands in it."""
+        with suppress(OSError):
+            for log in self.logs.glob("*.log"):
+                if not log.stat().st_size:
+                    log.unlink()
+            self.logs.rmdir()
+
     def note(self, name: str, line: str) -> None:
         """Add a line to the log of a task."""
         with suppress(OSError), self.log(name).open("a", encoding="utf-8") as log:
@@ -151,8 +159,7 @@ def _team(setting: Setting, n: int) -> Iterator[tuple[list[_Worker], Callable[[]
         finally:
             for worker in team:
                 worker.end()
-            with suppress(OSError):  # unless something stands in it
-                setting.logs.rmdir()
+            setting.tidy()
 
 
 class _Worker:

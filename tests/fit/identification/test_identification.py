@@ -181,7 +181,8 @@ def agree(told, flight):
     alone = flight[2].experiments["A"]
     for name, theirs in (("lambda_2", "lambda_2"), ("C_2", "C_2")):
         assert abs(told[name].value - alone[theirs].value) < 0.05 * alone[theirs].sigma
-        assert told[name].sigma == pytest.approx(alone[theirs].sigma, rel=0.002)
+        # what the controller began with is taken out here
+        assert told[name].sigma == pytest.approx(alone[theirs].sigma, rel=0.005)
 
 
 @pytest.mark.slow

@@ -83,7 +83,8 @@ def test_a_gain_that_is_held_departs_by_what_was_measured(flown):
     """Though nobody seeks lambda_2, what else is found has no share of its scatter."""
     fitted, found = flown[2], identified(flown, SOUGHT)
     assert not found.joint.unsound
-    assert found.joint.chi2 == pytest.approx(fitted.joint.chi2, rel=2e-3)
+    # what the controller began with is taken out here
+    assert found.joint.chi2 == pytest.approx(fitted.joint.chi2, rel=4e-3)
     for name in ("omega2_2_0", "delta_ifo_1"):
         theirs = fitted.joint.parameters.get(name) or found.joint[name]
         assert abs(found.joint[name].value - theirs.value) < 0.3 * theirs.sigma
