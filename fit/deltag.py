@@ -12,6 +12,9 @@ d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
   below `SPLIT`, if the calibration has the angles. The two filters add up to one. This leaves out the true
   b_1 and b_2 times phi'' and eta'' below `SPLIT`, some 3 % of the Euler term.
 
+Both are subtracted only up to the end of the band that b_1 to b_6 were fitted in: above, where the read-outs
+of angles and positions are noise, twice differentiated, they would add more than they take away.
+
 Where Delta g is louder than Delta g_x all the same, that is told (`Excess`).
 
 The run is read twice, piece by piece: once for the slow part of Omega, which needs all of the star tracker,
@@ -40,8 +43,9 @@ from fit.warnings import FitWarning
 Array = NDArray[np.float64]
 
 UNIT = "m s-2"
-SPLIT = (3e-3, 12e-3)  # Hz, where the low-pass of g_dOmega begins to fall and where it has fallen
-RIPPLE = 60.0  # dB, what it leaves
+SPLIT = (3e-3, 12e-3)  # Hz, where a low-pass of g_dOmega begins to fall and where it has fallen
+BEYOND = 1.3  # times the end of the fitted band: where motion has faded out of what is subtracted
+RIPPLE = 60.0  # dB, what the filters leave
 AT_ONCE = 144_000  # samples of the file per stretch: 4 h at 10 Hz, 40 h at 1 Hz
 MARGIN = 400.0  # s, kept on either side for `derivatives.bridge` to see gaps whole and for filters to run in
 #: The terms of Delta g_x, by channel of the product.
@@ -117,7 +121,10 @@ class _Turning:
 
 @dataclass(frozen=True)
 class _Recipe:
-    """What turns channels into Delta g, with d = x_2 - x_1 [m]. A term that cannot be computed is None."""
+    """What turns channels into Delta g, with d = x_2 - x_1 [m]. A term that cannot be computed is None.
+
+    Cross-talk and the Euler term are subtracted up to `f_max` [Hz].
+    """
 
     d: float
     known: Dynamics
@@ -125,6 +132,7 @@ class _Recipe:
     turning: _Turning | None
     euler: tuple[float, float] | None
     split: bool
+    f_max: float
     notes: tuple[str, ...]
 
 
@@ -217,6 +225,8 @@ def _told(recipe: _Recipe, excess: Excess) -> tuple[tuple[str, ...], dict[str, o
     """Return what is to be said of a product, as sentences and as attributes of its file."""
     bands = excess.bands()
     notes = (*recipe.notes, *(warning.message for warning in louder(bands)))
+    if not excess.compared and _described(recipe).keys() & {"delta_g_SC", "g_Omega", "g_dOmega"}:
+        notes = (*notes, "delta_g is not compared with delta_g_x: more than half of the samples are missing")
     told: dict[str, object] = {"notes": "\n".join(notes)}
     if bands:
         told["louder_bands"] = np.array([band[:2] for band in bands])
@@ -277,7 +287,8 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
             notes.append(f"g_dOmega is left out: {_without(of_period, f'inertial period {period}')}")
     split = bool(cross_talk and fitted and not bump.is_separated(fitted))
     d = separation(head.x_axis)
-    return _Recipe(d, known, cross_talk or None, turning, euler, split, tuple(notes))
+    f_max = min(results.provenance.f_max or derivatives.F_MAX, head.fs / 10)
+    return _Recipe(d, known, cross_talk or None, turning, euler, split, f_max, tuple(notes))
 
 
 def _without(fit: Fit | None, what: str) -> str:
@@ -315,8 +326,7 @@ def _series(head: Telemetry, recipe: _Recipe) -> Iterator[tuple[Array, dict[str,
         time, channels = _delta_g_x(stretch, recipe.known)
         if recipe.cross_talk is not None:
             delta_g_SC, valid = dynamics.delta_g_SC(stretch.telemetry, recipe.cross_talk)
-            if recipe.split:
-                delta_g_SC = delta_g_SC - slow_part(delta_g_SC, fs / derivatives.low_pass(fs)[1])
+            delta_g_SC = _subtracted(delta_g_SC, fs / derivatives.low_pass(fs)[1], recipe)
             channels["delta_g_SC"] = np.where(valid, delta_g_SC, np.nan)[stretch.keep]
         if turning is not None:
             motion = rotation.motion(stretch.telemetry, turning.sources, turning.reference)
@@ -326,8 +336,8 @@ def _series(head: Telemetry, recipe: _Recipe) -> Iterator[tuple[Array, dict[str,
             channels["g_Omega"] = np.where(kept.valid, g_Omega, np.nan)
             if recipe.euler is not None:
                 g_dOmega = inertial.euler(motion.dOmega, recipe.d) @ recipe.euler
-                if recipe.split:
-                    g_dOmega = slow_part(g_dOmega, motion.fs)
+                end = SPLIT if recipe.split else _end(recipe)
+                g_dOmega = slow_part(g_dOmega, motion.fs, end)
                 channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[stretch.keep]
         channels["delta_g"] = np.sum([channels[name] for name in SUMS if name in channels], axis=0)
         yield time, channels
@@ -345,11 +355,22 @@ def _delta_g_x(stretch: Stretch, known: Dynamics) -> tuple[Array, dict[str, Arra
     return found.time[stretch.keep], {name: np.where(lost, np.nan, x) for name, x in kept.items()}
 
 
-def slow_part(x: Array, fs: float) -> Array:
-    """Return the part of `x` that is slower than `SPLIT`; at its ends `x` goes on as its mirror image."""
-    half = round((RIPPLE - 7.95) / (2.285 * 2 * np.pi * (SPLIT[1] - SPLIT[0]) / fs) / 2)
+def _end(recipe: _Recipe) -> tuple[float, float]:
+    """Return where [Hz] the low-pass of what is subtracted begins to fall and where it has fallen."""
+    return recipe.f_max, BEYOND * recipe.f_max
+
+
+def _subtracted(delta_g_SC: Array, fs: float, recipe: _Recipe) -> Array:
+    """Return the part of the cross-talk that lies where its coefficients were fitted."""
+    fitted = slow_part(delta_g_SC, fs, _end(recipe))
+    return fitted - slow_part(delta_g_SC, fs, SPLIT) if recipe.split else fitted
+
+
+def slow_part(x: Array, fs: float, edges: tuple[float, float]) -> Array:
+    """Return the part of `x` slower than `edges` [Hz]; at its ends `x` goes on as its mirror image."""
+    half = round((RIPPLE - 7.95) / (2.285 * 2 * np.pi * (edges[1] - edges[0]) / fs) / 2)
     half = min(half, x.size - 1)
     window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
-    taps = scipy.signal.firwin(2 * half + 1, sum(SPLIT) / 2, window=window, fs=fs)
+    taps = scipy.signal.firwin(2 * half + 1, sum(edges) / 2, window=window, fs=fs)
     padded = np.pad(x, half, mode="reflect", reflect_type="odd")
     return np.asarray(scipy.signal.oaconvolve(padded, taps, mode="valid"), dtype=np.float64)

@@ -20,7 +20,7 @@ PER_DECADE = 4
 SURE = 2.0  # sigma
 HARMLESS = 0.02  # of the power: 1 % of the amplitude
 INDEPENDENT = 0.5  # share of the ordinates that count as independent under a Hann window
-MISSING = 0.01  # share of samples that a segment may miss
+MISSING = 0.5  # share of samples that a segment may miss; both series are bridged there alike
 FEWEST = 4  # ordinates in a band
 
 
@@ -38,7 +38,7 @@ class Excess:
     def __init__(self, size: int, fs: float) -> None:
         self._n, self._fs = min(round(SEGMENT * fs), size), fs
         self._rest: Array = np.empty((0, 2))
-        self._power, self._segments = np.zeros((self._n // 2 + 1, 3)), 0
+        self._power, self._segments = np.zeros((self._n // 2 + 1, 3)), 0.0
 
     def add(self, before: Array, after: Array) -> None:
         """Take the next samples of both, NaN where they are missing."""
@@ -49,13 +49,18 @@ class Excess:
             if np.mean(there) >= 1 - MISSING:
                 at = np.arange(self._n)
                 whole = np.stack([np.interp(at, at[there], x[there]) for x in segment.T], axis=1)
+                self._segments += float(np.mean(there))
                 self._measure(np.column_stack([whole, whole[:, 1] - whole[:, 0]]))
+
+    @property
+    def compared(self) -> bool:
+        """Whether there was a segment to compare the two in."""
+        return self._segments > 0
 
     def _measure(self, series: Array) -> None:
         window = scipy.signal.windows.hann(self._n, sym=False)
         found = scipy.fft.rfft(scipy.signal.detrend(series, axis=0) * window[:, None], axis=0)
         self._power += np.abs(found) ** 2
-        self._segments += 1
 
     def bands(self) -> list[tuple[float, float, float]]:
         """Return the ends of bands [Hz] in which the second is louder, and the ratio of amplitudes there."""

@@ -121,6 +121,26 @@ def test_cross_talk_that_holds_the_euler_force_adds_no_noise(recorded, tmp_path)
     assert level(file.delta_g.values - true, 25e-3, 35e-3) < 2 * level(true, 25e-3, 35e-3)
 
 
+def test_above_the_fitted_band_read_outs_of_motion_add_no_noise(recorded, tmp_path):
+    """Positions are read to 1.8 nm Hz^-1/2: b_3 times their second derivative is louder than Delta g_x."""
+    path, rng = tmp_path / "y.h5", np.random.default_rng(8)
+    path.write_bytes(recorded[0].read_bytes())
+    with h5py.File(path, "a") as file:
+        for j in (1, 2):
+            noise = 1.8e-9 * np.sqrt(0.5) * rng.standard_normal(file["time"].size)
+            channel = file.create_dataset(f"grs_y_{j}", data=noise)
+            channel.attrs["units"], channel.attrs["long_name"] = "m", "lateral position"
+            channel.dims[0].attach_scale(file["time"])
+    right = calibrated(LATE)
+    fitted = replace(right, cross_talk={"1": fit_of(**right.cross_talk["1"].values, b_3=1e-4)})
+    file, _ = product(path, tmp_path / "p.h5", fitted)
+    for low, high in ((0.13, 0.2), (0.2, 0.25), (0.25, 0.4)):
+        before = level(file.delta_g_x.values, low, high)
+        assert 1e-4 * (2 * np.pi * high) ** 2 * 1.8e-9 / np.sqrt(2) > before  # what is not subtracted
+        assert level(file.delta_g.values, low, high) < 1.01 * before
+    assert np.all(file.attrs.get("louder_bands", np.zeros((0, 2)))[..., 1] < 0.13)
+
+
 def test_what_adds_noise_is_told_with_its_band(recorded, tmp_path):
     wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
     file, notes = product(recorded[0], tmp_path / "p.h5", wrong)
@@ -130,6 +150,18 @@ def test_what_adds_noise_is_told_with_its_band(recorded, tmp_path):
     low, high = np.reshape(file.attrs["louder_bands"], (-1, 2))[0]
     assert low < 0.3e-3 < high
     assert level(file.delta_g.values, low, high) > 1.2 * level(file.delta_g_x.values, low, high)
+
+
+@pytest.mark.parametrize(("lost", "words"), [(0.02, "louder than"), (0.7, "is not compared with")])
+def test_gaps_do_not_hide_that_noise_is_added(recorded, tmp_path, lost, words):
+    wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
+    path = tmp_path / "gaps.h5"
+    path.write_bytes(recorded[0].read_bytes())
+    with h5py.File(path, "a") as file:
+        for start in range(0, file["time"].size, 20_000):
+            file["o_12"][start : start + round(lost * 20_000)] = np.nan
+    _, (note,) = product(path, tmp_path / "p.h5", wrong)
+    assert words in note
 
 
 @pytest.mark.slow
