@@ -26,7 +26,8 @@ from lpfcosim.messages import line
 _messages = logging.getLogger(__name__)
 
 _MOST = 10_000  # elements of an array
-_UNUSED = ("sources/", "documentation/")  # of an archive, by an instance
+# Of an archive, what is for people and tools: an instance is told of its resources alone.
+_UNUSED = ("sources/", "documentation/", "extra/", "terminalsAndIcons/")
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
 

@@ -82,6 +82,25 @@ def test_a_full_disk_is_not_the_fault_of_the_archive(tmp_path, monkeypatch):
         start(archive)
 
 
+@FMI
+def test_only_what_an_instance_can_reach_is_unpacked(tmp_path, monkeypatch, fmi):
+    """An instance is told of its resources; all else but its library is for people and tools."""
+    archive = build.build([MODEL], fmi=fmi)[MODEL]
+    path = tmp_path / "more.fmu"
+    repack(archive, path, lambda _, content: content)
+    with zipfile.ZipFile(path, "a") as more:
+        more.writestr("resources/table.csv", "1\n")
+        more.writestr("extra/org.example/table.csv", "1\n")
+    folder = tmp_path / "unpacked"
+    folder.mkdir()
+    monkeypatch.setattr(slave.tempfile, "tempdir", str(folder))
+    with contextlib.ExitStack() as stack:
+        slave.Slave(stack, path, MODEL, {"delta_ifo": 0.0}, ["x_1"], ["o_1"])
+        files = {file.relative_to(folder).parts[1] for file in folder.rglob("*") if file.is_file()}
+        assert files - {"model.png"} == {"binaries", "resources", "modelDescription.xml"}
+    assert not any(folder.iterdir())
+
+
 def test_model_exchange_is_not_enough(tmp_path):
     def change(name, content):
         return content.replace(b"CoSimulation", b"ModelExchange") if name.endswith("tion.xml") else content
