@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.estimate import Outcome
 from fit.judgement import lags
 from fit.judgement.consistency import Regression, Squares, Voice
 from fit.model import Sharing, dynamics
@@ -44,10 +45,8 @@ class Case:
         As they were weighed.
     sharing : Sharing
         What they share.
-    names : tuple of str
-        Of the P fitted parameters.
-    theta : ndarray, shape (P,)
-        Where the voices were taken.
+    outcome : Outcome
+        Of the joint fit, where the voices were taken.
     """
 
     voices: Regression
@@ -55,8 +54,17 @@ class Case:
     experiments: tuple[Experiment, ...]
     blocks: tuple[linear.Block, ...]
     sharing: Sharing
-    names: tuple[str, ...]
-    theta: Array
+    outcome: Outcome
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the P fitted parameters."""
+        return tuple(p.name for p in self.outcome.parameters)
+
+    @property
+    def theta(self) -> Array:
+        """Where the voices were taken, shape (P,)."""
+        return self.outcome.solution.theta
 
     @property
     def voice(self) -> Voice:
@@ -149,7 +157,7 @@ def exchanged(case: Case, i: int) -> str:
 def _causes(case: Case) -> Iterator[_Cause]:
     """Try all causes; where the run does not follow the equation, only those that make it follow."""
     experiment, tau = case.experiments[case.at], dynamics.delays(case.expected)
-    for words, other in lags.voices(experiment, case.blocks[case.at], case.theta, tau):
+    for words, other in lags.voices(experiment, case.blocks[case.at], case.outcome, tau):
         if other.level == 1:
             yield _Cause(words, _left(case, {case.at: other}))
     if case.voice.level == 1:

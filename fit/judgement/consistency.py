@@ -35,6 +35,7 @@ Flags = NDArray[np.bool_]
 
 OFF = 1.5  # factor between noise and its model from which one is no measure of the other
 _NULL = 1e-10  # information relative to the largest, below which a run does not see a direction
+LEVERAGE = 0.005  # share of a run in what the joint fit knows of a direction, from which it leans on it
 HELD = 1e-3  # root of the information, in units of the weak prior's, below which a direction counts as held
 
 
@@ -136,7 +137,9 @@ class Voice:
         return np.asarray(self.answer @ self.gradient[:, self.names.index(name)])
 
 
-def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
+def voice(
+    experiment: Experiment, block: linear.Block, theta: Array, covariance: Array | None = None
+) -> Voice:
     """Return what a run says.
 
     Parameters
@@ -147,6 +150,8 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
         Weighed.
     theta : ndarray, shape (P,)
         Where to begin, near the estimate of P parameters.
+    covariance : ndarray, shape (P, P), optional
+        Of the joint fit: what is in doubt is heard where it weighs there.
     """
     of_run = block.share @ theta
     R, H, c = block.R, block.H, block.coefficients(theta)
@@ -154,7 +159,8 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
     gradient = block.of_run(theta)
     level = _level(block, c)
     W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
-    W = _believed(block, of_run, W @ H[1:] @ gradient) @ W
+    spread = None if covariance is None else block.share @ linear.rooted(covariance).T
+    W = _believed(block, of_run, W @ H[1:] @ gradient, spread) @ W
     knots, of_knots = _knots(block, W)
     return Voice(
         name=experiment.name,
@@ -171,27 +177,34 @@ def voice(experiment: Experiment, block: linear.Block, theta: Array) -> Voice:
     )
 
 
-def _believed(block: linear.Block, of_run: Array, slope: Array) -> Array:
+def _believed(block: linear.Block, of_run: Array, slope: Array, spread: Array | None) -> Array:
     """Return the directions of z, shape (L, N), in which a signal speaks and not noise in the regressors.
 
-    A single tone does not tell a gain from a stiffness, no signal at all tells neither: see
-    `fit.weighing.single_tone`. What motion and torques add is left out too: noise in its read-outs attenuates
-    it, in every run differently. `slope`, shape (N, Q), is what the parameters of the run do to z.
+    What motion and torques add is left out: noise in its read-outs attenuates it, in every run differently. A
+    single tone does not tell a gain from a stiffness, no signal at all tells neither (see
+    `fit.weighing.single_tone`); what noise tells of them is left out too, unless the joint fit leans on it.
+    `slope`, shape (N, Q), is what the parameters of the run do to z; `spread`, shape (Q, P), a root of their
+    covariance in the joint fit.
     """
     at = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
-    blind = slope[:, len(block.names) :]
+    doubted = _range(_of_unit_length(slope[:, len(block.names) :]))
+    told = np.zeros((len(slope), 0))
     if block.tone is not None:
         stiffness, gain, delay = (slope[:, at[name]] for name in ("omega2_2", "lambda_2", "C_2"))
     if block.tone:  # at its frequency nothing changes if the gain follows the stiffness
         omega2_2, lambda_2 = of_run[at["omega2_2"]], of_run[at["lambda_2"]]
         per_stiffness = lambda_2 / (omega2_2 - (2 * np.pi * block.tone) ** 2)
-        blind = np.column_stack([blind, stiffness + per_stiffness * gain])
+        told = (stiffness + per_stiffness * gain)[:, None]
     elif block.tone == 0:
-        blind = np.column_stack([blind, stiffness, gain, delay])
+        told = np.column_stack([stiffness, gain, delay])
+    Q = _range(_of_unit_length(told) - doubted @ (doubted.T @ _of_unit_length(told)))
+    if spread is not None:
+        _, s, vt = np.linalg.svd((Q.T @ slope @ spread).T)
+        Q = Q @ vt.T[:, np.concatenate([s, np.zeros(len(vt) - s.size)]) < LEVERAGE**0.5]
+    blind = np.hstack([doubted, Q])
     if not blind.size:
         return np.eye(len(slope))
-    Q = _range(blind / np.maximum(np.linalg.norm(blind, axis=0), 1e-300))
-    u, s, _ = np.linalg.svd(np.eye(len(slope)) - Q @ Q.T)
+    u, s, _ = np.linalg.svd(np.eye(len(slope)) - blind @ blind.T)
     return np.asarray(u[:, s > 0.5].T)
 
 
@@ -340,6 +353,10 @@ class Regression:
         return Squares(float(self.z @ projection @ self.z), round(dof), of_noise)
 
 
+def _of_unit_length(columns: Array) -> Array:
+    return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+
+
 def _range(columns: Array) -> Array:
     """Return an orthonormal basis of the range of columns of about unit length."""
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
@@ -358,7 +375,8 @@ def voiced(experiments: Sequence[Experiment], blocks: Sequence[linear.Block], ou
     (`departures`) count with the width that was found for them.
     """
     theta, parameters = outcome.solution.theta, outcome.parameters
-    voices = tuple(voice(e, b, theta) for e, b in zip(experiments, blocks, strict=True))
+    covariance = outcome.solution.covariance
+    voices = tuple(voice(e, b, theta, covariance) for e, b in zip(experiments, blocks, strict=True))
     departs = {
         i: outcome.scatter[name][0]
         for width in outcome.departing

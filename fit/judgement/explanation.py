@@ -185,8 +185,7 @@ class Court:
             experiments=tuple(self.experiments[k] for k in kept),
             blocks=tuple(self.blocks[k] for k in kept),
             sharing=self.sharing,
-            names=tuple(p.name for p in self.outcome.parameters),
-            theta=self.outcome.solution.theta,
+            outcome=self.outcome,
         )
 
 

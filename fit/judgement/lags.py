@@ -4,19 +4,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fit.estimate import Outcome
 from fit.judgement.consistency import Voice, voice
 from fit.model import dynamics
 from fit.weighing import Experiment, linear
-
-Array = NDArray[np.float64]
 
 SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
 
 
 def voices(
-    experiment: Experiment, block: linear.Block, theta: Array, tau: tuple[float, float]
+    experiment: Experiment, block: linear.Block, outcome: Outcome, tau: tuple[float, float]
 ) -> Iterator[tuple[str, Voice]]:
     """Yield in words which channel is late by how much, and what the run then says.
 
@@ -26,8 +24,8 @@ def voices(
         The runs.
     block : linear.Block
         The sysid run as it was weighed.
-    theta : ndarray, shape (P,)
-        Where the voices of the others were taken.
+    outcome : Outcome
+        Of the joint fit: where the voices of the others were taken.
     tau : tuple of float
         The delays [s] that the others have.
     """
@@ -45,7 +43,8 @@ def voices(
             columns, _ = linear.whiten(terms, block.noise.expected(terms.f))
             words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
             of_run = replace(experiment, sysid=shifted)
-            yield words, voice(of_run, replace(block, columns=columns, tau=terms.tau), theta)
+            shown = replace(block, columns=columns, tau=terms.tau)
+            yield words, voice(of_run, shown, outcome.solution.theta, outcome.solution.covariance)
 
 
 def _lags(fs: float) -> Iterator[tuple[float, str]]:
