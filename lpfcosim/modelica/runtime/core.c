@@ -216,9 +216,7 @@ static void move_states(State *s) {
         z[NX + NH + ND + j] = held_at(s, j, s->n - s->whole[j]);
     }
     z[NZ - 1] = 1;
-    for (int i = 0; i < NX; i++) dx[i] = 0;
-    for (int j = 0; j < NZ; j++) /* by columns: the sums of all states grow side by side */
-        for (int i = 0; i < NX; i++) dx[i] += s->e[j][i] * z[j];
+    multiply(s, z, dx);
     for (int i = 0; i < NX; i++) states(s)[i] = z[i] + dx[i];
 #elif NX > 0
     const double time = s->v[0];

@@ -78,6 +78,9 @@ static void core_touch(State *s);          /* a variable was set */
 static void core_tune(State *s);           /* a parameter was set after initialization */
 static void core_delayed(const State *s, double *d);
 static void core_refresh(State *s, int to); /* bring up to date all variables of this stage */
+#if AFFINE
+static void multiply(const State *s, const double *z, double *dx); /* dx = e z */
+#endif
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
 
 #endif
