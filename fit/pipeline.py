@@ -26,7 +26,7 @@ from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
 from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.threads import each, one_thread, upto
+from fit.threads import each, give_back, one_thread, upto
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
 
@@ -50,15 +50,9 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
-    upto(0.1)  # as the shares below, about what it takes of the time
-    experiments = pair(telemetries)
-    if not experiments:
-        raise InputError(
-            f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
-            "or an earlier calibration"
-        )
-    common_x_axis(telemetries)
-    return _with_inertial(_dynamics(experiments, chosen or settings()), telemetries)
+    results = _dynamics(telemetries, chosen or settings())
+    give_back()  # what the inertial fit does not need
+    return _with_inertial(results, telemetries)
 
 
 @one_thread
@@ -102,16 +96,12 @@ def _where(telemetries: Sequence[Telemetry]) -> str:
 def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Results:
     """Fit the inertial periods that the runs belong to; they need the dynamics of a joint fit."""
     periods: dict[str, list[Telemetry]] = {}
-    for run in telemetries if results.joint else ():
-        if inertial.takes_part(run):
-            periods.setdefault(inertial_period(run), []).append(run)
-    fits = {
-        name: _doubted(inertial.fit_period(runs, results.joint), results.joint)
-        for name, runs in periods.items()
-        if results.joint
-    }
-    if not fits:
+    for run in filter(inertial.takes_part, telemetries):
+        periods.setdefault(inertial_period(run), []).append(run)
+    joint = results.joint
+    if joint is None or not periods:
         return results
+    fits = {name: _doubted(inertial.fit_period(runs, joint), joint) for name, runs in periods.items()}
     runs = {name: [run.run for run in runs] for name, runs in periods.items()}
     return replace(
         results,
@@ -212,8 +202,16 @@ class _Judged:
     experiments: dict[str, Fit]
 
 
-def _dynamics(found: Sequence[Experiment], chosen: Settings) -> Results:
+def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
+    upto(0.1)  # as the shares below, about what it takes of the time
+    found = pair(telemetries)
+    if not found:
+        raise InputError(
+            f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
+            "or an earlier calibration"
+        )
+    common_x_axis(telemetries)
     ready = _prepared(found, chosen)
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))

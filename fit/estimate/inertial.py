@@ -124,33 +124,42 @@ class _Rotation(linear.Straight):
 
 @dataclass(frozen=True)
 class _Made:
-    """Columns of a run as `_Turning` fits them, without mean; missing samples, what is odd about its rate."""
+    """Columns of a run as `_Turning` fits them, without mean; missing samples, what is odd about its rate.
+
+    The columns `uncertain` of `_Rotation` come as spectra: as series they would take most of the memory.
+    """
 
     terms: dynamics.Columns
+    uncertain: Spectrum
     missing: int
     warnings: tuple[FitWarning, ...]
 
 
 def _columns(run: Telemetry, found: rotation.Sources, of_run: Dynamics) -> _Made:
     """Make the columns; of what they are made of nothing stays in memory."""
-    channels = dynamics.channels(run, motion=False)
-    terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
     motion = rotation.motion(run, found)
     slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
-    Omega = rate.rate(motion, slow, rate.Integral(motion.fs))
     d = inertial.separation(run.x_axis)
-    delta_g_x = terms.values @ dynamics.coefficients(of_run.theta, terms.tau)
-    uncertain = terms.values @ (dynamics.gradient(of_run.theta, terms.tau) @ of_run.share)
-    g_Omega = inertial.g_Omega(Omega, d)
-    apart = inertial.euler(rotation.apart(run, found), d)
+    columns = np.empty((motion.time.size, LAST + 1 + len(NAMES)))
+    columns[:, 1:3] = inertial.euler(motion.dOmega, d)
     # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
-    length = motion.swing + of_run.theta[dynamics.PARAMETERS.index("omega2_2")] * motion.angle
-    fitted = (delta_g_x + g_Omega, inertial.euler(motion.dOmega, d), length)
-    columns = np.column_stack([*fitted, g_Omega, apart, uncertain])
-    # Constants and ramps are projected out later; large ones would cost digits.
-    columns -= columns.mean(axis=0)
-    made = replace(terms, names=(), values=columns, valid=terms.valid & motion.valid)
-    return _Made(made, channels.missing, tuple(slow.warnings))
+    omega2_2 = of_run.theta[dynamics.PARAMETERS.index("omega2_2")]
+    columns[:, 3:LAST] = motion.swing + omega2_2 * motion.angle
+    columns[:, LAST] = inertial.g_Omega(rate.rate(motion, slow, rate.Integral(motion.fs)), d)
+    valid = motion.valid
+    del motion
+    columns[:, LAST + 1 :] = inertial.euler(rotation.apart(run, found), d)
+    channels = dynamics.channels(run, motion=False)
+    terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
+    columns[:, 0] = terms.values @ dynamics.coefficients(of_run.theta, terms.tau) + columns[:, LAST]
+    valid &= terms.valid
+    for values in (columns, terms.values):
+        # Constants and ramps are projected out later; large ones would cost digits.
+        values -= values.mean(axis=0)
+    spread = dynamics.gradient(of_run.theta, terms.tau) @ of_run.share
+    uncertain = spectra.transform(terms.values, valid, terms.fs, band=BAND).columns @ spread
+    made = replace(terms, names=(), values=columns, valid=valid)
+    return _Made(made, uncertain, channels.missing, tuple(slow.warnings))
 
 
 class _Turning:
@@ -177,10 +186,10 @@ class _Turning:
         made = _columns(run, found, of_run)
         terms = made.terms
         struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
-        beside = shapes.loose(struck, terms.time, terms.fs) if struck else None
-        whole = spectra.transform(terms.values, terms.valid, terms.fs, beside=beside)
-        check_left(run, whole.window, "missing samples in read-outs, torques or angles")
-        self._terms = whole.band(*BAND)
+        beside = shapes.loose(struck or (), terms.time, terms.fs)
+        seen = spectra.transform(terms.values, terms.valid, terms.fs, beside=beside, band=BAND)
+        check_left(run, seen.window, "missing samples in read-outs, torques or angles")
+        self._terms = replace(seen, columns=np.hstack([seen.columns, made.uncertain]))
         self._model: NoiseModel | None = None
         self.run, self.correlation, self.missing = run.run, of_run.correlation, made.missing
         glitched = long_noise.told(run.run, struck, run.duration)

@@ -84,8 +84,7 @@ class Imposed:
         self._grid = series.reduced(run.telemetry, run.channels)
         self._blow = series.blow(force_1.size, PUSH)
         self._made = self._force_made = self._settling = np.empty(0)
-        glitches = run.beside(self._grid.time, self._grid.fs)
-        self._beside = [self._grid.steps] if glitches is None else [self._grid.steps, glitches]
+        self._beside = [self._grid.steps, *run.beside(self._grid.time, self._grid.fs)]
 
     def along(self, names: Sequence[str]) -> Array:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).
@@ -155,7 +154,7 @@ class Imposed:
         values = np.stack(columns, axis=1)
         grid = self._grid
         impulses = self._run.impulses(grid.time, grid.fs)
-        beside = np.hstack([*self._beside, self._settling])
+        beside = [*self._beside, self._settling]
         return spectra.transform(values, grid.valid, grid.fs, beside=beside, impulses=impulses)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:

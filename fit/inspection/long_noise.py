@@ -59,8 +59,7 @@ def glitches(
     found: list[Glitch] = []
     model: NoiseModel | None = None
     for _ in range(ROUNDS):
-        beside = shapes.columns(found, instants, fs) if found else None
-        terms = spectra.transform(means, whole, fs, beside=beside)
+        terms = spectra.transform(means, whole, fs, beside=shapes.columns(found, instants, fs))
         model = _model(terms.band(*band), model)
         more = pursue(_view(terms, band, model, instants, fs, found))
         if not more:

@@ -1,8 +1,10 @@
 """Window and transform: the spectra of the columns of one run in the fitted band."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 import scipy
@@ -81,33 +83,31 @@ def transform(
     valid: NDArray[np.bool_],
     fs: float,
     tau: tuple[float, float] = (0.0, 0.0),
-    beside: Array | None = None,
+    beside: Iterable[Array] = (),
     impulses: NDArray[np.intp] | None = None,
+    band: tuple[float, float] | None = None,
 ) -> Spectra:
     """Window and transform columns, shape (N, P), of sample rate `fs`, expanded about the delays `tau`.
 
-    Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in `beside`,
-    shape (N, G), is to be projected out along with constant and ramp; so are `impulses` at some
-    of the samples.
+    Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in the parts of
+    `beside`, of shape (N, G) each, is to be projected out along with constant and ramp; so are `impulses` at
+    some of the samples. Parts are asked for one by one, so that no more than one need be there at a time. Of
+    the fitted band only the bins of `band` [Hz] are kept, if it is given.
     """
     n = scipy.fft.prev_fast_len(len(columns))
-    w = window(valid[:n], fs)
-    nuisance = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
-    if beside is not None:
-        nuisance = np.hstack([nuisance, beside[:n]])
-
-    f = np.arange(n // 2 + 1)[_bins(n, fs)] * fs / n
-    found = Spectra(f, windowed(columns, w, fs), windowed(nuisance, w, fs), w, tau)
-    if impulses is None:
-        return found
-    seen = impulses[impulses < n]
-    patched = patches.columns(seen[w[seen] > 0], n, _bins(n, fs))  # what the window leaves of one is as good
-    return replace(found, nuisance=np.hstack([found.nuisance, patched]))
+    w, bins = window(valid[:n], fs), _bins(n, fs, band)
+    even = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
+    nuisance = [windowed(part, w, fs, bins) for part in chain([even], beside)]
+    if impulses is not None:
+        seen = impulses[impulses < n]
+        nuisance.append(patches.columns(seen[w[seen] > 0], n, bins))  # what the window leaves is as good
+    f = np.arange(bins.start, bins.stop) * fs / n
+    return Spectra(f, windowed(columns, w, fs, bins), np.hstack(nuisance), w, tau, bins.start)
 
 
-def windowed(columns: Array, w: Array, fs: float) -> Spectrum:
+def windowed(columns: Array, w: Array, fs: float, bins: slice | None = None) -> Spectrum:
     """Return the transforms of columns, shape (N or more, P), under a window, as `Spectra` has them."""
-    scale, bins = math.sqrt(2 / (fs * float(w @ w))), _bins(w.size, fs)
+    scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
     found = np.empty((bins.stop - bins.start, columns.shape[1]), dtype=np.complex128, order="F")
     for i in range(0, columns.shape[1], _TOGETHER):
         some = slice(i, i + _TOGETHER)
@@ -127,9 +127,13 @@ def series(columns: Spectrum, first: int, n: int) -> Array:
     return found
 
 
-def _bins(n: int, fs: float) -> slice:
-    """Return the bins of the fitted band in the transform of `n` samples."""
-    return slice(1, math.floor(min(F_MAX, fs / 10) * n / fs) + 1)
+def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
+    """Return the bins of the fitted band, or of part of it [Hz], in the transform of `n` samples."""
+    last = math.floor(min(F_MAX, fs / 10) * n / fs)
+    if band is None:
+        return slice(1, last + 1)
+    f = np.arange(1, last + 1) * fs / n
+    return slice(1 + int(np.searchsorted(f, band[0])), 1 + int(np.searchsorted(f, band[1], side="right")))
 
 
 def spread(window: Array) -> float:

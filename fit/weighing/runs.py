@@ -1,6 +1,6 @@
 """Runs in pairs: which belong together, their spectra at any delay, the noise PSD the partner tells."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -121,10 +121,9 @@ class Run:
         run._forget()
         return run
 
-    def beside(self, time: Array, fs: float) -> Array | None:
-        """Return what is taken out at the instants `time` [s], shape (N, G); None without glitches."""
-        of = shapes.loose if self.loose else shapes.columns
-        return of(self.glitches, time, fs) if self.glitches else None
+    def beside(self, time: Array, fs: float) -> Iterator[Array]:
+        """Yield what is taken out at the instants `time` [s], shape (N, G), some at a time."""
+        return (shapes.loose if self.loose else shapes.columns)(self.glitches, time, fs)
 
     def patched(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked by patches besides what is masked already."""

@@ -8,7 +8,7 @@ band that could be folded into it.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -40,6 +40,7 @@ SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
 SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
 _TOGETHER = 8  # transforms at most: all of them would fill the memory
+_PART = 4  # of columns, the same
 
 
 @dataclass(frozen=True)
@@ -154,22 +155,23 @@ def bank(duration: float) -> list[Shape]:
     return [Shape(kind, float(tau), q) for tau in taus for kind, q in SOUGHT]
 
 
-def columns(found: Sequence[Glitch], time: Array, fs: float) -> Array:
-    """Return the glitches at the instants `time` [s], shape (N, number of glitches)."""
-    return series(found, time, fs).T
+def columns(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
+    """Yield the glitches at the instants `time` [s], shape (N, G), some at a time."""
+    for i in range(0, len(found), _PART):
+        yield series(found[i : i + _PART], time, fs).T
 
 
-def loose(found: Sequence[Glitch], time: Array, fs: float) -> Array:
-    """Return the `columns` and how these change with begin, tau and other time, shape (N, 4 glitches).
+def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
+    """Yield the `columns`, then how each changes with begin, tau and other time, shape (N, 3).
 
     A strong glitch drives the loop, whose answer tells stiffness and gain as an injection does, but only as
     well as the shape of the glitch is known: without these columns the answer would be trusted too much.
     """
-    changes = [steps(glitch) for glitch in found]
-    beside = [g.moved(step) for g, of in zip(found, changes, strict=True) for step in np.diag(of)]
-    own = columns(found, time, fs)
-    changed = columns(beside, time, fs) - np.repeat(own, 3, axis=1)
-    return np.hstack([own, changed / np.concatenate(changes)])
+    yield from columns(found, time, fs)
+    for glitch in found:  # one by one: in long runs all of them fill the memory
+        changes = steps(glitch)
+        own, *moved = series([glitch, *(glitch.moved(step) for step in np.diag(changes))], time, fs)
+        yield ((np.array(moved) - own) / changes[:, None]).T
 
 
 def steps(glitch: Glitch) -> Array:

@@ -1,5 +1,7 @@
 """Filters, stencils, windows and the noise model against formulas."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from fit.errors import FitError
 from fit.signal import derivatives, fit_noise, spectra
+from fit.weighing import shapes
 
 BAND = np.array([1e-3, 13.33e-3, 53.33e-3, 0.1])  # Hz, at a sample rate of 1 Hz
 
@@ -173,3 +176,26 @@ def test_no_noise_is_an_error(level):
     f = np.arange(1, 501) / 5000
     with pytest.raises(FitError, match="no noise"):
         fit_noise(f, np.full(500, level), np.ones(500))
+
+
+def test_parts_beside_are_projected_out_together_and_bins_are_those_of_the_band():
+    rng = np.random.default_rng(2)
+    x, valid = rng.standard_normal((4000, 5)), np.ones(4000, dtype=bool)
+    whole = spectra.transform(x[:, :2], valid, 1.0, beside=[x[:, 2:]])
+    band = whole.band(0.01, 0.03)
+    parts = spectra.transform(x[:, :2], valid, 1.0, beside=(x[:, [i]] for i in (2, 3, 4)), band=(0.01, 0.03))
+    assert parts.first == band.first
+    for name in ("f", "columns", "nuisance"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(band, name), rtol=1e-12)
+
+
+def test_many_series_beside_take_no_more_memory_than_few():
+    n = 400_000
+    time, valid, peaks = np.arange(n, dtype=float), np.ones(n, dtype=bool), []
+    found = [shapes.Glitch(shapes.Shape("pushed", 300.0), 1e4 * i) for i in range(1, 13)]
+    for some in (found[:4], found):
+        tracemalloc.start()
+        spectra.transform(time[:, None], valid, 1.0, beside=shapes.loose(some, time, 1.0), band=(3e-5, 2e-3))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
