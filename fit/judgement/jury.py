@@ -25,6 +25,7 @@ from fit.judgement.agreement import (
 )
 from fit.judgement.consistency import Regression, regression, voice, voiced
 from fit.judgement.explanation import Court, of_odd
+from fit.judgement.lasting import changing
 from fit.model import Sharing
 from fit.settings import Settings
 from fit.threads import each
@@ -93,7 +94,7 @@ def convene(
         outcome = fit_joint(kept, chosen)
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
-    return Agreed(outcome, tuple(kept), left_out, tuple(_leaning(voices, outcome)), voices)
+    return Agreed(outcome, tuple(kept), left_out, _told(voices, outcome, kept), voices)
 
 
 def _plainly(outcome: Outcome, experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
@@ -247,6 +248,11 @@ def said(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning
         return []
     voices = regression(experiments, outcome)
     return _leaning(voices, outcome) if agree(voices) else [_contradiction(voices, experiments)]
+
+
+def _told(voices: Regression, outcome: Outcome, experiments: Sequence[Experiment]) -> tuple[FitWarning, ...]:
+    """Return what is to be said of runs that agree."""
+    return (*_leaning(voices, outcome), *changing(experiments, outcome))
 
 
 def _leaning(voices: Regression, outcome: Outcome) -> list[FitWarning]:
