@@ -98,7 +98,8 @@ def _identified(
     with console.stage("preparation"):
         prepared = earlier.experiments(results, telemetries, directory / "results.json")
     with ExitStack() as stack, about(campaign):
-        loop = _simulation(stack, plan, prepared[0], fmus)
+        with console.stage("loading"):
+            loop = _simulation(stack, plan, prepared[0], fmus)
         runs, parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
         total = (ROUNDS + BLOWS) * runs + 2 * parameters * len(prepared[0])
         with console.counted("simulations", total) as loop.told:

@@ -73,6 +73,8 @@ def test_parameters_of_the_fmus_are_those_that_the_fit_finds(lpfcosim, done):
     done.write_text(CAMPAIGN + SOUGHT)
     status, out, err = lpfcosim("identify", done, "--json")
     assert status == 0, err
+    said = list(dict.fromkeys(line.split(":")[0] for line in err.splitlines()))
+    assert said[-5:] == ["reading", "preparation", "loading", "simulations", "report"]
     found = json.loads(out)
     folder = done.with_suffix("")
     assert found == json.loads((folder / "identified.json").read_text())
