@@ -30,7 +30,7 @@ from fit.results import Estimate
 Array = NDArray[np.float64]
 
 _EXPERIMENT = Axis("experiment", "", "start")
-_GAIN = Axis("λ₂", "1", "lambda_2 [1]")
+_GAIN = Axis("λ₂", "", "lambda_2 [1]")
 
 
 @dataclass(frozen=True)

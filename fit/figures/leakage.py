@@ -1,6 +1,7 @@
 """Figure of delta_ifo, the leakage of x_1 into o_12, by alignment epoch."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from fit.figures.charts import (
     Limits,
     Mark,
     Panel,
+    Points,
     Shape,
     Span,
     aside,
@@ -28,7 +30,7 @@ _LEAKAGE = Axis("δifo", "10⁻⁵", "delta_ifo [1e-5]")
 def leakage(
     joint: Mapping[int, Estimate], alone: Sequence[tuple[str, int, Estimate]], flight: Mapping[int, Estimate]
 ) -> Chart:
-    """Draw delta_ifo by alignment epoch beside what the design of the optical bench allows.
+    """Draw delta_ifo by alignment epoch beside what the design of the optical bench allows, and magnified.
 
     Parameters
     ----------
@@ -40,11 +42,12 @@ def leakage(
     rms, limit = (1e5 * x for x in DELTA_IFO_DESIGN)
     epochs = sorted({*joint, *(epoch for _, epoch, _ in alone)})
     across = (epochs[0] - 1.0, epochs[-1] + 1.0)
-    marks: list[Mark] = [
+    allowed: list[Mark] = [
         Span(low=-rms, high=rms, role="grey", opacity=0.25, along="y", label="design, rms"),
         _line("upper limit of the design", "limits of the design", across, limit),
         _line("lower limit of the design", "", across, -limit),
     ]
+    marks: list[Points] = []
     sets: list[tuple[str, str, Shape, float, list[tuple[str, int, Estimate]]]] = [
         ("flight", "orange", "square", -0.15, [("flight", k, v) for k, v in flight.items() if k in epochs]),
         ("each experiment alone", "muted", "ring", 0.15, list(alone)),
@@ -63,7 +66,12 @@ def leakage(
         )
         rows = ([label] * k.size, [n for n, _, _ in entries], k, *values.T)
         told = {head: [*column, *row] for (head, column), row in zip(told.items(), rows, strict=True)}
-    return Chart((Panel(_EPOCH, _LEAKAGE, tuple(marks), across, limits(_LEAKAGE, marks), 2.0),), told)
+    above = (*allowed, *(replace(mark, label="") for mark in marks))
+    panels = (
+        Panel(_EPOCH, _LEAKAGE, above, across, limits(_LEAKAGE, above), 1.3),
+        Panel(_EPOCH, _LEAKAGE, tuple(marks), across, limits(_LEAKAGE, marks), 1.6),
+    )
+    return Chart(panels, told)
 
 
 def _line(name: str, label: str, across: Limits, value: float) -> Curve:

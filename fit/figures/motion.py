@@ -61,8 +61,11 @@ def breakdown(found: Mapping[str, LogSpectrum]) -> Chart:
 
 
 def rotation(found: Mapping[str, LogSpectrum]) -> Chart:
-    """Draw Delta g before and after the correction for rotation, and the two terms of it."""
-    return _drawn(found, _ROTATION, (3e-5, 1e-2))
+    """Draw Delta g before and after the correction for rotation, and the two terms of it.
+
+    Above, motion counts as well: it takes off what rotation adds, and is not drawn here.
+    """
+    return _drawn(found, _ROTATION, (3e-5, 3e-3))
 
 
 def _drawn(

@@ -114,7 +114,7 @@ def by_authority(points: Sequence[NoisePoint], law: "Law | None") -> Chart:
             x = np.linspace(*across, 40)
             y = 1e15 * np.array([law.at(1e-12 * F) for F in x])
             told = "relative noise of the electrodes"
-            marks.insert(0, Curve(name=told, label=told, role="blue", x=x, y=y, dash=":"))
+            marks.insert(0, Curve(name=told, label="electrodes", role="blue", x=x, y=y, dash=":"))
         panels.append(_panel(_AUTHORITY, band, marks, across))
     return Chart(tuple(panels), _columns(points))
 

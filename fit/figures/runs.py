@@ -1,6 +1,6 @@
 """Figures of a run: responses to the injections, Delta g, its terms, and its residual over time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -185,20 +185,21 @@ class Analysis:
     ----------
     fs : float
         Sample rate [Hz].
-    missing : ndarray, shape (G, 2)
-        Begin and end of every stretch where samples are missing [s, as `Telemetry.time`].
+    missing, masked : ndarray, shape (G, 2)
+        Begin and end of every stretch where samples are missing, and of glitches [h since the start].
     fast, slow : tuple of ndarray, or None
         Delta g averaged over `FAST` and over `SLOW`.
     signal : tuple of ndarray, or None
         Second derivative of o_12 averaged over `FAST`; None of a noise run.
     asd : Binned or None
-        Of Delta g; None of a simulation without noise.
+        Of Delta g without what was masked; None of a simulation without noise.
     terms : mapping of str to Binned
         Of its terms; none of a noise run.
     """
 
     fs: float
     missing: Array
+    masked: Array
     fast: _Series | None
     slow: _Series | None
     signal: _Series | None
@@ -206,21 +207,38 @@ class Analysis:
     terms: Mapping[str, Binned]
 
 
-def analysed(telemetry: Telemetry, parameters: Mapping[str, float]) -> Analysis:
-    """Return what the figures of a run show; see `split`."""
+def struck(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:
+    """Return which samples glitches reach: the loudest take twice as long to fade as their spans tell."""
+    found = np.zeros(time.size, dtype=bool)
+    for begin, end in spans:
+        found |= (time >= begin) & (time <= 2 * end - begin)
+    return found
+
+
+def analysed(
+    telemetry: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]] = ()
+) -> Analysis:
+    """Return what the figures of a run show; see `split`.
+
+    The spectrum of Delta g leaves out what was `masked`, begin and end [s], unless that is half of the run.
+    """
     run = split(telemetry, parameters)
     start = float(telemetry.instants(slice(1))[0])
     signal = run.terms.get("ddo_12", np.zeros(0))
     fast, slow = (_over_time(run, run.delta_g, length, start) for length in (FAST, SLOW))
     drawn = _over_time(run, signal, FAST, start) if np.any(signal[run.valid[: signal.size]]) else None
     estimator = Estimator(run.valid, run.fs, HIGHEST)  # now: of weeks, it and all that fill the memory
+    quiet = run.valid & ~struck(run.time, masked)
+    enough = run.valid.sum() > quiet.sum() > quiet.size / 2
+    of_sum = Estimator(quiet, run.fs, HIGHEST) if enough else estimator
     return Analysis(
         run.fs,
-        derivatives.stretches(~run.valid) / run.fs + run.time[0],
+        (derivatives.stretches(~run.valid) / run.fs + run.time[0] - start) / 3600,
+        (np.reshape(masked, (-1, 2)) - start) / 3600,
         fast,
         slow,
         drawn,
-        estimator.asd(run.delta_g) if np.any(run.delta_g) else None,
+        of_sum.asd(run.delta_g) if np.any(run.delta_g) else None,
         {name: estimator.asd(term) for name, term in run.terms.items()},
     )
 
@@ -280,9 +298,7 @@ def _beyond(across: Limits) -> tuple[Mark, ...]:
     return shade, Note(text="not fitted", x=end)
 
 
-def residual(
-    run: Telemetry, found: Analysis, masked: Sequence[tuple[float, float]], noise: Analysis | None = None
-) -> Chart:
+def residual(run: Telemetry, found: Analysis, noise: Analysis | None = None) -> Chart:
     """Draw signal and residual Delta g over time, and below, magnified, the residual beside the noise run.
 
     Magnified, it is the residual less its mean: slow part, extremes of the fast one, what is missing.
@@ -293,8 +309,6 @@ def residual(
         Of the experiment.
     found : Analysis
         Of the same run.
-    masked : sequence of tuple of float
-        Begin and end [s] of the stretches that were masked: glitches, saturation.
     noise : Analysis, optional
         Of its noise run, of which the first hours are drawn.
 
@@ -314,9 +328,20 @@ def residual(
         kept = x <= across[1]
         name = f"noise run averaged over {SLOW:g} s"
         curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[kept], y[kept]), 0.7))
-    marks: tuple[Mark, ...] = (*curves, *_missing(found, masked, float(run.instants(slice(1))[0])))
-    below = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, curves), 1.4)
-    return _with_units([*_signal(found.signal, found.fast, across), below])
+    marks: tuple[Mark, ...] = (*curves, *_missing(found))
+    quiet = [_beside(found.fast, found.masked), _beside(found.slow, found.masked)]
+    if noise is not None and noise.slow is not None:
+        quiet.append(_beside(noise.slow, noise.masked))
+    below = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, quiet, across), 1.4)
+    return _with_units([*_signal(found, across), below])
+
+
+def _beside(series: _Series, hours: Array) -> Curve:
+    """Return what a panel has to show of a series: a glitch may be louder by far, and runs out of it."""
+    x, y = series
+    before = SLOW / 3600  # from where on averages hold it
+    quiet = np.where(struck(x, hours + np.array([-before, before])), np.nan, y)
+    return Curve(name="", label="", role="", x=x, y=quiet if np.isfinite(quiet).any() else y)
 
 
 def _with_units(panels: Sequence[Panel]) -> Chart:
@@ -326,17 +351,18 @@ def _with_units(panels: Sequence[Panel]) -> Chart:
     return replace(found, columns={**found.columns, "unit": units})
 
 
-def _signal(signal: _Series | None, residual: _Series, across: Limits) -> list[Panel]:
+def _signal(found: Analysis, across: Limits) -> list[Panel]:
     """Return the panel of what was injected, as o_12 has it, with the residual on the same scale."""
-    if signal is None:
+    if found.signal is None or found.fast is None:
         return []
-    x, y = signal
+    (x, y), (at, residual) = found.signal, found.fast
     name = f"ddo_12 averaged over {FAST:g} s"
     curves = (
         _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
-        _smooth("residual on the same scale", "residual", "orange", (residual[0], 1e-3 * residual[1]), 0.9),
+        _smooth("residual on the same scale", "residual", "orange", (at, 1e-3 * residual), 0.9),
     )
-    return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, curves), 1.15)]
+    quiet = [_beside(series, found.masked) for series in ((x, 1e-3 * y), (at, 1e-3 * residual))]
+    return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, quiet), 1.15)]
 
 
 def _over_time(run: Terms, values: Array, length: float, start: float) -> _Series | None:
@@ -357,13 +383,12 @@ def _smooth(name: str, label: str, role: str, series: _Series, width: float) -> 
     )
 
 
-def _missing(found: Analysis, masked: Sequence[tuple[float, float]], start: float) -> list[Span]:
+def _missing(found: Analysis) -> list[Span]:
     """Return what is missing of a run, and what was masked, as shades."""
     spans = []
-    told = (("missing samples", found.missing, "blue"), ("masked, or a glitch", masked, "violet"))
+    told = (("missing samples", found.missing, "blue"), ("masked, or a glitch", found.masked, "violet"))
     for label, places, role in told:
-        for begin, end in places:
-            low, high = ((float(t) - start) / 3600 for t in (begin, end))
+        for low, high in places.tolist():
             spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))
             label = ""  # one line of the legend for all
     return spans

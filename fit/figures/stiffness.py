@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 _PULL = Axis("alone − joint", "σ", "(alone - joint) / sigma")
 _SUBSCRIPTS = {1: "₁", 2: "₂"}
+_ASIDE = 0.014  # of all an axis shows: between marks of one authority
 
 
 def _axis(j: int) -> Axis:
@@ -112,7 +113,8 @@ def against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Ch
         axis.head: alone[:, 0],
         "sigma [1e-7 s-2]": alone[:, 1],
     }
-    across = (-0.05 * reach, reach)
+    room = aside(F, _ASIDE * reach)
+    across = (min(-0.05 * reach, float((F + room).min()) - 0.02 * reach), reach)
     below = []
     if models:
         of_joint = 1e7 * np.array(models)
@@ -189,7 +191,7 @@ def _pulls(
     known = np.array([i for i, pull in enumerate(pulls) if pull is not None], dtype=int)
     y = np.array([pulls[i] for i in known], dtype=float)
     stems = Points(
-        name="pull", label="", role="ink", x=F[known] + aside(F[known], 0.014 * across[1]), y=y,
+        name="pull", label="", role="ink", x=F[known] + aside(F[known], _ASIDE * across[1]), y=y,
         low=np.minimum(y, 0), high=np.maximum(y, 0), names=[names[i] for i in known], caps=False,
     )  # fmt: skip
     shade = Span(low=-1, high=1, role="grid", opacity=0.7, along="y")

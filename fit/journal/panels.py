@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from fit.figures import COLOURS, Chart, Curve, Note, Panel, Points, Span
 from fit.journal.style import WIDE, WIDTH
@@ -42,7 +42,7 @@ def _column(chart: Chart) -> Figure:
     for panel in panels:
         below -= panel.height
         entries = [mark.label for mark in panel.marks if not isinstance(mark, Note) and mark.label]
-        across = sum(_LETTER * len(label) + _ENTRY for label in entries)
+        across = sum(_LETTER * len(label) + _ENTRY for label in entries) + _LETTER * len(panel.title)
         rows = max(1, math.ceil(across / (WIDTH - right)))
         columns = max(1, math.ceil(len(entries) / rows))
         width, height = WIDTH - left - right, panel.height - rows * _LINE - 0.1
@@ -71,11 +71,17 @@ def _column(chart: Chart) -> Figure:
 
 def _digits(panel: Panel) -> int:
     """Return how many letters the numbers at the y axis take beyond three."""
-    low, high = panel.up
     if panel.y.log:
         return 0
-    decimals = max(0, math.ceil(-math.log10((high - low) / 5)))
-    return max(0, max(len(f"{end:.{decimals}f}") for end in panel.up) - 3)
+    low, high = panel.up
+    ticks = [tick for tick in _locator(panel).tick_values(low, high) if low <= tick <= high]
+    decimals = max(0, -math.floor(math.log10(min(np.diff(ticks), default=1.0)) + 1e-9))
+    return max(0, max((len(f"{tick:.{decimals}f}") for tick in ticks), default=0) - 3)
+
+
+def _locator(panel: Panel) -> MaxNLocator:
+    """Return what chooses the numbers at a linear y axis: steps of 1, 2 or 5, as many as have room."""
+    return MaxNLocator(max(3, round(3.5 * panel.height)), steps=[1, 2, 5, 10])
 
 
 def _at_the_end(panel: Panel) -> bool:
@@ -126,6 +132,7 @@ def _draw(ax: Axes, panel: Panel) -> None:
     ax.set_xlim(*panel.across)
     ax.set_ylim(*panel.up)
     if not panel.y.log:
+        ax.yaxis.set_major_locator(_locator(panel))
         ax.ticklabel_format(axis="y", useOffset=False)
 
 

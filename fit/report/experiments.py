@@ -32,8 +32,8 @@ _RESPONSES = (
 _SPECTRA = tuple(
     (
         "Amplitude spectral densities of signal, residual and noise run",
-        f"Signal, residual and noise; the fit ends at 0.1 Hz. {level} Bands: ±1 σ of noise, from the number "
-        "of ordinates averaged.",
+        f"Signal, residual and noise, these without glitches; the fit ends at 0.1 Hz. {level} Bands: ±1 σ of "
+        "noise, from the number of ordinates averaged.",
     )
     for level in (
         "There is no noise run to compare with; a peak left at an injected frequency is something the model "
@@ -181,21 +181,21 @@ def drawings(
         Of the fit; they tell what was taken for glitches.
     """
     run, noise = runs
-    spans = masked(warnings, run.run)
+    found_in = tuple(warnings)
 
     @cache
     def found() -> figures.Analysis:
-        return figures.analysed(run, parameters)
+        return figures.analysed(run, parameters, masked(found_in, run.run))
 
     @cache
     def beside() -> figures.Analysis | None:
-        return figures.analysed(noise, parameters) if noise else None
+        return figures.analysed(noise, parameters, masked(found_in, noise.run)) if noise else None
 
     told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),
         "spectra": (_SPECTRA[noise is not None], lambda: figures.acceleration(found(), beside())),
         "breakdown": (_BREAKDOWN, lambda: figures.breakdown(found())),
-        "residual": (_RESIDUAL, lambda: figures.residual(run, found(), spans, beside())),
+        "residual": (_RESIDUAL, lambda: figures.residual(run, found(), beside())),
     }
     return tuple(
         Drawing(f"{stem}{letter}-{slug}-{name}", *words, draw)

@@ -87,6 +87,7 @@ def _drawings(
         return ()  # no common spectrum, or a frame that is refused
     found = figures_motion.spectra([each.channels for each in terms], rates[0])
     ratio, error = figures_motion.gain(found)
+    counted = f"{len(runs)} run{'s' * (len(runs) > 1)}"
     days = sum(run.duration for run in runs) / 86400
     louder = [run.run for run, each in zip(runs, terms, strict=True) if "louder_bands" in each.attributes]
     told = (
@@ -98,7 +99,7 @@ def _drawings(
         Drawing(
             f"p{period}i-inertial",
             "Amplitude spectral densities before and after the correction for rotation",
-            f"Correction for rotation, {days:.3g} days in {len(runs)} runs. The centrifugal and the Euler "
+            f"Correction for rotation, {days:.3g} days in {counted}. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
             f"± {error:.2f}. Bands: ±1 σ of the averages.{told}",
             partial(figures_motion.rotation, found),

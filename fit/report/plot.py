@@ -55,15 +55,13 @@ def spectra(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plo
 def breakdown(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw the ASD of every term that adds up to the residual Delta g of an experiment."""
     run = _fitted(results, runs, experiment)
-    return _drawn(figures_runs.breakdown, figures_runs.analysed(run, parameters(results, run)))
+    return _drawn(figures_runs.breakdown, _analysis(results, run, run))
 
 
 def residual(results: Results, runs: Sequence[Telemetry], experiment: str) -> Plot:
     """Draw signal and residual Delta g of an experiment against time, the residual beside its noise run."""
     run = _fitted(results, runs, experiment)
-    spans = masked(results.experiments[experiment].warnings, run.run)
-    found, beside = _analysed(results, runs, run)
-    return _drawn(figures_runs.residual, run, found, spans, beside)
+    return _drawn(figures_runs.residual, run, *_analysed(results, runs, run))
 
 
 def stiffness(results: Results, runs: Sequence[Telemetry], test_mass: int = 2) -> Plot:
@@ -101,5 +99,10 @@ def _analysed(
 ) -> tuple[figures_runs.Analysis, figures_runs.Analysis | None]:
     """Return what the figures of a run and of its noise run show, None without one."""
     noise = next((r for r in runs if r.experiment == run.experiment and r.kind == "noise"), None)
-    values = parameters(results, run)
-    return figures_runs.analysed(run, values), figures_runs.analysed(noise, values) if noise else None
+    return _analysis(results, run, run), _analysis(results, run, noise) if noise else None
+
+
+def _analysis(results: Results, run: Telemetry, of: Telemetry) -> figures_runs.Analysis:
+    """Return what the figures of a run, or of its noise run, show."""
+    spans = masked(results.experiments[run.experiment].warnings, of.run)
+    return figures_runs.analysed(of, parameters(results, run), spans)

@@ -251,7 +251,8 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     picture = Drawing(
         "leakage",
         "Leakage of x1 into the differential read-out by alignment epoch, beside what the design allows",
-        "δ_ifo by alignment epoch, ±1 σ: joint fit, each experiment on its own, and flight. Simulations of "
+        "δ_ifo by alignment epoch, ±1 σ, below magnified: joint fit, each experiment on its own, and flight. "
+        "Simulations of "
         f"the optical bench predict {1e5 * rms:g}·10⁻⁵ rms within ±{1e5 * limit:g}·10⁻⁵ (the paper's "
         "section Results).",
         partial(figures_leakage.leakage, joint, alone, flight),

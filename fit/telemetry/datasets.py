@@ -157,7 +157,7 @@ def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
     first = int(np.argmax(missing[worst]))
     raise InputError(
         f"{worst}: nan from sample {first} (t = {first / fs:.10g} s) on, "
-        f"{100 * share:.3g} % of the samples are missing with gaps of up to {longest / fs:.6g} s, "
+        f"{100 * share:.4g} % of the samples are missing with gaps of up to {longest / fs:.6g} s, "
         f"expected at most {100 * MAX_MISSING:g} % and {MAX_GAP:g} s"
     )
 

@@ -137,7 +137,7 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     spans = (Stretch(gone.run, 100.0, 112.0), Stretch("another", 5.0, 6.0), Stretch(gone.run, 900.0, 907.0))
     told = masked([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert told == [(100.0, 112.0), (900.0, 907.0)]
-    chart = figures_runs.residual(gone, figures_runs.analysed(gone, TRUTH), told)
+    chart = figures_runs.residual(gone, figures_runs.analysed(gone, TRUTH, told))
     shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
     assert [mark.label for mark in shades] == ["missing samples", "", "masked, or a glitch", ""]
     assert (shades[2].low, shades[2].high) == pytest.approx((100 / 3600, 112 / 3600))
@@ -145,6 +145,22 @@ def test_gaps_and_glitches_are_marked(runs, charts):
     slow = curves(chart)["residual averaged over 200 s"]
     inside = (slow.x > 4060 / 3600) & (slow.x < 4140 / 3600)
     assert np.isnan(slow.y[inside]).all()
+
+
+def test_a_glitch_hides_neither_the_residual_nor_its_spectrum(runs):
+    run = runs[0]
+    hit = np.where((run.time >= 5000) & (run.time < 5030), 1e-10, 0.0)  # a force that o_12 does not follow
+    struck = replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] + hit})
+    quiet = figures_runs.analysed(run, TRUTH)
+    loud, told = (figures_runs.analysed(struck, TRUTH, spans) for spans in ((), [(4998.0, 5032.0)]))
+    levels = [np.mean(x.asd.asd[(x.asd.f > 1e-3) & (x.asd.f < 1e-2)]) for x in (told, loud, quiet)]
+    assert levels[0] == pytest.approx(levels[2], rel=0.2)
+    assert levels[1] > 3 * levels[2]
+    up, hidden, right = (
+        np.ptp(figures_runs.residual(run, found).panels[1].up) for found in (told, loud, quiet)
+    )
+    assert up == pytest.approx(right, rel=0.2)
+    assert hidden > 5 * right
 
 
 def test_the_signal_dwarfs_the_residual_which_magnified_is_the_noise(charts):
