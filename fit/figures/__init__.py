@@ -23,6 +23,7 @@ __all__ = [
     "motion",
     "noise",
     "runs",
+    "series",
     "stiffness",
     "tones",
 ]

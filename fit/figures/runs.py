@@ -1,11 +1,10 @@
 """Figures of a run: responses to the injections, Delta g, its terms, and its residual over time."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
@@ -24,6 +23,7 @@ from fit.figures.charts import (
     chart,
     limits,
 )
+from fit.figures.series import averaged, envelope, struck
 from fit.model import dynamics
 from fit.signal import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry, pieces
@@ -31,7 +31,6 @@ from fit.telemetry import Telemetry, pieces
 Array = NDArray[np.float64]
 _Series = tuple[Array, Array]
 
-_BUCKETS = 500  # per curve over time
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
 LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
 _AT_ONCE = 2**15  # samples of which all columns are made
@@ -49,22 +48,6 @@ _DRAWN: Mapping[str, tuple[str, Literal["-", "--", ":"]]] = {
     "delta_g_SC": ("orange", "--"),
     "torques": ("grey", ":"),
 }
-
-
-def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return a curve of at most 2 * 500 points that covers the same ink: extremes of every bucket.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (N,)
-        Missing samples (NaN) are passed over; a bucket of nothing else stays a gap.
-    """
-    if values.size <= 2 * _BUCKETS:
-        return time, values
-    starts = np.linspace(0, values.size, _BUCKETS, endpoint=False).astype(int)
-    extremes = np.stack([np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)], axis=1)
-    extremes[1::2] = extremes[1::2, ::-1]  # up in one bucket, down in the next: a slow curve stays one
-    return np.repeat(time[starts], 2), extremes.ravel()
 
 
 def responses(run: Telemetry) -> Chart:
@@ -205,14 +188,6 @@ class Analysis:
     signal: _Series | None
     asd: Binned | None
     terms: Mapping[str, Binned]
-
-
-def struck(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:
-    """Return which samples glitches reach: the loudest take twice as long to fade as their spans tell."""
-    found = np.zeros(time.size, dtype=bool)
-    for begin, end in spans:
-        found |= (time >= begin) & (time <= 2 * end - begin)
-    return found
 
 
 def analysed(
@@ -371,7 +346,7 @@ def _over_time(run: Terms, values: Array, length: float, start: float) -> _Serie
     if not np.isfinite(there).any():
         return None
     every = max(1, round(length / 4 * run.fs))
-    return (run.time[::every] - start) / 3600, 1e15 * _averaged(
+    return (run.time[::every] - start) / 3600, 1e15 * averaged(
         there - np.nanmean(there), length * run.fs, every
     )
 
@@ -392,24 +367,3 @@ def _missing(found: Analysis) -> list[Span]:
             spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))
             label = ""  # one line of the legend for all
     return spans
-
-
-def _averaged(x: Array, length: float, every: int) -> Array:
-    """Return `x` averaged with a Hann window of so many samples, NaN where that would reach what is missing.
-
-    Of the averages it is the first and `every` so many-th after it.
-
-    A window cut short would let through the noise of high frequencies, which the whole one averages away.
-    """
-    w = scipy.signal.windows.hann(max(3, round(length) | 1) + 2)[1:-1]
-    known = np.isfinite(x)
-    weight, total = (_thinned(y, w, every) for y in (known.astype(float), np.where(known, x, 0.0)))
-    return np.where(weight > 0.9999 * w.sum(), total / w.sum(), np.nan)
-
-
-def _thinned(x: Array, w: Array, every: int) -> Array:
-    """Return every so many-th sample of `x` under a window of odd length, the first sample first."""
-    early = w.size // 2
-    padded = np.concatenate([np.zeros(-early % every), x])
-    found = scipy.signal.upfirdn(w, padded, down=every)[-(-early // every) :]
-    return np.asarray(found[: -(-x.size // every)], dtype=np.float64)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit import deltag
 from fit.figures import noise as figures
-from fit.figures import runs as figures_runs
+from fit.figures import series
 from fit.paper import effective_authority
 from fit.report.parts import Drawing, Part, started
 from fit.results import Results
@@ -49,7 +49,7 @@ class Products:
     def terms(self, run: Telemetry) -> Telemetry:
         """Return Delta g and all of its terms, see `fit.deltag.delta_g`; NaN where a glitch was found."""
         product = deltag.delta_g(run, self._results)
-        struck = figures_runs.struck(product.time, masked(self._warnings, run.run))
+        struck = series.struck(product.time, masked(self._warnings, run.run))
         if struck.any():
             channels = {name: np.where(struck, np.nan, x) for name, x in product.channels.items()}
             product = replace(product, channels=channels)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.figures import Span
+from fit.figures import Span, series
 from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, TIME, Curve, limits
 from fit.inspection import glitches
@@ -127,7 +127,7 @@ def test_what_was_decimated_for_the_eye_is_flat_up_to_the_edge():
 def test_an_average_lets_no_high_frequency_through_at_an_edge():
     t = np.arange(0, 3600, 0.3)
     x = np.where((t > 1000) & (t < 1030), np.nan, np.sin(2 * np.pi * t))
-    found = figures_runs._averaged(x, 20 / 0.3, 1)
+    found = series.averaged(x, 20 / 0.3, 1)
     assert np.nanmax(np.abs(found)) < 5e-4
     assert np.isfinite(found).mean() > 0.97
 

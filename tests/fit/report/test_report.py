@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from fit import journal
 from fit.estimate.pulls import with_truth
-from fit.figures import COLOURS, runs, stiffness
+from fit.figures import COLOURS, series, stiffness
 from fit.paper import FLIGHT, joint_names
 from fit.report.page import drawings, write_report
 from fit.results import Estimate, Fit, Provenance, Results, Stiffness
@@ -328,7 +328,7 @@ def test_combinations_in_print():
 def test_an_envelope_keeps_the_extremes(size, seed, spike):
     values = np.random.default_rng(seed).normal(size=size)
     values[int(spike * (size - 1))] = 100.0
-    time, drawn = runs.envelope(np.arange(values.size, dtype=float), values)
+    time, drawn = series.envelope(np.arange(values.size, dtype=float), values)
     assert drawn.size == time.size <= 1000
     assert (drawn.min(), drawn.max()) == (values.min(), values.max())
     assert np.all(np.diff(time) >= 0)
@@ -337,7 +337,7 @@ def test_an_envelope_keeps_the_extremes(size, seed, spike):
 def test_an_envelope_leaves_a_gap_open():
     values = np.ones(5000)
     values[1000:1100] = np.nan
-    time, drawn = runs.envelope(np.arange(5000.0), values)
+    time, drawn = series.envelope(np.arange(5000.0), values)
     assert np.array_equal(np.unique(time[np.isnan(drawn)]), np.arange(1000.0, 1100.0, 10.0))
 
 
