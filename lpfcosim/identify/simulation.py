@@ -31,7 +31,7 @@ _GUIDANCE = ("guidance_o_1", "guidance_o_12")
 class _Loaded:
     """A run as it is simulated: what drives it, its whole loop, and its controller alone.
 
-    `sense` is -1 where +x of the telemetry points the other way than that of the FMUs, `steady` the mean of
+    `feeds` has what is not zero all along; `sense` is -1 where +x of the telemetry points the other way than that of the FMUs, `steady` the mean of
     the commands on both test masses, in the frame of the FMUs.
     """
 
@@ -119,6 +119,8 @@ class Simulation:
     def direct(self, run: Telemetry) -> Array:
         """Return the force commanded past the controller, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
+        if "F_x_2" not in loaded.feeds:
+            return np.zeros(_size(loaded.run, run))
         return loaded.sense * loaded.feeds["F_x_2"] / loaded.run.m_tm
 
     def _simulated(
@@ -172,7 +174,13 @@ def _load(
     loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"), where)
     controller = trials.controller(stack, replace(run, dc=0.0), found, where)
     jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
+    feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign
     return _Loaded(run, feeds, loop, controller, jitters, sense, steady)
+
+
+def _size(run: Run, telemetry: Telemetry) -> int:
+    """Return the number of samples of a run at the rate of the loop."""
+    return round(telemetry.size * run.fs / telemetry.fs)
 
 
 def _held_by(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
@@ -191,7 +199,7 @@ def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: f
 
 def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
-    n = round(telemetry.size * run.fs / telemetry.fs)
+    n = _size(run, telemetry)
     since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + telemetry.instants(slice(1))[0]
     start = round(since * run.fs)
     feeds = drive.injections(run, start, start + n)
