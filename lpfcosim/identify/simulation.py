@@ -31,8 +31,8 @@ _GUIDANCE = ("guidance_o_1", "guidance_o_12")
 class _Loaded:
     """A run as it is simulated: what drives it, its whole loop, and its controller alone.
 
-    `feeds` has what is not zero all along; `sense` is -1 where +x of the telemetry points the other way than that of the FMUs, `steady` the mean of
-    the commands on both test masses, in the frame of the FMUs.
+    `feeds` has what is not zero all along; `sense` is -1 where +x of the telemetry points the other way than
+    that of the FMUs, `steady` the mean of the commands on both test masses, in the frame of the FMUs.
     """
 
     run: Run
