@@ -152,6 +152,13 @@ KINDS: Mapping[str, Kind] = {
         words="Runs do not obey one equation from begin to end",
         unsound=True,
     ),
+    "lagging": Kind(
+        "Archive `o_1` anew, at the times of the other channels; until then trust no `delta_ifo` of these "
+        "runs.",
+        severity=Severity.FAILURE,
+        words="o_1 is not of the time of the other channels",
+        unsound=True,
+    ),
     "odd_samples": Kind(
         "See how the files were made: what most have in common is hardly an accident.",
         severity=Severity.DOUBT,

@@ -25,7 +25,7 @@ from fit.judgement.agreement import (
 )
 from fit.judgement.consistency import Regression, regression, voice, voiced
 from fit.judgement.explanation import Court, of_odd
-from fit.judgement.lasting import changing
+from fit.judgement.lasting import in_common, own_lag
 from fit.model import Sharing
 from fit.settings import Settings
 from fit.threads import each
@@ -110,7 +110,7 @@ def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> 
 
 
 def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]) -> tuple[LeftOut, ...]:
-    """Return the experiments that show a wrong sign or unit by themselves.
+    """Return the experiments that show a wrong sign or unit, or an o_1 that is late, by themselves.
 
     Raises
     ------
@@ -126,6 +126,8 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
         elif isinstance(own, Outcome) and (why := verdict.wrong_gain(own)):
             tells: Tells = "misfit" if why.startswith(verdict.UNLIKE) else "guess"
             found.append(LeftOut(e.name, f"{run.path}: {why}", own="", tells=tells))  # of_experiment says it
+        elif isinstance(own, Outcome) and (why := own_lag(e, own, len(experiments))):
+            found.append(LeftOut(e.name, f"{run.path}: {why}", tells="guess"))
     if found and len(found) == len(experiments):
         raise InputError(told(found))
     return tuple(found)
@@ -252,7 +254,7 @@ def said(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning
 
 def _told(voices: Regression, outcome: Outcome, experiments: Sequence[Experiment]) -> tuple[FitWarning, ...]:
     """Return what is to be said of runs that agree."""
-    return (*_leaning(voices, outcome), *changing(experiments, outcome))
+    return (*_leaning(voices, outcome), *in_common(experiments, outcome))
 
 
 def _leaning(voices: Regression, outcome: Outcome) -> list[FitWarning]:

@@ -1,37 +1,134 @@
-"""What changes in the course of the runs, in all of them alike: no run contradicts another then.
+"""What all runs have in common that the equation lacks: then no run contradicts another.
 
 The equation has one stiffness and one ``delta_ifo`` from begin to end of a run. Runs are driven alike: the
 test masses by turns, at the same hours. What drifts in all of them alike then passes for another stiffness,
-in every run the same. The sum of what they hold tells it where none of them does by itself.
+in every run the same. An ``o_1`` that is late makes ``delta_ifo`` too small, and no other parameter wrong:
+runs of one alignment epoch that were archived alike agree upon it. What such a fault adds to the residual is
+known; the sum over the runs tells it where none of them does by itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.estimate import Outcome
+from fit.model import dynamics
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
+#: From a run, its columns and their coefficients to what faults of unit size add to Delta g, shape (M, Q).
+Faults = Callable[[Experiment, dynamics.Columns, Array], Array]
 
-ALARM = 1e-4  # p-value of all quantities together
-ROUNDING = 1e-9  # share of a quantity that must be left beside the parameters
-#: What may change, its unit, and what multiplies it in Delta g, by columns of `dynamics.Columns`.
+ALARM = 1e-4  # p-value of all faults of one kind together
+ROUNDING = 1e-9  # share of what a fault adds that must be left beside the parameters
+#: What may drift, its unit, and what multiplies it in Delta g, by columns of `dynamics.Columns`.
 DRIFTING = (
     ("omega2_1", " s-2", {"o_1": -1.0}),
     ("omega2_2", " s-2", {"o_12": 1.0, "o_1": 1.0}),
     ("delta_ifo", "", {"ddo_1": -1.0}),
 )
+OF_O_1 = ("o_1", "ddo_1")  # columns that o_1 is in
+
+
+@dataclass(frozen=True)
+class Amount:
+    """How much of a fault there is.
+
+    Attributes
+    ----------
+    value, sigma : float
+        In its own unit.
+    """
+
+    value: float
+    sigma: float
+
+    @property
+    def z(self) -> float:
+        """How far it is off nothing, in sigmas."""
+        return abs(self.value) / self.sigma
+
+    def stands_out(self, among: int) -> bool:
+        """Return whether chance makes none of so many amounts as large."""
+        return bool(among * 2 * scipy.stats.norm.sf(self.z) < ALARM)
+
+
+def drifts(experiments: Sequence[Experiment], outcome: Outcome) -> dict[str, Amount]:
+    """Return by how much what `DRIFTING` names changes from start to end of every run [SI].
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Of the joint fit.
+    outcome : Outcome
+        The joint fit. Each fault is taken by itself, beside all parameters.
+    """
+    found = _amounts(experiments, outcome, _drifting)
+    return {name: amount for (name, _, _), amount in zip(DRIFTING, found, strict=True) if amount}
+
+
+def lags(experiments: Sequence[Experiment], outcome: Outcome) -> dict[int, Amount]:
+    """Return by how much o_1 is late [s] in the runs of each alignment epoch; see `drifts`."""
+    epochs = sorted({e.sysid.telemetry.alignment_epoch for e in experiments})
+    found = _amounts(experiments, outcome, partial(_late, epochs))
+    return {epoch: amount for epoch, amount in zip(epochs, found, strict=True) if amount}
+
+
+def in_common(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning]:
+    """Return warnings of what all runs, or all of an epoch, have in common, if chance does not make it."""
+    found = []
+    if told := drifts(experiments, outcome):
+        name, of = max(told.items(), key=lambda one: one[1].z)
+        unit = {name: unit for name, unit, _ in DRIFTING}[name]
+        if of.stands_out(len(DRIFTING)):
+            message = (
+                f"{name} changes by {of.value:.2g} ± {of.sigma:.1g}{unit} from start to end of the runs, in "
+                "all of them alike, or something does that looks like it; the fit knows one value, and the "
+                "sigmas do not hold"
+            )
+            found.append(FitWarning("changing", (), message))
+    late = {k: of for k, of in lags(experiments, outcome).items() if of.stands_out(len(experiments))}
+    if late:
+        words = " and ".join(f"{told_lag(of)} in the runs of alignment epoch {k}" for k, of in late.items())
+        names = tuple(f"delta_ifo_{k}" for k in late)
+        found.append(FitWarning("lagging", names, f"{words}; the sigmas do not hold"))
+    return found
+
+
+def told_lag(of: Amount) -> str:
+    """Say that o_1 is late or early."""
+    return f"o_1 is {'late' if of.value > 0 else 'early'} by {abs(of.value):.2g} ± {of.sigma:.1g} s"
+
+
+def own_lag(experiment: Experiment, own: Outcome, among: int) -> str:
+    """Say that o_1 of an experiment, one among so many, is late by its own fit; empty if it is not."""
+    of = next(iter(lags([experiment], own).values()), None)
+    return told_lag(of) if of and of.stands_out(among) else ""
+
+
+def _drifting(_: Experiment, terms: dynamics.Columns, __: Array) -> Array:
+    share = (terms.time - terms.time.mean()) / np.ptp(terms.time)
+    at = dict(zip(terms.names, terms.values.T, strict=True))
+    return np.stack([share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING], axis=1)
+
+
+def _late(epochs: Sequence[int], experiment: Experiment, terms: dynamics.Columns, c: Array) -> Array:
+    found = np.zeros((len(terms.values), len(epochs)))
+    of_o_1 = [terms.names.index(name) for name in OF_O_1]
+    slope = np.gradient(terms.values[:, of_o_1] @ c[of_o_1]) * terms.fs
+    found[:, epochs.index(experiment.sysid.telemetry.alignment_epoch)] = slope
+    return found
 
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums of products over one run: of what drifts (E), of the parameters (G) and of the residual (r)."""
+    """Sums of products over a run: of what faults add (E), of the parameters (G) and of the residual (r)."""
 
     EE: Array
     GE: Array
@@ -39,81 +136,53 @@ class _Sums:
     Gr: Array
 
 
-def drifts(experiments: Sequence[Experiment], outcome: Outcome) -> dict[str, tuple[float, float]]:
-    """Return by how much what `DRIFTING` names changes from start to end of every run, and the sigmas [SI].
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Of the joint fit.
-    outcome : Outcome
-        The joint fit; what it departs by counts with the widths that were found. Each quantity is taken by
-        itself, beside all parameters.
-    """
+def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults) -> list[Amount | None]:
+    """Return how much of each fault there is; None if there is too little to tell it by."""
     told = [(e, b) for e, b in zip(experiments, outcome.blocks, strict=True) if b.noise is not None]
     if not told:
-        return {}
+        return []
     theta, width = outcome.solution.theta, np.array([p.prior_sigma for p in outcome.parameters])
-    found = each(lambda one: _sums(*one, theta, width), told)
+    found = each(lambda one: _sums(*one, theta, width, faults), told)
     EE, GE, Er, Gr = (sum(getattr(s, name) for s in found) for name in ("EE", "GE", "Er", "Gr"))
     blocks = [block for _, block in told]
-    information, scores = (of(blocks, theta) for of in (linear.information, linear.scores))
+    information, scores = (np.diag(of(blocks, theta)) for of in (linear.information, linear.scores))
     rows, off = _known(outcome, width)
-    H = width[:, None] * information * width + rows.T @ rows
+    H = width[:, None] * linear.information(blocks, theta) * width + rows.T @ rows
     beside = np.linalg.solve(H, GE)
     left = np.diag(EE - GE.T @ beside)
     score = Er - beside.T @ (Gr + rows.T @ off)
-    telling = np.diag(information) > 0
-    windowed = float(np.sqrt(np.mean(np.diag(scores)[telling] / np.diag(information)[telling])))
-    return {
-        name: (-float(score[k] / left[k]), windowed * float(left[k]) ** -0.5)
-        for k, (name, _, _) in enumerate(DRIFTING)
+    telling = information > 0
+    windowed = float(np.sqrt(np.mean(scores[telling] / information[telling])))
+    return [
+        Amount(-float(score[k] / left[k]), windowed * float(left[k]) ** -0.5)
         if left[k] > ROUNDING * EE[k, k]
-    }
+        else None
+        for k in range(len(left))
+    ]
 
 
 def _known(outcome: Outcome, width: Array) -> tuple[Array, Array]:
-    """Return what is known beside the data: rows for parameters in their natural widths, and how far off."""
+    """Return what is known beside the data: rows for parameters in their natural widths, and how far off.
+
+    Departures count with the widths that were found for them.
+    """
     theta, prior = outcome.solution.theta, outcome.prior
-    departing = {i: w.name for w in outcome.departing for i in w.members}
     rows, off = [prior.rows * width], [prior.rows @ (theta - prior.centre)]
-    for i in departing:
-        spread = next(
-            s
-            for name, (s, _) in outcome.scatter.items()
-            if outcome.parameters[i].name.startswith(f"d{name}_")
-        )
+    for i in (i for w in outcome.departing for i in w.members):
+        own = outcome.parameters[i].name
+        spread = next(s for name, (s, _) in outcome.scatter.items() if own.startswith(f"d{name}_"))
         rows.append(np.eye(1, theta.size, i) * width[i] / spread)
         off.append(theta[i : i + 1] / spread)
     return np.concatenate(rows), np.concatenate(off)
 
 
-def changing(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning]:
-    """Return a warning of what changes in all runs alike, if chance does not make it."""
-    found = drifts(experiments, outcome)
-    if not found:
-        return []
-    name, (amount, sigma) = max(found.items(), key=lambda one: abs(one[1][0]) / one[1][1])
-    if len(DRIFTING) * 2 * scipy.stats.norm.sf(abs(amount) / sigma) > ALARM:
-        return []
-    unit = {of: unit for of, unit, _ in DRIFTING}[name]
-    message = (
-        f"{name} changes by {amount:.2g} ± {sigma:.1g}{unit} from start to end of the runs, in all of them "
-        "alike, or something does that looks like it; the fit knows one value, and the sigmas do not hold"
-    )
-    return [FitWarning("changing", (), message)]
-
-
-def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Array) -> _Sums:
+def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Array, faults: Faults) -> _Sums:
     run, noise = experiment.sysid, block.noise
     assert noise is not None
-    terms = run.columns(block.tau)
-    share = (terms.time - terms.time.mean()) / np.ptp(terms.time)
-    at = {name: terms.values[:, i] for i, name in enumerate(terms.names)}
-    series = np.stack([share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING], axis=1)
-    spectra = run.transformed(series, terms)
+    terms, c = run.columns(block.tau), block.coefficients(theta)
+    spectra = run.transformed(faults(experiment, terms, c), terms)
     weights = np.repeat(np.sqrt(block.weights.fit), 2)[:, None]
     E = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
     U = linear.stacked(block.columns) * weights
-    G, r = U @ (block.gradient(theta) * width), U @ block.coefficients(theta)
+    G, r = U @ (block.gradient(theta) * width), U @ c
     return _Sums(E.T @ E, G.T @ E, E.T @ r, G.T @ r)

@@ -1,13 +1,14 @@
-"""What changes in the course of all runs alike makes no run contradict another, and is told all the same."""
+"""What all runs have in common makes none of them contradict another, and is told all the same."""
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from fit.estimate import fit_joint
-from fit.judgement.lasting import changing, drifts
+from fit.estimate import fit_experiment, fit_joint
+from fit.judgement import lasting
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.weighing import pair
@@ -34,6 +35,21 @@ def runs(hidden=None):
     ]
 
 
+def late(names, by):
+    """Return clean runs, o_1 of some later by so many samples."""
+    return [
+        replace(r, channels=r.channels | {"o_1": np.roll(r.channels["o_1"], by)})
+        if r.experiment in names
+        else r
+        for r in runs()
+    ]
+
+
+def jointly(found):
+    experiments = pair(found)
+    return experiments, fit_joint(experiments, settings())
+
+
 def test_stiffness_that_drifts_in_all_runs_alike_is_told():
     joint = calibrate(runs(softening)).joint
     assert [w.code for w in joint.unsound] == ["changing"]
@@ -43,13 +59,39 @@ def test_stiffness_that_drifts_in_all_runs_alike_is_told():
 
 
 @pytest.mark.parametrize(("hidden", "drift"), [(None, 0.0), (softening, DRIFT)])
-def test_amounts_and_sigmas_are_right(hidden, drift):
-    experiments = pair(runs(hidden))
-    outcome = fit_joint(experiments, settings())
-    found = drifts(experiments, outcome)
-    amount, sigma = found["omega2_2"]
-    assert abs(amount - drift) < 4 * sigma
-    assert 5e-9 < sigma < 3e-8
+def test_drifts_have_true_amounts_and_sigmas(hidden, drift):
+    experiments, outcome = jointly(runs(hidden))
+    found = lasting.drifts(experiments, outcome)
+    of = found["omega2_2"]
+    assert abs(of.value - drift) < 4 * of.sigma
+    assert 5e-9 < of.sigma < 3e-8
     if not drift:
-        assert all(abs(value) < 4 * of_it for value, of_it in found.values())
-        assert changing(experiments, outcome) == []
+        assert all(of.z < 4 for of in (*found.values(), *lasting.lags(experiments, outcome).values()))
+        assert lasting.in_common(experiments, outcome) == []
+
+
+@pytest.mark.parametrize("by", [1, -1])
+def test_o_1_that_is_late_in_all_runs_of_an_epoch_is_told(by):
+    experiments, outcome = jointly(late(("B4", "C4", "D4"), by))
+    found = lasting.lags(experiments, outcome)
+    assert abs(found[4].value - by) < 0.1 * abs(by)  # to first order
+    assert found[4].sigma < 0.1
+    assert found[2].z < 4
+    (warning,) = lasting.in_common(experiments, outcome)
+    assert (warning.code, warning.parameters, warning.kind.unsound) == ("lagging", ("delta_ifo_4",), True)
+    assert f"o_1 is {'late' if by > 0 else 'early'} by" in warning.message
+
+
+def test_a_run_whose_o_1_is_late_is_left_out_by_name():
+    joint = calibrate(late(("C4",), 3)).joint
+    assert [w.message for w in joint.warnings if w.code == "left_out" and "o_1 is late by" in w.message]
+    assert joint.unsound == ()
+    of = joint.parameters["delta_ifo_4"]
+    assert abs(of.value - thirteen.TRUTH["delta_ifo_4"]) < 4 * of.sigma
+
+
+def test_a_run_by_itself_tells_its_lag():
+    clean, spoilt = (next(e for e in pair(r) if e.name == "D4") for r in (runs(), late(("D4",), 1)))
+    of_clean, of_spoilt = (fit_experiment(e, None, "gaussian") for e in (clean, spoilt))
+    assert lasting.own_lag(clean, of_clean, 13) == ""
+    assert lasting.own_lag(spoilt, of_spoilt, 13).startswith("o_1 is late by ")
