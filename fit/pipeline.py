@@ -212,7 +212,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    ready = _prepared(found, chosen)
+    ready = _prepared(found, chosen).without(admission.mislabelled(found, telemetries))
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)

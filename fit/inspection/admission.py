@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 
 from fit.inspection import authority, constancy, copies, guidance, samples
 from fit.inspection.leftout import LeftOut
-from fit.signal import welch
+from fit.model import dynamics
+from fit.signal import derivatives, welch
 from fit.telemetry import Telemetry, utc
 from fit.threads import each
 from fit.warnings import FitWarning
@@ -61,6 +63,23 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     return Found(
         _first([*found, *odd.left_out]), [*odd.notes, *_at_once(experiments), *guidance.odd(experiments)]
     )
+
+
+def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemetry]) -> list[LeftOut]:
+    """Return the noise runs of no experiment that hold injections: those of one, if the label were right."""
+    names = {e.name for e in experiments}
+    alone = [t for t in telemetries if t.kind == "noise" and t.experiment not in names]
+    noise = [e.noise for e in experiments if e.noise]
+    told = each(partial(_injected, noise), alone)
+    return [
+        LeftOut(
+            run.experiment,
+            f"{run.path}: attribute kind: 'noise', but {name} holds injections, expected 'sysid'",
+            tells="cause",
+        )
+        for run, name in zip(alone, told, strict=True)
+        if name
+    ]
 
 
 def changes(experiments: Sequence[Experiment]) -> Found:
@@ -191,39 +210,57 @@ def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) 
         return [e.name]
     if kinds[0] != kinds[1]:  # noise that is somebody's experiment, or an experiment that is noise
         sysid, noise = (e, other) if kinds[0] == "sysid" else (other, e)
-        is_sysid = sysid.noise is None or _louder(sysid.sysid, sysid.noise)
+        is_sysid = sysid.noise is None or _louder(sysid.sysid.channels, sysid.noise.channels)
         return [noise.name if is_sysid else sysid.name]
     if whole and all(getattr(a.telemetry, key) == getattr(b.telemetry, key) for key in SETTINGS):
         return [other.name]
     return [e.name, other.name]
 
 
-def _louder(run: Run, other: Run) -> str:
+def _injected(noise: Sequence[Run], run: Telemetry) -> str:
+    """Return the channel of a run that shows injections, by itself or beside noise runs; or nothing."""
+    taps, factor = derivatives.low_pass(run.fs)
+    for name in (name for name in ("guidance_o_1", "guidance_o_12") if name in run.channels):
+        x = derivatives.reduced(run.channels[name], run.fs, taps, factor)[0]
+        if np.ptp(x) > 0 and _sines(x, run.fs / factor)[2].any():
+            return name
+    own = dynamics.channels(run, motion=False)
+    near = sorted(noise, key=lambda other: _gap(run, other.telemetry))[:USUAL]  # one may be no noise either
+    found = [name for other in near if (name := _louder(own, other.channels))]
+    return found[0] if 2 * len(found) > len(near) else ""
+
+
+def _louder(run: dynamics.Channels, other: dynamics.Channels) -> str:
     """Return the read-out in which a run is louder than another as only injections make it, or nothing."""
     for name in ("o_1", "o_12"):
-        f, power = _averaged(run, name)
-        inside = (f > 2 / SEGMENT) & (f < INJECTED)
-        level = scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest")[inside]
-        sines = power[inside] > SHARP * level  # a run without noise is beside any other one of these
+        f, power, sines = _sines(getattr(run, name), run.fs)
         if not sines.any():
             continue
-        of_other, other_power = _averaged(other, name)
-        least = np.interp(f[inside], of_other, other_power)
-        if np.all(least > 0) and np.any(sines & (power[inside] > DRIVEN * least)):
+        least = np.interp(f, *_averaged(getattr(other, name), other.fs))
+        if np.all(least > 0) and np.any(sines & (power > DRIVEN * least)):
             return name
     return ""
 
 
-def _averaged(run: Run, name: str) -> tuple[Array, Array]:
-    """Return frequencies [Hz] and the averaged PSD of the second differences of a read-out."""
-    x, fs = np.diff(getattr(run.channels, name), 2), run.channels.fs
-    return welch(x, fs, min(x.size, int(SEGMENT * fs)))
+def _sines(x: Array, fs: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return frequencies [Hz] up to INJECTED, the averaged PSD there, and whether it is that of a sine."""
+    f, power = _averaged(x, fs)
+    inside = (f > 2 / SEGMENT) & (f < INJECTED)
+    level = scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest")
+    # a run without noise is beside any other one of these
+    return f[inside], power[inside], np.asarray((power > SHARP * level)[inside])
+
+
+def _averaged(x: Array, fs: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and the averaged PSD of the second differences of a series."""
+    curve = np.diff(x, 2)
+    return welch(curve, fs, min(curve.size, int(SEGMENT * fs)))
 
 
 def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[LeftOut]:
     """Yield the experiments whose noise run holds injections."""
     for e in experiments:
-        name = _louder(e.noise, e.sysid) if e.noise else ""
+        name = _louder(e.noise.channels, e.sysid.channels) if e.noise else ""
         if e.noise and name:
             path = e.noise.telemetry.path
             reason = f"{path}: a noise run, but {name} holds injections, expected noise alone"

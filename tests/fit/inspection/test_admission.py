@@ -12,7 +12,7 @@ from fit.inspection.admission import Found
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.weighing import pair
-from tests.oracles import synthetic
+from tests.oracles import synthetic, thirteen
 from tests.oracles.synthetic import World
 
 
@@ -101,6 +101,48 @@ def test_kinds_that_are_exchanged():
 
 
 _EXCHANGED = (("sysid", "noise"), ("noise", "sysid"))
+
+
+@pytest.mark.parametrize("telling", ["o_1", "guidance_o_12"])
+def test_an_experiment_that_is_called_noise(telling):
+    found = runs("A", "B", "E")
+    sysid = found["B-sysid"]
+    guidance = {"guidance_o_12": 1e-9 * np.sin(0.05 * sysid.time)} if "guidance" in telling else {}
+    found["B-sysid"] = replace(sysid, kind="noise", channels=sysid.channels | guidance)
+    told = admission.mislabelled(pair(list(found.values())), list(found.values()))
+    reason = f"B-sysid.h5: attribute kind: 'noise', but {telling} holds injections, expected 'sysid'"
+    assert [(f.experiment, f.reason) for f in told] == [("B", reason)]
+
+
+@pytest.mark.parametrize("shown", [True, False], ids=["guidance", "read-outs"])
+def test_every_experiment_that_is_called_noise_is_told_and_no_noise_run_is(shown):
+    campaign = [
+        r if shown else replace(r, channels={k: x for k, x in r.channels.items() if "guidance" not in k})
+        for r in thirteen.campaign().values()
+    ]
+    experiments = {e.name: e for e in pair(campaign)}
+    for name in experiments:
+        others = [e for e in experiments.values() if e.name != name]
+        own = [replace(r, kind="noise") for r in campaign if r.experiment == name]
+        (told,) = admission.mislabelled(others, own)
+        assert told.reason.startswith(f"{name}-sysid.h5: attribute kind: 'noise', but")
+
+
+def test_an_experiment_that_is_called_noise_is_named_in_the_joint_fit():
+    found = thirteen.campaign(names=("A1", "B2"))
+    found["B2-sysid"] = replace(found["B2-sysid"], kind="noise")
+    results = calibrate(list(found.values()))
+    (told,) = (w.message for w in results.joint.warnings if w.code == "left_out")
+    assert told.startswith("left out of the joint fit: B2-sysid.h5: attribute kind: 'noise'")
+    assert list(results.experiments) == ["A1"]
+
+
+def test_noise_runs_of_no_experiment_are_noise():
+    found = runs("A", "C", "E")
+    del found["C-sysid"], found["E-sysid"]
+    still = {f"guidance_{name}": np.full(found["E-noise"].time.size, 1e-9) for name in ("o_1", "o_12")}
+    found["E-noise"] = replace(found["E-noise"], channels=found["E-noise"].channels | still)
+    assert admission.mislabelled(pair(list(found.values())), list(found.values())) == []
 
 
 def test_an_experiment_that_is_a_noise_run():
