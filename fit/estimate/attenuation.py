@@ -42,12 +42,13 @@ def widened(fit: Fit, shift: Mapping[str, float]) -> Fit:
     return replace(fit, parameters=parameters, covariance=covariance)
 
 
-def leakage(joint: Fit, outcome: Outcome, freed: Freed, shift: Array) -> Fit:
-    """Return the joint fit with delta_ifo as it is beside couplings that are free of noise.
+def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array) -> Fit:
+    """Return the joint fit with what attenuation moves as it is beside couplings that are free of noise.
 
     Where the thrusters move the spacecraft along x and sideways at once, o_1 answers for what attenuated
-    couplings leave: least squares then finds delta_ifo off as well. Its sigma holds by how much instruments
-    move it, for they are no better known than that, and what attenuated couplings leave still.
+    couplings leave: least squares then finds delta_ifo and the stiffness of test mass 1 off as well. Sigmas
+    hold by how much instruments move an estimate, for they are no better known than that, and what attenuated
+    couplings leave still.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def leakage(joint: Fit, outcome: Outcome, freed: Freed, shift: Array) -> Fit:
     for i, p in enumerate(outcome.parameters):
         apart = (before.theta[i] - after.theta[i]) / before.sigma[i]
         left = float(np.nan_to_num(shift[i])) / before.sigma[i]
-        if p.name in names and p.name.startswith("delta_ifo") and max(abs(apart), abs(left)) > NOTABLE:
+        if p.name in names and max(abs(apart), abs(left)) > NOTABLE:
             wider = np.sqrt(max(after.sigma[i] / before.sigma[i], 1.0) ** 2 + apart**2 + left**2)
             sigma = joint.parameters[p.name].sigma * float(wider)
             parameters[p.name] = replace(parameters[p.name], value=float(after.theta[i]), sigma=sigma)

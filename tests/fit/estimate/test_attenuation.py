@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fit.estimate.attenuation import leakage, widened
+from fit.estimate.attenuation import mended, widened
 from fit.results import Estimate, Fit
 
 NAMES = ("lambda_2", "delta_ifo_1", "delta_ifo_2")
@@ -43,24 +43,26 @@ def test_what_cannot_be_told_is_withheld():
     assert np.sqrt(np.diag(found.covariance)) == pytest.approx([1, 3])
 
 
-def test_the_leakage_is_that_beside_free_couplings():
+def test_what_moves_is_as_it_is_beside_free_couplings():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]), 0.5)  # scatter has widened one of them
-    before, freed = outcomes([1.5, 1.3, 1.005], [0.3, 0.12, 0.2])
-    found = leakage(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3))
-    assert found.parameters["lambda_2"] == joint.parameters["lambda_2"]
+    before, freed = outcomes([0.98, 1.3, 1.005], [0.09, 0.12, 0.2])
+    found = mended(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3))
+    assert found.parameters["lambda_2"] == Estimate(0.98, pytest.approx(0.1 * np.hypot(1, 0.2)), "1")
     assert found.parameters["delta_ifo_1"] == Estimate(1.3, pytest.approx(0.2 * np.hypot(1.2, 3)), "1")
     assert found.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]  # it has not moved
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([0.1, 0.2 * np.hypot(1.2, 3), 0.1])
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(
+        [0.1 * np.hypot(1, 0.2), 0.2 * np.hypot(1.2, 3), 0.1]
+    )
     assert np.allclose(found.correlation, joint.correlation)
     (told,) = found.warnings
-    assert (told.code, told.parameters) == ("instruments", ("delta_ifo_1",))
-    assert "delta_ifo_1 (-3.0)" in told.message
+    assert (told.code, told.parameters) == ("instruments", ("lambda_2", "delta_ifo_1"))
+    assert "lambda_2 (+0.2), delta_ifo_1 (-3.0)" in told.message
 
 
 def test_without_instruments_nothing_moves():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]))
     before, same = outcomes([1.0] * 3, [0.1] * 3)
-    assert leakage(joint, before, SimpleNamespace(names=set(), outcome=same), np.zeros(3)) is joint
-    left = leakage(joint, before, SimpleNamespace(names=set(), outcome=same), np.array([0.0, 0.2, np.nan]))
+    assert mended(joint, before, SimpleNamespace(names=set(), outcome=same), np.zeros(3)) is joint
+    left = mended(joint, before, SimpleNamespace(names=set(), outcome=same), np.array([0.0, 0.2, np.nan]))
     assert left.parameters["delta_ifo_1"] == Estimate(1.0, pytest.approx(0.2 * np.sqrt(5)), "1")
     assert left.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]
