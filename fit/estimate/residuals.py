@@ -98,10 +98,9 @@ def residual(experiment: Experiment, theta: Array, covariance: Array) -> Residua
     terms = run.spectra(dynamics.delays(theta))
     # the error of a model that has followed this very residual makes it neither louder nor quieter
     S = noise.expected(terms.f) if experiment.noise else noise(terms.f)
-    U, _ = linear.whiten(terms, S)
+    z = linear.whiten(terms.summed(dynamics.coefficients(theta, terms.tau)), S)[0][:, 0]
     w2 = terms.window**2
     correlation = w2.size * float(w2 @ w2) / float(w2.sum()) ** 2
-    z = np.asarray(U @ dynamics.coefficients(theta, terms.tau), dtype=np.complex128)
     return Residual(terms.f, z, noise, correlation, experiment.noise is not None, terms.nuisance.shape[1])
 
 
@@ -145,7 +144,7 @@ def _whiteness(left: Residual, power: Array) -> float:
     return float((1 + np.count_nonzero(farther)) / (1 + DRAWS))
 
 
-@lru_cache(maxsize=2)  # few campaigns have runs of more lengths that matter
+@lru_cache(maxsize=4)  # of 4 MB; few campaigns have runs of more lengths that matter
 def _drawn(size: int) -> Array:
     drawn = np.random.default_rng(0).standard_normal((DRAWS, size))
     drawn.setflags(write=False)  # others get the same ones
@@ -154,18 +153,24 @@ def _drawn(size: int) -> Array:
 
 def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
     """Return the covariance of the normalised power summed over the first bins, up to each of `ends`."""
-    knots = left.noise.knots
-    at = np.clip(np.log(left.f), knots[0], knots[-1])
-    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
-    basis = spline(at)  # derivatives of log S
+    followed = _followed(left.noise.knots.tobytes(), left.f.tobytes(), tuple(ends), left.independent)
     walk = np.minimum.outer(ends, ends)
     if left.independent:
-        followed = np.cumsum(basis, axis=0)[ends - 1]
         walk = walk + followed @ left.noise.covariance @ followed.T
     else:  # the model has taken out what it could follow
-        followed = np.cumsum(np.linalg.qr(basis)[0], axis=0)[ends - 1]
         walk = walk - followed @ followed.T
     return np.asarray(left.correlation * walk, dtype=np.float64)
+
+
+@lru_cache(maxsize=16)  # the runs of a campaign have few lengths
+def _followed(of_knots: bytes, of_f: bytes, ends: tuple[int, ...], independent: bool) -> Array:
+    """Return the derivatives of log S by the knots, orthonormal unless independent, summed up to `ends`."""
+    knots = np.frombuffer(of_knots)
+    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
+    basis = spline(np.clip(np.log(np.frombuffer(of_f)), knots[0], knots[-1]))
+    found = np.cumsum(basis if independent else np.linalg.qr(basis)[0], axis=0)[np.array(ends) - 1]
+    found.setflags(write=False)
+    return np.asarray(found)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ What is clearly one is subtracted as the shape, of any kind, that comes closest 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -100,12 +101,23 @@ class _Filter:
 def _filters(view: View) -> list[_Filter]:
     rms = float(np.sqrt(np.mean(view.window**2)))
     found = []
-    for shape in shapes.bank(view.duration):
-        bins = max(2, int(np.searchsorted(2 * np.pi * view.f * shape.tau, BAND)))
-        h = shape.transform(view.f[:bins]).conj() / np.sqrt(view.S[:bins])
+    whitening = np.sqrt(view.S)
+    for shape, transform in _transforms(view.duration, view.f.tobytes()):
+        h = transform / whitening[: transform.size]
         power = np.abs(h) ** 2
         dof = 2 * float(power.sum()) ** 2 / float(power @ power)
         found.append(_Filter(shape, np.asarray(h * rms / np.linalg.norm(h)), dof))
+    return found
+
+
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
+def _transforms(duration: float, of_f: bytes) -> list[tuple[Shape, Spectrum]]:
+    """Return the shapes of the bank, and of each the conjugate transform in the bins that it needs."""
+    f, found = np.frombuffer(of_f), []
+    for shape in shapes.bank(duration):
+        bins = max(2, int(np.searchsorted(2 * np.pi * f * shape.tau, BAND)))
+        found.append((shape, shape.transform(f[:bins]).conj()))
+        found[-1][1].setflags(write=False)
     return found
 
 

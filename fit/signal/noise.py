@@ -71,14 +71,17 @@ def _basis(of_knots: bytes, of_f: bytes) -> tuple[Array, Array]:
     return basis, products
 
 
-def _knots(f: Array) -> Array:
+@lru_cache(maxsize=8)
+def _knots(of_f: bytes) -> Array:
     """Space the knots evenly in log f, but never closer than BINS_PER_KNOT bins."""
-    bins = [0.0]
+    f, bins = np.frombuffer(of_f), [0.0]
     while bins[-1] < f.size - 1:
         bins.append(bins[-1] + max(BINS_PER_KNOT, (bins[-1] + 1) * (10 ** (1 / KNOTS_PER_DECADE) - 1)))
     short = f.size - 1 - bins[-2] < 0.5 * (bins[-1] - bins[-2])
     bins[-2 if short else -1 :] = [f.size - 1.0]
-    return np.log(np.interp(bins, np.arange(f.size), f))
+    knots = np.log(np.interp(bins, np.arange(f.size), f))
+    knots.setflags(write=False)
+    return knots
 
 
 def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
@@ -101,8 +104,9 @@ def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
     level = float(np.mean(power))
     if not (math.isfinite(level) and level > 0):
         raise FitError("the residual carries no noise whose PSD could weigh the data")
-    knots = _knots(f)
-    basis, products = _basis(knots.tobytes(), f.tobytes())
+    of_f = f.tobytes()
+    knots = _knots(of_f)
+    basis, products = _basis(knots.tobytes(), of_f)
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
     values = np.asarray(np.linalg.solve(products, basis.T @ start), dtype=np.float64)
     fisher: Array = (basis * dof[:, None]).T @ basis

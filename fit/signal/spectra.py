@@ -73,6 +73,10 @@ class Spectra:
         first = self.first + int(np.argmax(kept))
         return replace(self, f=f, columns=columns, nuisance=nuisance, first=first)
 
+    def summed(self, c: Array) -> "Spectra":
+        """Return the same with one column: the sum of the first K with the coefficients c, shape (K,)."""
+        return replace(self, columns=(self.columns[:, : c.size] @ c)[:, None])
+
     def beside(self, other: "Spectra") -> "Spectra":
         """Return the columns of both, which must be of one run."""
         return replace(self, columns=np.concatenate([self.columns, other.columns], axis=1))

@@ -285,11 +285,11 @@ def smooth_noise(
         See `noise_model`.
     """
     S = previous(terms.f) if previous else np.ones(terms.f.size)
-    U, left = linear.whiten(terms, S)
-    power = np.abs(U[:, : c.size] @ c) ** 2 * S / 2
+    z, left = linear.whiten(terms.summed(c), S)
+    power = np.abs(z[:, 0]) ** 2 * S / 2
     if taken:
         gradient, covariance = taken
-        rows = U[:, : c.size] @ gradient
+        rows = linear.whiten(terms, S)[0][:, : c.size] @ gradient
         left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
     model = fit_noise(terms.f, power, np.maximum(left, 0))
     return model if previous else smooth_noise(terms, c, taken, model)

@@ -72,7 +72,7 @@ class Simulation:
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
             L = self._factor(self._log_f[block])
-            drawn = generator.standard_normal((L.shape[1], C, 2)).view(np.complex128)[:, :, 0].T
+            drawn = generator.standard_normal((L.shape[1], C, 2)).view(np.complex128)[:, :, 0].T.copy()
             for (i, j), of_bins in zip(_lower(C), L, strict=True):
                 of_bins *= drawn[j]
                 inside[self._order[i], block] += of_bins
@@ -108,8 +108,11 @@ class _Splines:
         at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, last)
         beyond = x - (self._first + self._step * at)
         found = np.empty((len(self._coefficients), x.size), dtype=np.complex128)
-        for of, (cubic, square, slope, level) in zip(found, self._coefficients, strict=True):
-            of[:] = ((cubic[at] * beyond + square[at]) * beyond + slope[at]) * beyond + level[at]
+        for of, (cubic, *others) in zip(found, self._coefficients, strict=True):
+            cubic.take(at, out=of, mode="clip")  # of two ways to look up the quicker
+            for coefficient in others:
+                of *= beyond
+                of += coefficient.take(at, mode="clip")
         return found
 
 

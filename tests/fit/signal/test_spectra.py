@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fit.errors import FitError
 from fit.signal import derivatives, fit_noise, spectra
-from fit.weighing import shapes
+from fit.weighing import linear, shapes
 
 BAND = np.array([1e-3, 13.33e-3, 53.33e-3, 0.1])  # Hz, at a sample rate of 1 Hz
 
@@ -132,6 +132,14 @@ def test_linear():
     assert np.allclose(both, spectra.transform(x, valid, 1.0).columns @ [1, 2, 3])
 
 
+def test_a_sum_of_columns_is_whitened_as_its_columns_are():
+    run = spectra.transform(np.random.default_rng(3).standard_normal((1000, 4)), np.ones(1000, bool), 1.0)
+    S, c = 1 + run.f, np.array([1.0, -2.0, 3.0])
+    (total, left), (each, of_all) = linear.whiten(run.summed(c), S), linear.whiten(run, S)
+    assert np.allclose(total[:, 0], each[:, :3] @ c, rtol=1e-12, atol=1e-12)
+    assert np.array_equal(left, of_all)
+
+
 def shape(f):
     """PSD of a Delta g with its tail, plateau, read-out noise and a jitter bump at 50 mHz."""
     bump = 12e-15 * np.exp(-0.5 * (np.log(f / 0.05) / 0.35) ** 2)
@@ -169,6 +177,16 @@ def test_noise_model_goes_on_straight_below_the_first_bin():
     f = np.arange(1, 2161) / 21600
     model = fit_noise(f, 1e-30 * f**-2.0, np.ones(f.size))
     assert model(np.array([1e-6])) == pytest.approx([1e-30 * 1e12], rel=1e-6)
+
+
+def test_noise_model_is_the_same_whatever_was_fitted_before():
+    short, other = np.arange(1, 2161) / 21600, np.arange(1, 2161) / 43200
+    first = fit_noise(short, shape(short), np.ones(2160))
+    apart = fit_noise(other, shape(other), np.ones(2160))
+    again = fit_noise(short, shape(short), np.ones(2160))
+    assert np.array_equal(first.values, again.values)
+    assert np.array_equal(first.knots, again.knots)
+    assert np.exp(apart.knots[[0, -1]]) == pytest.approx(other[[0, -1]])
 
 
 @pytest.mark.parametrize("level", [0.0, np.nan, np.inf])
