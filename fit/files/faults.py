@@ -23,8 +23,8 @@ _SAID = {  # what pydantic calls at fault, in our words, and how it is written i
     "less_than_equal": ("{given} is too large, expected {le:g} or less", ""),
     "less_than": ("{given} is too large, expected less than {lt:g}", ""),
     "finite_number": ("{given} is not a finite number", ""),
-    "too_short": ("has {actual_length} of its values, expected at least {min_length}", ""),
-    "too_long": ("has {actual_length} of its values, expected at most {max_length}", ""),
+    "too_short": ("is of length {actual_length}, expected at least {min_length}", ""),
+    "too_long": ("is of length {actual_length}, expected at most {max_length}", ""),
 }
 _NAME = re.compile(r"[\w-]{1,80}")
 

@@ -25,7 +25,7 @@ from fit.model import dynamics
 from fit.paper import FLIGHT
 from fit.results import Fit, Results, load
 from fit.settings import settings
-from fit.telemetry import Telemetry, read_all
+from fit.telemetry import Telemetry, inertial_period, read_all
 from fit.weighing import Experiment, Run
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
@@ -44,6 +44,10 @@ SPECTRA = (
     (5e-2, 3600.0, "the same, and 3.5 of read-out"),
 )
 BAND = 1.25  # from f / BAND to f BAND
+#: Frequencies [Hz] at which the shares of rotation and motion are told, and the stretches [s].
+SHARES = {2e-4: 40_000.0, 5e-4: 20_000.0, 1e-3: 7200.0, 3e-3: 7200.0} | dict.fromkeys(
+    (1e-2, 2e-2, 3e-2, 5e-2, 7e-2), 3600.0
+)
 EULER = {  # table Eulerfit, mrad
     "1": ((-0.47, 0.03), (-0.066, 0.007)),
     "2": ((-0.40, 0.03), (-0.032, 0.003)),
@@ -145,6 +149,27 @@ def spectra(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
     yield "| flight | | " + " | ".join(said for _, _, said in SPECTRA) + " |"
 
 
+def shares(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
+    """What rotation and motion make of Delta g_x, in the longest noise run of each inertial period."""
+    yield "| period, run | | " + " | ".join(f"{1e3 * f:g} mHz" for f in SHARES) + " |"
+    yield "|---|---|" + "---|" * len(SHARES)
+    found = struck(results)
+    for period in sorted(results.inertial):
+        own = [r for r in runs if r.kind == "noise" and inertial_period(r) == period]
+        run = max(own, key=lambda r: r.duration)
+        product = deltag.delta_g(run, results)
+        x = product.channels
+        told = {
+            "centrifugal": x["g_Omega"],
+            "Euler and cross-talk": x["g_dOmega"] + x["delta_g_SC"],
+            "Delta g_x": x["delta_g_x"],
+            "Delta g": x["delta_g"],
+        }
+        for name, series in told.items():
+            levels = (level(series, product.fs, f, s, found.get(run.run, ()))[0] for f, s in SHARES.items())
+            yield f"| {period}, {run.run} | {name} | " + " | ".join(f"{1e15 * v:.1f}" for v in levels) + " |"
+
+
 def points(results: Results, runs: Sequence[Telemetry]) -> Iterator[str]:
     """What is one number each."""
     yield "| | flight | here |"
@@ -187,6 +212,7 @@ def tables(folder: Path) -> Mapping[str, list[str]]:
         "Table Eulerfit": [*angles(results)],
         "Gains, glitches, correlation": [*points(results, runs)],
         "Spectra by date": [*spectra(results, runs)],
+        "Rotation and motion": [*shares(results, runs)],
     }
 
 

@@ -77,7 +77,7 @@ BAD = [  # what to replace, by what, and what the sentence then begins with
     ("lambda_1 = 1.07", 'alpha_x_1 = "345 kg^-1 m^-1"', 'truth.alpha_x_1: "345 kg^-1 m^-1" must be'),
     ("lambda_1 = 1.07", "delta_ifo_5 = inf", "truth.delta_ifo_5: Infinity is not a finite"),
     ('unity_gain = "90 mHz"', 'poles = ["1 Hz", "1 Hz"]', "control.drag_free.poles: the two poles must"),
-    ('unity_gain = "90 mHz"', 'poles = ["1 Hz"]', "control.drag_free.poles: has 1 of its values, expected"),
+    ('unity_gain = "90 mHz"', 'poles = ["1 Hz"]', "control.drag_free.poles: is of length 1, expected"),
     ('"0.6 pN"', '"2.3 nN"', "experiments[1].injections[1].amplitude: the force on test mass 1 reaches"),
     ('"1.5 nN"', '"2.3 nN"', "experiments[1].injections[0].amplitude: the force on test mass 1 reaches"),
     ('"-8e-12 m s^-2"', '"2e-9 m s^-2"', "experiments[1].dc: holding it takes 3578 pN of the 2200 pN that"),

@@ -64,7 +64,7 @@ def test_names_are_files_and_each_is_used_once(swept):
 BAD = [  # the table, and what the sentence then says
     ("", 'sweep: says nothing, write a list, such as F_max_2 = ["50 pN", "2200 pN"]'),
     ('F_max_2 = "50 pN"', 'sweep.F_max_2: "50 pN" is not a list'),
-    ('F_max_2 = ["50 pN"]', "sweep.F_max_2: has 1 of its values, expected at least 2"),
+    ('F_max_2 = ["50 pN"]', "sweep.F_max_2: is of length 1, expected at least 2"),
     ('F_max_2 = ["50 pN", "1 nm"]', 'sweep.F_max_2[1]: "1 nm" is not a force'),
     ('F_max_3 = ["50 pN", "1 nN"]', "sweep.F_max_3: unknown key, did you mean"),
     (
