@@ -17,7 +17,6 @@ Beside each residual by itself stands whether a gain is the same in every experi
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -27,6 +26,7 @@ from fit.estimate.irls import Outcome
 from fit.model import dynamics
 from fit.results import QUANTILES, Diagnostics, Estimate, Fit
 from fit.signal import NoiseModel
+from fit.threads import kept
 from fit.weighing import Experiment, linear, noise_model
 
 Array = NDArray[np.float64]
@@ -144,7 +144,7 @@ def _whiteness(left: Residual, power: Array) -> float:
     return float((1 + np.count_nonzero(farther)) / (1 + DRAWS))
 
 
-@lru_cache(maxsize=4)  # of 4 MB; few campaigns have runs of more lengths that matter
+@kept(4)  # of 4 MB; few campaigns have runs of more lengths that matter
 def _drawn(size: int) -> Array:
     drawn = np.random.default_rng(0).standard_normal((DRAWS, size))
     drawn.setflags(write=False)  # others get the same ones
@@ -162,7 +162,7 @@ def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
     return np.asarray(left.correlation * walk, dtype=np.float64)
 
 
-@lru_cache(maxsize=16)  # the runs of a campaign have few lengths
+@kept(16)  # the runs of a campaign have few lengths
 def _followed(of_knots: bytes, of_f: bytes, ends: tuple[int, ...], independent: bool) -> Array:
     """Return the derivatives of log S by the knots, orthonormal unless independent, summed up to `ends`."""
     knots = np.frombuffer(of_knots)

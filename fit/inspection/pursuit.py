@@ -10,7 +10,6 @@ What is clearly one is subtracted as the shape, of any kind, that comes closest 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from fit.inspection.closest import closest
 from fit.inspection.view import View
 from fit.signal import Spectrum
+from fit.threads import kept
 from fit.weighing import Glitch, Shape, shapes
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ def _filters(view: View) -> list[_Filter]:
     return found
 
 
-@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
+@kept(8)  # the runs of a campaign have few lengths
 def _transforms(duration: float, of_f: bytes) -> list[tuple[Shape, Spectrum]]:
     """Return the shapes of the bank, and of each the conjugate transform in the bins that it needs."""
     f, found = np.frombuffer(of_f), []

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.threads import kept
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def _spline_basis(knots: Array, f: Array) -> Array:
     return _basis(knots.tobytes(), f.tobytes())[0]
 
 
-@lru_cache(maxsize=8)  # the runs of a campaign have few lengths, and each is asked for again and again
+@kept(8)  # the runs of a campaign have few lengths, and each is asked for again and again
 def _basis(of_knots: bytes, of_f: bytes) -> tuple[Array, Array]:
     """Return the basis, shape (B, K), and its products, shape (K, K)."""
     knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
@@ -71,7 +71,7 @@ def _basis(of_knots: bytes, of_f: bytes) -> tuple[Array, Array]:
     return basis, products
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _knots(of_f: bytes) -> Array:
     """Space the knots evenly in log f, but never closer than BINS_PER_KNOT bins."""
     f, bins = np.frombuffer(of_f), [0.0]

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from fit.signal import patches
 from fit.signal.derivatives import F_MAX, stretches
+from fit.threads import kept
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -32,7 +32,7 @@ def window(valid: NDArray[np.bool_], fs: float) -> Array:
     return w
 
 
-@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
+@kept(8)  # the runs of a campaign have few lengths
 def _tukey(n: int, taper: float) -> Array:
     w = np.asarray(scipy.signal.windows.tukey(n + 2, taper)[1:-1], dtype=np.float64)
     w.setflags(write=False)  # others get the same one

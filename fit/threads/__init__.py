@@ -1,8 +1,19 @@
 """Threads: several for work that falls into parts, one for the linear algebra within, one heap for all."""
 
-from fit.threads.heap import give_back, one_heap
+from fit.threads.heap import give_back, kept, one_heap
 from fit.threads.parts import alone, each
 from fit.threads.progress import following, tell, upto, within
 from fit.threads.single import one_thread
 
-__all__ = ["alone", "each", "following", "give_back", "one_heap", "one_thread", "tell", "upto", "within"]
+__all__ = [
+    "alone",
+    "each",
+    "following",
+    "give_back",
+    "kept",
+    "one_heap",
+    "one_thread",
+    "tell",
+    "upto",
+    "within",
+]

@@ -10,13 +10,13 @@ band that could be folded into it.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.signal import Spectrum, derivatives
+from fit.threads import kept
 
 Array = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ def _turns(angle: float, size: int) -> Spectrum:
     return np.asarray(np.multiply.outer(coarse, fine)).reshape(-1)[:size]
 
 
-@lru_cache(maxsize=8)  # a shape that is moved and turned keeps its length for a while
+@kept(8)  # a shape that is moved and turned keeps its length for a while
 def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
     f = scipy.fft.rfftfreq(n, 1 / fs)
