@@ -62,7 +62,7 @@ def convene(
         If no trustworthy estimate comes out.
     """
     left_out = _wrong(experiments, alone)
-    left_out = (*left_out, *_misfits(_without(experiments, left_out), misfits))
+    left_out = (*left_out, *_misfits(_without(experiments, left_out), misfits, alone))
     outcome, kept, failed = _settled(_without(experiments, left_out), alone, chosen)
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
@@ -110,7 +110,7 @@ def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> 
 
 
 def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]) -> tuple[LeftOut, ...]:
-    """Return the experiments that show a wrong sign or unit, or an o_1 that is late, by themselves.
+    """Return the experiments that show a wrong sign or unit by themselves.
 
     Raises
     ------
@@ -126,17 +126,34 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
         elif isinstance(own, Outcome) and (why := verdict.wrong_gain(own)):
             tells: Tells = "misfit" if why.startswith(verdict.UNLIKE) else "guess"
             found.append(LeftOut(e.name, f"{run.path}: {why}", own="", tells=tells))  # of_experiment says it
-        elif isinstance(own, Outcome) and (why := own_lag(e, own, len(experiments))):
-            found.append(LeftOut(e.name, f"{run.path}: {why}", tells="guess"))
     if found and len(found) == len(experiments):
         raise InputError(told(found))
     return tuple(found)
 
 
-def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tuple[LeftOut, ...]:
-    """Return the experiments that do not follow the equation, if that is no matter of the equation itself."""
+def _misfits(
+    experiments: Sequence[Experiment], said: Mapping[str, str], alone: Mapping[str, Outcome | FitError]
+) -> tuple[LeftOut, ...]:
+    """Return the experiments that do not follow the equation, then those whose o_1 is late by themselves.
+
+    What most have in common is a matter of the equation, or of how all were archived: that is not returned.
+    """
     found = [LeftOut(e.name, said[e.name], own="", tells="misfit") for e in experiments if e.name in said]
+    odd = _fewer(found, experiments)
+    rest = _without(experiments, odd)
+    late = [LeftOut(e.name, why, tells="guess") for e in rest if (why := _late(e, alone, len(rest)))]
+    return (*odd, *_fewer(late, rest))
+
+
+def _fewer(found: Sequence[LeftOut], experiments: Sequence[Experiment]) -> tuple[LeftOut, ...]:
+    """Return them if they are half of the experiments at most, and not all."""
     return tuple(found) if 2 * len(found) <= len(experiments) and len(found) < len(experiments) else ()
+
+
+def _late(e: Experiment, alone: Mapping[str, Outcome | FitError], among: int) -> str:
+    own = alone[e.name]
+    why = own_lag(e, own, among) if isinstance(own, Outcome) else ""
+    return why and f"{e.sysid.telemetry.path}: {why}"
 
 
 def _settled(

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Faults = Callable[[Experiment, dynamics.Columns, Array], Array]
 
 ALARM = 1e-4  # p-value of all faults of one kind together
+HARMLESS = 0.4  # s, up to which an o_1 that is late moves delta_ifo by about a sigma at most
 ROUNDING = 1e-9  # share of what a fault adds that must be left beside the parameters
 #: What may drift, its unit, and what multiplies it in Delta g, by columns of `dynamics.Columns`.
 DRIFTING = (
@@ -70,14 +71,14 @@ def drifts(experiments: Sequence[Experiment], outcome: Outcome) -> dict[str, Amo
         The joint fit. Each fault is taken by itself, beside all parameters.
     """
     found = _amounts(experiments, outcome, _drifting)
-    return {name: amount for (name, _, _), amount in zip(DRIFTING, found, strict=True) if amount}
+    return {name: amount for (name, _, _), amount in zip(DRIFTING, found, strict=False) if amount}
 
 
 def lags(experiments: Sequence[Experiment], outcome: Outcome) -> dict[int, Amount]:
     """Return by how much o_1 is late [s] in the runs of each alignment epoch; see `drifts`."""
     epochs = sorted({e.sysid.telemetry.alignment_epoch for e in experiments})
     found = _amounts(experiments, outcome, partial(_late, epochs))
-    return {epoch: amount for epoch, amount in zip(epochs, found, strict=True) if amount}
+    return {epoch: amount for epoch, amount in zip(epochs, found, strict=False) if amount}
 
 
 def in_common(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning]:
@@ -93,23 +94,27 @@ def in_common(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWa
                 "sigmas do not hold"
             )
             found.append(FitWarning("changing", (), message))
-    late = {k: of for k, of in lags(experiments, outcome).items() if of.stands_out(len(experiments))}
+    late = {k: of for k, of in lags(experiments, outcome).items() if _harms(of, len(experiments))}
     if late:
-        words = " and ".join(f"{told_lag(of)} in the runs of alignment epoch {k}" for k, of in late.items())
+        words = " and ".join(f"{_told(of)} in the runs of alignment epoch {k}" for k, of in late.items())
         names = tuple(f"delta_ifo_{k}" for k in late)
         found.append(FitWarning("lagging", names, f"{words}; the sigmas do not hold"))
     return found
 
 
-def told_lag(of: Amount) -> str:
-    """Say that o_1 is late or early."""
-    return f"o_1 is {'late' if of.value > 0 else 'early'} by {abs(of.value):.2g} ± {of.sigma:.1g} s"
-
-
 def own_lag(experiment: Experiment, own: Outcome, among: int) -> str:
     """Say that o_1 of an experiment, one among so many, is late by its own fit; empty if it is not."""
     of = next(iter(lags([experiment], own).values()), None)
-    return told_lag(of) if of and of.stands_out(among) else ""
+    return _told(of) if of and _harms(of, among) else ""
+
+
+def _harms(lag: Amount, among: int) -> bool:
+    return abs(lag.value) > HARMLESS and lag.stands_out(among)
+
+
+def _told(of: Amount) -> str:
+    """Say that o_1 is late or early."""
+    return f"o_1 is {'late' if of.value > 0 else 'early'} by {abs(of.value):.2g} ± {of.sigma:.1g} s"
 
 
 def _drifting(_: Experiment, terms: dynamics.Columns, __: Array) -> Array:
@@ -137,7 +142,7 @@ class _Sums:
 
 
 def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults) -> list[Amount | None]:
-    """Return how much of each fault there is; None if there is too little to tell it by."""
+    """Return how much of each fault there is, None if too little tells it; nothing if no noise is known."""
     told = [(e, b) for e, b in zip(experiments, outcome.blocks, strict=True) if b.noise is not None]
     if not told:
         return []

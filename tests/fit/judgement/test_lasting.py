@@ -95,3 +95,8 @@ def test_a_run_by_itself_tells_its_lag():
     of_clean, of_spoilt = (fit_experiment(e, None, "gaussian") for e in (clean, spoilt))
     assert lasting.own_lag(clean, of_clean, 13) == ""
     assert lasting.own_lag(spoilt, of_spoilt, 13).startswith("o_1 is late by ")
+
+
+def test_nothing_is_told_where_no_noise_is_known():
+    results = calibrate(late(("D4",), 1), settings({"estimator": "flscov"}))
+    assert results.joint.unsound == ()
