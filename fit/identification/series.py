@@ -182,10 +182,10 @@ def _answer(x: Array, cause: Array, effect: Array, fs: float, high: tuple[float,
     size = scipy.fft.next_fast_len(x.size + cause.size, real=True)
     f = scipy.fft.rfftfreq(size, 1 / fs)
     passed = _rise(f, *LOW) * (1 - _rise(f, *high))
-    spectrum, of_cause, of_effect = (
-        scipy.fft.rfft(y, size) for y in (x * _flanks(x.size, fs), cause, effect)
-    )
-    found = np.divide(spectrum * of_effect * passed, of_cause, out=np.zeros_like(spectrum), where=passed > 0)
+    found = scipy.fft.rfft(x * _flanks(x.size, fs), size)  # in place from here on: a run may last for days
+    found *= scipy.fft.rfft(effect, size)
+    found *= passed
+    np.divide(found, scipy.fft.rfft(cause, size), out=found, where=passed > 0)
     return np.asarray(scipy.fft.irfft(found, size)[: x.size], dtype=np.float64)
 
 
