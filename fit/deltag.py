@@ -258,7 +258,14 @@ def _described(recipe: _Recipe) -> dict[str, str]:
     of = {"delta_g_SC": recipe.cross_talk, "g_Omega": recipe.turning, "g_dOmega": recipe.euler}
     left_out = {name for name, what in of.items() if what is None}
     of_terms = {name: term.description for name, term in TERMS.items()}
-    return of_terms | {name: what for name, what in SUMS.items() if name not in left_out}
+    split = " to ".join(f"{1e3 * f:g}" for f in SPLIT) + " mHz"
+    end = f"up to {1e3 * recipe.f_max:g} mHz"
+    bands = {
+        "delta_g_SC": f", above {split}, {end}" if recipe.split else f", {end}",
+        "g_dOmega": f", below {split}" if recipe.split else f", {end}",
+    }
+    told = {name: what + bands.get(name, "") for name, what in SUMS.items() if name not in left_out}
+    return of_terms | told
 
 
 def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:

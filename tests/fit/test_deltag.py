@@ -59,6 +59,8 @@ def test_it_is_telemetry_that_others_read(recorded):
     assert notes == ()
     assert set(PRODUCT) <= set(file.data_vars)
     assert file.time.attrs["units"] == "s"
+    assert file.delta_g_SC.long_name.endswith("motion, above 3 to 12 mHz, up to 100 mHz")
+    assert file.g_dOmega.long_name.endswith("acceleration, below 3 to 12 mHz")
     for channel in file.data_vars.values():
         assert channel.attrs["units"] == "m s-2"
         assert channel.attrs["long_name"]
