@@ -316,7 +316,8 @@ def test_command(recorded, tmp_path, monkeypatch, capfd):
         assert command(monkeypatch, "deltag", *arguments) == 2
         err = capfd.readouterr().err
         assert words in err
-        assert len(err.strip().splitlines()) == 1
+        told = [line for line in err.splitlines() if not line.startswith("reading: ")]  # on a busy machine
+        assert len(told) == 1
 
 
 def test_a_calibration_that_is_not_sound_gives_no_product(recorded, tmp_path, monkeypatch, capfd):
