@@ -370,7 +370,7 @@ def _end(recipe: _Recipe) -> tuple[float, float]:
 def _subtracted(delta_g_SC: Array, fs: float, recipe: _Recipe) -> Array:
     """Return the part of the cross-talk that lies where its coefficients were fitted."""
     fitted = slow_part(delta_g_SC, fs, _end(recipe))
-    return fitted - slow_part(delta_g_SC, fs, SPLIT) if recipe.split else fitted
+    return fitted - slow_part(fitted, fs, SPLIT) if recipe.split else fitted
 
 
 def slow_part(x: Array, fs: float, edges: tuple[float, float]) -> Array:

@@ -143,6 +143,20 @@ def test_above_the_fitted_band_read_outs_of_motion_add_no_noise(recorded, tmp_pa
     assert np.all(file.attrs.get("louder_bands", np.zeros((0, 2)))[..., 1] < 0.13)
 
 
+def test_a_slow_archive_whose_fit_ends_below_the_split_subtracts_no_motion():
+    recipe = deltag._Recipe(0.376, None, {"b_1": 1.0}, None, None, True, 4e-3, ())
+    x = np.random.default_rng(9).standard_normal(20_000)
+    left = deltag._subtracted(x, 0.04, recipe)
+    assert np.std(left[2000:-2000]) < 0.15 * np.std(x)
+    assert level_ratio(left, x, 9e-3) < 0.02
+
+
+def level_ratio(y, x, above):
+    f = np.fft.rfftfreq(x.size, 25.0)
+    Y, X = (np.abs(np.fft.rfft(z)[f > above]) for z in (y, x))
+    return np.sqrt(np.mean(Y**2) / np.mean(X**2))
+
+
 def test_what_adds_noise_is_told_with_its_band(recorded, tmp_path):
     wrong = replace(calibrated(LATE), inertial={"0": fit_of(delta_phi=2e-3, delta_eta=1e-3)})
     file, notes = product(recorded[0], tmp_path / "p.h5", wrong)
