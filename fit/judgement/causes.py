@@ -77,6 +77,11 @@ class Case:
         return self.experiments[self.at].sysid.telemetry
 
     @cached_property
+    def agrees(self) -> bool:
+        """Whether the run says what those others say: then nothing in it need be wrong."""
+        return self.voice.level == 1 and self.voices.of_run(self.at).p > POSSIBLE
+
+    @cached_property
     def expected(self) -> Array:
         """Parameters of the run as the others have them, shape (Q,)."""
         return np.asarray(self.voice.theta + self.voice.share @ self._moved)

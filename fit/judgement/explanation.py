@@ -209,9 +209,10 @@ def of_odd(voices: Regression, odd: Odd, court: Court) -> tuple[LeftOut, ...]:
         if len(others) == 1 and (labels := exchanged(court.case(voices, i), others[0])):
             cause = f"{who}: each fits with the {labels} of the other, their data look exchanged"
         else:
-            likely = named(case)
+            likely = "" if case.agrees else named(case)
             cause = perhaps = f"{name}: perhaps {likely}" if likely else ""
-        reason = f"{cause}; " * bool(cause) + f"{said}; {name} {_apart(case)}"
+        apart = _apart(court.case(voices, i) if case.agrees else case)  # from the other odd ones, or from all
+        reason = f"{cause}; " * bool(cause) + f"{said}; {name} {apart}"
         untold = "" if cause else f"; {UNTOLD}"
         tells: Tells = "cause" if cause else "sign"
         found.append(LeftOut(name, reason + untold, own="contradiction", tells=tells, perhaps=perhaps))

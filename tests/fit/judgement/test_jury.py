@@ -184,6 +184,16 @@ def test_gains_that_scatter_are_no_odd_runs_nor_sharper_than_that(number):
         assert abs(estimate.value - campaign.truth[name]) < 4 * estimate.sigma, name
 
 
+def test_of_two_that_contradict_each_other_alone_no_cause_is_guessed():
+    runs = [run for name in "ABCDE" for run in pair(World(), name, seed=5, drive_1=1e-12 * (name in "DE"))]
+    scaled = of("D", channel("f_x_1", lambda f: 1.02 * f))(runs)
+    said = left_out(calibrate(scaled))
+    assert len(said) == 2
+    for message in said:
+        assert "perhaps" not in message
+        assert "alone puts lambda_1 at" in message
+
+
 def test_attenuated_cross_talk_is_no_contradiction():
     # the noise of the inertial sensors attenuates b_3 ... b_6 of one epoch more in one run than in another
     noises = {"A": 1e-9, "B": 5e-9, "C": 1e-9}
