@@ -32,6 +32,8 @@ def _sample(
 ) -> None:
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
+    if others := sorted(earlier.beside_instruments(results)):
+        console.note(f"sampled as least squares has them, without instruments: {', '.join(others)}")
     with console.stage("fit"):
         outcome = earlier.refit(results, telemetries, directory / "results.json")
     posterior = Posterior(outcome)

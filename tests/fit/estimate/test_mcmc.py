@@ -385,6 +385,23 @@ def test_results_that_cannot_be_repeated(lpfcosim, calibrated, change, message):
     assert not (calibrated / "mcmc.h5").exists()
 
 
+def test_what_is_given_beside_instruments_is_sampled_as_least_squares_has_it(lpfcosim, calibrated):
+    path = calibrated / "results.json"
+    document = json.loads(path.read_text())
+    found = document["joint"]["parameters"]["lambda_2"]
+    found["value"] += found["sigma"]
+    warning = {"code": "instruments", "parameters": ["lambda_2"], "message": "given beside couplings"}
+    document["joint"]["warnings"].append(warning)
+    path.write_text(json.dumps(document))
+    status, _, err = lpfcosim("mcmc", calibrated)
+    assert status == 0, err
+    assert "sampled as least squares has them, without instruments: lambda_2" in err
+    sampled = json.loads((calibrated / "mcmc.json").read_text())["parameters"]["lambda_2"]
+    assert abs(sampled["shift_in_sigma"]) < 5 * sampled["shift_error"]
+    assert (sampled["mean"] - found["value"]) / found["sigma"] == pytest.approx(-1, abs=0.2)
+    assert "Posterior sampled" in (calibrated / "report.html").read_text(encoding="utf-8")
+
+
 def test_folder_without_results(lpfcosim, tmp_path):
     status, _, err = lpfcosim("mcmc", tmp_path)
     assert status == 2
