@@ -302,12 +302,14 @@ def test_where_one_authority_alone_varies_a_line_through_the_experiments_is_the_
 def test_the_leakage_stands_beside_the_design(mission):
     results, runs = mission
     (picture,) = sections(results, runs)["leakage"].drawings
-    (panel,) = picture.draw().panels
+    panel, magnified = picture.draw().panels
     rms = next(mark for mark in panel.marks if getattr(mark, "label", "") == "design, rms")
     assert (rms.low, rms.high) == pytest.approx((-6.3, 6.3))
-    found = {line.label: line for line in panel.lines}
+    assert panel.up[0] < -17 < 17 < panel.up[1]
+    found = {line.label: line for line in magnified.lines}
+    assert {line.name for line in panel.lines} > found.keys()
+    assert -5 < magnified.up[0] < -2.2 < -1.4 < magnified.up[1] < 2
     assert found["joint fit"].y == pytest.approx([-2.2, -1.4])
     assert found["flight"].y == pytest.approx([-2.2, -1.4])
     assert found["each experiment alone"].y == pytest.approx([-2.2] * 4)
     assert found["each experiment alone"].names == ["A", "B", "C", "D"]
-    assert panel.up[0] < -17 < 17 < panel.up[1]
