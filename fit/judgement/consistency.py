@@ -35,7 +35,8 @@ Flags = NDArray[np.bool_]
 
 OFF = 1.5  # factor between noise and its model from which one is no measure of the other
 _NULL = 1e-10  # information relative to the largest, below which a run does not see a direction
-LEVERAGE = 0.005  # share of a run in what the joint fit knows of a direction, from which it leans on it
+#: Share of a run in what the joint fit knows of a direction: from which it leans on it, to which others tell.
+LEVERAGE = 0.005, 0.5
 HELD = 1e-3  # root of the information, in units of the weak prior's, below which a direction counts as held
 
 
@@ -180,15 +181,16 @@ def voice(
 def _believed(block: linear.Block, of_run: Array, slope: Array, spread: Array | None) -> Array:
     """Return the directions of z, shape (L, N), in which a signal speaks and not noise in the regressors.
 
-    What motion and torques add is left out: noise in its read-outs attenuates it, in every run differently. A
-    single tone does not tell a gain from a stiffness, no signal at all tells neither (see
-    `fit.weighing.single_tone`); what noise tells of them is left out too, unless the joint fit leans on it.
+    What motion and torques add is left out: noise in its read-outs attenuates it, in every run differently.
+    No signal at all tells neither gain nor stiffness, a single tone does not tell one from the other: see
+    `fit.weighing.single_tone`. What the rest of a run with a tone tells is left out too, unless the joint fit
+    leans on it.
+
     `slope`, shape (N, Q), is what the parameters of the run do to z; `spread`, shape (Q, P), a root of their
     covariance in the joint fit.
     """
     at = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
-    doubted = _range(_of_unit_length(slope[:, len(block.names) :]))
-    told = np.zeros((len(slope), 0))
+    doubted, told = slope[:, len(block.names) :], np.zeros((len(slope), 0))
     if block.tone is not None:
         stiffness, gain, delay = (slope[:, at[name]] for name in ("omega2_2", "lambda_2", "C_2"))
     if block.tone:  # at its frequency nothing changes if the gain follows the stiffness
@@ -196,11 +198,12 @@ def _believed(block: linear.Block, of_run: Array, slope: Array, spread: Array | 
         per_stiffness = lambda_2 / (omega2_2 - (2 * np.pi * block.tone) ** 2)
         told = (stiffness + per_stiffness * gain)[:, None]
     elif block.tone == 0:
-        told = np.column_stack([stiffness, gain, delay])
-    Q = _range(_of_unit_length(told) - doubted @ (doubted.T @ _of_unit_length(told)))
+        doubted = np.column_stack([doubted, stiffness, gain, delay])
+    doubted, told = _range(_of_unit_length(doubted)), _of_unit_length(told)
+    Q = _range(told - doubted @ (doubted.T @ told))
     if spread is not None:
-        _, s, vt = np.linalg.svd((Q.T @ slope @ spread).T)
-        Q = Q @ vt.T[:, np.concatenate([s, np.zeros(len(vt) - s.size)]) < LEVERAGE**0.5]
+        weight = np.linalg.norm(Q.T @ slope @ spread, axis=1) ** 2
+        Q = Q[:, (weight < LEVERAGE[0]) | (weight > LEVERAGE[1])]
     blind = np.hstack([doubted, Q])
     if not blind.size:
         return np.eye(len(slope))
