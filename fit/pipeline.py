@@ -360,7 +360,7 @@ def _cross_talk(
     if not (together and judged.joint and any(e.sysid.channels.means for e in ready.taking_part)):
         return judged.joint, {}
     told = bump.unattenuated(together.outcome, ready.taking_part)
-    joint = attenuation.mended(judged.joint, together.outcome, told.freed, told.shift)
+    joint = attenuation.mended(judged.joint, together.outcome, told.freed, told.shift, told.before)
     found = bump.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared), told)
     if any(rotation.sources(e.sysid.telemetry) for e in ready.taking_part):
         found = {epoch: bump.joined(fit) for epoch, fit in found.items()}

@@ -159,6 +159,11 @@ KINDS: Mapping[str, Kind] = {
         words="o_1 is not of the time of the other channels",
         unsound=True,
     ),
+    "unjudged": Kind(
+        "Fit with another estimator too: that one is judged, and its sigmas hold.",
+        severity=Severity.DOUBT,
+        words="Nobody looked whether the experiments contradict each other",
+    ),
     "odd_samples": Kind(
         "See how the files were made: what most have in common is hardly an accident.",
         severity=Severity.DOUBT,

@@ -42,7 +42,7 @@ def widened(fit: Fit, shift: Mapping[str, float]) -> Fit:
     return replace(fit, parameters=parameters, covariance=covariance)
 
 
-def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array) -> Fit:
+def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array, before: Array) -> Fit:
     """Return the joint fit with what attenuation moves as it is beside couplings that are free of noise.
 
     Where the thrusters move the spacecraft along x and sideways at once, o_1 answers for what attenuated
@@ -60,14 +60,17 @@ def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array) -> Fit:
         The same with instruments.
     shift : ndarray, shape (P,)
         What is still expected of attenuation, SI; NaN where it cannot be told.
+    before : ndarray, shape (P,)
+        What was to be expected of it by least squares, likewise; what it hardly shifts stays as it is.
     """
-    names, before, after = list(joint.parameters), outcome.solution, freed.outcome.solution
+    names, least, after = list(joint.parameters), outcome.solution, freed.outcome.solution
     scale, moved, parameters = np.ones(len(names)), {}, dict(joint.parameters)
     for i, p in enumerate(outcome.parameters):
-        apart = (before.theta[i] - after.theta[i]) / before.sigma[i]
-        left = float(np.nan_to_num(shift[i])) / before.sigma[i]
-        if p.name in names and max(abs(apart), abs(left)) > NOTABLE:
-            wider = np.sqrt(max(after.sigma[i] / before.sigma[i], 1.0) ** 2 + apart**2 + left**2)
+        apart = (least.theta[i] - after.theta[i]) / least.sigma[i]
+        left = float(np.nan_to_num(shift[i])) / least.sigma[i]
+        shifted = not abs(before[i]) < NOTABLE * least.sigma[i]
+        if p.name in names and shifted and max(abs(apart), abs(left)) > NOTABLE:
+            wider = np.sqrt(max(after.sigma[i] / least.sigma[i], 1.0) ** 2 + apart**2 + left**2)
             sigma = joint.parameters[p.name].sigma * float(wider)
             parameters[p.name] = replace(parameters[p.name], value=float(after.theta[i]), sigma=sigma)
             scale[names.index(p.name)], moved[p.name] = wider, float(apart)

@@ -53,10 +53,13 @@ class Unattenuated:
         The fit, and which parameters have instruments.
     shift : ndarray, shape (P,)
         By how much such noise is expected to shift it still, see `expected_shift`.
+    before : ndarray, shape (P,)
+        By how much it is expected to shift least squares.
     """
 
     freed: couplings.Freed
     shift: Array
+    before: Array
 
 
 def unattenuated(outcome: Outcome, experiments: Sequence[Experiment]) -> Unattenuated:
@@ -69,13 +72,13 @@ def unattenuated(outcome: Outcome, experiments: Sequence[Experiment]) -> Unatten
     """
     weighed = weigh(outcome, experiments)
     floors = each(read_outs.noise, [w.experiment.sysid for w in weighed])
-    shift = expected_shift(outcome, weighed, floors)
-    told = zip(outcome.parameters, (shift / outcome.solution.sigma).tolist(), strict=True)
+    before = shift = expected_shift(outcome, weighed, floors)
+    told = zip(outcome.parameters, (before / outcome.solution.sigma).tolist(), strict=True)
     off = {p.name: by for p, by in told if not abs(by) < NEGLIGIBLE}
     freed = couplings.free(outcome, weighed, off)
     if freed.names:
         shift = expected_shift(freed.outcome, weighed, floors, freed.names)
-    return Unattenuated(freed, shift)
+    return Unattenuated(freed, shift, before)
 
 
 def cross_talk(

@@ -67,7 +67,7 @@ def convene(
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
         verdict.check_gains({e.name: outcome for e in kept}, kept)
-        return Agreed(outcome, tuple(kept), left_out, ())
+        return Agreed(outcome, tuple(kept), left_out, (_unjudged(chosen),))
     auto = chosen.scatter == ["auto"]
     while True:
         # a few that are wrong must not pass for gains that scatter; scatter without alarm is looked for too
@@ -95,6 +95,14 @@ def convene(
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
     return Agreed(outcome, tuple(kept), left_out, _told(voices, outcome, kept), voices)
+
+
+def _unjudged(chosen: Settings) -> FitWarning:
+    message = (
+        f"the sigmas of {chosen.estimator} are too small to judge by: whether the experiments contradict "
+        "each other was not looked at"
+    )
+    return FitWarning("unjudged", (), message)
 
 
 def _plainly(outcome: Outcome, experiments: Sequence[Experiment], chosen: Settings) -> Outcome:

@@ -9,6 +9,7 @@ from fit.estimate.attenuation import mended, widened
 from fit.results import Estimate, Fit
 
 NAMES = ("lambda_2", "delta_ifo_1", "delta_ifo_2")
+EXPECTED = np.array([0.02, np.nan, 0.02])  # of least squares
 
 
 def fit_of(names, sigma, correlation=0.0):
@@ -46,7 +47,7 @@ def test_what_cannot_be_told_is_withheld():
 def test_what_moves_is_as_it_is_beside_free_couplings():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]), 0.5)  # scatter has widened one of them
     before, freed = outcomes([0.98, 1.3, 1.005], [0.09, 0.12, 0.2])
-    found = mended(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3))
+    found = mended(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3), EXPECTED)
     assert found.parameters["lambda_2"] == Estimate(0.98, pytest.approx(0.1 * np.hypot(1, 0.2)), "1")
     assert found.parameters["delta_ifo_1"] == Estimate(1.3, pytest.approx(0.2 * np.hypot(1.2, 3)), "1")
     assert found.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]  # it has not moved
@@ -57,12 +58,16 @@ def test_what_moves_is_as_it_is_beside_free_couplings():
     (told,) = found.warnings
     assert (told.code, told.parameters) == ("instruments", ("lambda_2", "delta_ifo_1"))
     assert "lambda_2 (+0.2), delta_ifo_1 (-3.0)" in told.message
+    kept = mended(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3), np.zeros(3))
+    assert kept is joint  # what moved is chance: no shift was to be expected
 
 
 def test_without_instruments_nothing_moves():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]))
     before, same = outcomes([1.0] * 3, [0.1] * 3)
-    assert mended(joint, before, SimpleNamespace(names=set(), outcome=same), np.zeros(3)) is joint
-    left = mended(joint, before, SimpleNamespace(names=set(), outcome=same), np.array([0.0, 0.2, np.nan]))
+    assert mended(joint, before, SimpleNamespace(names=set(), outcome=same), np.zeros(3), EXPECTED) is joint
+    left = mended(
+        joint, before, SimpleNamespace(names=set(), outcome=same), np.array([0.0, 0.2, np.nan]), EXPECTED
+    )
     assert left.parameters["delta_ifo_1"] == Estimate(1.0, pytest.approx(0.2 * np.sqrt(5)), "1")
     assert left.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]

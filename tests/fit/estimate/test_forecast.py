@@ -173,7 +173,9 @@ def test_agrees_with_a_fit_of_the_whole_spacecraft():
     for name, sigma in sigmas(found).items():
         # the noise PSDs at the lowest frequencies make that of a stiffness scatter by 8 % from fit to fit
         scatters = name.startswith(("omega2", "alpha"))
-        assert told[name] == pytest.approx(sigma, rel=0.2 if scatters else 0.05), name
+        # and lambda_2 is given beside the instruments, with a sigma that holds how far these move it
+        within = 0.2 if scatters else 0.08 if name == "lambda_2" else 0.05
+        assert told[name] == pytest.approx(sigma, rel=within), name
 
 
 DRIVEN = {

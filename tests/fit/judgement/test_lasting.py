@@ -100,3 +100,4 @@ def test_a_run_by_itself_tells_its_lag():
 def test_nothing_is_told_where_no_noise_is_known():
     results = calibrate(late(("D4",), 1), settings({"estimator": "flscov"}))
     assert results.joint.unsound == ()
+    assert "unjudged" in {w.code for w in results.joint.warnings}
