@@ -73,9 +73,7 @@ class _Print:
 def matches(runs: Sequence[Run]) -> list[Match]:
     """Return every two runs, and the read-out, that hold the same noise."""
     found: list[Match] = []
-    shown = [n for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
-    silent = each(_is_silent, [runs[n] for n in shown])
-    heard = [(n, runs[n]) for n, is_silent in zip(shown, silent, strict=True) if not is_silent]
+    heard = [(n, run) for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
     for channel in ("o_1", "o_12"):
         prints = [made for made in each(partial(_print, channel), heard) if made is not None]
         for rate in sorted({p.rate for p in prints}):
@@ -85,7 +83,8 @@ def matches(runs: Sequence[Run]) -> list[Match]:
                 match = _match(same[i], same[j], channel)
                 if match is not None:
                     found.append(match)
-    return found
+    silent = {n: _is_silent(runs[n]) for match in found for n in (match.first, match.second)}
+    return [match for match in found if not (silent[match.first] or silent[match.second])]
 
 
 def _is_silent(run: Run) -> bool:

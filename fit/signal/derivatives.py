@@ -65,7 +65,7 @@ def apply_each(weights: Array, x: Array) -> Array:
     for i in range(_AT_ONCE):
         shifted[:, i, i : i + size] = weights
     found = pieces @ shifted.reshape(K * _AT_ONCE, -1).T
-    return np.stack([part.reshape(-1)[:n] for part in np.hsplit(found, K)])
+    return np.ascontiguousarray(found.reshape(rows, K, _AT_ONCE).swapaxes(0, 1)).reshape(K, -1)[:, :n]
 
 
 def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -25,7 +24,7 @@ from fit.results import Results
 from fit.settings import Settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from fit.threads import alone
+from fit.threads import alone, one_thread
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
@@ -224,7 +223,6 @@ def _outcomes(
         with cluster.connected(scheduler) as connection:
             yield from connection.results(trial, work, items, fmus)
         return
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each processor does better
     tasks = {name: (number, fmus) for name, number in items.items()}
     yield from workers.results(setting, tasks, jobs or runner.processors())
 
@@ -247,6 +245,7 @@ def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
 # In a process of its own, or of a cluster --------------------------------------------------------------
 
 
+@one_thread
 def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None = None) -> Line:
     """Simulate campaign `number`, through FMUs if there are any, and fit it.
 

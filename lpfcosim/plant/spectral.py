@@ -143,10 +143,12 @@ def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> tuple
     G = planning.transfer(s, run.h, f, rows) @ shares * np.sqrt(psd)[:, None, :]
     # What depends on the channels before it, as a command on its error, adds no direction but that of
     # rounding, another one at every frequency. What came after it could not be interpolated.
-    own, whole = np.abs(np.diagonal(_triangle(G), axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
+    L = _triangle(G)
+    own, whole = np.abs(np.diagonal(L, axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
     depends = np.all(own <= DEPENDENT * whole, axis=0)
     order = [int(i) for i in np.argsort(depends, kind="stable")]
-    L = _triangle(G[:, order])  # of one kind at all frequencies
+    if order != sorted(order):
+        L = _triangle(G[:, order])  # of one kind at all frequencies
     diagonal = np.diagonal(L, axis1=1, axis2=2)
     size = np.abs(diagonal)
     phase = np.where(size > 0, diagonal.conj() / np.where(size > 0, size, 1.0), 1.0)
