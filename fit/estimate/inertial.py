@@ -36,7 +36,7 @@ from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
 from fit.telemetry import Telemetry, common_x_axis
 from fit.warnings import FitWarning
-from fit.weighing import check_left, linear, shapes, smooth_noise, weights
+from fit.weighing import Left, check_left, linear, shapes, smooth_noise, weights
 
 Array = NDArray[np.float64]
 
@@ -200,8 +200,8 @@ class _Turning:
         c, share = np.array([1.0, *theta]), np.eye(theta.size)
         taken = np.eye(c.size, theta.size, k=-1), covariance
         if self._model is None:
-            self._model = smooth_noise(self._terms, c, taken, None)
-        self._model = smooth_noise(self._terms, c, taken, self._model)
+            self._model = smooth_noise(Left(self._terms, c, taken), None)
+        self._model = smooth_noise(Left(self._terms, c, taken), self._model)
         terms = self._terms
         U, _left = linear.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]

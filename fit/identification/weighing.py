@@ -12,7 +12,7 @@ from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
 from fit.model import dynamics, wander
 from fit.signal import NoiseModel, Spectra, spectra
-from fit.weighing import Experiment, Likelihood, Run, linear, smooth_noise, weights
+from fit.weighing import Experiment, Left, Likelihood, Run, linear, smooth_noise, weights
 
 Array = NDArray[np.float64]
 
@@ -260,12 +260,12 @@ class Simulated:
     def _smooth(self, terms: Spectra, left: Sequence[Array], covariance: Array) -> NoiseModel:
         """Return the PSD of the noise run, or without one of the residual itself."""
         try:
-            if self._noise:
-                quiet = self._noise.transformed([left[1]])
-                return smooth_noise(quiet, np.ones(1), None, self._model)
             size = len(self._share)
             taken = (np.eye(size + 1, size, k=-1), self._share @ covariance @ self._share.T)
-            return smooth_noise(terms, np.eye(1 + size)[0], taken, self._model)
+            own = Left(terms, np.eye(1 + size)[0], taken)
+            if not self._noise:
+                return smooth_noise(own, self._model)
+            return smooth_noise(Left(self._noise.transformed([left[1]]), np.ones(1)), self._model, own)
         except FitError as error:
             run = (self._noise or self._sysid).telemetry.run
             raise FitError(

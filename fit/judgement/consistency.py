@@ -35,8 +35,8 @@ Flags = NDArray[np.bool_]
 
 OFF = 1.5  # factor between noise and its model from which one is no measure of the other
 _NULL = 1e-10  # information relative to the largest, below which a run does not see a direction
-#: Share of a run in what the joint fit knows of a direction: from which it leans on it, to which others tell.
-LEVERAGE = 0.005, 0.5
+LEVERAGE = 0.5  # share of a run in what the joint fit knows of a direction, up to which others tell it
+HARMLESS = 1.0  # sigma by which what a run tells of a direction may move the joint fit
 HELD = 1e-3  # root of the information, in units of the weak prior's, below which a direction counts as held
 
 
@@ -161,7 +161,7 @@ def voice(
     level = _level(block, c)
     W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
     spread = None if covariance is None else block.share @ linear.rooted(covariance).T
-    W = _believed(block, of_run, W @ H[1:] @ gradient, spread) @ W
+    W = _believed(block, of_run, W @ score, W @ H[1:] @ gradient, spread) @ W
     knots, of_knots = _knots(block, W)
     return Voice(
         name=experiment.name,
@@ -178,7 +178,7 @@ def voice(
     )
 
 
-def _believed(block: linear.Block, of_run: Array, slope: Array, spread: Array | None) -> Array:
+def _believed(block: linear.Block, of_run: Array, z: Array, slope: Array, spread: Array | None) -> Array:
     """Return the directions of z, shape (L, N), in which a signal speaks and not noise in the regressors.
 
     What motion and torques add is left out: noise in its read-outs attenuates it, in every run differently.
@@ -203,7 +203,7 @@ def _believed(block: linear.Block, of_run: Array, slope: Array, spread: Array | 
     Q = _range(told - doubted @ (doubted.T @ told))
     if spread is not None:
         weight = np.linalg.norm(Q.T @ slope @ spread, axis=1) ** 2
-        Q = Q[:, (weight < LEVERAGE[0]) | (weight > LEVERAGE[1])]
+        Q = Q[:, (weight * (Q.T @ z) ** 2 < HARMLESS**2) | (weight > LEVERAGE)]
     blind = np.hstack([doubted, Q])
     if not blind.size:
         return np.eye(len(slope))

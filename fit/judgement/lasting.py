@@ -8,7 +8,7 @@ known; the sum over the runs tells it where none of them does by itself.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Faults = Callable[[Experiment, dynamics.Columns, Array], Array]
 
 ALARM = 1e-4  # p-value of all faults of one kind together
+COMMON = 3.0  # sigma, by which a fault stands out of the runs without any one of them: one alone is odd
 HARMLESS = 0.4  # s, up to which an o_1 that is late moves delta_ifo by about a sigma at most
 ROUNDING = 1e-9  # share of what a fault adds that must be left beside the parameters
 #: What may drift, its unit, and what multiplies it in Delta g, by columns of `dynamics.Columns`.
@@ -45,10 +46,13 @@ class Amount:
     ----------
     value, sigma : float
         In its own unit.
+    least : float
+        What is left of it without that run without which least is left, in sigmas.
     """
 
     value: float
     sigma: float
+    least: float = np.inf
 
     @property
     def z(self) -> float:
@@ -56,8 +60,8 @@ class Amount:
         return abs(self.value) / self.sigma
 
     def stands_out(self, among: int) -> bool:
-        """Return whether chance makes none of so many amounts as large."""
-        return bool(among * 2 * scipy.stats.norm.sf(self.z) < ALARM)
+        """Return whether neither chance makes one of so many amounts as large, nor one run."""
+        return bool(among * 2 * scipy.stats.norm.sf(self.z) < ALARM and self.least > COMMON)
 
 
 def drifts(experiments: Sequence[Experiment], outcome: Outcome) -> dict[str, Amount]:
@@ -137,8 +141,17 @@ class _Sums:
 
     EE: Array
     GE: Array
+    GG: Array
     Er: Array
     Gr: Array
+
+    def beside(self, rows: Array, off: Array) -> tuple[Array, Array]:
+        """Return score and information of the faults beside the parameters and what is known of these."""
+        held = linear.FLOOR * np.eye(len(self.GG))  # what no run tells
+        moved = np.linalg.solve(self.GG + rows.T @ rows + held, self.GE)
+        left = np.diag(self.EE - self.GE.T @ moved)
+        told = left > ROUNDING * np.diag(self.EE)
+        return self.Er - moved.T @ (self.Gr + rows.T @ off), np.where(told, left, 0.0)
 
 
 def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults) -> list[Amount | None]:
@@ -147,23 +160,26 @@ def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults
     if not told:
         return []
     theta, width = outcome.solution.theta, np.array([p.prior_sigma for p in outcome.parameters])
-    found = each(lambda one: _sums(*one, theta, width, faults), told)
-    EE, GE, Er, Gr = (sum(getattr(s, name) for s in found) for name in ("EE", "GE", "Er", "Gr"))
+    runs = each(lambda one: _sums(*one, theta, width, faults), told)
     blocks = [block for _, block in told]
     information, scores = (np.diag(of(blocks, theta)) for of in (linear.information, linear.scores))
-    rows, off = _known(outcome, width)
-    H = width[:, None] * linear.information(blocks, theta) * width + rows.T @ rows
-    beside = np.linalg.solve(H, GE)
-    left = np.diag(EE - GE.T @ beside)
-    score = Er - beside.T @ (Gr + rows.T @ off)
     telling = information > 0
     windowed = float(np.sqrt(np.mean(scores[telling] / information[telling])))
+    known = _known(outcome, width)
+    score, left = _sum(runs).beside(*known)
+    least = np.full(score.size, np.inf)
+    for i in range(len(runs)) if len(runs) > 1 else ():
+        rest, seen = _sum([*runs[:i], *runs[i + 1 :]]).beside(*known)
+        alike = -rest * np.sign(-score) / np.sqrt(np.where(seen, seen, np.inf))
+        least = np.minimum(least, alike / windowed)
     return [
-        Amount(-float(score[k] / left[k]), windowed * float(left[k]) ** -0.5)
-        if left[k] > ROUNDING * EE[k, k]
-        else None
-        for k in range(len(left))
+        Amount(-float(s / of), windowed * float(of) ** -0.5, float(z)) if of else None
+        for s, of, z in zip(score, left, least, strict=True)
     ]
+
+
+def _sum(runs: Sequence[_Sums]) -> _Sums:
+    return _Sums(*(sum(getattr(run, f.name) for run in runs) for f in fields(_Sums)))
 
 
 def _known(outcome: Outcome, width: Array) -> tuple[Array, Array]:
@@ -190,4 +206,5 @@ def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Arra
     E = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
     U = linear.stacked(block.columns) * weights
     G, r = U @ (block.gradient(theta) * width), U @ c
-    return _Sums(E.T @ E, G.T @ E, E.T @ r, G.T @ r)
+    GG = width[:, None] * linear.information([block], theta) * width
+    return _Sums(E.T @ E, G.T @ E, GG, E.T @ r, G.T @ r)

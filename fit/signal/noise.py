@@ -84,7 +84,7 @@ def _knots(of_f: bytes) -> Array:
     return knots
 
 
-def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
+def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
     """Fit a noise model to a periodogram by maximum (Whittle) likelihood.
 
     Minimises ``sum dof log S + power / S``, convex in the logarithms; Fisher scoring.
@@ -95,6 +95,8 @@ def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
         Frequencies [Hz] and periodogram.
     dof : ndarray, shape (B,)
         Expected power over S: 1, less what a fit has already taken out of the bin.
+    below : int
+        How many of the first bins lie below the first knot.
 
     Raises
     ------
@@ -104,9 +106,8 @@ def fit_noise(f: Array, power: Array, dof: Array) -> NoiseModel:
     level = float(np.mean(power))
     if not (math.isfinite(level) and level > 0):
         raise FitError("the residual carries no noise whose PSD could weigh the data")
-    of_f = f.tobytes()
-    knots = _knots(of_f)
-    basis, products = _basis(knots.tobytes(), of_f)
+    knots = _knots(f[below:].tobytes())
+    basis, products = _basis(knots.tobytes(), f.tobytes())
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
     values = np.asarray(np.linalg.solve(products, basis.T @ start), dtype=np.float64)
     fisher: Array = (basis * dof[:, None]).T @ basis

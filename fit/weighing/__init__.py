@@ -6,7 +6,17 @@ the noise PSD that the partner tells. A block holds all of chi^2 of a run in a s
 
 from fit.weighing.likelihood import NU, Likelihood, Weights, expected_weights, weights
 from fit.weighing.linear import Block
-from fit.weighing.runs import SHORTEST, Experiment, Run, check_left, divide, noise_model, pair, smooth_noise
+from fit.weighing.runs import (
+    SHORTEST,
+    Experiment,
+    Left,
+    Run,
+    check_left,
+    divide,
+    noise_model,
+    pair,
+    smooth_noise,
+)
 from fit.weighing.shapes import Glitch, Shape
 from fit.weighing.tones import drives, single_tone
 
@@ -16,6 +26,7 @@ __all__ = [
     "Block",
     "Experiment",
     "Glitch",
+    "Left",
     "Likelihood",
     "Run",
     "Shape",

@@ -24,6 +24,7 @@ LEAST = 0.3  # share of a run that gaps and their flanks must leave
 CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
+SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
 TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
 
@@ -246,6 +247,8 @@ def noise_model(
 ) -> NoiseModel:
     """Fit the noise PSD to the residual of the noise run or, without one, of the run itself.
 
+    See `smooth_noise` for a run that is longer than its noise run.
+
     Parameters
     ----------
     experiment : Experiment
@@ -257,23 +260,19 @@ def noise_model(
     previous : NoiseModel or None
         Weights of the projection of constant and ramp; None to begin with.
     """
-    run = experiment.noise or experiment.sysid
-    terms = run.spectra(dynamics.delays(theta))
-    # a noise run may carry other read-outs of spacecraft motion than the sysid run
-    values = dict(zip(experiment.parameters, theta, strict=True))
-    of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
-    c, taken = dynamics.coefficients(of_run, terms.tau), None
+    own = _left(experiment.sysid, theta, experiment.parameters)
+    own = replace(own, taken=(dynamics.gradient(theta, own.terms.tau), covariance))
     if experiment.noise is None:
-        taken = dynamics.gradient(theta, terms.tau), covariance
-    return smooth_noise(terms, c, taken, previous)
+        return smooth_noise(own, previous)
+    # a noise run may carry other read-outs of spacecraft motion than the sysid run
+    return smooth_noise(_left(experiment.noise, theta, experiment.parameters), previous, own)
 
 
-def smooth_noise(
-    terms: Spectra, c: Array, taken: tuple[Array, Array] | None, previous: NoiseModel | None
-) -> NoiseModel:
-    """Fit the noise PSD to the residual of a run, once more with its own weights if there were none.
+@dataclass(frozen=True)
+class Left:
+    """What is left of a run.
 
-    Parameters
+    Attributes
     ----------
     terms : Spectra
         The run.
@@ -281,18 +280,52 @@ def smooth_noise(
         Coefficients of its first K columns in the residual.
     taken : tuple of ndarray, shapes (K, P) and (P, P), or None
         Gradient of `c` and covariance of a fit to this very run: what that takes out is given back.
+    """
+
+    terms: Spectra
+    c: Array
+    taken: tuple[Array, Array] | None = None
+
+    def power(self, previous: NoiseModel | None) -> Array:
+        """Return the periodogram and its expectation over the PSD, shape (2, B)."""
+        terms, c = self.terms, self.c
+        S = previous(terms.f) if previous else np.ones(terms.f.size)
+        z, left = linear.whiten(terms.summed(c), S)
+        if self.taken:
+            gradient, covariance = self.taken
+            rows = linear.whiten(terms, S)[0][:, : c.size] @ gradient
+            left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
+        return np.stack([np.abs(z[:, 0]) ** 2 * S / 2, np.maximum(left, 0)])
+
+
+def _left(run: Run, theta: Array, names: Sequence[str]) -> Left:
+    """Return what parameters of these names leave of a run."""
+    terms = run.spectra(dynamics.delays(theta))
+    values = dict(zip(names, theta, strict=True))
+    of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
+    return Left(terms, dynamics.coefficients(of_run, terms.tau))
+
+
+def smooth_noise(left: Left, previous: NoiseModel | None, longer: Left | None = None) -> NoiseModel:
+    """Fit the noise PSD to the residual of a run, once more with its own weights if there were none.
+
+    Parameters
+    ----------
+    left : Left
+        Of the run.
     previous : NoiseModel or None
         See `noise_model`.
+    longer : Left, optional
+        Of a run with the same noise. What it has below the first bin of the other tells the slower noise:
+        one that is taken for too quiet there would outweigh everything.
     """
-    S = previous(terms.f) if previous else np.ones(terms.f.size)
-    z, left = linear.whiten(terms.summed(c), S)
-    power = np.abs(z[:, 0]) ** 2 * S / 2
-    if taken:
-        gradient, covariance = taken
-        rows = linear.whiten(terms, S)[0][:, : c.size] @ gradient
-        left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
-    model = fit_noise(terms.f, power, np.maximum(left, 0))
-    return model if previous else smooth_noise(terms, c, taken, model)
+    f, (power, dof) = left.terms.f, left.power(previous)
+    slower = longer.terms.f[longer.terms.f < SLOWER * f[0]] if longer else f[:0]
+    if longer and slower.size:
+        f = np.concatenate([slower, f])
+        power, dof = np.hstack([longer.power(previous)[:, : slower.size], [power, dof]])
+    model = fit_noise(f, power, dof, slower.size)
+    return model if previous else smooth_noise(left, model, longer)
 
 
 def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:

@@ -78,21 +78,26 @@ def test_a_noise_model_of_few_degrees_of_freedom_takes_nothing_for_sure():
     assert np.mean([Squares(s, 5, 20.0).p < 0.05 for s in sums[:4000]]) == pytest.approx(0.05, abs=0.014)
 
 
-def test_gain_against_stiffness_of_a_tone_is_heard_where_it_weighs():
+def test_gain_against_stiffness_of_a_tone_is_heard_where_it_moves_the_joint_fit():
     runs = [run for authority in "ABC" for run in synthetic.pair(World(), authority)]
     runs += synthetic.pair(World(), "D", tones_12=(3.333e-3,), tones_1=())
     experiments = pair(runs)
     outcome = fit_joint(experiments, settings())
-    theta, covariance = outcome.solution.theta, outcome.solution.covariance
+    covariance = outcome.solution.covariance
     *_, tone = zip(experiments, outcome.blocks, strict=True)
-    quiet, leant_on = (consistency.voice(*tone, theta, covariance * by) for by in (1, 30))
-    assert len(quiet.z) == len(consistency.voice(*tone, theta).z) == len(leant_on.z) - 1
+    agreeing = consistency.voice(*tone, outcome.solution.theta, covariance)
+    theta = outcome.solution.theta.copy()
+    theta[[p.name for p in outcome.parameters].index("omega2_2_0")] += 1e-5  # s-2
+    light, leant_on, only = (consistency.voice(*tone, theta, covariance * by) for by in (1e-4, 1, 100))
+    alone = consistency.voice(*tone, theta)
+    for other in (agreeing, alone, light, only):
+        assert len(other.z) == len(leant_on.z) - 1
     # at the tone nothing changes if the gain follows the stiffness; the rest of the run tells
     stiffness, gain = (
-        dict(zip(quiet.names, quiet.theta, strict=True))[name] for name in ("omega2_2", "lambda_2")
+        dict(zip(light.names, light.theta, strict=True))[name] for name in ("omega2_2", "lambda_2")
     )
     follows = gain / (stiffness - (2 * np.pi * tone[1].tone) ** 2)
-    for voice, told in ((quiet, False), (leant_on, True)):
+    for voice, told in ((light, False), (leant_on, True)):
         along = voice.along("omega2_2") + follows * voice.along("lambda_2")
         assert (np.linalg.norm(along) > 1e-3 * np.linalg.norm(voice.along("omega2_2"))) == told
 

@@ -97,6 +97,14 @@ def test_a_run_by_itself_tells_its_lag():
     assert lasting.own_lag(spoilt, of_spoilt, 13).startswith("o_1 is late by ")
 
 
+def test_what_drifts_in_one_run_is_not_in_common():
+    one = [b if b.experiment == "B4" else a for a, b in zip(runs(), runs(softening), strict=True)]
+    experiments, outcome = jointly(one)
+    of = lasting.drifts(experiments, outcome)["omega2_2"]
+    assert of.z > 5 > 3 > of.least
+    assert not of.stands_out(len(lasting.DRIFTING))
+
+
 def test_nothing_is_told_where_no_noise_is_known():
     results = calibrate(late(("D4",), 1), settings({"estimator": "flscov"}))
     assert results.joint.unsound == ()

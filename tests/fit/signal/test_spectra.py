@@ -179,6 +179,20 @@ def test_noise_model_goes_on_straight_below_the_first_bin():
     assert model(np.array([1e-6])) == pytest.approx([1e-30 * 1e12], rel=1e-6)
 
 
+def test_noise_model_takes_in_what_lies_below_the_first_knot():
+    f = np.arange(1, 2161) / 21600
+    power = shape(f)
+    power[:3] *= 0.02  # chance has made them quiet; they alone would tell how quiet all that is slower is
+    slow = np.arange(1, 9) / 216000
+    alone = fit_noise(f, power, np.ones(f.size))
+    model = fit_noise(
+        *(np.concatenate(x) for x in ((slow, f), (shape(slow), power), (np.ones(8), np.ones(f.size)))), 8
+    )
+    assert np.array_equal(model.knots, alone.knots)
+    assert np.any(alone.expected(slow) < 0.1 * shape(slow))
+    assert np.abs(np.log(model(slow) / shape(slow))).max() < 0.7
+
+
 def test_noise_model_is_the_same_whatever_was_fitted_before():
     short, other = np.arange(1, 2161) / 21600, np.arange(1, 2161) / 43200
     first = fit_noise(short, shape(short), np.ones(2160))
