@@ -1,8 +1,9 @@
 """Which runs are left out for the sake of the others, and what is said of those that stay.
 
 Runs agree if no sum of squares of `consistency` is more than noise makes it: T over all runs; what falls away
-from it with one run, with one parameter of one run set free, and with one parameter set free in every run.
-Each of the four kinds may raise one false alarm in 1 / ALARM campaigns, shared evenly among its members.
+from it with one run, with one parameter of one run set free, with one parameter set free in every run, and
+with one fault that all runs of an authority or an epoch share (`groups`). Each of the five kinds may
+raise one false alarm in 1 / ALARM campaigns, shared evenly among its members.
 
 Where runs do not agree, the fewest are looked for without which the others do. Several choices may do that
 equally well (two runs alone share a parameter, say): then all of them are left out. At least half of the runs
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from fit.estimate import Outcome, departures, hierarchy
 from fit.inspection import LeftOut
 from fit.judgement.consistency import HELD, Regression, Squares
+from fit.judgement.groups import Groups, Shift, shifts
 from fit.paper import FLIGHT
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -93,10 +95,13 @@ class Odd:
         All that may be the odd ones.
     fewest : int
         How many of them it takes.
+    alike : bool
+        Whether one fault that they share explains it.
     """
 
     left_out: tuple[int, ...]
     fewest: int
+    alike: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,9 +138,16 @@ class Agreed:
         return {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
 
 
-def agree(voices: Regression) -> bool:
-    """Return whether nothing but noise is between the runs."""
-    return not any(p < ALARM for p in _shared_out(voices))
+def agree(voices: Regression, groups: Groups = ()) -> bool:
+    """Return whether nothing but noise is between the runs; `groups` may be wrong for one reason."""
+    return not any(p < ALARM for p in _shared_out(voices)) and not alike(voices, groups)
+
+
+def alike(voices: Regression, groups: Groups) -> list[Shift]:
+    """Return the faults that groups of runs seem to share, the likeliest first."""
+    found = shifts(voices, groups)
+    told = (s for s in found if len(found) * s.taken.p < ALARM)
+    return sorted(told, key=lambda s: float(f"{s.excess:.3g}"))  # the last digits are those of a machine
 
 
 def _shared_out(voices: Regression) -> Iterable[float]:
@@ -154,27 +166,38 @@ def _shared_out(voices: Regression) -> Iterable[float]:
     yield max(1, len(every)) * min(every, default=1.0)
 
 
-def odd_ones(voices: Regression, groups: Iterable[tuple[int, ...]] = ()) -> Odd | None:
+def odd_ones(voices: Regression, groups: Groups = ()) -> Odd | None:
     """Find the fewest runs without which the others agree; None if nobody can tell.
 
     Parameters
     ----------
     voices : Regression
         Of all runs.
-    groups : iterable of tuple of int
-        Runs that may be wrong for one reason, and so count as `GROUP`: those of one authority or epoch.
+    groups : collection of frozenset of str
+        Runs, by name, that may be wrong for one reason, those of one authority or epoch: as one if a single
+        fault explains them, as `GROUP` otherwise.
     """
     runs = range(len(voices.voices))
     most = (len(runs) - 1) // 2
     sums = _Sums(voices)
+    together = [tuple(i for i in runs if voices.voices[i].name in group) for group in groups]
+    others = {tuple(i for i in runs if i not in members) for members in together if len(members) <= most}
+    # most of the runs too: of what they share nobody can tell; if against one group only, they are believed
+    explained = [s for s in alike(voices, groups) if s.left.p > HOPELESS and s.members not in others]
+    shared = {s.members: s.left for s in reversed(explained)}
     for size in range(1, most + 1):
         if math.comb(len(runs), size) > SEARCHED:
             return None
-        sets = {*combinations(runs, size), *(g for g in groups if size == GROUP and len(g) <= most)}
-        found = _equally_good(voices, {chosen: sums.without(chosen) for chosen in sets})
-        if found:
-            together = tuple(sorted({i for chosen in found for i in chosen}))
-            return _sane(voices, Odd(together, len(found[0])), most)
+        sets = {*combinations(runs, size), *(g for g in together if size == GROUP and 0 < len(g) <= most)}
+        found = _equally_good(voices, shared | {chosen: sums.without(chosen) for chosen in sets}, groups)
+        # what some of a group explain too is no reason to keep the others: nothing tells that they are right
+        kept = [c for c in found if c in shared or not any({*fewer} < {*c} for fewer in found)]
+        if kept:
+            everyone = tuple(sorted({i for chosen in kept for i in chosen}))
+            left = shared.get(everyone)
+            left = left if left and left.p > ORDINARY else None
+            odd = Odd(everyone, len(kept[0]), alike=left is not None)
+            return odd if _sane(voices, odd, left, groups) else None
     return None
 
 
@@ -199,7 +222,9 @@ class _Sums:
         return Squares(float(self._squares[kept].sum()) - taken, dof)
 
 
-def _equally_good(voices: Regression, rest: Mapping[tuple[int, ...], Squares]) -> list[tuple[int, ...]]:
+def _equally_good(
+    voices: Regression, rest: Mapping[tuple[int, ...], Squares], groups: Groups
+) -> list[tuple[int, ...]]:
     """Return the choices without which the others agree, as far as they are about as likely as the best.
 
     `rest` has what T is without them.
@@ -209,20 +234,23 @@ def _equally_good(voices: Regression, rest: Mapping[tuple[int, ...], Squares]) -
     for chosen in sorted(excess, key=excess.__getitem__):
         if found and excess[chosen] > excess[found[0]] + MARGIN:
             break
-        if agree(voices.without(chosen)):
+        if agree(voices.without(chosen), groups):
             found.append(chosen)
-    return [chosen for chosen in found if not any({*fewer} < {*chosen} for fewer in found)]
+    return found
 
 
-def _sane(voices: Regression, odd: Odd, most: int) -> Odd | None:
-    """Return the odd ones unless they are too many or not all, or gains that scatter explain as much."""
+def _sane(voices: Regression, odd: Odd, shared: Squares | None, groups: Groups) -> bool:
+    """Return whether the odd ones are not too many, and all, and gains that scatter do not explain as much.
+
+    `shared` is what one fault that all of them share leaves of T.
+    """
     rest = voices.without(odd.left_out)
-    if len(odd.left_out) > most or rest.whole.p < ORDINARY or not agree(rest):
-        return None
-    told = voices.whole.dof - rest.whole.dof + odd.fewest * (ODD + ANYTHING)
-    limit = rest.whole.value + told + PENALTY
+    if 2 * len(odd.left_out) >= len(voices.voices) or rest.whole.p < ORDINARY or not agree(rest, groups):
+        return False
+    left, causes = (shared, 1) if shared else (rest.whole, odd.fewest)
+    limit = left.value + voices.whole.dof - left.dof + causes * (ODD + ANYTHING) + PENALTY
     scattered = (voices.whole.value - s.gain for s in scattering(voices))
-    return None if min(scattered, default=np.inf) < limit else odd
+    return min(scattered, default=np.inf) >= limit
 
 
 def scattering(voices: Regression, kinds: Iterable[Kinds] = SCATTERING) -> list[Scattering]:

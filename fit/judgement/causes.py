@@ -111,7 +111,7 @@ class _Cause:
 
 
 @dataclass(frozen=True)
-class _Direction:
+class Direction:
     """A direction in which a cause moves the parameters of a run.
 
     Attributes
@@ -176,7 +176,7 @@ def _causes(case: Case) -> Iterator[_Cause]:
 def _of_directions(case: Case) -> Iterator[_Cause]:
     """Try what moves parameters of the run."""
     voice, whole = case.voice, case.voices.of_run(case.at)
-    for direction in _DIRECTIONS:
+    for direction in DIRECTIONS:
         column = case.voices.column(case.at, voice.answer @ voice.gradient @ direction.of(case.expected))
         test = case.voices.of_columns(column)
         if test.dof:
@@ -257,7 +257,7 @@ def _scaled(channel: str, factor: float, sigma: float) -> str:
     return f"its {channel} is {factor:.6g} ± {sigma:.1g} times what it should be"
 
 
-def _force(j: int) -> _Direction:
+def _force(j: int) -> Direction:
     """Return the scale of a commanded force: a gain that is really another looks the same."""
 
     def words(t: float, sigma: float, case: Case) -> str:
@@ -265,10 +265,10 @@ def _force(j: int) -> _Direction:
         scaled = _scaled(f"f_x_{j}", 1 / (1 + t), sigma / (1 + t) ** 2)
         return f"{scaled}, its lambda_{j} being really {gain:.6g}"
 
-    return _Direction({f"lambda_{j}": 1.0, f"C_{j}": 1.0}, {}, words)
+    return Direction({f"lambda_{j}": 1.0, f"C_{j}": 1.0}, {}, words)
 
 
-def _delay(j: int) -> _Direction:
+def _delay(j: int) -> Direction:
     """Return the lag of a commanded force in the file: it acts earlier than it should."""
 
     def words(t: float, sigma: float, case: Case) -> str:
@@ -276,10 +276,10 @@ def _delay(j: int) -> _Direction:
         when = "late" if t < 0 else "early"
         return f"its f_x_{j} is {when} by {abs(t) / gain:.3g} ± {sigma / gain:.1g} s"
 
-    return _Direction({}, {f"C_{j}": 1.0}, words)
+    return Direction({}, {f"C_{j}": 1.0}, words)
 
 
-def _stiffness(j: int) -> _Direction:
+def _stiffness(j: int) -> Direction:
     """Return a stiffness that is not that of the authority in the file."""
 
     def words(t: float, sigma: float, case: Case) -> str:
@@ -292,23 +292,23 @@ def _stiffness(j: int) -> _Direction:
         told.append(f"its stiffness omega2_{j} differs by {t:.3g} ± {sigma:.1g} s-2 from what that makes it")
         return ", or ".join(told)
 
-    return _Direction({}, {"omega2_2": 1.0, "domega2_12": 1.0} if j == 2 else {"domega2_12": -1.0}, words)
+    return Direction({}, {"omega2_2": 1.0, "domega2_12": 1.0} if j == 2 else {"domega2_12": -1.0}, words)
 
 
-_DIRECTIONS = (
+DIRECTIONS = (
     _force(2),
     _force(1),
-    _Direction(
+    Direction(
         {"lambda_1": 1.0, "lambda_2": 1.0, "C_1": 1.0, "C_2": 1.0, "domega2_12": 1.0, "delta_ifo": 1.0},
         {},
         lambda t, sigma, _: _scaled("o_12", 1 + t, sigma),
     ),
-    _Direction(
+    Direction(
         {"domega2_12": 1.0, "delta_ifo": 1.0},
         {},
         lambda t, sigma, _: _scaled("o_1", 1 / (1 + t), sigma / (1 + t) ** 2),
     ),
-    _Direction(  # f'' of true time is that of the file's time over (1 + t)^2
+    Direction(  # f'' of true time is that of the file's time over (1 + t)^2
         {"lambda_1": 2.0, "lambda_2": 2.0, "C_1": 1.0, "C_2": 1.0, "omega2_2": 2.0, "domega2_12": 2.0},
         {},
         lambda t, sigma, _: f"its samples are {1 + t:.7g} ± {sigma:.1g} times as far apart as its time says",
@@ -317,7 +317,7 @@ _DIRECTIONS = (
     _delay(1),
     _stiffness(2),
     _stiffness(1),
-    _Direction(
+    Direction(
         {},
         {"delta_ifo": 1.0},
         lambda t, sigma, _: f"its delta_ifo differs by {t:.3g} ± {sigma:.1g} from that of its epoch",

@@ -18,6 +18,7 @@ from fit.inspection import LeftOut, Tells, samples
 from fit.judgement.agreement import ALARM, Agreed, Odd
 from fit.judgement.causes import ALIKE, TOLD, Case, exchanged, named
 from fit.judgement.consistency import Regression, voiced
+from fit.judgement.groups import named_alike
 from fit.judgement.hypotheses import Hypothesis, of_all
 from fit.judgement.parts import parts
 from fit.judgement.trial import Trial
@@ -201,13 +202,20 @@ def of_odd(voices: Regression, odd: Odd, court: Court) -> tuple[LeftOut, ...]:
     )
     if odd.fewest < len(names):
         said += f"; {odd.fewest} of {who} may be wrong and the rest right, the data do not tell which"
-    found = []
+    found, shared = [], ""
+    if odd.alike:
+        first, *more = odd.left_out
+        authorities = {court.experiments[i].sysid.telemetry.authority for i in odd.left_out}
+        case = court.case(voices, first, more)
+        shared = named_alike(voices, odd.left_out, case, one_authority=len(authorities) == 1)
     for i, name in zip(odd.left_out, names, strict=True):
         others = [k for k in odd.left_out if k != i]
         case = court.case(voices, i, others)
         perhaps = ""
         if len(others) == 1 and (labels := exchanged(court.case(voices, i), others[0])):
             cause = f"{who}: each fits with the {labels} of the other, their data look exchanged"
+        elif shared:
+            cause = perhaps = f"{who} alike: perhaps {shared}"
         else:
             likely = "" if case.agrees else named(case)
             cause = perhaps = f"{name}: perhaps {likely}" if likely else ""

@@ -19,6 +19,7 @@ from fit.judgement.agreement import (
     LEANS,
     Agreed,
     agree,
+    alike,
     leaning,
     odd_ones,
     scattering,
@@ -73,19 +74,19 @@ def convene(
         # a few that are wrong must not pass for gains that scatter; scatter without alarm is looked for too
         plain = _plainly(outcome, kept, chosen)
         voices = regression(kept, plain)
-        if agree(voices):
+        if agree(voices, groups := _groups(kept)):
             if auto and plain is outcome and scattering(voices, ALONE):
                 outcome = _scattered(kept, chosen) or plain
             voices = voices if plain is outcome else regression(kept, outcome)
             break
         blocks = _centred(kept, alone, plain)
         voices = voiced(kept, blocks, plain)
-        odd = odd_ones(voices, _groups(kept))
+        odd = odd_ones(voices, groups)
         if odd is None:
             if auto and plain is outcome and scattering(voices):
                 outcome = _scattered(kept, chosen) or plain
             voices = regression(kept, outcome)
-            if not agree(voices):
+            if not agree(voices, groups):
                 return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
             break
         out = of_odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
@@ -199,14 +200,14 @@ def _misfitting(why: Mapping[str, str], then: str) -> tuple[LeftOut, ...]:
     return tuple(LeftOut(name, f"{words}, and with it {then}", tells="misfit") for name, words in why.items())
 
 
-def _groups(experiments: Sequence[Experiment]) -> list[tuple[int, ...]]:
-    """Return the numbers of the runs of each authority and of each alignment epoch."""
-    found: dict[object, list[int]] = {}
-    for i, e in enumerate(experiments):
+def _groups(experiments: Sequence[Experiment]) -> list[frozenset[str]]:
+    """Return the runs of each authority and of each alignment epoch, by name."""
+    found: dict[object, list[str]] = {}
+    for e in experiments:
         run = e.sysid.telemetry
         for key in (run.authority, run.alignment_epoch):
-            found.setdefault(key, []).append(i)
-    return [tuple(group) for group in found.values()]
+            found.setdefault(key, []).append(e.name)
+    return list(dict.fromkeys(map(frozenset, found.values())))
 
 
 def _contradicting(
@@ -234,7 +235,8 @@ def _scattered(experiments: Sequence[Experiment], chosen: Settings) -> Outcome |
         outcome = fit_joint(experiments, chosen.model_copy(update={"scatter": free}))
     except FitError:
         return None
-    return replace(outcome, by_data=True) if agree(regression(experiments, outcome)) else None
+    agreed = agree(regression(experiments, outcome), _groups(experiments))
+    return replace(outcome, by_data=True) if agreed else None
 
 
 def _centred(
@@ -265,6 +267,10 @@ def _contradiction(voices: Regression, experiments: Sequence[Experiment]) -> Fit
         # of runs that contradict alike, the first: the last digits are those of a machine
         worst = sorted(range(len(experiments)), key=lambda i: -float(f"{voices.of_run(i).value:.3g}"))
         names = " or ".join(experiments[i].name for i in worst[:2])
+        if agree(voices):  # but for what some of them share
+            shared = dict.fromkeys(s.members for s in alike(voices, _groups(experiments)))
+            of_each = (" and ".join(experiments[i].name for i in members) for members in shared)
+            names = " or ".join(f"{who} alike" for who in list(of_each)[:2])
         message += f"; which of them is wrong the data do not tell, {names} most likely"
     return FitWarning("contradiction", (), f"{message}; the sigmas do not hold")
 
@@ -274,7 +280,8 @@ def said(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning
     if len(experiments) == 1:
         return []
     voices = regression(experiments, outcome)
-    return _leaning(voices, outcome) if agree(voices) else [_contradiction(voices, experiments)]
+    agreed = agree(voices, _groups(experiments))
+    return _leaning(voices, outcome) if agreed else [_contradiction(voices, experiments)]
 
 
 def _told(voices: Regression, outcome: Outcome, experiments: Sequence[Experiment]) -> tuple[FitWarning, ...]:

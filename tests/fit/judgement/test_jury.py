@@ -98,6 +98,33 @@ def test_the_odd_one_is_left_out():
     assert all(of_run["p"] > 1e-3 and of_run["dof"] > 0 for of_run in said.values())
 
 
+def test_runs_of_an_epoch_that_are_wrong_alike_go_together():
+    # in none of them is it as much as 5 sigma
+    scaled = channel("o_1", lambda o: 1.1 * o)
+    alike = [scaled(r) for name in "BCD" for r in pair(World(), name, experiment=f"{name}2", epoch=2, seed=5)]
+    results = calibrate([*campaign(), *alike])
+    assert not results.joint.unsound
+    hold(results.joint)
+    said = left_out(results)
+    assert len(said) == 3
+    assert all(re.search(r"B2 and C2 and D2 alike: perhaps their o_1 is 1\.\d", one) for one in said)
+
+
+@pytest.mark.slow
+def test_what_one_authority_or_another_explains_leaves_out_neither():
+    # 160 pN for 50 pN is 6 sigma of omega2_2_0; of four authorities of test mass 2 any may be wrong
+    runs = campaign(sets="ABCE")
+    for name, epoch in (("0", 1), ("1", 2), ("2", 2)):
+        options = {"epoch": epoch, "seed": 5}
+        wrong = pair(World(), "D", experiment=f"D{name}", **options)
+        runs += [replace(r, F_max_2=1.6e-10) for r in wrong] + pair(
+            World(), "C", experiment=f"C{name}", **options
+        )
+    (said,) = calibrate(runs).joint.unsound
+    assert said.code == "contradiction"
+    assert "D0 and D1 and D2 alike" in said.message
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FAULTS if name != "F_max_2"])
 def test_the_cause_is_named(name):
