@@ -47,8 +47,7 @@ def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array, before: Arr
 
     Where the thrusters move the spacecraft along x and sideways at once, o_1 answers for what attenuated
     couplings leave: least squares then finds delta_ifo and the stiffness of test mass 1 off as well. Sigmas
-    hold by how much instruments move an estimate, for they are no better known than that, and what attenuated
-    couplings leave still.
+    are those beside the instruments, and hold what attenuated couplings leave still.
 
     Parameters
     ----------
@@ -70,7 +69,7 @@ def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array, before: Arr
         left = float(np.nan_to_num(shift[i])) / least.sigma[i]
         shifted = not abs(before[i]) < NOTABLE * least.sigma[i]
         if p.name in names and shifted and max(abs(apart), abs(left)) > NOTABLE:
-            wider = np.sqrt(max(after.sigma[i] / least.sigma[i], 1.0) ** 2 + apart**2 + left**2)
+            wider = np.hypot(max(after.sigma[i] / least.sigma[i], 1.0), left)
             sigma = joint.parameters[p.name].sigma * float(wider)
             parameters[p.name] = replace(parameters[p.name], value=float(after.theta[i]), sigma=sigma)
             scale[names.index(p.name)], moved[p.name] = wider, float(apart)
@@ -78,7 +77,7 @@ def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array, before: Arr
         return joint
     message = (
         "given beside couplings that are free of the noise of their read-outs, as far as there are "
-        "instruments, with sigmas that hold the difference; least squares is off by so many sigma: "
+        "instruments; least squares is off by so many of its sigmas: "
         + ", ".join(f"{name} ({by:+.1f})" for name, by in moved.items())
     )
     warning = FitWarning("instruments", tuple(moved), message)

@@ -15,8 +15,10 @@ noise: y = j - T m, of which the instruments see
 Above the bandwidth T is small, near it a few per cent of b_3 hang on it, and nobody tells its shape. But T
 is causal: the spacecraft answers to noise after it was read, not before. So T is fitted along, as a sum of
 causal (Laguerre) functions t_k T_k. Instruments for the t_k are c times T_k* S_m / S_c, the shapes in which
-c tells m. In the time domain, the half of the correlation of residual and read-outs in which the read-out
-comes first then tells b_3, and the other half the loop. That costs a factor of two to three in sigma.
+c tells m. A bin has no say in the S_c it is divided by: what it told of itself would tie the instruments to
+the very noise they are to be free of, and pull b back by some 0.2 sigma. In the time domain, the half of the
+correlation of residual and read-outs in which the read-out comes first then tells b_3, and the other half
+the loop. That costs a factor of two to three in sigma.
 
 What is subtracted from Delta g_x stays least squares: that subtracts best, attenuated or not.
 """

@@ -94,11 +94,12 @@ def mean(w: Weighed, name: str, theta: Array) -> Mean | None:
     omega2 = (2 * np.pi * f) ** 2
     white = omega2**2 * level
     at = tuple(w.experiment.parameters.index(b) for b in OF[name])
-    smooth = fit_noise(f, np.abs(w.terms.columns[:, at[0] + 1]) ** 2, np.ones(f.size))
+    power = np.abs(w.terms.columns[:, at[0] + 1]) ** 2
+    smooth = fit_noise(f, power, np.ones(f.size)).beside(f, power)
     T, loud = _causal(f).conj(), 2 * white / w.S
     acceleration, position = w.block.share[list(at)] @ theta
     force = (acceleration - position / omega2)[:, None]
-    shapes = force * np.minimum(white / smooth(f), 1.0)[:, None] * T
+    shapes = force * np.minimum(white / smooth, 1.0)[:, None] * T
     filters = np.column_stack([np.ones(f.size), -1 / omega2, shapes])
     place = (run.telemetry.alignment_epoch, name)
     return Mean(place, (at[0], at[1]), loud, uncertainty, force * loud[:, None] * T, filters)

@@ -52,6 +52,16 @@ class NoiseModel:
         variance = np.einsum("bi,bi->b", basis @ self.covariance, basis)
         return np.asarray(np.exp(basis @ self.values + variance), dtype=np.float64)
 
+    def beside(self, f: Array, power: Array) -> Array:
+        """Return S at the frequencies `f` it was fitted at, shape (B,), without what each bin told of itself.
+
+        To first order, from its leverage in the fit to `power`, shape (B,), with dof 1. What weighs a bin by
+        S would know its noise otherwise.
+        """
+        S, basis = self(f), self.basis(f)
+        leverage = np.einsum("bi,bi->b", basis @ self.covariance, basis)
+        return np.asarray(S * np.exp(-leverage * (power / S - 1)))
+
 
 def _spline_basis(knots: Array, f: Array) -> Array:
     return _basis(knots.tobytes(), f.tobytes())[0]

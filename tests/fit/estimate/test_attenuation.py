@@ -48,12 +48,10 @@ def test_what_moves_is_as_it_is_beside_free_couplings():
     joint = fit_of(NAMES, np.array([0.1, 0.2, 0.1]), 0.5)  # scatter has widened one of them
     before, freed = outcomes([0.98, 1.3, 1.005], [0.09, 0.12, 0.2])
     found = mended(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3), EXPECTED)
-    assert found.parameters["lambda_2"] == Estimate(0.98, pytest.approx(0.1 * np.hypot(1, 0.2)), "1")
-    assert found.parameters["delta_ifo_1"] == Estimate(1.3, pytest.approx(0.2 * np.hypot(1.2, 3)), "1")
+    assert found.parameters["lambda_2"] == Estimate(0.98, pytest.approx(0.1), "1")
+    assert found.parameters["delta_ifo_1"] == Estimate(1.3, pytest.approx(0.2 * 1.2), "1")
     assert found.parameters["delta_ifo_2"] == joint.parameters["delta_ifo_2"]  # it has not moved
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(
-        [0.1 * np.hypot(1, 0.2), 0.2 * np.hypot(1.2, 3), 0.1]
-    )
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([0.1, 0.2 * 1.2, 0.1])
     assert np.allclose(found.correlation, joint.correlation)
     (told,) = found.warnings
     assert (told.code, told.parameters) == ("instruments", ("lambda_2", "delta_ifo_1"))

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fit.estimate import bump, read_outs
+from fit.estimate import bump, instruments, read_outs
 from fit.estimate.bump import cross_talk
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
 from fit.estimate.verdict import as_fit
@@ -161,6 +161,19 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
         assert all(1.7 < cost[name] < 2.8 for name in ("b_3", "b_4"))
         assert fit.parameters["b_3"].sigma < 0.03 * TRUTH["b_3"]  # least squares is off by a tenth
         assert np.array_equal(fit.covariance, fit.covariance.T)
+
+
+def test_no_bin_has_a_say_in_its_own_instruments(noisy):
+    # louder by a tenth, it moves those of its neighbours; tied to its own noise, instruments would attenuate
+    runs, outcome, _ = noisy
+    w, theta = bump.weigh(outcome, runs)[0], outcome.solution.theta
+    before = instruments.mean(w, "y", theta).filters
+    for i in (400, 600, 800, 1000):
+        columns = w.terms.columns.copy()
+        columns[i, w.experiment.parameters.index("b_3") + 1] *= 1.05
+        after = instruments.mean(replace(w, terms=replace(w.terms, columns=columns)), "y", theta).filters
+        moved = np.abs(after[:, 2] / before[:, 2] - 1)
+        assert moved[i] < 0.2 * moved[i + 1]
 
 
 def test_a_calibration_keeps_what_subtracts_best():
