@@ -50,9 +50,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
-    results = _dynamics(telemetries, chosen or settings())
-    give_back()  # what the inertial fit does not need
-    return _with_inertial(results, telemetries)
+    return _with_inertial(_dynamics(telemetries, chosen or settings()), telemetries)
 
 
 @one_thread
@@ -101,6 +99,7 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
     joint = results.joint
     if joint is None or not periods:
         return results
+    give_back()  # what the dynamics needed beyond that
     fits = {name: _doubted(inertial.fit_period(runs, joint), joint) for name, runs in periods.items()}
     runs = {name: [run.run for run in runs] for name, runs in periods.items()}
     return replace(

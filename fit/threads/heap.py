@@ -10,7 +10,8 @@ from typing import ParamSpec, TypeVar, cast
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-_ARENA_MAX = -8  # of mallopt, in malloc.h of glibc
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # of mallopt, in malloc.h of glibc
+_LARGE = 2**25  # bytes, beyond which an array takes its memory from the system, the most there may be
 _CACHES: list[Callable[[], None]] = []
 
 
@@ -28,10 +29,14 @@ def kept(most: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
 def one_heap() -> None:
     """Let all threads of this process take their memory from one heap, where the C library can be told to.
 
-    By default each has its own, and keeps the room of what was large once.
+    By default each has its own, and keeps the room of what was large once. And by default an array takes its
+    memory from the system and gives it back at once, which has to clear every page of the next one. From this
+    heap it goes back when there is much of it, or by `give_back`.
     """
     if function := _function("mallopt"):
         function(_ARENA_MAX, 1)
+        function(_MMAP_THRESHOLD, _LARGE)
+        function(_TRIM_THRESHOLD, 2 * _LARGE)
 
 
 def give_back() -> None:

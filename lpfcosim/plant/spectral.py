@@ -103,16 +103,17 @@ class _Splines:
         self._coefficients = np.ascontiguousarray(found.c.transpose(2, 0, 1))
 
     def __call__(self, x: Array) -> Complex:
-        """Return the values at `x`, shape (S, N)."""
-        last = self._coefficients.shape[2] - 1
-        at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, last)
-        beyond = x - (self._first + self._step * at)
+        """Return the values at `x`, ascending, shape (S, N)."""
+        pieces = self._coefficients.shape[2]
+        at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, pieces - 1)
+        beyond = (x - (self._first + self._step * at)).astype(np.complex128)  # once, not for every product
+        times = np.bincount(at, minlength=pieces)
         found = np.empty((len(self._coefficients), x.size), dtype=np.complex128)
         for of, (cubic, *others) in zip(found, self._coefficients, strict=True):
-            cubic.take(at, out=of, mode="clip")  # of two ways to look up the quicker
+            of[:] = cubic.repeat(times)
             for coefficient in others:
                 of *= beyond
-                of += coefficient.take(at, mode="clip")
+                of += coefficient.repeat(times)
         return found
 
 
