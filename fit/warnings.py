@@ -159,6 +159,12 @@ KINDS: Mapping[str, Kind] = {
         words="o_1 is not of the time of the other channels",
         unsound=True,
     ),
+    "acausal": Kind(
+        "Archive the channels anew, each at its own times; until then trust no delay.",
+        severity=Severity.FAILURE,
+        words="A command acts before it is given",
+        unsound=True,
+    ),
     "unjudged": Kind(
         "Fit with another estimator too: that one is judged, and its sigmas hold.",
         severity=Severity.DOUBT,

@@ -29,6 +29,8 @@ OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, o
 PLAUSIBLE = (0.7, 1.5)  # gains between; a wrong sign or unit, N for m s-2 included, is beyond
 _UNITS = (M_TM, 1 / M_TM, *(10.0**n for n in (-12, -9, -6, -3, 3, 6, 9, 12)))  # by which a gain may be off
 UNLIKE = "the channels do not follow the equation"
+EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
+CERTAIN = 5.0  # sigma
 FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
 
 
@@ -311,6 +313,26 @@ def _gains(outcome: Outcome) -> dict[str, float]:
         for i, p in enumerate(outcome.parameters)
         if p.name in ("lambda_1", "lambda_2") and not outcome.lost[i] and sigma[i] < 0.1
     }
+
+
+def acausal(outcome: Outcome) -> list[FitWarning]:
+    """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
+    at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.lost[i]}
+    found = []
+    for j in (1, 2):
+        if {f"lambda_{j}", f"C_{j}"} <= at.keys():
+            gain, C = (float(outcome.solution.theta[at[f"{name}_{j}"]]) for name in ("lambda", "C"))
+            sigma = float(outcome.solution.sigma[at[f"C_{j}"]])
+            early = -C / gain
+            if early > max(EARLY, CERTAIN * sigma / gain):
+                found.append(
+                    f"f_x_{j} acts {early:.3g} ± {sigma / gain:.1g} s before it is commanded: it is late in "
+                    "the files of every run, or o_12 is early"
+                )
+    names = tuple(f"C_{words[4]}" for words in found)
+    return (
+        [FitWarning("acausal", names, f"{'; '.join(found)}; C is not that of the actuators")] if found else []
+    )
 
 
 def suspects(alone: Mapping[str, Outcome | FitError]) -> dict[str, str]:

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.inspection import culprits
-from fit.inspection.first_fit import least
+from fit.inspection.first_fit import delays, least
 from fit.model import dynamics
 from fit.paper import DELAYS, experiment_parameters
 from fit.signal import NoiseModel, fit_noise, spectra
@@ -55,7 +55,8 @@ class _Blocks:
 def change(experiment: Experiment) -> str | None:
     """Return what changes in the sysid run of an experiment; None if all of it obeys one equation."""
     noise = _noise(experiment)
-    blocks = _blocks(experiment.sysid, noise)
+    tau = delays(experiment.sysid)
+    blocks = _blocks(experiment.sysid, noise, tau)
     total = blocks.grams.sum(axis=0)
     before = np.cumsum(blocks.grams, axis=0)[:-1]
     whole, count = float(_left(total)), len(blocks.names)
@@ -79,7 +80,7 @@ def change(experiment: Experiment) -> str | None:
     alone = apart > changed
     when = (worst if alone else at + 1) * blocks.length
     gain = float(gained[worst]) if alone else whole - float(split[at])
-    named = culprits.culprit(experiment.sysid, noise, DELAYS, when, gain)
+    named = culprits.culprit(experiment.sysid, noise, tau, when, gain)
     if named:
         return named
     if alone:
@@ -111,8 +112,8 @@ def _difference(blocks: _Blocks, index: int) -> float:
     return float(d @ np.linalg.lstsq(sum(covariance), d, rcond=1e-10)[0])
 
 
-def _blocks(run: Run, noise: NoiseModel) -> _Blocks:
-    terms = run.spectra(DELAYS)
+def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
+    terms = run.spectra(tau)
     S = noise.expected(terms.f)
     U = linear.whiten(terms, S)[0]
     n = terms.window.size

@@ -3,8 +3,49 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.model import dynamics
+from fit.paper import DELAYS
 from fit.signal import Spectrum
-from fit.weighing import linear
+from fit.weighing import Run, linear
+
+FAR = 0.3  # s from the delays of the flight, up to which an expansion about these will do
+FARTHEST = 60.0  # s: what seems to be later is no delay
+GAINS = (0.5, 2.0)  # between these a command acts, and its delay is told
+GAINED = 50.0  # of chi2, by other delays: these add no freedom
+FINE = 0.05  # s, to which it need be known
+STEPS = 8
+_FORCES = tuple((dynamics.COLUMNS.index(f"f_{j}"), dynamics.COLUMNS.index(f"df_{j}")) for j in (1, 2))
+
+
+def delays(run: Run) -> tuple[float, float]:
+    """Return delays [s] about which to expand a run: those of the flight, unless far others fit better.
+
+    What lies seconds off is no linear delay at the fastest tones: it would pass for glitches.
+    """
+    found, most, tau = DELAYS, np.inf, DELAYS
+    for _ in range(STEPS):
+        terms = run.spectra(tau)
+        U = linear.whiten(terms, shape(terms.f))[0]
+        c = least(U)
+        left = float(np.sum(np.abs(U @ c) ** 2))
+        if tau == DELAYS:
+            most = left / (1 + GAINED / (2 * len(U)))
+        elif left < most:
+            found, most = tau, left
+        else:
+            break
+        acting = [GAINS[0] < abs(c[f]) < GAINS[1] for f, _ in _FORCES]
+        moved = (t - c[df] / c[f] if on else t for t, (f, df), on in zip(tau, _FORCES, acting, strict=True))
+        tau_1, tau_2 = (float(np.clip(t, -FARTHEST, FARTHEST)) for t in moved)
+        if max(abs(tau_1 - tau[0]), abs(tau_2 - tau[1])) < (FAR if tau == DELAYS else FINE):
+            break
+        tau = tau_1, tau_2
+    return found
+
+
+def shape(f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shape of the PSD that Delta g had in flight, at frequencies [Hz] of shape (B,)."""
+    return 1 + (1e-3 / f) ** 2 + (f / 0.03) ** 4
 
 
 def least(U: Spectrum) -> NDArray[np.float64]:

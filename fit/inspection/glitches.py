@@ -24,11 +24,10 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.inspection.first_fit import least
+from fit.inspection.first_fit import delays, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
-from fit.paper import DELAYS
 from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
@@ -75,8 +74,9 @@ def without_glitches(experiment: Experiment) -> tuple[Experiment, tuple[FitWarni
     InputError
         If missing samples leave too little of a run.
     """
-    sysid = _Search(experiment.sysid)
-    noise = _Search(experiment.noise) if experiment.noise else None
+    tau = delays(experiment.sysid)
+    sysid = _Search(experiment.sysid, tau)
+    noise = _Search(experiment.noise, tau) if experiment.noise else None
     searches = [sysid, noise] if noise else [sysid]
     for _ in range(ROUNDS):
         coefficients = sysid.weigh()
@@ -95,6 +95,8 @@ class _Search:
     ----------
     run : Run
         As it is.
+    tau : tuple of float
+        Delays [s] about which its columns are expanded.
 
     Attributes
     ----------
@@ -104,14 +106,14 @@ class _Search:
         Whether there was anything, and whether it was too much.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, tau: tuple[float, float]) -> None:
         self.run = self._original = run
         self.found = self.hopeless = False
         self._flags = np.zeros_like(run.channels.valid)
         self._shapes: list[Glitch] = []
         self._names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
         self._model: NoiseModel | None = None
-        self._tau = DELAYS  # where a fit begins: it finds the spectra ready
+        self._tau = tau
 
     def weigh(self, coefficients: Mapping[str, float] | None = None) -> dict[str, float]:
         """Fit the PSD of the residual and, unless they are given, the coefficients of the columns."""
@@ -128,8 +130,8 @@ class _Search:
         return dict(zip(self._names, self._c.tolist(), strict=True))
 
     def _S(self, f: Array) -> Array:
-        """Return the PSD found before, at first the shape that Delta g had in flight, shape (B,)."""
-        return self._model.expected(f) if self._model else 1 + (1e-3 / f) ** 2 + (f / 0.03) ** 4
+        """Return the PSD found before, at first the shape it had in flight, shape (B,)."""
+        return self._model.expected(f) if self._model else shape(f)
 
     def look(self, noise: "_Search | None") -> bool:
         """Mask or take out what stands out of the noise most; False if nothing does."""

@@ -286,7 +286,7 @@ def said(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning
 
 def _told(voices: Regression, outcome: Outcome, experiments: Sequence[Experiment]) -> tuple[FitWarning, ...]:
     """Return what is to be said of runs that agree."""
-    return (*_leaning(voices, outcome), *in_common(experiments, outcome))
+    return (*_leaning(voices, outcome), *verdict.acausal(outcome), *in_common(experiments, outcome))
 
 
 def _leaning(voices: Regression, outcome: Outcome) -> list[FitWarning]:

@@ -110,6 +110,16 @@ def test_runs_of_an_epoch_that_are_wrong_alike_go_together():
     assert all(re.search(r"B2 and C2 and D2 alike: perhaps their o_1 is 1\.\d", one) for one in said)
 
 
+def test_commands_that_are_late_in_every_run_are_told_and_cost_none():
+    results = calibrate([channel("f_x_2", lambda f: np.roll(f, 5))(run) for run in campaign()])
+    (said,) = results.joint.unsound
+    assert (said.code, said.parameters) == ("acausal", ("C_2",))
+    assert said.message.startswith("f_x_2 acts 4.83 ±")
+    assert not left_out(results)
+    assert "glitches" not in {w.code for w in results.joint.warnings}
+    hold(results.joint, but=("C_2",))
+
+
 @pytest.mark.slow
 def test_what_one_authority_or_another_explains_leaves_out_neither():
     # 160 pN for 50 pN is 6 sigma of omega2_2_0; of four authorities of test mass 2 any may be wrong
