@@ -125,6 +125,7 @@ class _Run:
         to_columns = block.gradient(theta)[:, [member for member, _, _ in of_run]]
         self._to_columns = to_columns * self._units
         self._pull = self._to_columns.T @ block.R.T @ block.R / inflation
+        self._weighed = self._pull @ self._to_columns
         self._H = self._to_columns.T @ block.H @ self._to_columns / inflation
 
     def __call__(self, theta: Array, logs: Array) -> Array:
@@ -133,8 +134,12 @@ class _Run:
         if not self._units.size:
             return -self._cost(c) / self._inflation
         width = np.exp(logs[:, self._of_width])  # of departures in their units
-        A = np.eye(self._units.size) + width[:, :, None] * self._H * width[:, None, :]
-        x = -np.linalg.solve(A, (width * (self._pull @ c).T)[:, :, None])[:, :, 0]
+        # the weights hold wherever the departures may take up what the others leave, the curvature only there
+        weighed, A = (
+            np.eye(self._units.size) + width[:, :, None] * H * width[:, None, :]
+            for H in (self._weighed, self._H)
+        )
+        x = -np.linalg.solve(weighed, (width * (self._pull @ c).T)[:, :, None])[:, :, 0]
         likeliest = c + self._to_columns @ (width * x).T
         integral = np.sum(x**2, axis=1) / 2 + np.linalg.slogdet(A)[1] / 2
         return np.asarray(-self._cost(likeliest) / self._inflation - integral)

@@ -12,7 +12,7 @@ autocorrelation time of every parameter and the means of its halves agree.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -239,6 +239,35 @@ def _refusal(posterior: Posterior, chain: Chain) -> str:
             f"{abs(chain.apart[drifting]):.1f} standard errors"
         )
     return f"not converged after {chain.steps} steps: {reason}; the same command continues"
+
+
+def beside_instruments(
+    chain: Chain, outcome: Outcome, given: Mapping[str, tuple[float, float]]
+) -> tuple[Chain, Outcome]:
+    """Return chain and fit moved and widened as the results are, see `attenuation.mended`.
+
+    What instruments tell is in no likelihood. That of least squares is sampled; its shape stays.
+
+    Parameters
+    ----------
+    chain : Chain
+        Of the posterior.
+    outcome : Outcome
+        Of the joint fit whose posterior it sampled.
+    given : mapping of str to tuple of float
+        Values and sigmas of what the results have beside instruments, SI.
+    """
+    solution, names = outcome.solution, [p.name for p in outcome.parameters]
+    centre, scale = solution.theta.copy(), np.ones(len(names))
+    for name, (value, sigma) in given.items():
+        i = names.index(name)
+        centre[i], scale[i] = value, sigma / solution.sigma[i]
+    shared = slice(outcome.shared)
+    theta = chain.theta.copy()
+    theta[..., shared] = centre[shared] + (theta[..., shared] - solution.theta[shared]) * scale[shared]
+    covariance = solution.covariance * np.outer(scale, scale)
+    moved = replace(outcome, solution=replace(solution, theta=centre, covariance=covariance))
+    return replace(chain, theta=theta), moved
 
 
 def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict[str, object]:

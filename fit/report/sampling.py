@@ -116,13 +116,12 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
 def _belongs(chain: _Chain, results: Results) -> bool:
     """Tell whether the least squares a chain was compared with are those of the results."""
     joint = results.joint.parameters if results.joint else {}
-    others = earlier.beside_instruments(results)
     return (
         all(
             abs((chain.parameters[name].mean - e.value) / e.sigma - chain.parameters[name].shift_in_sigma)
             < earlier.SAME
             for name, e in joint.items()
-            if name in chain.parameters and name not in others
+            if name in chain.parameters
         )
         and joint.keys() <= chain.parameters.keys()
     )

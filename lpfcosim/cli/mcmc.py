@@ -32,14 +32,20 @@ def _sample(
 ) -> None:
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
-    if others := sorted(earlier.beside_instruments(results)):
-        console.note(f"sampled as least squares has them, without instruments: {', '.join(others)}")
+    joint = results.joint.parameters if results.joint else {}
+    others = earlier.beside_instruments(results)
+    given = {name: (e.value, e.sigma) for name, e in joint.items() if name in others}
+    if given:
+        told = ", ".join(given)
+        console.note(
+            f"sampled as least squares has it, then moved and widened as instruments have it: {told}"
+        )
     with console.stage("fit"):
         outcome = earlier.refit(results, telemetries, directory / "results.json")
     posterior = Posterior(outcome)
     with console.counted("steps", steps) as progress:
         chain = chains.sample(posterior, directory / "mcmc.h5", steps=steps, seed=seed, progress=progress)
-    joint = results.joint.parameters if results.joint else {}
+    chain, outcome = chains.beside_instruments(chain, outcome, given)
     truths = {name: e.truth for name, e in joint.items() if e.truth is not None}
     document = chains.summary(chain, outcome, truths)
     text = atomic.write_json(directory / "mcmc.json", document)
@@ -51,7 +57,7 @@ def _sample(
         write(directory / "figures", "corner", studies.corner_plot, theta, outcome, truths)
     console.say(
         f"{chain.steps} steps of {chain.z.shape[1]} walkers, autocorrelation time up to {max(chain.tau):.0f} "
-        f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of least squares"
+        f"steps; means within {document['largest_shift_in_sigma']:.2g} sigma of the joint fit"
     )
     console.document(text)
     with console.stage("report"):
