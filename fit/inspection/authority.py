@@ -21,12 +21,11 @@ FULL_RATE = 10.0  # Hz
 AT_LIMIT = 0.999  # of the authority, read-outs and rounding of archives apart
 
 
-def at_limit(run: Telemetry, name: str) -> NDArray[np.bool_]:
+def at_limit(f_x: Array, limit: float) -> NDArray[np.bool_]:
     """Tell where a command along x is at the limit of its authority, shape (N,)."""
-    f_x, most = run.channels[name], AT_LIMIT * limit_of(run, name)
-    if most <= 0:  # without authority there is only what leaks
+    if limit <= 0:  # without authority there is only what leaks
         return np.zeros(f_x.size, dtype=bool)
-    return (f_x >= most) | (f_x <= -most)
+    return (f_x >= AT_LIMIT * limit) | (f_x <= -AT_LIMIT * limit)
 
 
 def limit_of(run: Telemetry, name: str) -> float:

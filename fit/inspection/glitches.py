@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
@@ -28,7 +27,7 @@ from fit.inspection.first_fit import delays, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise
+from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise, spectra
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 
@@ -224,16 +223,12 @@ class _Search:
         residual = U @ self._c
         seen = terms.window > 0.5
         least = 0.0 if noise in (self, None) else 1.0
-        found, sigmas = [], []
-        for width in WIDTHS:
-            bell = np.exp(-2 * (np.pi * width * f) ** 2) / np.sqrt(S)
-            bell *= n / 2 * np.sqrt(np.mean(terms.window**2)) / np.linalg.norm(bell)  # noise S: variance 1
-            padded = np.concatenate([[0], residual * bell, np.zeros(n // 2 - f.size)])
-            filtered = np.abs(scipy.fft.irfft(padded, n))
-            sigma = max(_GAUSSIAN * float(np.median(filtered[seen])), least)
-            found.append(filtered / sigma if sigma > 0 else np.zeros(n))
-            sigmas.append(sigma)
-        return np.array(found), np.array(sigmas)
+        bells = np.exp(-2 * (np.pi * np.array(WIDTHS)[:, None] * f) ** 2) / np.sqrt(S)
+        size = n / 2 * np.sqrt(np.mean(terms.window**2))  # noise S: variance 1
+        bells *= size / np.linalg.norm(bells, axis=1, keepdims=True)
+        found = np.abs(spectra.series((residual * bells).T, terms.first, n).T)
+        sigmas = np.array([max(_GAUSSIAN * float(np.median(x[seen])), least) for x in found])
+        return found / np.where(sigmas > 0, sigmas, np.inf)[:, None], sigmas
 
     def warning(self) -> FitWarning:
         """Say what was found."""

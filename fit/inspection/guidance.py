@@ -121,12 +121,9 @@ def _seen(run: Telemetry) -> _Seen:
     """Transform guidance and read-outs of a run, averaged to few samples."""
     n = max(1, round(SAMPLE * run.fs))
     names = [f"{of}{channel}" for of in ("guidance_", "") for channel in CHANNELS]
-    whole = run.size // n * n
-    lost = np.zeros(whole, dtype=bool)
-    for name in names:  # one by one: as archived, all of them fill the memory
-        lost |= ~np.isfinite(run.channels[name][:whole])
-    means = [np.where(lost, 0.0, run.channels[name][:whole]).reshape(-1, n).mean(axis=1) for name in names]
-    series = np.stack(means, axis=1)
+    series, lost = _means(run, names, n, np.zeros(run.size // n * n, dtype=bool))
+    if lost.any():  # what one channel misses is left out of all
+        series, _ = _means(run, names, n, lost)
     found = spectra.transform(series - series.mean(axis=0), np.ones(len(series), dtype=bool), run.fs / n)
     keep = np.flatnonzero(found.f < BANDS[-1])
     columns = dict(zip(names, found.columns[keep].T, strict=True))
@@ -135,6 +132,18 @@ def _seen(run: Telemetry) -> _Seen:
         {channel: columns[f"guidance_{channel}"] for channel in CHANNELS},
         {channel: columns[channel] for channel in CHANNELS},
     )
+
+
+def _means(
+    run: Telemetry, names: Sequence[str], n: int, lost: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the means of channels over n samples each without those that are lost, and which are then."""
+    means = []
+    for name in names:  # one by one: as archived, all of them fill the memory
+        x = run.channels[name][: lost.size]
+        means.append(np.where(lost, 0.0, x).reshape(-1, n).mean(axis=1))
+        lost = lost | ~np.isfinite(x)
+    return np.stack(means, axis=1), lost
 
 
 def _expected(seen: Sequence[_Seen], channel: str) -> _Expected:

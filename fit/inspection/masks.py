@@ -38,7 +38,10 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
         Code `SATURATED` or `TOO_LONG` if there are any.
     """
     telemetry = run.telemetry
-    flags = {name: authority.at_limit(telemetry, name) for name in ("f_x_1", "f_x_2")}
+    flags = {
+        name: authority.at_limit(telemetry.channels[name], authority.limit_of(telemetry, name))
+        for name in ("f_x_1", "f_x_2")
+    }
     somewhere = np.any(list(flags.values()), axis=0)
     if not somewhere.any():
         return run, ()

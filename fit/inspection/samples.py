@@ -282,7 +282,8 @@ def _of(run: Telemetry, name: str, fed: Container[str]) -> Iterator[Oddity]:
     if name in READ_OUTS or name in fed:
         x = run.channels[name]
         if name in fed:
-            limited = authority.at_limit(run, name)  # is masked, and no fault of the archive
+            # is masked, and no fault of the archive
+            limited = authority.at_limit(x, authority.limit_of(run, name))
             x = np.where(limited, np.nan, x) if limited.any() else x
         yield from stuck(x, run.fs)
         if name in READ_OUTS:

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
+from fit.signal import derivatives
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
-#: From a run, its columns and their coefficients to what faults of unit size add to Delta g, shape (M, Q).
+#: From a run, those of its columns that faults are in and the coefficients of all to what faults of unit size
+#: add to Delta g, shape (M, Q).
 Faults = Callable[[Experiment, dynamics.Columns, Array], Array]
 
 ALARM = 1e-4  # p-value of all faults of one kind together
@@ -130,7 +132,8 @@ def _drifting(_: Experiment, terms: dynamics.Columns, __: Array) -> Array:
 def _late(epochs: Sequence[int], experiment: Experiment, terms: dynamics.Columns, c: Array) -> Array:
     found = np.zeros((len(terms.values), len(epochs)))
     of_o_1 = [terms.names.index(name) for name in OF_O_1]
-    slope = np.gradient(terms.values[:, of_o_1] @ c[of_o_1]) * terms.fs
+    weights = [c[dynamics.COLUMNS.index(name)] for name in OF_O_1]
+    slope = np.gradient(terms.values[:, of_o_1] @ weights) * terms.fs
     found[:, epochs.index(experiment.sysid.telemetry.alignment_epoch)] = slope
     return found
 
@@ -200,7 +203,7 @@ def _known(outcome: Outcome, width: Array) -> tuple[Array, Array]:
 def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Array, faults: Faults) -> _Sums:
     run, noise = experiment.sysid, block.noise
     assert noise is not None
-    terms, c = run.columns(block.tau), block.coefficients(theta)
+    terms, c = _of_read_outs(run.channels, block.tau), block.coefficients(theta)
     spectra = run.transformed(faults(experiment, terms, c), terms)
     weights = np.repeat(np.sqrt(block.weights.fit), 2)[:, None]
     E = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
@@ -208,3 +211,12 @@ def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Arra
     G, r = U @ (block.gradient(theta) * width), U @ c
     GG = width[:, None] * linear.information([block], theta) * width
     return _Sums(E.T @ E, G.T @ E, GG, E.T @ r, G.T @ r)
+
+
+def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.Columns:
+    """Return the columns that `DRIFTING` and `OF_O_1` name; to delay the commands takes the most time."""
+    inner = slice(derivatives.HALF, -derivatives.HALF)
+    curve = derivatives.derivative(run.o_1, run.fs, 2)
+    values = np.stack([run.o_12[inner], run.o_1[inner], curve], axis=1)
+    valid = ~derivatives.reached(~run.valid)
+    return dynamics.Columns(tau, ("o_12", "o_1", "ddo_1"), run.fs, run.time[inner], values, valid)

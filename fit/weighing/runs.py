@@ -189,6 +189,8 @@ class Run:
 
     def transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P), that lie beside `terms`."""
+        if known := self._first:  # window, and what is projected out, are those of the run
+            return replace(known, columns=spectra.windowed(values, known.window, terms.fs), tau=terms.tau)
         beside = self.beside(terms.time, terms.fs)
         impulses = self.impulses(terms.time, terms.fs)
         return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses)
