@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
@@ -47,44 +48,72 @@ MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is n
 PATCHED = 60.0  # s; a patch that is longer may hide the onset of a long glitch, which is then not found
 MOST_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
 MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
+FAST = 3e-3  # Hz; below, glitches of hours look like what a run is driven with
+LACKING = (
+    1.0  # times the power of noise, over all bins, that is no matter of glitches if most is at driven bins
+)
+ALMOST = 0.8  # of it
+AROUND = 401  # bins, of which the lowest tell with what power a run moves by itself
+QUIET = 10  # per cent that are
+DRIVEN = 100.0  # times that power, from which a bin is driven
 TAKEN_OUT = "fitted along and taken out"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
+_DDO_1 = dynamics.COLUMNS.index("ddo_1")
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
 
 def without_glitches(experiment: Experiment) -> tuple[Experiment, tuple[FitWarning, ...]]:
-    """Find the glitches of an experiment, mask the short ones and take the long ones out.
+    """Find the glitches of an experiment by itself; see `Hunt`."""
+    return Hunt(experiment).ended()
+
+
+class Hunt:
+    """The search for glitches in an experiment: masks the short ones and takes the long ones out.
 
     Parameters
     ----------
     experiment : Experiment
         The runs.
 
-    Returns
-    -------
-    experiment : Experiment
-        The runs without glitches; one that would lose more than `MOST_GLITCHES` to masks, or need more than
-        `MOST_SHAPES`, is left as it was.
-    warnings : tuple of FitWarning
-        ``glitches`` for every run that has some.
-
     Raises
     ------
     InputError
         If missing samples leave too little of a run.
     """
-    tau = delays(experiment.sysid)
-    sysid = _Search(experiment.sysid, tau)
-    noise = _Search(experiment.noise, tau) if experiment.noise else None
-    searches = [sysid, noise] if noise else [sysid]
-    for _ in range(ROUNDS):
-        coefficients = sysid.weigh()
-        if noise:
-            noise.weigh(coefficients)
-        if not any(search.look(noise) for search in reversed(searches)):  # the noise weighs: it goes first
-            break
-    warnings = tuple(search.warning() for search in searches if search.found)
-    return Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None), warnings
+
+    def __init__(self, experiment: Experiment) -> None:
+        tau = delays(experiment.sysid)
+        self._sysid = _Search(experiment.sysid, tau)
+        self._noise = _Search(experiment.noise, tau) if experiment.noise else None
+        self._weigh()
+
+    def _weigh(self) -> None:
+        coefficients = self._sysid.weigh()
+        if self._noise:
+            self._noise.weigh(coefficients)
+
+    @property
+    def lacks(self) -> bool:
+        """Whether it is the equation that lacks what stands out, and so much that no fit of it is sound."""
+        return self._sysid.lacks(self._noise)
+
+    def ended(self) -> tuple[Experiment, tuple[FitWarning, ...]]:
+        """Return the runs without glitches, and the warning ``glitches`` for every run that has some.
+
+        A run that would lose more than `MOST_GLITCHES` to masks, or need more than `MOST_SHAPES`, is left as
+        it was.
+        """
+        sysid, noise = self._sysid, self._noise
+        searches = [sysid, noise] if noise else [sysid]
+        for attempt in range(ROUNDS):
+            if attempt:
+                self._weigh()
+            if not any(
+                search.look(noise) for search in reversed(searches)
+            ):  # the noise weighs: it goes first
+                break
+        warnings = tuple(search.warning() for search in searches if search.found)
+        return Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None), warnings
 
 
 class _Search:
@@ -127,6 +156,19 @@ class _Search:
             power = np.abs(U @ self._c) ** 2 * S / 2
             self._model = fit_noise(terms.f, power, np.maximum(left, 0))
         return dict(zip(self._names, self._c.tolist(), strict=True))
+
+    def lacks(self, noise: "_Search | None") -> bool:
+        """Return whether most of what stands out, and that is much, is where the run is driven."""
+        terms = self.run.spectra(self._tau)
+        U, _ = linear.whiten(terms, (noise or self)._S(terms.f))
+        beyond = np.maximum(np.abs(U @ self._c) ** 2 / 2 - 1, 0) * (terms.f > FAST)
+        excess = float(beyond.sum())
+        if excess < LACKING * terms.f.size:
+            return False
+        power = np.abs(U[:, [*range(*dynamics.FORCES.indices(U.shape[1])), _DDO_1]]) ** 2
+        quiet = scipy.ndimage.percentile_filter(power, QUIET, (AROUND, 1), mode="nearest")
+        driven = np.any(power > DRIVEN * quiet, axis=1)
+        return float(beyond[driven].sum()) > ALMOST * excess
 
     def _S(self, f: Array) -> Array:
         """Return the PSD found before, at first the shape it had in flight, shape (B,)."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.inspection import authority
-from fit.inspection.glitches import TOO_MANY, without_glitches
+from fit.inspection.glitches import TOO_MANY, Hunt, without_glitches
 from fit.settings import Settings
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
@@ -112,13 +112,22 @@ def prepare(experiment: Experiment, chosen: Settings) -> Prepared:
     InputError
         If missing samples leave too little of a run.
     """
+    found = _unsaturated(experiment)
+    return _cleaned(found, without_glitches(found.experiment)) if _searched(found, chosen) else found
+
+
+def _unsaturated(experiment: Experiment) -> Prepared:
     sysid, told = without_saturation(experiment.sysid)
     noise, told_of_noise = without_saturation(experiment.noise) if experiment.noise else (None, ())
-    found = Prepared(Experiment(sysid, noise), (*told, *told_of_noise))
-    if not searches(chosen) or found.spoilt:  # what is saturated would pass for glitches
-        return found
-    cleaned, glitched = without_glitches(found.experiment)
-    return Prepared(cleaned, (*found.warnings, *glitched))
+    return Prepared(Experiment(sysid, noise), (*told, *told_of_noise))
+
+
+def _searched(found: Prepared, chosen: Settings) -> bool:
+    return searches(chosen) and not found.spoilt  # what is saturated would pass for glitches
+
+
+def _cleaned(found: Prepared, by: tuple[Experiment, tuple[FitWarning, ...]]) -> Prepared:
+    return Prepared(by[0], (*found.warnings, *by[1]))
 
 
 def prepare_each(
@@ -126,14 +135,30 @@ def prepare_each(
 ) -> dict[str, Prepared | InputError]:
     """Prepare experiments, by name; those that are `faulty` without a search, for they are no good.
 
-    One that cannot be prepared must not cost the others their fit: it has the error in its place.
+    One that cannot be prepared must not cost the others their fit: it has the error in its place. Where the
+    equation lacks something in most of them (`Hunt.lacks`) it would pass for hundreds of glitches: in those
+    nothing is searched for.
     """
-    plain = chosen.model_copy(update={"glitches": False})
 
-    def made(e: Experiment) -> Prepared | InputError:
+    def begun(e: Experiment) -> tuple[Prepared, Hunt | None] | InputError:
         try:
-            return prepare(e, plain if e.name in faulty else chosen)
+            found = _unsaturated(e)
+            hunted = e.name not in faulty and _searched(found, chosen)
+            return found, Hunt(found.experiment) if hunted else None
         except InputError as error:
             return error
 
-    return {e.name: found for e, found in zip(experiments, each(made, experiments), strict=True)}
+    def made(one: tuple[Prepared, Hunt | None] | InputError) -> Prepared | InputError:
+        if isinstance(one, InputError):
+            return one
+        found, hunt = one
+        try:
+            return found if hunt is None or (common and hunt.lacks) else _cleaned(found, hunt.ended())
+        except InputError as error:
+            return error
+
+    first = each(begun, experiments)
+    hunts = [one[1] for one in first if not isinstance(one, InputError) and one[1]]
+    lacking = sum(hunt.lacks for hunt in hunts)
+    common = len(hunts) > 2 and 2 * lacking > len(hunts)
+    return {e.name: found for e, found in zip(experiments, each(made, first), strict=True)}

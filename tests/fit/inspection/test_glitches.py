@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fit.estimate.joint import fit_experiment, fit_joint
-from fit.inspection import glitches
+from fit.inspection import glitches, prepare_each
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.weighing.runs import Experiment, Run
@@ -16,6 +16,7 @@ from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant
 from tests.fit.estimate.test_joint import OFF, recorded
+from tests.oracles import thirteen
 from tests.oracles.synthetic import World, pair, without
 
 pytestmark = pytest.mark.slow
@@ -246,3 +247,23 @@ def test_masks_leave_the_channels_as_they_are():
     assert run.channels.valid.all()
     near = masked.spectra((0.1, 0.1))
     assert not near.window[80:110].any()  # the stencils reach 10 s
+
+
+def test_what_the_equation_lacks_in_most_runs_is_no_matter_of_glitches():
+    # test mass 2 follows f_x_2 after 5 s, as no delay does
+    def driven(run):
+        f = run.channels["f_x_2"]
+        return replace(run, channels=run.channels | {"f_x_2": f + 5 * np.gradient(f)})
+
+    def prepared(*lagging):
+        experiments = []
+        for name in ("B2", "C2", "D2"):
+            both = [thirteen.telemetry(thirteen.made(name, kind, seed=3)) for kind in ("sysid", "noise")]
+            experiments.append(experiment([driven(run) if name in lagging else run for run in both]))
+        found = prepare_each(experiments, settings(), ())
+        return {name: [w.code for w in one.warnings] for name, one in found.items()}
+
+    assert prepared("B2", "D2") == {"B2": [], "C2": [], "D2": []}
+    one = prepared("D2")
+    assert one.pop("D2")  # of one alone the others tell
+    assert one == {"B2": [], "C2": []}
