@@ -285,12 +285,14 @@ def of_levels(block, points):
     return -sum((b.stop - b.start) * np.log(power[b].sum(axis=0)) for b in block.weights.bands)
 
 
+def of_student(block, points):
+    power = np.abs(block.columns @ block.coefficients(points)) ** 2
+    return -3.5 * np.log1p(power / 5).sum(axis=0)
+
+
 @pytest.mark.parametrize(
-    ("estimator", "likelihood", "within"),
-    [
-        ("gaussian", of_gaussian, 1e-4),
-        ("marginalised", of_levels, 0.03),
-    ],  # whose integral is not quite normal
+    ("estimator", "likelihood", "within"),  # two integrals are not quite normal
+    [("gaussian", of_gaussian, 1e-4), ("marginalised", of_levels, 0.03), ("student_t", of_student, 0.1)],
 )
 def test_departures_are_integrated_over(experiments, estimator, likelihood, within):
     outcome = fit_joint(experiments, settings({"scatter": ["lambda_2"], "estimator": estimator}))
