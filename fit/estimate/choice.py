@@ -21,6 +21,7 @@ from fit.estimate.hierarchy import Normal
 from fit.estimate.irls import Outcome
 from fit.model import Sharing, dynamics, wander
 from fit.paper import FLIGHT
+from fit.threads import each
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
@@ -79,10 +80,8 @@ def departing(outcome: Outcome, experiments: Sequence[Experiment], sharing: Shar
         return ()
     theta = outcome.solution.theta
     inflations = normal.inflations(outcome.blocks, theta)
-    blocks = [
-        departures.extended(block, e.sysid.wander(block.tau))
-        for block, e in zip(outcome.blocks, experiments, strict=True)
-    ]
+    weighed = zip(outcome.blocks, experiments, strict=True)
+    blocks = each(lambda one: departures.extended(one[0], one[1].sysid.wander(one[0].tau)), weighed)
     names = [n for kind in KINDS for n in kind.parameters if sharing.groups.get(n, "campaign") == "campaign"]
     alone = normal.of_runs(blocks, theta, inflations)
     free = _free(outcome, alone, blocks, names)

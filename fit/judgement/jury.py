@@ -150,7 +150,8 @@ def _misfits(
     found = [LeftOut(e.name, said[e.name], own="", tells="misfit") for e in experiments if e.name in said]
     odd = _fewer(found, experiments)
     rest = _without(experiments, odd)
-    late = [LeftOut(e.name, why, tells="guess") for e in rest if (why := _late(e, alone, len(rest)))]
+    own = each(lambda e: _late(e, alone, len(rest)), rest)
+    late = [LeftOut(e.name, why, tells="guess") for e, why in zip(rest, own, strict=True) if why]
     return (*odd, *_fewer(late, rest))
 
 

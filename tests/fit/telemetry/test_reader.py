@@ -49,6 +49,22 @@ def test_a_valid_file(tmp_path):
     assert telemetry.time[1] == 0.1
 
 
+@pytest.mark.parametrize(
+    "form", [{}, {"dtype": ">f8"}, {"dtype": "f4"}, {"chunks": (64,), "compression": "gzip"}]
+)
+def test_samples_are_the_same_however_they_lie_in_the_file(tmp_path, form):
+    path, x = write_contract_file(tmp_path / "plain.h5", samples=N), np.arange(N) / 8
+    with h5py.File(path) as plain, h5py.File(tmp_path / "other.h5", "w", userblock_size=512) as other:
+        other.attrs.update(plain.attrs)
+        for name in plain:
+            plain.copy(name, other)
+        del other["o_1"]
+        other.create_dataset("o_1", data=x, **form).attrs["units"] = "m"
+    found = read(tmp_path / "other.h5")
+    np.testing.assert_array_equal(found.channels["o_1"], x)
+    np.testing.assert_array_equal(found.time, read(path).time)
+
+
 def test_foreign_forms_of_attributes(tmp_path):
     path = write_contract_file(
         tmp_path / "foreign.h5",
