@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from fit.estimate import Outcome, departures, hierarchy
 from fit.inspection import LeftOut
 from fit.judgement.consistency import HELD, Regression, Squares
-from fit.judgement.groups import Groups, Shift, shifts
+from fit.judgement.groups import Groups, Shift, is_shared, shifts
 from fit.paper import FLIGHT
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -146,7 +146,7 @@ def agree(voices: Regression, groups: Groups = ()) -> bool:
 def alike(voices: Regression, groups: Groups) -> list[Shift]:
     """Return the faults that groups of runs seem to share, the likeliest first."""
     found = shifts(voices, groups)
-    told = (s for s in found if len(found) * s.taken.p < ALARM)
+    told = (s for s in found if len(found) * s.taken.p < ALARM and is_shared(voices, s))
     return sorted(told, key=lambda s: float(f"{s.excess:.3g}"))  # the last digits are those of a machine
 
 

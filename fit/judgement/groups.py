@@ -4,7 +4,7 @@ One fault that is in all of them moves them by one amount along one direction, t
 a single run (`causes`). No run of them need stand out; T falls with the one column that they have in common.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from fit.judgement.causes import ALIKE, DIRECTIONS, TOLD, Case, Direction
 from fit.judgement.consistency import Regression, Squares
 
 Array = NDArray[np.float64]
+SECOND = 3.0  # sigma, by which a fault that runs share must stand out of them beyond any single one
 #: By name, the runs of each group that may be wrong for one reason.
 Groups = Collection[frozenset[str]]
 
@@ -62,15 +63,25 @@ def of_members(voices: Regression, members: Sequence[int]) -> list[Shift]:
     """Return every fault that runs, by number, may share and that others tell."""
     found, whole = [], voices.whole
     for direction in DIRECTIONS:
-        column = np.zeros((voices.z.size, 1))
-        for i in members:
-            v = voices.voices[i]
-            column[voices.rows[i], 0] = v.answer @ v.gradient @ direction.of(v.theta)
+        column = sum(_columns(voices, members, direction), np.zeros((voices.z.size, 1)))
         taken = voices.of_columns(column)
         if taken.dof:
             left = Squares(whole.value - taken.value, whole.dof - taken.dof, whole.of_noise)
             found.append(Shift(tuple(members), direction, column, taken, left))
     return found
+
+
+def _columns(voices: Regression, members: Sequence[int], direction: Direction) -> Iterator[Array]:
+    """Yield what a fault does to each of some runs, by number."""
+    for i in members:
+        v = voices.voices[i]
+        yield voices.column(i, v.answer @ v.gradient @ direction.of(v.theta))
+
+
+def is_shared(voices: Regression, shift: Shift) -> bool:
+    """Return whether more than one of the runs tells a fault: else it may be of that one as well."""
+    each = _columns(voices, shift.members, shift.direction)
+    return shift.taken.value > SECOND**2 + max(voices.of_columns(column).value for column in each)
 
 
 def named_alike(voices: Regression, members: Sequence[int], case: Case, *, one_authority: bool) -> str:

@@ -65,6 +65,14 @@ def test_some_of_a_group_do_not_go_without_the_others():
     assert odd_ones(voices, {frozenset({"run 0", "run 1", "run 2"})}).left_out == (0, 1, 2)
 
 
+def test_a_group_does_not_go_for_what_one_of_it_alone_tells():
+    # the other two do not hear what is wrong with the first
+    voices = alike(campaign(8, 9), (0,), 6.0)
+    deaf = [replace(v, answer=v.answer * (np.arange(K + 1) != 6)) for v in voices.voices[1:3]]
+    voices = replace(voices, voices=(voices.voices[0], *deaf, *voices.voices[3:]))
+    assert odd_ones(voices, {frozenset({"run 0", "run 1", "run 2"})}).left_out == (0,)
+
+
 def test_half_of_the_runs_wrong_alike_cost_no_single_one():
     groups = {frozenset({"run 0", "run 1", "run 2"}), frozenset({"run 3", "run 4", "run 5"})}
     voices = alike(campaign(9, 6), (0, 1, 2), 1.5)
