@@ -69,6 +69,21 @@ def beside_instruments(results: Results) -> set[str]:
     return {name for warning in warnings if warning.code == "instruments" for name in warning.parameters}
 
 
+def least_squares(prepared: Sequence[Experiment], how: Settings) -> Outcome:
+    """Return the joint fit of `experiments`, before instruments move anything.
+
+    Raises
+    ------
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    outcome = fit_joint(prepared, how)
+    steps = [measure(e, outcome, at) for at, e in enumerate(prepared)]
+    if not any(steps):
+        return outcome
+    return fit_joint([replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)], how)
+
+
 def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Outcome:
     """Repeat the joint fit of `results`, with its runs, pairs and settings.
 
@@ -88,12 +103,7 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Ou
     FitError
         If no trustworthy estimate comes out.
     """
-    again, how = experiments(results, telemetries, where)
-    outcome = fit_joint(again, how)
-    steps = [measure(e, outcome, at) for at, e in enumerate(again)]
-    if any(steps):
-        again = [replace(e, unsteady=of_run) for e, of_run in zip(again, steps, strict=True)]
-        outcome = fit_joint(again, how)
+    outcome = least_squares(*experiments(results, telemetries, where))
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     joint = results.joint.parameters if results.joint else {}
     for name, estimate in joint.items():

@@ -5,12 +5,13 @@ much, relative, recorded commands differ from those of the controller.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.estimate import Outcome
 from fit.identification import series
 from fit.identification.protocol import Loop
 from fit.results import Fit, Results
@@ -45,6 +46,51 @@ def differences(found: Fit, calibrated: Fit | None) -> dict[str, float]:
         for name, estimate in found.parameters.items()
         if name in known
     }
+
+
+def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outcome) -> Fit:
+    """Return an identification moved and widened as instruments do it to the fit.
+
+    The loop takes its cross-talk from the same noisy read-outs and has no instruments, so that what noise in
+    them shifts is off in both alike, see `attenuation.mended`.
+
+    Parameters
+    ----------
+    found : Fit
+        The identification, by least squares.
+    calibrated : Fit
+        Of the equation, with what instruments move.
+    moved : set of str
+        Names of that.
+    least : Outcome
+        Of the equation, by least squares.
+    """
+    at = {p.name: i for i, p in enumerate(least.parameters)}
+    parameters, scale, told = dict(found.parameters), np.ones(len(found.parameters)), []
+    for k, (name, estimate) in enumerate(found.parameters.items()):
+        if name in moved:
+            value, sigma = least.solution.theta[at[name]], least.solution.sigma[at[name]]
+            shift = calibrated[name].value - float(value)
+            scale[k] = calibrated[name].sigma / sigma
+            wider = estimate.sigma * float(scale[k])
+            parameters[name] = replace(estimate, value=estimate.value + shift, sigma=wider)
+            told.append(f"{name} ({-shift / sigma:+.1f})")
+    if not told:
+        return found
+    message = (
+        "moved and widened as instruments do it to the fit; least squares is off by so many of its sigmas: "
+        + ", ".join(told)
+    )
+    alone = [name for name in found.parameters if name not in calibrated.parameters]
+    if alone:
+        message += f"; by how much it is for {', '.join(alone)} is not known"
+    warning = FitWarning("instruments", tuple(n for n in found.parameters if n in moved), message)
+    return replace(
+        found,
+        parameters=parameters,
+        covariance=found.covariance * np.outer(scale, scale),
+        warnings=(*found.warnings, warning),
+    )
 
 
 def apart(found: Fit, calibrated: Fit | None) -> list[FitWarning]:

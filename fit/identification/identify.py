@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import departures, irls, verdict
+from fit.estimate import departures, earlier, irls, verdict
 from fit.identification import comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
@@ -75,7 +75,7 @@ def identify(
     outcome, restless = noise.changing(outcome, experiments)
     if outcome.departing:
         outcome = replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
-    found = _reported(search, outcome, experiments, free)
+    found = _mended(_reported(search, outcome, experiments, free), experiments, calibrated, chosen)
     commands = search.commands(experiments, loop, outcome)
     more = [
         *comparison.of_data(calibrated),
@@ -121,6 +121,15 @@ def _reported(
     lost = verdict.indeterminable(outcome, experiments, named)
     doubts = [*verdict.doubts(outcome, experiments), *verdict.scattered(outcome)]
     return verdict.report(outcome, experiments, names, [*lost, *doubts])
+
+
+def _mended(found: Fit, experiments: Sequence[Experiment], calibrated: Results, chosen: Settings) -> Fit:
+    """Return what was found with what instruments move in the fit moved likewise."""
+    moved = earlier.beside_instruments(calibrated)
+    if calibrated.joint is None or not moved & set(found):
+        return found
+    least = earlier.least_squares(experiments, chosen)
+    return comparison.beside_instruments(found, calibrated.joint, moved, least)
 
 
 def _searched(

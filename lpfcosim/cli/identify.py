@@ -39,7 +39,7 @@ def identify_files(
     Raises
     ------
     FitError
-        At the end, if sigmas do not hold.
+        At the end, if sigmas do not hold or nothing is determined.
     """
     plan = loading.load(campaign)
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
@@ -69,6 +69,10 @@ def identify_files(
     console.say(f"identified: {directory / RESULTS}, report: {page}")
     for place, warning in found.unsound:
         raise fit.errors.FitError(f"{directory / RESULTS}: {place}: {warning.message}")
+    if found.joint is not None and not found.joint.parameters:
+        raise fit.errors.FitError(
+            f"{directory / RESULTS}: joint: nothing that is sought is determined; the warnings say why"
+        )
 
 
 def _fitted(campaign: Path, plan: Campaign, paths: Sequence[Path], directory: Path, console: Console) -> None:

@@ -94,7 +94,7 @@ def test_gain_of_the_controller_and_of_the_actuation_are_one_number(lpfcosim, do
     """Nor does it tell them apart how a run settles whose constant force they hold."""
     done.write_text(f"{CAMPAIGN}\n[identify]\nlambda_2 = {{}}\nC_2 = {{}}\nSuspensionControl.f_u = {{}}\n")
     status, out, err = lpfcosim("identify", done, "--json")
-    assert status == 0, err
+    assert status == 1, err  # none of the three is known by itself
     joint = json.loads(out)["joint"]
     assert not {"lambda_2", "SuspensionControl.f_u"} & set(joint["names"])
     (blind,) = [w for w in joint["warnings"] if w["code"] == "indeterminable"]
@@ -190,6 +190,15 @@ def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
     assert (status, out) == (2, "")
     assert said in err.splitlines()[-1]
     assert "Traceback" not in err
+
+
+def test_where_nothing_is_determined_the_command_fails_and_says_why(lpfcosim, done):
+    done.write_text(f"{CAMPAIGN}\n[identify]\nPlant.m_sc = {{}}\n")  # o_1 is imposed
+    status, out, err = lpfcosim("identify", done, "--json")
+    assert status == 1
+    assert err.splitlines()[-1].endswith("nothing that is sought is determined; the warnings say why")
+    (blind,) = [w for w in json.loads(out)["joint"]["warnings"] if w["code"] == "indeterminable"]
+    assert blind["parameters"] == ["Plant.m_sc"]
 
 
 def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign):

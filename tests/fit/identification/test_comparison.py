@@ -1,0 +1,52 @@
+"""What an identification is held against: the fit, also where instruments move that."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fit.identification import comparison
+from fit.results import Estimate, Fit
+
+NAMES = ("lambda_2", "delta_ifo_1")
+
+
+def fit_of(estimates, correlation=0.5):
+    sigma = np.array([sigma for _, sigma in estimates.values()])
+    P = len(sigma)
+    covariance = np.outer(sigma, sigma) * (np.eye(P) * (1 - correlation) + correlation)
+    parameters = {name: Estimate(value, s, "1") for name, (value, s) in estimates.items()}
+    return Fit(parameters, covariance, 1.0, 1, True, ())
+
+
+def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference():
+    least = SimpleNamespace(
+        parameters=[SimpleNamespace(name=name) for name in NAMES],
+        solution=SimpleNamespace(theta=np.array([1.0, -3.0]), sigma=np.array([0.1, 1.0])),
+    )
+    calibrated = fit_of({"lambda_2": (1.0, 0.1), "delta_ifo_1": (0.0, 1.02)})
+    found = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-3.01, 1.0), "Plant.cubic_2": (4.0, 1.0)})
+    assert [w.parameters for w in comparison.apart(found, calibrated)] == [("delta_ifo_1",)]  # a false alarm
+
+    mended = comparison.beside_instruments(found, calibrated, {"delta_ifo_1", "alpha_x_1"}, least)
+    assert not comparison.apart(mended, calibrated)
+    assert mended["delta_ifo_1"].value == pytest.approx(-0.01)
+    assert mended["delta_ifo_1"].sigma == pytest.approx(1.02)
+    assert mended["lambda_2"] == found["lambda_2"]
+    assert np.sqrt(np.diag(mended.covariance)) == pytest.approx([0.1, 1.02, 1.0])
+    assert np.allclose(mended.correlation, found.correlation)
+    (told,) = mended.warnings
+    assert (told.code, told.parameters) == ("instruments", ("delta_ifo_1",))
+    assert "delta_ifo_1 (-3.0)" in told.message
+    assert "Plant.cubic_2 is not known" in told.message
+
+    wrong = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-1.0, 1.0)})  # by another loop
+    mended = comparison.beside_instruments(wrong, calibrated, {"delta_ifo_1"}, least)
+    assert [w.parameters for w in comparison.apart(mended, calibrated)] == [("delta_ifo_1",)]
+
+
+def test_without_instruments_nothing_moves():
+    found = fit_of({"lambda_2": (1.001, 0.1)})
+    assert (
+        comparison.beside_instruments(found, found, {"delta_ifo_1"}, SimpleNamespace(parameters=[])) is found
+    )
