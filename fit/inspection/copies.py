@@ -113,16 +113,18 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     inside = slice(*np.flatnonzero(X)[[0, -1]])
     power = np.abs(X[inside]) ** 2
     level = scipy.ndimage.median_filter(power, SMOOTH, mode="nearest")
-    if not np.all(level > 0):
-        return None
     noise = power < TONE * level
+    if not (np.all(level > 0) and noise.any()):
+        return None
     bins = np.zeros(X.size, dtype=np.complex64)
     bins[inside] = np.where(noise, X[inside] / np.sqrt(level), 0)
     powers = np.where(noise, np.sqrt(power / level), 0)
     powers = np.where(noise, powers - powers[noise].mean(), 0)
-    powers /= np.linalg.norm(powers)
+    size = float(np.linalg.norm(powers))
+    if not size > 0:  # simulated without noise
+        return None
     root = math.sqrt(float(np.median(level)) / x.size)
-    return _Print(n, rate, x.size, root, bins, powers.astype(np.float32))
+    return _Print(n, rate, x.size, root, bins, (powers / size).astype(np.float32))
 
 
 def _match(a: _Print, b: _Print, channel: str) -> Match | None:

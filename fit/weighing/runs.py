@@ -318,15 +318,17 @@ def smooth_noise(left: Left, previous: NoiseModel | None, longer: Left | None = 
     previous : NoiseModel or None
         See `noise_model`.
     longer : Left, optional
-        Of a run with the same noise. What it has below the first bin of the other tells the slower noise:
-        one that is taken for too quiet there would outweigh everything.
+        Of a run with the same noise. What it has below the first bin of the other tells the slower noise
+        where that is louder than it seems: what is taken for too quiet there would outweigh everything.
     """
     f, (power, dof) = left.terms.f, left.power(previous)
+    model = fit_noise(f, power, dof)
     slower = longer.terms.f[longer.terms.f < SLOWER * f[0]] if longer else f[:0]
     if longer and slower.size:
-        f = np.concatenate([slower, f])
-        power, dof = np.hstack([longer.power(previous)[:, : slower.size], [power, dof]])
-    model = fit_noise(f, power, dof, slower.size)
+        of_slower, told = longer.power(previous)[:, : slower.size]
+        if np.sum(of_slower / model.expected(slower)) > np.sum(told):
+            power, dof = np.hstack([[of_slower, told], [power, dof]])
+            model = fit_noise(np.concatenate([slower, f]), power, dof, slower.size)
     return model if previous else smooth_noise(left, model, longer)
 
 
