@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fit.estimate.couplings import Freed
 from fit.estimate.irls import Outcome
-from fit.results import Fit
+from fit.results import Estimate, Fit
 from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
@@ -40,6 +40,21 @@ def widened(fit: Fit, shift: Mapping[str, float]) -> Fit:
         for i, s in zip(kept.tolist(), wider, strict=True)
     }
     return replace(fit, parameters=parameters, covariance=covariance)
+
+
+def moves(given: Mapping[str, Estimate], least: Outcome) -> dict[str, tuple[float, float]]:
+    """Return by how much instruments move estimates [SI], and how many times they widen them.
+
+    Parameters
+    ----------
+    given : mapping of str to Estimate
+        What is given beside instruments, see `mended`.
+    least : Outcome
+        The same fit by least squares.
+    """
+    at = {p.name: i for i, p in enumerate(least.parameters)}
+    theta, sigma = least.solution.theta, least.solution.sigma
+    return {n: (e.value - float(theta[at[n]]), e.sigma / float(sigma[at[n]])) for n, e in given.items()}
 
 
 def mended(joint: Fit, outcome: Outcome, freed: Freed, shift: Array, before: Array) -> Fit:

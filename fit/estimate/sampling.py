@@ -21,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
+from fit.estimate.attenuation import moves
 from fit.estimate.irls import Outcome
 from fit.estimate.posterior import Posterior
 from fit.files import atomic
+from fit.results import Estimate
 from fit.telemetry import check_storage, guard
 
 if TYPE_CHECKING:
@@ -242,7 +244,7 @@ def _refusal(posterior: Posterior, chain: Chain) -> str:
 
 
 def beside_instruments(
-    chain: Chain, outcome: Outcome, given: Mapping[str, tuple[float, float]]
+    chain: Chain, outcome: Outcome, given: Mapping[str, Estimate]
 ) -> tuple[Chain, Outcome]:
     """Return chain and fit moved and widened as the results are, see `attenuation.mended`.
 
@@ -254,14 +256,14 @@ def beside_instruments(
         Of the posterior.
     outcome : Outcome
         Of the joint fit whose posterior it sampled.
-    given : mapping of str to tuple of float
-        Values and sigmas of what the results have beside instruments, SI.
+    given : mapping of str to Estimate
+        What the results have beside instruments.
     """
     solution, names = outcome.solution, [p.name for p in outcome.parameters]
     centre, scale = solution.theta.copy(), np.ones(len(names))
-    for name, (value, sigma) in given.items():
+    for name, (shift, wider) in moves(given, outcome).items():
         i = names.index(name)
-        centre[i], scale[i] = value, sigma / solution.sigma[i]
+        centre[i], scale[i] = centre[i] + shift, wider
     shared = slice(outcome.shared)
     theta = chain.theta.copy()
     theta[..., shared] = centre[shared] + (theta[..., shared] - solution.theta[shared]) * scale[shared]

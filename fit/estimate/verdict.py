@@ -318,21 +318,21 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 def acausal(outcome: Outcome) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
     at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.lost[i]}
-    found = []
+    found: dict[str, str] = {}
     for j in (1, 2):
         if {f"lambda_{j}", f"C_{j}"} <= at.keys():
             gain, C = (float(outcome.solution.theta[at[f"{name}_{j}"]]) for name in ("lambda", "C"))
             sigma = float(outcome.solution.sigma[at[f"C_{j}"]])
             early = -C / gain
             if early > max(EARLY, CERTAIN * sigma / gain):
-                found.append(
+                found[f"C_{j}"] = (
                     f"f_x_{j} acts {early:.3g} ± {sigma / gain:.1g} s before it is commanded: it is late in "
                     "the files of every run, or o_12 is early"
                 )
-    names = tuple(f"C_{words[4]}" for words in found)
-    return (
-        [FitWarning("acausal", names, f"{'; '.join(found)}; C is not that of the actuators")] if found else []
-    )
+    if not found:
+        return []
+    message = f"{'; '.join(found.values())}; C is not that of the actuators"
+    return [FitWarning("acausal", tuple(found), message)]
 
 
 def suspects(alone: Mapping[str, Outcome | FitError]) -> dict[str, str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
+from fit.estimate import Outcome, attenuation
 from fit.identification import series
 from fit.identification.protocol import Loop
 from fit.results import Fit, Results
@@ -65,18 +65,16 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outc
     least : Outcome
         Of the equation, by least squares.
     """
-    at = {p.name: i for i, p in enumerate(least.parameters)}
-    parameters, scale, told = dict(found.parameters), np.ones(len(found.parameters)), []
-    for k, (name, estimate) in enumerate(found.parameters.items()):
-        if name in moved:
-            value, sigma = least.solution.theta[at[name]], least.solution.sigma[at[name]]
-            shift = calibrated[name].value - float(value)
-            scale[k] = calibrated[name].sigma / sigma
-            wider = estimate.sigma * float(scale[k])
-            parameters[name] = replace(estimate, value=estimate.value + shift, sigma=wider)
-            told.append(f"{name} ({-shift / sigma:+.1f})")
-    if not told:
+    given = {name: calibrated[name] for name in found.parameters if name in moved}
+    if not given:
         return found
+    names, parameters, told = list(found.parameters), dict(found.parameters), []
+    scale = np.ones(len(names))
+    for name, (shift, wider) in attenuation.moves(given, least).items():
+        was = parameters[name]
+        parameters[name] = replace(was, value=was.value + shift, sigma=was.sigma * wider)
+        scale[names.index(name)] = wider
+        told.append(f"{name} ({-shift * wider / given[name].sigma:+.1f})")
     message = (
         "moved and widened as instruments do it to the fit; least squares is off by so many of its sigmas: "
         + ", ".join(told)
@@ -84,7 +82,7 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outc
     alone = [name for name in found.parameters if name not in calibrated.parameters]
     if alone:
         message += f"; by how much it is for {', '.join(alone)} is not known"
-    warning = FitWarning("instruments", tuple(n for n in found.parameters if n in moved), message)
+    warning = FitWarning("instruments", tuple(given), message)
     return replace(
         found,
         parameters=parameters,

@@ -49,9 +49,7 @@ PATCHED = 60.0  # s; a patch that is longer may hide the onset of a long glitch,
 MOST_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
 MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
 FAST = 3e-3  # Hz; below, glitches of hours look like what a run is driven with
-LACKING = (
-    1.0  # times the power of noise, over all bins, that is no matter of glitches if most is at driven bins
-)
+LACKING = 1.0  # times the power of noise, over all bins: no matter of glitches if most is at driven bins
 ALMOST = 0.8  # of it
 AROUND = 401  # bins, of which the lowest tell with what power a run moves by itself
 QUIET = 10  # per cent that are
@@ -108,9 +106,8 @@ class Hunt:
         for attempt in range(ROUNDS):
             if attempt:
                 self._weigh()
-            if not any(
-                search.look(noise) for search in reversed(searches)
-            ):  # the noise weighs: it goes first
+            # the noise weighs: it goes first
+            if not any(search.look(noise) for search in reversed(searches)):
                 break
         warnings = tuple(search.warning() for search in searches if search.found)
         return Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None), warnings

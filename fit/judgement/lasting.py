@@ -173,7 +173,7 @@ def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults
     least = np.full(score.size, np.inf)
     for i in range(len(runs)) if len(runs) > 1 else ():
         rest, seen = _sum([*runs[:i], *runs[i + 1 :]]).beside(*known)
-        alike = -rest * np.sign(-score) / np.sqrt(np.where(seen, seen, np.inf))
+        alike = rest * np.sign(score) / np.sqrt(np.where(seen, seen, np.inf))
         least = np.minimum(least, alike / windowed)
     return [
         Amount(-float(s / of), windowed * float(of) ** -0.5, float(z)) if of else None

@@ -34,7 +34,7 @@ def _sample(
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     joint = results.joint.parameters if results.joint else {}
     others = earlier.beside_instruments(results)
-    given = {name: (e.value, e.sigma) for name, e in joint.items() if name in others}
+    given = {name: e for name, e in joint.items() if name in others}
     if given:
         told = ", ".join(given)
         console.note(
