@@ -141,6 +141,12 @@ KINDS: Mapping[str, Kind] = {
         severity=Severity.DOUBT,
         words="The FMUs and the equation of motion differ",
     ),
+    "another_loop": Kind(
+        "Nothing if that is meant, such as a model of yours on telemetry of another; otherwise name the "
+        "campaign and the FMUs that simulated the telemetry.",
+        severity=Severity.DOUBT,
+        words="The telemetry was simulated with another loop",
+    ),
     "left_out": Kind(
         "Mend what is named and fit again; the fit of the others is not touched by it.",
         severity=Severity.DOUBT,

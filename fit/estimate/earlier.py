@@ -1,5 +1,6 @@
 """An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +33,7 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     recorded = results.provenance.telemetry
     if recorded is None:
         raise InputError(f"{path}: provenance.telemetry: expected a list of file names")
-    return results, read_all([directory / p for p in recorded])
+    return results, read_all([Path(os.path.normpath(directory / p)) for p in recorded])
 
 
 def experiments(

@@ -7,7 +7,7 @@ and with it all that the data cannot tell from it: a scale of f_x_2 and one of o
 better than a wrong one: if none is possible, none is named.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -128,13 +128,14 @@ class Direction:
     steps: Mapping[str, float]
     words: Callable[[float, float, Case], str]
 
-    def of(self, theta: Array) -> Array:
-        """Return it at the parameters of the run, shape (Q,)."""
+    def of(self, theta: Array, names: Sequence[str]) -> Array:
+        """Return it at the parameters of the run, shape (Q,), the first of which have `names`.
+
+        Those of a simulated loop are others than those of the equation: what a run has none of is left out.
+        """
         found = np.zeros(theta.size)
-        for name, power in self.powers.items():
-            found[_AT[name]] += power * theta[_AT[name]]
-        for name, step in self.steps.items():
-            found[_AT[name]] += step
+        for i, name in enumerate(names):
+            found[i] = self.powers.get(name, 0.0) * theta[i] + self.steps.get(name, 0.0)
         return found
 
 
@@ -177,7 +178,8 @@ def _of_directions(case: Case) -> Iterator[_Cause]:
     """Try what moves parameters of the run."""
     voice, whole = case.voice, case.voices.of_run(case.at)
     for direction in DIRECTIONS:
-        column = case.voices.column(case.at, voice.answer @ voice.gradient @ direction.of(case.expected))
+        moved = direction.of(case.expected, voice.names)
+        column = case.voices.column(case.at, voice.answer @ voice.gradient @ moved)
         test = case.voices.of_columns(column)
         if test.dof:
             left = Squares(whole.value - test.value, whole.dof - test.dof, whole.of_noise)

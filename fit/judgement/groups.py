@@ -75,7 +75,7 @@ def _columns(voices: Regression, members: Sequence[int], direction: Direction) -
     """Yield what a fault does to each of some runs, by number."""
     for i in members:
         v = voices.voices[i]
-        yield voices.column(i, v.answer @ v.gradient @ direction.of(v.theta))
+        yield voices.column(i, v.answer @ v.gradient @ direction.of(v.theta, v.names))
 
 
 def is_shared(voices: Regression, shift: Shift) -> bool:

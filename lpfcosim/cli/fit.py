@@ -13,7 +13,7 @@ from fit import settings as fit_settings
 from fit.errors import FitError
 from fit.report import page as fit_report
 from fit.results import Results, load, sound_joint, write
-from fit.telemetry import convert, inside, is_map, read_all
+from fit.telemetry import Telemetry, convert, inside, is_map, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.running import folder as folders
@@ -50,6 +50,7 @@ def calibrated(
     own: bool = False,
     calibration: Path | None = None,
     origin: Mapping[str, str | int | float] | None = None,
+    admitted: Callable[[Sequence[Telemetry]], None] = lambda _: None,
     told: Callable[[Results], Results] = lambda results: results,
     printed: bool = True,
 ) -> None:
@@ -57,7 +58,7 @@ def calibrated(
 
     Files that are our `own` need not be tried by another process first. With a `calibration` the dynamics
     are taken from there, and only the inertial forces are fitted. `origin` is how the telemetry came to be;
-    `told` adds to the results what else there is to tell.
+    `admitted` refuses telemetry before it is fitted, `told` adds to the results what else there is to tell.
 
     Raises
     ------
@@ -70,6 +71,7 @@ def calibrated(
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
+    admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:
             results = api.calibrate_inertial(telemetries, known)

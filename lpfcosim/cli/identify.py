@@ -15,6 +15,7 @@ from fit.results import Results, write
 from fit.settings import Group, Settings, settings
 from fit.telemetry import Telemetry, read_truth
 from fit.threads import alone
+from fit.warnings import FitWarning
 from fit.weighing import Experiment
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import fmu as cli_fmu
@@ -23,9 +24,9 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated, telemetry
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
-from lpfcosim.identify import Simulation, Target, targets
+from lpfcosim.identify import Simulation, Target, check, other_loop, targets
 from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder, runner, workers
+from lpfcosim.running import folder, ledger, runner, workers
 
 RESULTS = "identified.json"  # which the report looks for
 ROUNDS, BLOWS = 3, 2  # of a search, as a rule: simulations of every run, and how many tell what moves it
@@ -57,10 +58,12 @@ def identify_files(
         )
     with console.stage("reading"):
         results, telemetries = earlier.load(directory)
+    check(plan, telemetries)
     with folder.held(directory), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
         found = _identified(plan, campaign, held, results, telemetries, directory, console)
+        found = _with_origin(found, plan, telemetries, held)
         document = write(found, directory / RESULTS)
         with console.stage("report"):
             page = fit_report.write_report(directory, results, telemetries)
@@ -79,9 +82,13 @@ def _fitted(campaign: Path, plan: Campaign, paths: Sequence[Path], directory: Pa
     """Fit telemetry by the equation of motion; that this is unsound must not keep from a better model."""
     chosen = settings(plan.fit, f"{campaign}: fit")
     found = telemetry(console, paths, directory, any_gaps=False)
-    (directory / "results.json").unlink(missing_ok=True)
+
+    def admitted(telemetries: Sequence[Telemetry]) -> None:
+        check(plan, telemetries)
+        (directory / "results.json").unlink(missing_ok=True)
+
     try:
-        calibrated(console, directory, found, chosen, printed=False)
+        calibrated(console, directory, found, chosen, admitted=admitted, printed=False)
     except fit.errors.FitError as error:
         if not (directory / "results.json").is_file():
             raise
@@ -162,6 +169,18 @@ def _found(
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))
     return pulls.with_truth(found, telemetries, {t.run: _truth(t, plan, loop.targets) for t in telemetries})
+
+
+def _with_origin(
+    found: Results, plan: Campaign, telemetries: Sequence[Telemetry], fmus: Mapping[str, Path]
+) -> Results:
+    """Return results that tell if the telemetry says that another loop simulated it."""
+    digests = {model: ledger.digest(path) for model, path in fmus.items()}
+    others = other_loop(plan, telemetries, digests)
+    if not others or found.joint is None:
+        return found
+    warning = FitWarning("another_loop", (), f"the telemetry says that it was simulated otherwise: {others}")
+    return replace(found, joint=replace(found.joint, warnings=(*found.joint.warnings, warning)))
 
 
 def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> dict[str, float]:

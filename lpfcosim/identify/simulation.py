@@ -11,20 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fit.errors
-from fit.telemetry import TOWARDS_1, Telemetry, utc
+from fit.telemetry import TOWARDS_1, Telemetry
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.identify import trials
+from lpfcosim.identify.origin import GUIDANCE, begin, run_of, size
 from lpfcosim.identify.parameters import held, settings, targets
 from lpfcosim.identify.trials import Trials
-from lpfcosim.spacecraft import Authority, Run
+from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import drive
 
 Array = NDArray[np.float64]
 
 QUIET = 0.02  # share of a run without direct forces, that suffices to see what is held
-_GUIDANCE = ("guidance_o_1", "guidance_o_12")
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Simulation:
     ) -> None:
         self.told: Callable[[int], None] = lambda _: None
         self._done = 0
-        first = _run(plan, telemetries[0])
+        first = run_of(plan, telemetries[0])
         placed = interfaces(first, fmus)
         self.targets = targets(plan, first, placed)
         self.held = held(first, placed, self.targets)
@@ -120,7 +120,7 @@ class Simulation:
         """Return the force commanded past the controller, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
         if "F_x_2" not in loaded.feeds:
-            return np.zeros(_size(loaded.run, run))
+            return np.zeros(size(loaded.run, run))
         return loaded.sense * loaded.feeds["F_x_2"] / loaded.run.m_tm
 
     def _simulated(
@@ -132,27 +132,6 @@ class Simulation:
             raise fit.errors.FitError(str(error)) from None
 
 
-def _run(plan: Campaign, telemetry: Telemetry) -> Run:
-    """Return the run of a campaign that a telemetry is of, as the telemetry has it."""
-    for run in plan.runs:
-        if (run.experiment, run.kind) == (telemetry.experiment, telemetry.kind):
-            break
-    else:
-        known = ", ".join(dict.fromkeys(run.experiment for run in plan.runs))
-        raise InputError(
-            f"{telemetry.path}: a {telemetry.kind} run of experiment '{telemetry.experiment}', of which the "
-            f"campaign has none (it has {known})"
-        )
-    (F_1, N_1), (F_2, N_2) = telemetry.authority
-    return replace(
-        run,
-        truth=plan.truth,
-        authority=Authority(run.authority.name, F_1, F_2, N_1, N_2),
-        alignment_epoch=telemetry.alignment_epoch,
-        m_tm=telemetry.m_tm,
-    )
-
-
 def _load(
     stack: contextlib.ExitStack,
     plan: Campaign,
@@ -160,7 +139,7 @@ def _load(
     fmus: Mapping[str, Path],
     where: Where | None,
 ) -> _Loaded:
-    run = _run(plan, telemetry)
+    run = run_of(plan, telemetry)
     if run.alignment_epoch not in run.truth.delta_ifo:  # any value: it is sought
         some = next(iter(run.truth.delta_ifo.values()))
         run = replace(run, truth=replace(run.truth, delta_ifo={run.alignment_epoch: some}))
@@ -176,11 +155,6 @@ def _load(
     jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
     feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign
     return _Loaded(run, feeds, loop, controller, jitters, sense, steady)
-
-
-def _size(run: Run, telemetry: Telemetry) -> int:
-    """Return the number of samples of a run at the rate of the loop."""
-    return round(telemetry.size * run.fs / telemetry.fs)
 
 
 def _held_by(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
@@ -199,11 +173,10 @@ def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: f
 
 def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
-    n = _size(run, telemetry)
-    since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + telemetry.instants(slice(1))[0]
-    start = round(since * run.fs)
+    n = size(run, telemetry)
+    start = begin(run, telemetry)
     feeds = drive.injections(run, start, start + n)
-    recorded = {name for name in _GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
+    recorded = {name for name in GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
     needed = {i.into for i in run.injections} - recorded
     if needed and not -n < start < run.n_samples:
         raise InputError(

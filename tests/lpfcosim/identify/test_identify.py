@@ -192,6 +192,28 @@ def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
     assert "Traceback" not in err
 
 
+def test_telemetry_of_another_campaign_is_refused_before_anything_is_fitted(lpfcosim, done, tmp_path):
+    paths = done.with_suffix("") / "telemetry"
+    done.write_text(CAMPAIGN.replace('"A"\nauthority', '"B"\nauthority'))
+    for more in ((paths, "--out", tmp_path / "other"), ()):
+        status, out, err = lpfcosim("identify", done, *more)
+        assert (status, out) == (2, "")
+        assert "fit:" not in err
+        assert 'A-noise.h5: attribute experiment: "A", expected one of which' in err.splitlines()[-1]
+        assert not (tmp_path / "other" / "results.json").exists()
+
+
+@pytest.mark.slow
+def test_fmus_that_did_not_simulate_the_telemetry_are_told(lpfcosim, done):
+    done.write_text(f"{CAMPAIGN}\n[identify]\nlambda_2 = {{}}\n")
+    with h5py.File(done.with_suffix("") / "telemetry" / "A.h5", "r+") as file:
+        file.attrs["fmu_Plant"] = "0" * 64
+    status, out, err = lpfcosim("identify", done, "--json")
+    assert status == 0, err
+    (told,) = [w for w in json.loads(out)["joint"]["warnings"] if w["code"] == "another_loop"]
+    assert told["message"].endswith("with other FMUs in the place of Plant")
+
+
 def test_where_nothing_is_determined_the_command_fails_and_says_why(lpfcosim, done):
     done.write_text(f"{CAMPAIGN}\n[identify]\nPlant.m_sc = {{}}\n")  # o_1 is imposed
     status, out, err = lpfcosim("identify", done, "--json")
