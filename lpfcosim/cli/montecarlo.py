@@ -279,6 +279,8 @@ def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], wh
 
 
 def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
+    if work.redraw:
+        stability.check(*plan.runs)  # other truths may not be stable where the campaign's are
     telemetries = [
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
@@ -286,7 +288,7 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 
-#: What the last campaign left, by run: made anew only if more than the seed is another.
+#: What the last campaign left, by run, the newest last: made anew only if more than the seed is another.
 _simulations: dict[str, tuple[Run, spectral.Simulation]] = {}
 
 
@@ -294,8 +296,9 @@ def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
     of_run, simulation = _simulations.get(run.name, (None, None))
     same = of_run is not None and of_run == (run if run.events else replace(run, seed=of_run.seed))
     if simulation is None or not same:
-        stability.check(run)  # other truths may not be stable where the campaign's are
-        simulation = spectral.Simulation(run, _channels(run))
+        _simulations.pop(run.name, None)
+        _, beside = next(reversed(_simulations.values()), (None, None))
+        simulation = spectral.Simulation(run, _channels(run), beside)
         _simulations[run.name] = (run, simulation)
     channels = simulation.record(generator)
     limit = run.authority.F_max_2 / run.m_tm

@@ -7,7 +7,7 @@ about the steady turn.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -26,7 +26,9 @@ GRID = 100  # frequencies per decade between which the noise is interpolated: ri
 BLOCK = 8192  # bins held at a time
 TOGETHER = 4  # channels that are transformed at a time
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
-MEMORY = 80_000.0  # s, time constant of the slowest noise, after which a period of it may repeat
+# Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the
+# lowest bin of the run has its power to 2e-3 then, and every other one to 5e-4.
+PERIOD = 2
 
 
 class Simulation:
@@ -38,9 +40,11 @@ class Simulation:
         Its own seed counts for its glitches and gaps alone.
     channels : sequence of str
         C of `System.channels`.
+    beside : Simulation, optional
+        Of a run with the same channels. If it has the same loop and the same noise, these are taken over.
     """
 
-    def __init__(self, run: Run, channels: Sequence[str]) -> None:
+    def __init__(self, run: Run, channels: Sequence[str], beside: "Simulation | None" = None) -> None:
         struck = any(isinstance(injection, Pulse) for injection in run.injections) or events.glitches(run)
         silent = replace(run, noise=Noise(), actuation=Actuation())
         glitches = drive.stream(silent) if struck else None  # the same in every draw
@@ -53,10 +57,15 @@ class Simulation:
             if follows in self._mean:
                 self._mean[follows] = self._mean[follows] + rate * np.arange(self._n) / planning.RATE
         self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
-        self._period = scipy.fft.next_fast_len(2 * self._n + round(MEMORY * planning.RATE), real=True)
+        self._period = scipy.fft.next_fast_len(PERIOD * self._n, real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
         self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
-        self._order, self._factor = _factor(run, channels, self._log_f[0], self._log_f[-1])
+        decade = int(np.floor(self._log_f[0] / np.log(10)))
+        self._of_noise = _noise_of(run), decade
+        if beside and beside._of_noise == self._of_noise:
+            self._factor: Factor = beside._factor
+        else:
+            self._factor = _factor(run, channels, decade)
 
     def record(self, generator: np.random.Generator) -> dict[str, Array]:
         """Return telemetry at 1 Hz, low-passed as archives are, with noise that `generator` draws.
@@ -66,16 +75,16 @@ class Simulation:
         dict of str to ndarray, shape (n_samples / 10,)
             The channels, SI.
         """
-        C = len(self._mean)
+        C, order, independent = len(self._mean), self._factor.order, self._factor.independent
         spectrum = np.zeros((C, self._period // 2 + 1), dtype=np.complex128)
         inside = spectrum[:, 1 : self._log_f.size + 1]
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
-            L = self._factor(self._log_f[block])
-            drawn = generator.standard_normal((L.shape[1], C, 2)).view(np.complex128)[:, :, 0].T.copy()
-            for (i, j), of_bins in zip(_lower(C), L, strict=True):
+            L = self._factor.splines(self._log_f[block])
+            drawn = generator.standard_normal((independent, L.shape[1], 2)).view(np.complex128)[:, :, 0]
+            for (i, j), of_bins in zip(_lower(C, independent), L, strict=True):
                 of_bins *= drawn[j]
-                inside[self._order[i], block] += of_bins
+                inside[order[i], block] += of_bins
         spectrum *= np.sqrt(self._period * planning.RATE) / 2
         series = np.empty((C, self._n))
         for i in range(0, C, TOGETHER):  # faster than one by one
@@ -117,14 +126,42 @@ class _Splines:
         return found
 
 
-def _lower(C: int) -> list[tuple[int, int]]:
-    """Return the places of a lower triangle, shape (C, C)."""
-    return [(i, j) for i in range(C) for j in range(i + 1)]
+@dataclass(frozen=True)
+class Factor:
+    """The noise of C channels: products of a lower triangle L with its own adjoint are cross-spectra.
+
+    Attributes
+    ----------
+    order : tuple of int
+        Which channels its rows are.
+    independent : int
+        How many of its columns are not zero: the channels after these depend on those before.
+    splines : _Splines
+        The entries by log f, as `_lower` has them, low-passed; the cross-spectra are one-sided.
+    """
+
+    order: tuple[int, ...]
+    independent: int
+    splines: _Splines
+
+
+def _lower(C: int, independent: int) -> list[tuple[int, int]]:
+    """Return the places of a lower triangle, shape (C, independent)."""
+    return [(i, j) for i in range(C) for j in range(min(i + 1, independent))]
+
+
+def _noise_of(run: Run) -> Run:
+    """Return what the noise of a run depends on."""
+    alone = replace(run, name="", experiment="", kind="noise", t0="", seed=0, events=None)
+    if run.actuation != Actuation():
+        return alone  # it is as loud as the commands
+    return replace(alone, injections=(), n_samples=1)
 
 
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths
-def _low_pass(low: float, high: float, factor: int, fs: float) -> tuple[Array, Array]:
-    """Return the knots of the noise [Hz] between two of log f, and what the low-pass leaves there."""
+def _low_pass(decade: int, factor: int, fs: float) -> tuple[Array, Array]:
+    """Return the knots of the noise [Hz] from a decade on, evenly in log f, and what the low-pass leaves."""
+    low, high = decade * np.log(10), np.log(decimation.STOPPED * planning.RATE)
     n = int(GRID * (high - low) / np.log(10)) + 2
     f = np.exp(np.linspace(low, high, n))
     taps = decimation.taps(factor)
@@ -132,12 +169,9 @@ def _low_pass(low: float, high: float, factor: int, fs: float) -> tuple[Array, A
     return f, np.cos(2 * np.pi * f[:, None] * lags) @ taps
 
 
-def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> tuple[list[int], _Splines]:
-    """Return an order of channels, and L(log f) with their one-sided cross-spectra L L^*, low-passed.
-
-    Of L it is the lower triangle, see `_lower`.
-    """
-    f, low_pass = _low_pass(low, high, round(run.fs / planning.RATE), run.fs)
+def _factor(run: Run, channels: Sequence[str], decade: int) -> Factor:
+    """Return the noise of channels of a run from 10^decade Hz on."""
+    f, low_pass = _low_pass(decade, round(run.fs / planning.RATE), run.fs)
     s = world_of(run).system(run)
     shares, psd = planning.streams(run, s, f)
     rows = [s.channels.index(name) for name in channels]
@@ -147,14 +181,16 @@ def _factor(run: Run, channels: Sequence[str], low: float, high: float) -> tuple
     L = _triangle(G)
     own, whole = np.abs(np.diagonal(L, axis1=1, axis2=2)), np.linalg.norm(G, axis=2)
     depends = np.all(own <= DEPENDENT * whole, axis=0)
-    order = [int(i) for i in np.argsort(depends, kind="stable")]
-    if order != sorted(order):
+    order = tuple(int(i) for i in np.argsort(depends, kind="stable"))
+    if order != tuple(sorted(order)):
         L = _triangle(G[:, order])  # of one kind at all frequencies
     diagonal = np.diagonal(L, axis1=1, axis2=2)
     size = np.abs(diagonal)
     phase = np.where(size > 0, diagonal.conj() / np.where(size > 0, size, 1.0), 1.0)
     L = L * phase[:, None, :] * low_pass[:, None, None]
-    return order, _Splines(np.log(f), np.stack([L[:, i, j] for i, j in _lower(len(rows))], axis=1))
+    independent = max(1, int(np.count_nonzero(~depends)))
+    entries = np.stack([L[:, i, j] for i, j in _lower(len(rows), independent)], axis=1)
+    return Factor(order, independent, _Splines(np.log(f), entries))
 
 
 def _triangle(G: Complex) -> Complex:

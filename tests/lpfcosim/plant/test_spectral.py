@@ -114,11 +114,11 @@ def test_spectra_are_those_of_the_simulation(sysid):
 
 
 def test_a_command_stays_what_its_controller_makes_of_the_error(sysid):
-    """The suspension's command depends on o_12 alone: coherent to rounding and interpolation."""
+    """The suspension's command depends on o_12 alone: coherent, but for what leaks into other bins."""
     run = replace(sysid, injections=(), n_samples=216_000)
     drawn = spectral.Simulation(run, CHANNELS).record(np.random.default_rng(2))
     f, coherence = signal.coherence(drawn["o_12"], drawn["f_x_2"], fs=1.0, nperseg=4096)
-    assert coherence[(f > 5e-3) & (f < 0.15)].min() > 1 - 1e-3
+    assert coherence[(f > 5e-3) & (f < 0.15)].min() > 1 - 5e-3  # 2e-3 in most draws
 
 
 def test_read_outs_beside_commands_keep_their_cross_spectra(quickstart):
@@ -126,11 +126,12 @@ def test_read_outs_beside_commands_keep_their_cross_spectra(quickstart):
     run = loading.load(quickstart.with_name("mission.toml")).runs[0]
     read_outs = ("o_1", "o_12", "f_x_1", "f_x_2", "o_phi_1", "o_phi_12", "grs_y_1", "grs_y_2")
     f = np.array([0.3, 1.7, 20.3, 25.7, 31.1, 44.4, 60.1, 77.7]) * 1e-3
-    order, factor = spectral._factor(run, read_outs, np.log(1e-5), np.log(0.3))
-    L = np.zeros((f.size, len(order), len(order)), dtype=complex)
-    L[:, *np.tril_indices(len(order))] = factor(np.log(f)).T
+    factor = spectral._factor(run, read_outs, -5)
+    L = np.zeros((f.size, len(read_outs), factor.independent), dtype=complex)
+    places = spectral._lower(len(read_outs), factor.independent)
+    L[:, *np.array(places).T] = factor.splines(np.log(f)).T
     found = np.einsum("nik,njk->nij", L.conj(), L)
-    names = [read_outs[i] for i in order]
+    names = [read_outs[i] for i in factor.order]
     expected = planning.cross_spectra(run, names, f)
     arm = run.spacecraft.d / 2
     apart = {"grs_y_1": -0.5, "grs_y_2": 0.5, "o_phi_1": -arm, "o_phi_12": -arm / 2}
@@ -138,3 +139,34 @@ def test_read_outs_beside_commands_keep_their_cross_spectra(quickstart):
         c = np.array([weights.get(name, 0.0) for name in names])
         ratio = (c @ found @ c).real / (c @ expected @ c).real
         assert ratio == pytest.approx(1, abs=1e-4), weights
+
+
+def test_the_noise_of_a_run_beside_it_is_taken_over_only_where_it_is_the_same(sysid):
+    noise = replace(sysid, name="noise", kind="noise", injections=(), n_samples=90_000)
+    other = replace(noise, truth=replace(noise.truth, lambda_2=1.01))
+    anew, same, not_same = (
+        spectral.Simulation(sysid, CHANNELS, beside)
+        for beside in (None, spectral.Simulation(noise, CHANNELS), spectral.Simulation(other, CHANNELS))
+    )
+    drawn = [simulation.record(np.random.default_rng(3)) for simulation in (anew, same, not_same)]
+    for name in CHANNELS:
+        assert np.array_equal(drawn[0][name], drawn[1][name])
+        assert np.array_equal(drawn[0][name], drawn[2][name])
+
+
+def test_noise_of_1_over_f_has_its_power_in_the_lowest_bins_although_it_repeats():
+    """Against noise that repeats twenty times as late; constant and ramp are out, as in a fit."""
+    n, corner = 7200, 2e-6 * 3  # of a run of 6 h, at a third of the rate
+    t = np.linspace(-1, 1, n)
+    w = signal.windows.tukey(n, 0.1)
+    straight = np.linalg.qr(np.stack([w, w * t], axis=1))[0]
+    waves = np.stack([f(2 * np.pi * k * np.arange(n) / n) for k in (1, 2, 3) for f in (np.cos, np.sin)])
+    seen = w * (waves - (waves @ straight) @ straight.T)
+
+    def power(period):
+        f = np.arange(1, period // 2 + 1) / period
+        return np.abs(np.fft.rfft(seen, period)[:, 1:]) ** 2 @ (1 / (f**2 + corner**2)) / period
+
+    found = power(spectral.PERIOD * n) / power(40 * n)
+    assert np.abs(found - 1).max() < 2e-3
+    assert np.abs(found[[1, 3, 4, 5]] - 1).max() < 5e-4
