@@ -269,16 +269,20 @@ class _Search:
         return np.asarray(np.sum(known[:, lost] ** 2, axis=1) > RESTING * np.diag(known))
 
     def admitted(self, theta: Array, to: Array) -> Array:
-        """Return the next estimate, shape (P,): within its bounds, and with loops that can be simulated."""
+        """Return the next estimate, shape (P,): within its bounds, and with loops that can be simulated.
+
+        Of a step that cannot be, only those parameters go half their way that cannot go all of it even alone;
+        without such, all do.
+        """
         to = np.clip(to, self._low, self._high)
         for _ in range(HALVED):
-            try:
-                each(partial(_reach, theta=to), self.weighings)
-            except FitError as error:
-                self.stepped.append(str(error))
-                to = (theta + to) / 2
-            else:
+            refused = [(w, why) for w, why in each(partial(_refused, theta=to), self.weighings) if why]
+            if not refused:
                 return to
+            weighing, why = refused[0]
+            self.stepped.append(why)
+            alone = weighing.barred(theta, to)
+            to = np.where(alone if alone.any() else True, (theta + to) / 2, to)
         raise FitError(f"no step leads on, however short: {self.stepped[-1]}")
 
     def told(self) -> list[FitWarning]:
@@ -297,6 +301,15 @@ class _Search:
 
 def _reach(weighing: Simulated, theta: Array) -> None:
     weighing.reach(theta)
+
+
+def _refused(weighing: Simulated, theta: Array) -> tuple[Simulated, str]:
+    """Return also why the runs cannot be simulated with theta; nothing if they can."""
+    try:
+        weighing.reach(theta)
+    except FitError as error:
+        return weighing, str(error)
+    return weighing, ""
 
 
 def _provenance(

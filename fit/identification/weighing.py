@@ -226,6 +226,17 @@ class Simulated:
             self._residuals = [run.residual(of_run) for run in (self._sysid, self._noise) if run]
             self._reached = theta
 
+    def barred(self, theta: Array, to: Array) -> NDArray[np.bool_]:
+        """Tell which parameters, shape (P,), cannot go from theta so far: not even alone can it be simulated."""
+        moved = self._share[: len(self._names)].any(axis=0) & (theta != to)
+        found = np.zeros(moved.size, bool)
+        for k in np.flatnonzero(moved):
+            try:
+                self.reach(np.where(np.arange(moved.size) == k, to, theta))
+            except FitError:
+                found[k] = True
+        return found
+
     def block(self, theta: Array, covariance: Array, iteration: int) -> Linearised:
         """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
         self.reach(theta)

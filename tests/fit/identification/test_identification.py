@@ -148,6 +148,21 @@ def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown
     assert "the loop is not stable" in back.message
 
 
+@pytest.mark.slow
+def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, found):
+    far = tuple(replace(each, start=1.3 * each.of(flown[1][0]).value) for each in FREE)
+    simulated, failed = set(), set()
+
+    def refused(theta):
+        (failed if theta["C_2"] < 0.15 else simulated).add(theta["lambda_2"])
+        return theta["C_2"] < 0.15
+
+    told = identified(flown, far, refused).joint
+    assert (failed - {far[0].start}) & simulated  # the gain goes all its way, the delay half of it
+    for name, estimate in told.parameters.items():
+        assert abs(estimate.value - found.joint[name].value) < 0.01 * estimate.sigma
+
+
 def test_a_search_that_cannot_begin_is_refused(flown):
     with pytest.raises(FitError, match=r"where the search begins \(lambda_2 = 2\): the loop is not stable"):
         identified(flown, (Free("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
