@@ -165,6 +165,19 @@ KINDS: Mapping[str, Kind] = {
         words="o_1 is not of the time of the other channels",
         unsound=True,
     ),
+    "misguided": Kind(
+        "Compare the units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
+        "mend it or leave it out, and fit again.",
+        severity=Severity.FAILURE,
+        words="o_1 does not follow its guidance by one",
+        unsound=True,
+    ),
+    "interpolated": Kind(
+        "Archive the channels anew, as they were sampled.",
+        severity=Severity.FAILURE,
+        words="Samples are made from their neighbours",
+        unsound=True,
+    ),
     "acausal": Kind(
         "Archive the channels anew, each at its own times; until then trust no delay.",
         severity=Severity.FAILURE,

@@ -29,7 +29,7 @@ SETTLED = 600.0  # s, after which the state that a controller began with is forg
 #: Codes of what the fit says of the data as it was prepared, which holds for the loop as well.
 OF_DATA = (
     *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "louder", "left_out", "excluded"),
-    *("short_run", "missing_run", "odd_samples", "guidance", "same_time"),
+    *("short_run", "missing_run", "odd_samples", "interpolated", "guidance", "misguided", "same_time"),
 )
 
 

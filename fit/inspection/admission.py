@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.inspection import authority, constancy, copies, guidance, samples
+from fit.inspection import authority, constancy, copies, following, guidance, samples
 from fit.inspection.leftout import LeftOut
 from fit.model import dynamics
 from fit.signal import derivatives, welch
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
+ODD = ("odd_samples", "interpolated")  # what is odd about samples, as warnings where it is so in most
 USUAL = 3  # experiments; what more than half of so many have is no fault of one
 INJECTED = 0.06  # Hz: up to here injections are looked for
 SEGMENT = 2048.0  # s
@@ -56,13 +57,16 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
     found = [*_other_settings(experiments), *_other_times(experiments)]
     names = [e.name for e in experiments]
-    beyond, oddities = zip(*each(_of_own, experiments), strict=True) if names else ((), ())
+    beyond, *oddities = zip(*each(_of_own, experiments), strict=True) if names else ((), (), ())
     found += [LeftOut(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
     found += [*_copied(experiments), *_noise_with_sines(experiments)]
-    odd = _unless_usual(experiments, dict(zip(names, oddities, strict=True)), "odd_samples")
-    return Found(
-        _first([*found, *odd.left_out]), [*odd.notes, *_at_once(experiments), *guidance.odd(experiments)]
-    )
+    seen = guidance.seen(experiments)
+    reasons = {code: dict(zip(names, told, strict=True)) for code, told in zip(ODD, oddities, strict=True)}
+    reasons["misguided"] = following.faults(experiments, seen)
+    odd = [_unless_usual(experiments, told, code) for code, told in reasons.items()]
+    found += [fault for of in odd for fault in of.left_out]
+    notes = [note for of in odd for note in of.notes]
+    return Found(_first(found), [*notes, *_at_once(experiments), *guidance.odd(seen)])
 
 
 def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemetry]) -> list[LeftOut]:
@@ -89,11 +93,11 @@ def changes(experiments: Sequence[Experiment]) -> Found:
     return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])
 
 
-def _of_own(e: Experiment) -> tuple[list[str], list[str]]:
-    """Return what contradicts the authority of the runs of an experiment, and what is odd about samples."""
+def _of_own(e: Experiment) -> tuple[list[str], ...]:
+    """Return what contradicts the authority of the runs of an experiment, then what `ODD` stands for."""
     sysid, noise = e.sysid.telemetry, e.noise.telemetry if e.noise else None
     beyond = [reason for run in _runs(e) for reason in authority.faults(run.telemetry)]
-    return beyond, list(samples.faults(sysid, noise))
+    return beyond, list(samples.faults(sysid, noise)), list(samples.interpolated(sysid))
 
 
 def _changed(e: Experiment) -> list[str]:

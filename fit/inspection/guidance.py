@@ -11,7 +11,7 @@ controller is none of these.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -40,9 +40,20 @@ LAGS = 300.0  # s, up to which they are tried
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """Transforms of what one run was asked and answered, on the frequencies `f` [Hz], by channel."""
+class Seen:
+    """What one run was asked and answered.
 
+    Attributes
+    ----------
+    path : str
+        Of its file.
+    f : ndarray, shape (B,)
+        Frequencies [Hz].
+    asked, answered : mapping of str to ndarray, shape (B,)
+        Transforms of guidance and read-outs, by channel.
+    """
+
+    path: str
     f: Array
     asked: Mapping[str, Complex]
     answered: Mapping[str, Complex]
@@ -94,11 +105,14 @@ class _Expected:
         return found
 
 
-def odd(experiments: Sequence[Experiment]) -> list[FitWarning]:
+def seen(experiments: Sequence[Experiment]) -> dict[str, Seen]:
+    """Return what the experiments that show guidance were asked and answered, by name."""
+    runs = {e.name: e.sysid.telemetry for e in experiments if _shows(e.sysid.telemetry)}
+    return dict(zip(runs, each(_seen, list(runs.values())), strict=True))
+
+
+def odd(seen: Mapping[str, Seen]) -> list[FitWarning]:
     """Return what is said of experiments whose read-outs and guidance do not belong together."""
-    runs = {e.name: e.sysid.telemetry for e in experiments}
-    shown = [name for name, run in runs.items() if _shows(run)]
-    seen = dict(zip(shown, each(_seen, [runs[name] for name in shown]), strict=True))
     if len(seen) < FEWEST:
         return []
     expected = {channel: _expected(list(seen.values()), channel) for channel in CHANNELS}
@@ -106,10 +120,10 @@ def odd(experiments: Sequence[Experiment]) -> list[FitWarning]:
     for name in seen:
         said = [why for channel in CHANNELS if (why := _hypothesis(name, channel, seen, expected))]
         if said:
-            found.append((name, f"{runs[name].path}: {' and '.join(said)}"))
+            found.append(f"{seen[name].path}: {' and '.join(said)}")
     if 2 * len(found) > len(seen):
         return []  # no majority that tells what is right
-    return [FitWarning("guidance", (), why) for _, why in found]
+    return [FitWarning("guidance", (), why) for why in found]
 
 
 def _shows(run: Telemetry) -> bool:
@@ -117,7 +131,7 @@ def _shows(run: Telemetry) -> bool:
     return names <= run.channels.keys() and run.size > 2 / BANDS[0] * run.fs
 
 
-def _seen(run: Telemetry) -> _Seen:
+def _seen(run: Telemetry) -> Seen:
     """Transform guidance and read-outs of a run, averaged to few samples."""
     n = max(1, round(SAMPLE * run.fs))
     names = [f"{of}{channel}" for of in ("guidance_", "") for channel in CHANNELS]
@@ -127,7 +141,8 @@ def _seen(run: Telemetry) -> _Seen:
     found = spectra.transform(series - series.mean(axis=0), np.ones(len(series), dtype=bool), run.fs / n)
     keep = np.flatnonzero(found.f < BANDS[-1])
     columns = dict(zip(names, found.columns[keep].T, strict=True))
-    return _Seen(
+    return Seen(
+        str(run.path),
         found.f[keep],
         {channel: columns[f"guidance_{channel}"] for channel in CHANNELS},
         {channel: columns[channel] for channel in CHANNELS},
@@ -146,7 +161,7 @@ def _means(
     return np.stack(means, axis=1), lost
 
 
-def _expected(seen: Sequence[_Seen], channel: str) -> _Expected:
+def _expected(seen: Sequence[Seen], channel: str) -> _Expected:
     f, R, coherence = [], [], []
     for run in seen:
         own = run.injected(channel)
@@ -157,7 +172,7 @@ def _expected(seen: Sequence[_Seen], channel: str) -> _Expected:
     return _Expected(np.concatenate(f), np.concatenate(R), np.concatenate(coherence) > CLEAR)
 
 
-def _hypothesis(name: str, channel: str, seen: Mapping[str, _Seen], expected: Mapping[str, _Expected]) -> str:
+def _hypothesis(name: str, channel: str, seen: Mapping[str, Seen], expected: Mapping[str, _Expected]) -> str:
     """Return what brings a channel of a run back to what those of the others do; empty if nothing need."""
     own = seen[name]
     f = own.injected(channel)
@@ -175,7 +190,7 @@ def _hypothesis(name: str, channel: str, seen: Mapping[str, _Seen], expected: Ma
     return _unshown(name, channel, seen, expected[channel], f)
 
 
-def _others(name: str, channel: str, seen: Mapping[str, _Seen]) -> Iterator[tuple[str, Complex]]:
+def _others(name: str, channel: str, seen: Mapping[str, Seen]) -> Iterator[tuple[str, Complex]]:
     """Yield guidance that a run may have been given instead, in words and as a transform."""
     own = seen[name]
     for other in CHANNELS:
@@ -186,9 +201,9 @@ def _others(name: str, channel: str, seen: Mapping[str, _Seen]) -> Iterator[tupl
             yield f"guidance_{channel} of {run}", what.asked[channel]
 
 
-def _fits(own: _Seen, channel: str, asked: Complex, expected: _Expected) -> bool:
+def _fits(own: Seen, channel: str, asked: Complex, expected: _Expected) -> bool:
     """Return whether a read-out answers other guidance as the read-outs of others answer theirs."""
-    given = _Seen(own.f, {channel: asked}, own.answered)
+    given = replace(own, asked={channel: asked})
     usual = expected.at(given.injected(channel))
     tells = np.isfinite(usual)
     R, coherence = given.answers(channel, asked)
@@ -210,11 +225,11 @@ def _changed(channel: str, f: Array, ratio: Complex) -> str:
     return ""
 
 
-def _unshown(name: str, channel: str, seen: Mapping[str, _Seen], expected: _Expected, f: Array) -> str:
+def _unshown(name: str, channel: str, seen: Mapping[str, Seen], expected: _Expected, f: Array) -> str:
     """Return which injections a read-out answers as others do, though guidance does not show them."""
     own = seen[name]
     for other, asked in _others(name, channel, seen):
-        given = _Seen(own.f, {channel: asked}, own.answered)
+        given = replace(own, asked={channel: asked})
         more = given.injected(channel)
         usual = expected.at(np.where(f > 0, 0.0, more))
         tells = np.isfinite(usual)

@@ -23,6 +23,9 @@ READ_OUTS = ("o_1", "o_12")
 STRAIGHT, LONG = 6, 30  # samples in a row on a straight line, where there is noise; of rounded values
 COARSE = 0.1  # of the increments: where values are rounded so much, equal ones come by themselves
 BETWEEN = 0.1  # share of samples on the line between their neighbours, where noise puts none
+COMB, OFTEN, TEETH = 16, 80, 8000  # samples between those of a comb, fewest of a comb, looked at for combs
+STRAIGHTER = 0.1  # second differences of a comb that is made from its neighbours, over those of all
+WHOLE = 0.9  # share of second differences that count as they are
 LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
 SMALLEST = 200  # increments that tell whether values are rounded
 SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
@@ -140,6 +143,34 @@ def _between(bends: Array, largest: float) -> float:
     line = bends <= max(1e-9 * float(np.nanmax(bends)), 4 * float(np.spacing(largest)))
     length = np.diff(derivatives.stretches(line), axis=1)
     return float(np.sum(length[length < STRAIGHT - 2])) / bends.size
+
+
+def interpolated(run: Telemetry) -> Iterator[str]:
+    """Yield the channels of which every so-and-so-many-th sample is made from its neighbours.
+
+    Rounding puts samples on the line between their neighbours here and there, hardly ever all of a comb.
+    """
+    for name in dynamics.CHANNELS:
+        if comb := _comb(run.channels[name][:TEETH]):
+            how = f"one sample in every {comb} lies on the line between its neighbours"
+            yield f"{run.path}: {name} is interpolated: {how}"
+
+
+def _comb(x: Array) -> int:
+    """Return after how many samples one that is interpolated comes again; 0 if none does."""
+    if not is_noisy(x):
+        return 0
+    bends = np.abs(_bends(x)(slice(0, x.size)))
+    at = int(WHOLE * np.count_nonzero(np.isfinite(bends)))
+    bends = np.fmin(bends, np.partition(bends, at)[at])  # what jumps is in few of the combs
+    usual = float(bends.mean())
+    if np.abs(scipy.fft.rfft(bends)[1:]).max() < 0.6 * usual * bends.size / COMB:
+        return 0  # no comb stands out: those of noise are compared for nothing
+    for period in range(2, min(COMB, bends.size // OFTEN) + 1):
+        of_each = bends[: bends.size // period * period].reshape(-1, period).mean(axis=0)
+        if of_each.min() < STRAIGHTER * usual:
+            return period
+    return 0
 
 
 def _flat(x: Array, least: float, rounded: float) -> NDArray[np.intp]:

@@ -19,7 +19,7 @@ def runs():
 
 
 def said(runs):
-    return [w.message for w in guidance.odd(pair(list(runs.values())))]
+    return [w.message for w in guidance.odd(guidance.seen(pair(list(runs.values()))))]
 
 
 def changed(runs, name, **channels):

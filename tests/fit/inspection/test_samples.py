@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.inspection import samples
+from fit.inspection import admission, samples
+from fit.weighing import pair
 from tests.oracles import closed_loop, thirteen
 
 N = 20000
@@ -54,6 +55,16 @@ def stale(x):
 
 def every_other(x):
     return np.interp(np.arange(x.size), np.arange(0, x.size, 2), x[::2])
+
+
+def every(period, at=5, digit=0.0):
+    """Return a function that makes every so-and-so-many-th sample from its neighbours."""
+
+    def function(x):
+        x[at:-1:period] = (x[at - 1 : -2 : period] + x[at + 1 :: period])[: x[at:-1:period].size] / 2
+        return digit * np.round(x / digit) if digit else x
+
+    return function
 
 
 def plus(amount, start, stop=N):
@@ -166,3 +177,67 @@ def test_sines_that_begin_and_end_are_no_jumps():
     quiet = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
     still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=quiet))
     assert not [words for words in samples.faults(still, None) if "jumps" in words]
+
+
+def combs(**channels):
+    return list(samples.interpolated(run(**channels)))
+
+
+@pytest.mark.parametrize(
+    ("fault", "period"),
+    [
+        (every(10), 10),
+        (every(2), 2),
+        (every(15, 8), 15),
+        (every(10, digit=1e-17), 10),
+        (lambda x: every(10)(x.astype(np.float32).astype(float)), 10),
+    ],
+    ids=["tenth", "second", "15th", "rounded", "single"],
+)
+@pytest.mark.parametrize("name", ["f_x_2", "o_12"])
+def test_a_comb_of_samples_made_from_their_neighbours_is_told(name, fault, period):
+    (said,) = combs(**{name: fault})
+    assert f"{name} is interpolated: one sample in every {period} lies on the line" in said
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda x: x,
+        lambda x: x.astype(np.float32).astype(float),
+        lambda x: 3e-16 * np.round(x / 3e-16),  # a tenth of which lies between its neighbours
+        lambda x: 3e-15 * np.round(x / 3e-15),
+        lambda x: np.repeat(x[::10], 10),
+        lambda x: filled(5000, 5400)(x),
+        lambda x: np.where(np.random.default_rng(2).random(x.size) < 0.1, np.roll(x, 1), x),
+        lambda x: x[:300],
+    ],
+    ids=["clean", "single", "rounded", "coarse", "held", "filled", "repeated", "short"],
+)
+def test_no_comb_is_told_of_other_samples(made):
+    assert combs(f_x_2=made, o_1=lambda x: 1e3 * made(1e-3 * x)) == []
+
+
+def experiments(spoilt):
+    """Return four of them, every twelfth sample of f_x_2 interpolated in the sysid runs of some."""
+    return pair([of_its_own(name, kind, spoilt) for name in "ABCD" for kind in ("sysid", "noise")])
+
+
+def of_its_own(name, kind, spoilt):
+    seed = 10 * ord(name) + (kind == "noise")
+    channels = {c: noise(100 * seed + n) for n, c in enumerate(("o_1", "o_12", "f_x_1", "f_x_2"))}
+    if name in spoilt and kind == "sysid":
+        channels["f_x_2"] = every(12)(channels["f_x_2"])
+    channels = {c: x * (1e-3 if c[0] == "f" else 1) for c, x in channels.items()}
+    label = f"{name}-{kind}"
+    return replace(run(kind), run=label, experiment=name, path=f"{label}.h5", channels=channels)
+
+
+def test_samples_that_are_interpolated_in_most_runs_spoil_the_fit():
+    (note,) = [n for n in admission.faults(experiments("ACD")).notes if n.code == "interpolated"]
+    assert note.kind.unsound
+    found = admission.faults(experiments("D"))
+    (fault,) = found.left_out
+    assert fault.experiment == "D"
+    assert "D-sysid.h5: f_x_2 is interpolated: one sample in every 12" in fault.reason
+    assert not [n for n in found.notes if n.code == "interpolated"]
