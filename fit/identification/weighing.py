@@ -227,7 +227,7 @@ class Simulated:
             self._reached = theta
 
     def barred(self, theta: Array, to: Array) -> NDArray[np.bool_]:
-        """Tell which parameters, shape (P,), cannot go from theta so far: not even alone can it be simulated."""
+        """Tell which parameters, shape (P,), cannot go so far from theta: not even alone."""
         moved = self._share[: len(self._names)].any(axis=0) & (theta != to)
         found = np.zeros(moved.size, bool)
         for k in np.flatnonzero(moved):
