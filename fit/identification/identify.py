@@ -64,7 +64,7 @@ def identify(
     Raises
     ------
     InputError
-        If the estimator has no counterpart here.
+        If the estimator has no counterpart here, or no loop is where the search was told to begin.
     FitError
         If the loop cannot be simulated, or no trustworthy estimate comes out.
     """
@@ -217,15 +217,21 @@ class _Search:
 
         Raises
         ------
+        InputError
+            If the loop cannot be simulated where the search was told to begin.
         FitError
-            If the loop cannot be simulated where the search begins, or it does not settle.
+            If it cannot be simulated elsewhere, or the search does not settle.
         """
         joint, known = self.joint, self.joint.named(self._start)
         given = ", ".join(f"{name} = {known[name]:.6g}" for name in joint.given)
         try:
             each(partial(_reach, theta=self._start), self.weighings)
         except FitError as error:
-            raise FitError(f"where the search begins{f' ({given})' * bool(given)}: {error}") from None
+            if given:
+                raise InputError(
+                    f"identify: start at {given}: {error}; expected a loop that can be simulated"
+                ) from None
+            raise FitError(f"where the search begins: {error}") from None
         try:
             return irls.iterate(
                 self.weighings, joint.parameters, self.held, departing=joint.departing, admitted=self.admitted

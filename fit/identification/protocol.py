@@ -84,18 +84,26 @@ class Free:
     shared: Group = "campaign"
     unit: str = "1"
 
+    @property
+    def scale(self) -> float:
+        """Its natural scale; where it is not told, that of the fit, or the start."""
+        return self._known(1).prior_sigma if self.width is None else self.width
+
     def of(self, run: Telemetry) -> Parameter:
         """Return the parameter where it holds for a run: with epoch or experiment at the end of its name."""
         name = self.name if self.shared == "campaign" else f"{self.name}_{getattr(run, self.shared)}"
-        base = f"{self.name}_{run.alignment_epoch}" if self.name == "delta_ifo" else self.name
+        known = self._known(run.alignment_epoch)
+        start = known.value if self.start is None else self.start
+        return replace(known, name=name, value=start, prior_sigma=self.width or known.prior_sigma)
+
+    def _known(self, epoch: int) -> Parameter:
+        base = f"{self.name}_{epoch}" if self.name == "delta_ifo" else self.name
         try:
-            known = joint_parameter(base)
+            return joint_parameter(base)
         except KeyError:  # of an FMU alone
             scale = abs(self.start or 0.0) or 1.0
             what = f"parameter {self.name}"
-            known = Parameter(self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, what, False)
-        start = known.value if self.start is None else self.start
-        return replace(known, name=name, value=start, prior_sigma=self.width or known.prior_sigma)
+            return Parameter(self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, what, False)
 
 
 def joint_parameters(free: Sequence[Free], runs: Sequence[Telemetry]) -> dict[str, tuple[Parameter, Free]]:

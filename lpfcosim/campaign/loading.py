@@ -20,7 +20,6 @@ from lpfcosim.campaign.campaign import Campaign, Experiment, iso
 from lpfcosim.campaign.entries import ConflictError, Entry, check_defaults, written
 from lpfcosim.campaign.injections import SHAPES
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
-from lpfcosim.campaign.values import LONGEST_DELAY
 from lpfcosim.errors import InputError
 from lpfcosim.network import Component
 from lpfcosim.plant import saturation
@@ -28,6 +27,7 @@ from lpfcosim.spacecraft import (
     DRAG_FREE,
     FS,
     LARGEST_PULL,
+    LONGEST_DELAY,
     M_TM,
     SUSPENSION,
     Authority,

@@ -19,7 +19,7 @@ class SoughtTable(Table):
 
     start: Number | None = None
     bounds: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
-    width: Annotated[Number, Field(gt=0)] | None = None
+    width: Annotated[Number, Field(gt=0, le=1e60)] | None = None
     shared: Shared | None = None
 
     @field_validator("bounds")

@@ -8,9 +8,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict
 from fit.errors import quote
 from fit.files import problem
 from lpfcosim.campaign.units import YEAR, Frequency, Quantity
-from lpfcosim.spacecraft import FS, H
+from lpfcosim.spacecraft import FS, LONGEST_DELAY, H
 
-LONGEST_DELAY = 10.0  # s, of a command; the actuation FMU keeps a few more
 _RATES = (1.0, 2.0, 5.0, 10.0)  # Hz, at which telemetry may be recorded
 
 

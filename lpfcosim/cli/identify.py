@@ -29,6 +29,8 @@ from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, ledger, runner, workers
 
 RESULTS = "identified.json"  # which the report looks for
+FAR = 100.0  # natural scales from where the campaign has a parameter: there the search would not begin
+FINEST = 1e-9  # of a value: less is lost in the rounding of what is simulated
 ROUNDS, BLOWS = 3, 2  # of a search, as a rule: simulations of every run, and how many tell what moves it
 
 
@@ -164,7 +166,8 @@ def _found(
 ) -> Results:
     experiments, chosen = prepared
     free = [_free(target) for target in loop.targets]
-    found = identify(experiments, free, loop, results, chosen, loop.held)
+    with ours():
+        found = identify(experiments, free, loop, results, chosen, loop.held)
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))
@@ -193,17 +196,29 @@ def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> di
 
 def _free(target: Target) -> Free:
     """Return a parameter as the estimation has it."""
-    sought = target.sought
-    start = sought.start
+    sought, where = target.sought, f"identify.{target.name}"
+    start, width = sought.start, sought.width
+    low, high = sought.bounds or target.possible
     if "." in target.name and start is None:
         start = target.given
-    low, high = sought.bounds or (-float("inf"), float("inf"))
-    width = sought.width
     if "." in target.name and width is None and not start:
         if sought.bounds is None:
-            raise InputError(
-                f"identify.{target.name}: starts at 0, which tells no scale; expected a width or bounds"
-            )
+            raise InputError(f"{where}: starts at 0, which tells no scale; expected a width or bounds")
         width = (high - low) / 2
     of_epoch: Group = "alignment_epoch" if target.name == "delta_ifo" else "campaign"
-    return Free(target.name, start, width, (low, high), sought.shared or of_epoch, target.unit)
+    free = Free(target.name, start, width, (low, high), sought.shared or of_epoch, target.unit)
+    if start is not None and not low <= start <= high:
+        raise InputError(
+            f"{where}.start: {start:g}, expected {low:.4g} to {high:.4g}, what is possible about the "
+            f"{target.given:.5g} of the campaign; bounds of yours allow more"
+        )
+    scale = free.scale
+    if scale < FINEST * max(abs(target.given), abs(start or 0.0)):
+        raise InputError(f"{where}.width: {scale:g} is too small for numbers of 16 digits, expected more")
+    within = FAR * scale
+    if sought.start is not None and "." not in target.name and abs(sought.start - target.given) > within:
+        raise InputError(
+            f"{where}.start: {sought.start:g}, expected a value within {within:.2g} of {target.given:.4g}, "
+            "that of the campaign; a larger width allows more"
+        )
+    return free

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fit.errors import quote
 from fit.files import closest
 from lpfcosim.campaign import Campaign, Sought
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
-from lpfcosim.spacecraft import Run
+from lpfcosim.spacecraft import LONGEST_DELAY, H, Run
 from lpfcosim.worlds import world_of
 
 #: What the fit has under the same name, and what follows from others: C_j = lambda_j tau_j.
@@ -21,6 +22,8 @@ SHARED_NAMES = (
 )
 DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
 _HELD = ("h",)  # the step of the loop is no parameter of it
+LIKE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
+_ANY = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Target:
         Its unit.
     sought : Sought
         What the campaign says of it.
+    possible : tuple of float
+        Between which values it can be, if the campaign does not tell bounds.
     """
 
     name: str
@@ -47,6 +52,7 @@ class Target:
     given: float
     unit: str
     sought: Sought
+    possible: tuple[float, float] = _ANY
 
 
 def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Target, ...]:
@@ -69,7 +75,9 @@ def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Targe
             model, name = _place(key, by_model, where), DELAYS[key][1] if key in DELAYS else key
         if model not in by_model:
             raise InputError(f"{where}: the loop has no {quote(model)}{closest(model, by_model)}")
-        resolved.append(_target(key, name, by_model[model], values[model], entry))
+        target = _target(key, name, by_model[model], values[model], entry)
+        given = target.given * _gain(key, run) if key in DELAYS else target.given
+        resolved.append(replace(target, given=given, possible=_possible(target, run)))
     names = [target.name for target in resolved]
     for name in names:
         if names.count(name) > 1:
@@ -79,6 +87,22 @@ def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Targe
         if at.count((target.model, target.variable)) > 1:
             raise InputError(f"identify: {target.model}.{target.variable} is sought under two names")
     return tuple(resolved)
+
+
+def _possible(target: Target, run: Run) -> tuple[float, float]:
+    """Return between which values a gain or a delay can be; the hold of a command takes half a sample."""
+    if target.name in ("lambda_1", "lambda_2") and target.given > 0:
+        return target.given / LIKE, target.given * LIKE
+    if target.name in DELAYS:
+        gain = _gain(target.name, run)
+        return H / 2 * gain, LONGEST_DELAY * gain
+    return (H / 2, LONGEST_DELAY) if target.name.endswith(("Plant.tau_1", "Plant.tau_2")) else _ANY
+
+
+def _gain(delay: str, run: Run) -> float:
+    """Return the gain that makes a delay its coefficient."""
+    gain: float = getattr(run.truth, DELAYS[delay][0])
+    return gain
 
 
 def held(run: Run, found: Sequence[Interface], sought: Sequence[Target]) -> dict[str, float]:
@@ -152,12 +176,20 @@ def settings(
         Its values by name.
     gains : mapping of str to float
         lambda_1 and lambda_2 where they are not sought.
+
+    Raises
+    ------
+    InputError
+        If a gain is zero, and a delay is to follow from it.
     """
     found: dict[str, dict[str, float]] = {}
     for target in of:
         value = theta[target.name]
         if target.name in DELAYS:
-            gain = DELAYS[target.name][0]
-            value /= theta[gain] if gain in theta else gains[gain]
+            name = DELAYS[target.name][0]
+            gain = theta[name] if name in theta else gains[name]
+            if gain == 0:
+                raise InputError(f"{target.name} tells no delay where {name} is 0")
+            value /= gain
         found.setdefault(target.model, {})[target.variable] = value
     return found

@@ -4,7 +4,7 @@ from lpfcosim.spacecraft.actuation import ARM, F_REF, LARGEST_PULL, Actuation, l
 from lpfcosim.spacecraft.control import DRAG_FREE, SUSPENSION, Controller, Lead
 from lpfcosim.spacecraft.electrodes import ETA_PER_X, PHI_PER_X
 from lpfcosim.spacecraft.events import Events
-from lpfcosim.spacecraft.parameters import FS, M_TM, READ_OUT_RANGE, H
+from lpfcosim.spacecraft.parameters import FS, LONGEST_DELAY, M_TM, READ_OUT_RANGE, H
 from lpfcosim.spacecraft.run import (
     LIVING,
     SCATTERED,
@@ -36,6 +36,7 @@ __all__ = [
     "F_REF",
     "LARGEST_PULL",
     "LIVING",
+    "LONGEST_DELAY",
     "M_TM",
     "PHI_PER_X",
     "READ_OUT_RANGE",

@@ -164,8 +164,10 @@ def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, found):
 
 
 def test_a_search_that_cannot_begin_is_refused(flown):
-    with pytest.raises(FitError, match=r"where the search begins \(lambda_2 = 2\): the loop is not stable"):
+    with pytest.raises(InputError, match="identify: start at lambda_2 = 2: the loop is not stable; "):
         identified(flown, (Free("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
+    with pytest.raises(FitError, match="where the search begins: the loop is not stable"):
+        identified(flown, refused=lambda _theta: True)
 
 
 @pytest.mark.slow

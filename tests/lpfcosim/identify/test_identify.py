@@ -182,6 +182,21 @@ def test_what_is_clipped_is_masked(lpfcosim, campaign):
         ("lambda_2 = { bounds = [2, 1] }", "expected the lower bound first"),
         ("lambda_2 = { start = 2, bounds = [1, 1.2] }", "expected bounds about the start, 2"),
         ("lambda_2 = { begin = 1 }", "begin"),
+        (
+            "lambda_2 = { start = 40 }",
+            "identify.lambda_2.start: 40, expected 0.1078 to 10.78, what is possible",
+        ),
+        ("lambda_2 = { start = 0 }", "identify.lambda_2.start: 0, expected 0.1078 to 10.78"),
+        ("C_2 = { start = -1 }", "start: -1, expected 0.05388 to 10.78, what is possible about the 0.186 of"),
+        ("Plant.tau_2 = { start = 0.01 }", "identify.Plant.tau_2.start: 0.01, expected 0.05 to 10"),
+        ("omega2_2_0 = { start = 1 }", "start: 1, expected a value within 4.2e-05 of -4.19e-07, that of the"),
+        ("lambda_2 = { width = 1e-300 }", "identify.lambda_2.width: 1e-300 is too small"),
+        ("lambda_2 = { width = 1e300 }", "identify.lambda_2.width: 1e+300 is too large"),
+        ("delta_ifo = { shared = ['A', 'Z'] }", 'shared: ["A", "Z"] is not known (known: alignment_epoch, '),
+        (
+            "delta_ifo_7 = {}",
+            "identify.delta_ifo_7: expected a table of a model, or a parameter of the fit, did",
+        ),
     ],
 )
 def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
@@ -190,6 +205,39 @@ def test_what_cannot_be_sought_is_refused(lpfcosim, done, sought, said):
     assert (status, out) == (2, "")
     assert said in err.splitlines()[-1]
     assert "Traceback" not in err
+
+
+def test_a_start_that_cannot_be_simulated_is_refused(lpfcosim, done):
+    loop = "lambda_2 = { start = 0, bounds = [-1, 2] }\nC_2 = {}\nSuspensionControl.f_p = { start = -0.006 }"
+    for sought, said in (
+        (
+            loop,
+            "lambda_2 = 0, SuspensionControl.f_p = -0.006: C_2 tells no delay where lambda_2 is 0; ",
+        ),
+        (
+            loop.replace("0,", "1,"),
+            "lambda_2 = 1, SuspensionControl.f_p = -0.006: run 'A' diverges: o_12 ",
+        ),
+    ):
+        done.write_text(f"{CAMPAIGN}\n[identify]\n{sought}\n")
+        status, out, err = lpfcosim("identify", done)
+        assert (status, out) == (2, "")
+        assert f"{done}: identify: start at {said}" in err.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_a_search_from_far_off_steps_back_from_what_cannot_be_and_ends_at_the_same(lpfcosim, done):
+    found = []
+    for start in ("", "start = 3"):
+        done.write_text(f"{CAMPAIGN}\n[identify]\nlambda_2 = {{{start}}}\nC_2 = {{}}\n")
+        status, out, err = lpfcosim("identify", done, "--json")
+        assert status == 0, err
+        found.append(json.loads(out)["joint"])
+    near, far = found
+    (back,) = [w["message"] for w in far["warnings"] if w["code"] == "stepped_back"]
+    assert back.endswith("the Plant FMU reports 'error' at 0.0 s (a delay is negative)")
+    for name, mine in near["parameters"].items():
+        assert abs(far["parameters"][name]["value"] - mine["value"]) < 0.01 * mine["sigma"]
 
 
 def test_telemetry_of_another_campaign_is_refused_before_anything_is_fitted(lpfcosim, done, tmp_path):
