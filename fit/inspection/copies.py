@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.signal import median
 from fit.threads import each
 from fit.weighing import Run
 
@@ -103,7 +104,7 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     """Return the print of a read-out of a run, by its number; None where there is no noise to compare."""
     n, run = heard
     x, rate = np.diff(getattr(run.channels, channel)[:LENGTH], 2), run.channels.fs
-    limit = WILD * np.median(np.abs(x - np.median(x)))
+    limit = WILD * median(np.abs(x - median(x)))
     if x.size < LEAST or limit == 0:
         return None
     x = np.clip(x, -limit, limit) * scipy.signal.windows.tukey(x.size, 0.1)
@@ -123,7 +124,7 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     size = float(np.linalg.norm(powers))
     if not size > 0:  # simulated without noise
         return None
-    root = math.sqrt(float(np.median(level)) / x.size)
+    root = math.sqrt(median(level) / x.size)
     return _Print(n, rate, x.size, root, bins, (powers / size).astype(np.float32))
 
 

@@ -28,7 +28,7 @@ from fit.inspection.first_fit import delays, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise, spectra
+from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise, median, spectra
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 
@@ -266,7 +266,7 @@ class _Search:
         size = n / 2 * np.sqrt(np.mean(terms.window**2))  # noise S: variance 1
         bells *= size / np.linalg.norm(bells, axis=1, keepdims=True)
         found = np.abs(spectra.series((residual * bells).T, terms.first, n).T)
-        sigmas = np.array([max(_GAUSSIAN * float(np.median(x[seen])), least) for x in found])
+        sigmas = np.array([max(_GAUSSIAN * median(x[seen]), least) for x in found])
         return found / np.where(sigmas > 0, sigmas, np.inf)[:, None], sigmas
 
     def warning(self) -> FitWarning:

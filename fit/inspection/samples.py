@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fit.inspection import authority
 from fit.model import dynamics
-from fit.signal import derivatives
+from fit.signal import derivatives, median
 from fit.telemetry import Telemetry, pieces
 
 Array = NDArray[np.float64]
@@ -114,9 +114,10 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         yield Oddity(f"is rounded: it has {different} values in {looked.size} samples", 0.0, x.size / fs)
         return
     typical = np.abs(_bends(x)(slice(0, LOOKED)))
+    usual = median(typical[~np.isnan(typical)])
     size = np.abs(looked)
     digit = _digit(looked[size > np.nanmax(size) / 2])
-    if digit > max(2 * rounded, COARSE * float(np.nanmedian(typical))):
+    if digit > max(2 * rounded, COARSE * usual):
         yield Oddity(f"is rounded: to steps of {digit:.2g} where it is largest", 0.0, x.size / fs)
         return
     if rounded > 0 and rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
@@ -125,9 +126,7 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         what = f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
         yield Oddity(what, 0.0, x.size / fs)
         return
-    kept = _flat(x, max(2.1 * rounded, 1e-9 * float(np.nanmax(typical))), rounded)
-    if len(kept):  # of the largest, which is found faster than the median
-        kept = _flat(x, max(2.1 * rounded, 1e-9 * float(np.nanmedian(typical))), rounded)
+    kept = _flat(x, max(2.1 * rounded, 1e-9 * usual), rounded)
     for begin, end in kept:
         constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
         extreme = constant and x[begin] in (np.nanmin(x), np.nanmax(x))

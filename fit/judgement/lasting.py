@@ -10,6 +10,7 @@ known; the sum over the runs tells it where none of them does by itself.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -23,6 +24,7 @@ from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
+_Name = TypeVar("_Name")
 #: From a run, those of its columns that faults are in and the coefficients of all to what faults of unit size
 #: add to Delta g, shape (M, Q).
 Faults = Callable[[Experiment, dynamics.Columns, Array], Array]
@@ -66,8 +68,10 @@ class Amount:
         return bool(among * 2 * scipy.stats.norm.sf(self.z) < ALARM and self.least > COMMON)
 
 
-def drifts(experiments: Sequence[Experiment], outcome: Outcome) -> dict[str, Amount]:
-    """Return by how much what `DRIFTING` names changes from start to end of every run [SI].
+def lasting(
+    experiments: Sequence[Experiment], outcome: Outcome
+) -> tuple[dict[str, Amount], dict[int, Amount]]:
+    """Return by how much what `DRIFTING` names changes from start to end of every run [SI], and the `lags`.
 
     Parameters
     ----------
@@ -76,22 +80,34 @@ def drifts(experiments: Sequence[Experiment], outcome: Outcome) -> dict[str, Amo
     outcome : Outcome
         The joint fit. Each fault is taken by itself, beside all parameters.
     """
-    found = _amounts(experiments, outcome, _drifting)
-    return {name: amount for (name, _, _), amount in zip(DRIFTING, found, strict=False) if amount}
+    epochs, n = _epochs(experiments), len(DRIFTING)
+
+    def both(e: Experiment, terms: dynamics.Columns, c: Array) -> Array:
+        return np.hstack([_drifting(terms), _late(epochs, e, terms, c)])
+
+    found = _amounts(experiments, outcome, both)
+    return _named([name for name, _, _ in DRIFTING], found[:n]), _named(epochs, found[n:])
 
 
 def lags(experiments: Sequence[Experiment], outcome: Outcome) -> dict[int, Amount]:
-    """Return by how much o_1 is late [s] in the runs of each alignment epoch; see `drifts`."""
-    epochs = sorted({e.sysid.telemetry.alignment_epoch for e in experiments})
-    found = _amounts(experiments, outcome, partial(_late, epochs))
-    return {epoch: amount for epoch, amount in zip(epochs, found, strict=False) if amount}
+    """Return by how much o_1 is late [s] in the runs of each alignment epoch; see `lasting`."""
+    epochs = _epochs(experiments)
+    return _named(epochs, _amounts(experiments, outcome, partial(_late, epochs)))
+
+
+def _epochs(experiments: Sequence[Experiment]) -> list[int]:
+    return sorted({e.sysid.telemetry.alignment_epoch for e in experiments})
+
+
+def _named(names: Sequence[_Name], found: Sequence[Amount | None]) -> dict[_Name, Amount]:
+    return {name: amount for name, amount in zip(names, found, strict=False) if amount}
 
 
 def in_common(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning]:
     """Return warnings of what all runs, or all of an epoch, have in common, if chance does not make it."""
-    found = []
-    if told := drifts(experiments, outcome):
-        name, of = max(told.items(), key=lambda one: one[1].z)
+    found, (drifting, lagging) = [], lasting(experiments, outcome)
+    if drifting:
+        name, of = max(drifting.items(), key=lambda one: one[1].z)
         unit = {name: unit for name, unit, _ in DRIFTING}[name]
         if of.stands_out(len(DRIFTING)):
             message = (
@@ -100,7 +116,7 @@ def in_common(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWa
                 "sigmas do not hold"
             )
             found.append(FitWarning("changing", (), message))
-    late = {k: of for k, of in lags(experiments, outcome).items() if _harms(of, len(experiments))}
+    late = {k: of for k, of in lagging.items() if _harms(of, len(experiments))}
     if late:
         words = " and ".join(f"{_told(of)} in the runs of alignment epoch {k}" for k, of in late.items())
         names = tuple(f"delta_ifo_{k}" for k in late)
@@ -123,7 +139,7 @@ def _told(of: Amount) -> str:
     return f"o_1 is {'late' if of.value > 0 else 'early'} by {abs(of.value):.2g} ± {of.sigma:.1g} s"
 
 
-def _drifting(_: Experiment, terms: dynamics.Columns, __: Array) -> Array:
+def _drifting(terms: dynamics.Columns) -> Array:
     share = (terms.time - terms.time.mean()) / np.ptp(terms.time)
     at = dict(zip(terms.names, terms.values.T, strict=True))
     return np.stack([share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING], axis=1)
@@ -204,9 +220,12 @@ def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Arra
     run, noise = experiment.sysid, block.noise
     assert noise is not None
     terms, c = _of_read_outs(run.channels, block.tau), block.coefficients(theta)
-    spectra = run.transformed(faults(experiment, terms, c), terms)
+    added = faults(experiment, terms, c)
+    of_run = added.any(axis=0)  # the faults of other epochs are not
+    spectra = run.transformed(added[:, of_run], terms)
     weights = np.repeat(np.sqrt(block.weights.fit), 2)[:, None]
-    E = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
+    E = np.zeros((len(weights), of_run.size))
+    E[:, of_run] = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
     U = linear.stacked(block.columns) * weights
     G, r = U @ (block.gradient(theta) * width), U @ c
     GG = width[:, None] * linear.information([block], theta) * width

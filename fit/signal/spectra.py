@@ -131,6 +131,35 @@ def series(columns: Spectrum, first: int, n: int) -> Array:
     return found
 
 
+def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:
+    """Return series whose products, summed with weights, are those of windowed white noise over a run.
+
+    Columns of the fitted band change slowly: their products need fewer instants than the run has, and of the
+    window no more than what varies as slowly as these.
+
+    Parameters
+    ----------
+    columns : ndarray of complex, shape (B, P)
+        Whitened; they begin at the bin `first`.
+    first : int
+        See `Spectra`.
+    window : ndarray, shape (n,)
+        Of the run.
+
+    Returns
+    -------
+    series : ndarray, shape (m, P)
+        Inverse transforms.
+    weights : ndarray, shape (m,)
+        Of their products.
+    """
+    n, last = window.size, first + len(columns) - 1
+    m = min(scipy.fft.next_fast_len(4 * last + 2, real=True), n)  # to twice the last bin, and none beyond
+    w2 = window * window
+    slow = w2 if m == n else scipy.fft.irfft(scipy.fft.rfft(w2)[: m // 2 + 1], m) * (m / n)
+    return series(columns, first, m), slow * (n * m / 2 / float(w2.sum()))
+
+
 def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
     """Return the bins of the fitted band, or of part of it [Hz], in the transform of `n` samples."""
     last = math.floor(min(F_MAX, fs / 10) * n / fs)

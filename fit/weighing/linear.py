@@ -113,12 +113,11 @@ class Block:
         if self.window is None:
             root = self._root(self.weights.score)
             return np.asarray(root.T @ root)
-        w = self.window
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
-        z = spectra.series(self._weighed(self.weights.score), self.first, w.size)
-        z *= (w * (w.size / 2 * np.sqrt(2 / (w @ w))))[:, None]
-        return np.asarray(z.T @ z)
+        z, w2 = spectra.squared(self._weighed(self.weights.score), self.first, self.window)
+        found = z.T @ (z * w2[:, None])
+        return np.asarray((found + found.T) / 2)
 
     def root(self, bins: slice) -> Array:
         """Return the same as `plain` for some of the bins."""
@@ -159,7 +158,7 @@ def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
     Q = np.linalg.qr((stacked(spectra.nuisance).T * scale).T)[0]
     U = stacked(spectra.columns).T * scale  # one row for each column, as they lie
     U -= (U @ Q) @ Q.T
-    taken = np.sum(Q**2, axis=1).reshape(-1, 2).mean(axis=1)
+    taken = sum(column * column for column in Q.T).reshape(-1, 2).sum(axis=1) / 2
     return U.view(np.complex128).T, np.asarray(1 - taken, dtype=np.float64)
 
 

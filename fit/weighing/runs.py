@@ -295,8 +295,8 @@ class Left:
         z, left = linear.whiten(terms.summed(c), S)
         if self.taken:
             gradient, covariance = self.taken
-            rows = linear.whiten(terms, S)[0][:, : c.size] @ gradient
-            left -= np.einsum("bi,ij,bj->b", rows, covariance, rows.conj()).real / 2
+            rows = gradient.T @ linear.stacked(linear.whiten(terms, S)[0]).T[: c.size]
+            left -= ((covariance @ rows) * rows).sum(axis=0).reshape(-1, 2).sum(axis=1) / 2
         return np.stack([np.abs(z[:, 0]) ** 2 * S / 2, np.maximum(left, 0)])
 
 

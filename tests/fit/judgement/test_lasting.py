@@ -61,12 +61,13 @@ def test_stiffness_that_drifts_in_all_runs_alike_is_told():
 @pytest.mark.parametrize(("hidden", "drift"), [(None, 0.0), (softening, DRIFT)])
 def test_drifts_have_true_amounts_and_sigmas(hidden, drift):
     experiments, outcome = jointly(runs(hidden))
-    found = lasting.drifts(experiments, outcome)
+    found, late = lasting.lasting(experiments, outcome)
     of = found["omega2_2"]
     assert abs(of.value - drift) < 4 * of.sigma
     assert 5e-9 < of.sigma < 3e-8
     if not drift:
-        assert all(of.z < 4 for of in (*found.values(), *lasting.lags(experiments, outcome).values()))
+        assert all(of.z < 4 for of in (*found.values(), *late.values()))
+
         assert lasting.in_common(experiments, outcome) == []
 
 
@@ -100,7 +101,7 @@ def test_a_run_by_itself_tells_its_lag():
 def test_what_drifts_in_one_run_is_not_in_common():
     one = [b if b.experiment == "B4" else a for a, b in zip(runs(), runs(softening), strict=True)]
     experiments, outcome = jointly(one)
-    of = lasting.drifts(experiments, outcome)["omega2_2"]
+    of = lasting.lasting(experiments, outcome)[0]["omega2_2"]
     assert of.z > 5 > 3 > of.least
     assert not of.stands_out(len(lasting.DRIFTING))
 

@@ -231,3 +231,18 @@ def test_many_series_beside_take_no_more_memory_than_few():
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.1 * peaks[0]
+
+
+@pytest.mark.parametrize("n", [2160, 2187, 40])
+def test_products_of_slow_series_are_those_of_all_samples(n):
+    """Against sums over every sample, with a window that is cut off hard."""
+    rng = np.random.default_rng(n)
+    last = n // 10
+    columns = rng.standard_normal((last, 3)) + 1j * rng.standard_normal((last, 3))
+    w = np.where((np.arange(n) > n // 3) & (np.arange(n) < n // 2), 0.0, np.hanning(n))
+    all_of_it = np.zeros((n // 2 + 1, 3), dtype=complex)
+    all_of_it[1 : last + 1] = columns
+    x = np.fft.irfft(all_of_it, n, axis=0) * (w * (n / 2 * np.sqrt(2 / (w @ w))))[:, None]
+    z, weights = spectra.squared(columns, 1, w)
+    assert len(z) < 0.5 * n or n < 100
+    assert np.allclose(z.T @ (z * weights[:, None]), x.T @ x, rtol=1e-12)
