@@ -165,6 +165,12 @@ KINDS: Mapping[str, Kind] = {
         words="o_1 is not of the time of the other channels",
         unsound=True,
     ),
+    "bent": Kind(
+        "Compare runs that move test mass 2 far and little; correct the read-out, or inject less.",
+        severity=Severity.FAILURE,
+        words="o_12 is not in proportion to the distance",
+        unsound=True,
+    ),
     "misguided": Kind(
         "Compare the units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
         "mend it or leave it out, and fit again.",

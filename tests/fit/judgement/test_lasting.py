@@ -45,6 +45,17 @@ def late(names, by):
     ]
 
 
+def bent(names, share, power=2):
+    """Return clean runs, o_12 of some too large by a share of itself that is told at 10 nm."""
+    return [
+        replace(r, channels=r.channels | {"o_12": o * (1 + share * (o / 1e-8) ** power)})
+        if r.experiment in names
+        else r
+        for r in runs()
+        for o in (r.channels["o_12"],)
+    ]
+
+
 def jointly(found):
     experiments = pair(found)
     return experiments, fit_joint(experiments, settings())
@@ -61,7 +72,8 @@ def test_stiffness_that_drifts_in_all_runs_alike_is_told():
 @pytest.mark.parametrize(("hidden", "drift"), [(None, 0.0), (softening, DRIFT)])
 def test_drifts_have_true_amounts_and_sigmas(hidden, drift):
     experiments, outcome = jointly(runs(hidden))
-    found, late = lasting.lasting(experiments, outcome)
+    told = lasting.lasting(experiments, outcome)
+    found, late = told.drifts, told.lags
     of = found["omega2_2"]
     assert abs(of.value - drift) < 4 * of.sigma
     assert 5e-9 < of.sigma < 3e-8
@@ -101,7 +113,7 @@ def test_a_run_by_itself_tells_its_lag():
 def test_what_drifts_in_one_run_is_not_in_common():
     one = [b if b.experiment == "B4" else a for a, b in zip(runs(), runs(softening), strict=True)]
     experiments, outcome = jointly(one)
-    of = lasting.lasting(experiments, outcome)[0]["omega2_2"]
+    of = lasting.lasting(experiments, outcome).drifts["omega2_2"]
     assert of.z > 5 > 3 > of.least
     assert not of.stands_out(len(lasting.DRIFTING))
 
@@ -110,3 +122,37 @@ def test_nothing_is_told_where_no_noise_is_known():
     results = calibrate(late(("D4",), 1), settings({"estimator": "flscov"}))
     assert results.joint.unsound == ()
     assert "unjudged" in {w.code for w in results.joint.warnings}
+
+
+def test_a_read_out_that_is_bent_in_all_runs_is_told():
+    share = 1e-3
+    joint = calibrate(bent(NAMES, share)).joint
+    (warning,) = [w for w in joint.unsound if w.code == "bent"]
+    value, _, sigma = re.search(r"too large by (\S+) (±) (\S+) of itself", warning.message).groups()
+    assert abs(float(value) - share) < 0.2 * share  # levels of its own take some of it
+    assert float(sigma) < 0.05 * share
+    off = joint.parameters["omega2_2_0"]
+    assert abs(off.value - thirteen.TRUTH["omega2_2_0"]) > 4 * off.sigma
+
+
+def test_a_straight_read_out_is_not_told():
+    for found in (runs(), bent(NAMES, 3e-5)):
+        experiments, outcome = jointly(found)
+        assert "bent" not in {w.code for w in lasting.in_common(experiments, outcome)}
+    experiments, outcome = jointly(runs())
+    of = lasting.lasting(experiments, outcome).bend
+    assert of.z < 4
+    assert 5e-6 < of.sigma < 5e-5
+
+
+def test_a_bend_has_its_true_amount():
+    experiments, outcome = jointly(bent(NAMES, -2e-4))
+    of = lasting.lasting(experiments, outcome).bend
+    assert abs(of.value + 2e-4) < 4 * of.sigma
+    assert of.stands_out(1)
+
+
+def test_one_run_alone_or_another_harmonic_is_no_common_bend():
+    for spoilt in (bent(("B4",), 1e-3), bent(NAMES, 1e-3, power=1)):
+        experiments, outcome = jointly(spoilt)
+        assert "bent" not in {w.code for w in lasting.in_common(experiments, outcome)}
