@@ -135,6 +135,13 @@ KINDS: Mapping[str, Kind] = {
         words="The simulated controller is not the one that flew",
         unsound=True,
     ),
+    "loop_contradicts": Kind(
+        "See which FMU adds to what is named, or turns its sign round: to the read-out both are one number. "
+        "If it is the equation that lacks something, let a campaign with these FMUs show it.",
+        severity=Severity.FAILURE,
+        words="The FMUs contradict the equation of motion",
+        unsound=True,
+    ),
     "loop_differs": Kind(
         "See which of the two lacks something: look at chi2 of both, and at what the FMUs have that the "
         "equation of motion has not.",

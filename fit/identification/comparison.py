@@ -91,10 +91,12 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outc
     )
 
 
-def apart(found: Fit, calibrated: Fit | None) -> list[FitWarning]:
+def apart(found: Fit, calibrated: Fit | None, *, own: bool) -> list[FitWarning]:
     """Warn of `differences` that are beyond what the two methods make of the same data.
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
+    Neither is sound if the data do not tell which of the two is wrong, nor that it was the loop that made
+    them (`own`).
     """
     far = {}
     for name, value in differences(found, calibrated).items():
@@ -105,6 +107,10 @@ def apart(found: Fit, calibrated: Fit | None) -> list[FitWarning]:
         return []
     told = ", ".join(f"{name} by {value:+.2g} sigma" for name, value in far.items())
     message = f"the simulated loop and the equation of motion differ in the same data: {told}"
+    hidden = calibrated is not None and not calibrated.unsound and not own
+    if hidden and max(map(abs, far.values())) > UNLIKELY:
+        message += "; chi2 does not tell which of them is wrong"
+        return [FitWarning("loop_contradicts", tuple(far), message)]
     return [FitWarning("loop_differs", tuple(far), message)]
 
 

@@ -85,7 +85,7 @@ def identify(
         *restless,
         *search.told(),
         *map(noise.marginalised, levels),
-        *comparison.apart(found, calibrated.joint),
+        *comparison.apart(found, calibrated.joint, own=loop.own),
         *comparison.misplaced(held, calibrated.joint),
     ]
     said = {"from_fit": comparison.differences(found, calibrated.joint), "commands": _mismatches(commands)}

@@ -20,6 +20,10 @@ FORCE_1, THRUST = "f_x_1", "F_noise_x_sc"
 class Loop(Protocol):
     """A simulation of the closed loop. All series are at the rate of the loop (`dynamics.LOOP_PERIOD`)."""
 
+    @property
+    def own(self) -> bool:
+        """Whether the telemetry says of itself that this very loop simulated it."""
+
     def response(
         self, run: Telemetry, theta: Mapping[str, float], inputs: Mapping[str, Array]
     ) -> Mapping[str, Array]:

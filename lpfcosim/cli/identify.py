@@ -24,9 +24,9 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated, telemetry
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
-from lpfcosim.identify import Simulation, Target, check, other_loop, targets
+from lpfcosim.identify import Simulation, Target, check, targets
 from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder, ledger, runner, workers
+from lpfcosim.running import folder, runner, workers
 
 RESULTS = "identified.json"  # which the report looks for
 FAR = 100.0  # natural scales from where the campaign has a parameter: there the search would not begin
@@ -65,7 +65,6 @@ def identify_files(
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
         found = _identified(plan, campaign, held, results, telemetries, directory, console)
-        found = _with_origin(found, plan, telemetries, held)
         document = write(found, directory / RESULTS)
         with console.stage("report"):
             page = fit_report.write_report(directory, results, telemetries)
@@ -171,19 +170,11 @@ def _found(
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))
+    if loop.others and found.joint is not None:
+        message = f"the telemetry says that it was simulated otherwise: {loop.others}"
+        warnings = (*found.joint.warnings, FitWarning("another_loop", (), message))
+        found = replace(found, joint=replace(found.joint, warnings=warnings))
     return pulls.with_truth(found, telemetries, {t.run: _truth(t, plan, loop.targets) for t in telemetries})
-
-
-def _with_origin(
-    found: Results, plan: Campaign, telemetries: Sequence[Telemetry], fmus: Mapping[str, Path]
-) -> Results:
-    """Return results that tell if the telemetry says that another loop simulated it."""
-    digests = {model: ledger.digest(path) for model, path in fmus.items()}
-    others = other_loop(plan, telemetries, digests)
-    if not others or found.joint is None:
-        return found
-    warning = FitWarning("another_loop", (), f"the telemetry says that it was simulated otherwise: {others}")
-    return replace(found, joint=replace(found.joint, warnings=(*found.joint.warnings, warning)))
 
 
 def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> dict[str, float]:

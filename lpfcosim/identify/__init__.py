@@ -3,8 +3,8 @@
 Nothing is estimated here. `fit.identification` asks for responses, and never sees an FMU.
 """
 
-from lpfcosim.identify.origin import check, other_loop
+from lpfcosim.identify.origin import check
 from lpfcosim.identify.parameters import Target, targets
 from lpfcosim.identify.simulation import Simulation
 
-__all__ = ["Simulation", "Target", "check", "other_loop", "targets"]
+__all__ = ["Simulation", "Target", "check", "targets"]

@@ -74,13 +74,18 @@ def other_loop(plan: Campaign, telemetries: Sequence[Telemetry], digests: Mappin
     for telemetry in _of_experiments(telemetries):
         said = telemetry.attributes
         simulated = {key.removeprefix(_FMU): said[key] for key in said if key.startswith(_FMU)}
-        if simulated:
+        if is_simulated(telemetry):
             wanted = _meant(plan, telemetry).sample_rate
             if telemetry.fs != wanted:
                 rates[f"samples at {telemetry.fs:g} Hz, where the campaign has {wanted:g} Hz"] = None
             models = (*digests, *sorted(simulated.keys() - digests.keys()))
             others |= dict.fromkeys(m for m in models if simulated.get(m) != digests.get(m))
     return "; ".join([*rates, *([f"with other FMUs in the place of {', '.join(others)}"] if others else [])])
+
+
+def is_simulated(telemetry: Telemetry) -> bool:
+    """Tell whether a telemetry says what simulated it."""
+    return any(key.startswith(_FMU) for key in telemetry.attributes)
 
 
 def run_of(plan: Campaign, telemetry: Telemetry) -> Run:

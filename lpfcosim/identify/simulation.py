@@ -16,9 +16,10 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.identify import trials
-from lpfcosim.identify.origin import GUIDANCE, begin, run_of, size
+from lpfcosim.identify.origin import GUIDANCE, begin, is_simulated, other_loop, run_of, size
 from lpfcosim.identify.parameters import held, settings, targets
 from lpfcosim.identify.trials import Trials
+from lpfcosim.running import ledger
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import drive
 
@@ -66,6 +67,10 @@ class Simulation:
         The parameters that are sought.
     held : mapping of str to float
         What the loop has of those of the fit that are not.
+    others : str
+        In what another loop simulated the telemetry, by its own account; see `other_loop`.
+    own : bool
+        Whether it says that this very loop did.
     told : callable
         Told after every simulation of a run how many there were.
 
@@ -89,6 +94,8 @@ class Simulation:
         placed = interfaces(first, fmus)
         self.targets = targets(plan, first, placed)
         self.held = held(first, placed, self.targets)
+        self.others = other_loop(plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()})
+        self.own = not self.others and all(is_simulated(t) for t in telemetries)
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
         self._loaded = {t.run: _load(stack, plan, t, fmus, where) for t in telemetries}
 

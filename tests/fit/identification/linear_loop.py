@@ -27,6 +27,8 @@ class Feeds:
 class LinearLoop:
     """The loop of ours along x, linear about its equilibrium; a `fit.identification.protocol.Loop`."""
 
+    own = False  # the telemetry does not say what simulated it
+
     def __init__(self, runs):
         self._runs = {run.name: run for run in runs}
         self.refused = lambda _theta: False

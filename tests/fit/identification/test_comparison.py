@@ -1,5 +1,6 @@
 """What an identification is held against: the fit, also where instruments move that."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from fit.identification import comparison
 from fit.results import Estimate, Fit
+from fit.warnings import FitWarning
 
 NAMES = ("lambda_2", "delta_ifo_1")
 
@@ -26,10 +28,12 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
     )
     calibrated = fit_of({"lambda_2": (1.0, 0.1), "delta_ifo_1": (0.0, 1.02)})
     found = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-3.01, 1.0), "Plant.cubic_2": (4.0, 1.0)})
-    assert [w.parameters for w in comparison.apart(found, calibrated)] == [("delta_ifo_1",)]  # a false alarm
+    assert [w.parameters for w in comparison.apart(found, calibrated, own=False)] == [
+        ("delta_ifo_1",)
+    ]  # a false alarm
 
     mended = comparison.beside_instruments(found, calibrated, {"delta_ifo_1", "alpha_x_1"}, least)
-    assert not comparison.apart(mended, calibrated)
+    assert not comparison.apart(mended, calibrated, own=False)
     assert mended["delta_ifo_1"].value == pytest.approx(-0.01)
     assert mended["delta_ifo_1"].sigma == pytest.approx(1.02)
     assert mended["lambda_2"] == found["lambda_2"]
@@ -42,7 +46,7 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
 
     wrong = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-1.0, 1.0)})  # by another loop
     mended = comparison.beside_instruments(wrong, calibrated, {"delta_ifo_1"}, least)
-    assert [w.parameters for w in comparison.apart(mended, calibrated)] == [("delta_ifo_1",)]
+    assert [w.parameters for w in comparison.apart(mended, calibrated, own=False)] == [("delta_ifo_1",)]
 
 
 def test_without_instruments_nothing_moves():
@@ -50,3 +54,18 @@ def test_without_instruments_nothing_moves():
     assert (
         comparison.beside_instruments(found, found, {"delta_ifo_1"}, SimpleNamespace(parameters=[])) is found
     )
+
+
+def test_far_from_a_sound_fit_is_unsound_but_for_telemetry_of_that_very_loop():
+    calibrated, far = fit_of({"C_2": (0.19, 0.001)}), fit_of({"C_2": (0.08, 0.001)})
+    doubtful = replace(calibrated, warnings=(FitWarning("noise_mismatch", (), "other noise"),))
+    near = fit_of({"C_2": (0.189, 0.001)})
+    for found, against, own, code in (
+        (far, calibrated, False, "loop_contradicts"),
+        (far, calibrated, True, "loop_differs"),
+        (far, doubtful, False, "loop_differs"),
+        (near, calibrated, False, "loop_differs"),
+    ):
+        (told,) = comparison.apart(found, against, own=own)
+        assert (told.code, told.parameters) == (code, ("C_2",))
+        assert told.kind.unsound == (code == "loop_contradicts")

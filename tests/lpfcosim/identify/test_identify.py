@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 import h5py
 import pytest
 
+from lpfcosim.modelica import build as fmu_build
 from tests import ROOT
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.odd_controller import built
@@ -300,6 +301,50 @@ def test_an_fmu_that_fails_in_a_trial_is_named(lpfcosim, done, tmp_path, name, w
     assert "Traceback" not in err
     assert (done.with_suffix("") / "results.json").read_bytes() == before
     assert not (done.with_suffix("") / "identified.json").exists()
+
+
+#: What is wrong in a model of the package: the file, what is there, and what is put in its place.
+WRONG = {
+    "Plant": ("TestMass", "- omega2*x", "+ omega2*x"),
+    "SuspensionControl": ("SuspensionControl", "- compensator.a", "- 1.001*compensator.a"),
+    "OpticalMetrology": (
+        "OpticalMetrology",
+        "x_2 - x_1 + delta_ifo*x_1",
+        "delay(x_2 - x_1 + delta_ifo*x_1, 0.2)",
+    ),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("model", "code", "named"),
+    [
+        ("Plant", "loop_contradicts", {"omega2_2_0", "omega2_1_0", "alpha_x_2"}),
+        ("SuspensionControl", "controller_differs", {"lambda_2", "C_2"}),
+        ("OpticalMetrology", "loop_contradicts", {"C_2"}),
+    ],
+)
+def test_an_fmu_that_did_not_fly_makes_the_result_unsound(lpfcosim, tmp_path, model, code, named):
+    """All three leave chi2 as it is: a stiffness of the other sign, 0.1 % of gain, a late read-out."""
+    file, there, wrong = WRONG[model]
+    package = tmp_path / "LISAPathfinder"
+    shutil.copytree(ROOT / "fmus" / "LISAPathfinder", package)
+    source = package / f"{file}.mo"
+    source.write_text(source.read_text().replace(there, wrong))
+    assert wrong in source.read_text()
+    archive = fmu_build.build([model], package)[model]
+    campaign, text = tmp_path / "quickstart.toml", (ROOT / "campaigns" / "quickstart.toml").read_text()
+    campaign.write_text(text)
+    assert lpfcosim("run", campaign, "--quiet")[0] == 0
+    campaign.write_text(f'{text}\n[fmus.{model}]\npath = "{archive}"\n')
+    status, out, _ = lpfcosim("identify", campaign, "--trust", "--json")
+    assert status == 1
+    joint = json.loads(out)["joint"]
+    assert not joint["sound"]
+    assert joint["chi2"] / joint["dof"] < 1.05
+    found = {w["code"]: w for w in joint["warnings"]}
+    assert named <= set(found[code]["parameters"])
+    assert found["another_loop"]["message"].endswith(f"with other FMUs in the place of {model}")
 
 
 @pytest.mark.slow

@@ -8,7 +8,8 @@ import pytest
 
 from fit.telemetry import Telemetry
 from lpfcosim.errors import InputError
-from lpfcosim.identify import check, other_loop
+from lpfcosim.identify import check
+from lpfcosim.identify.origin import other_loop
 from lpfcosim.running import telemetry
 from lpfcosim.worlds import world_of
 
