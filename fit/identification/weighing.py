@@ -17,6 +17,7 @@ from fit.weighing import Experiment, Left, Likelihood, Run, linear, smooth_noise
 Array = NDArray[np.float64]
 
 MOVED = 3.0  # sigma, from where the derivatives were taken, after which they are taken anew
+SPAN = 0.1  # of its natural scale, that is the most which counts as a sigma there
 STEP = 1e-3  # of its natural scale, by which a parameter is varied unless its sigma is smaller
 SHORTER = 6  # times that a difference is tried before a trial that fails is told
 MOTION = 1e-9  # m, for a sample, that a controller answers
@@ -244,7 +245,8 @@ class Simulated:
         left = [r + of_run[n:] @ x for r, x in zip(self._residuals, self._along, strict=True)]
         sigma = np.sqrt(np.diag(self._share @ covariance @ self._share.T))[:n]
         step = np.where(sigma > 0, np.minimum(sigma, STEP * self._widths), STEP * self._widths)
-        if not np.max(np.abs(of_run[:n] - self._at) / step) < MOVED:
+        near = np.maximum(step, np.minimum(sigma, SPAN * self._widths))
+        if not np.max(np.abs(of_run[:n] - self._at) / near) < MOVED:
             self._slopes = self._derivatives(of_run[:n], step)
             self._at = of_run[:n]
         terms = self._sysid.transformed([left[0], *self._slopes, *self._louder])

@@ -45,6 +45,10 @@ def identify_files(
         At the end, if sigmas do not hold or nothing is determined.
     """
     plan = loading.load(campaign)
+    if not any(run.kind == "sysid" for run in plan.runs):
+        raise InputError(
+            f"{campaign}: experiments: noise runs alone, expected one with a duration, whose injections tell"
+        )
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
     check_folder(directory, "telemetry")
     fmus = cli_fmu.fmus(plan, console)

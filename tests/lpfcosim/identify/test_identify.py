@@ -272,6 +272,14 @@ def test_where_nothing_is_determined_the_command_fails_and_says_why(lpfcosim, do
     assert blind["parameters"] == ["Plant.m_sc"]
 
 
+def test_from_noise_runs_alone_nothing_is_identified(lpfcosim, campaign):
+    alone = CAMPAIGN[: CAMPAIGN.index("[[experiments.injections]]")]
+    campaign.write_text(alone.replace("\nduration", "\n# "))
+    status, _, err = lpfcosim("identify", campaign)
+    assert status == 2
+    assert f"{campaign}: experiments: noise runs alone, expected one with a duration" in err
+
+
 def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign):
     status, _, err = lpfcosim("identify", campaign)
     assert status == 2
