@@ -189,7 +189,7 @@ def wheel(tmp_path_factory):
 PLATFORMS = {"x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wheel_carries_every_platform(wheel, tmp_path):
     assert wheel.name.endswith("-py3-none-any.whl")
     with zipfile.ZipFile(wheel) as stored:
@@ -251,7 +251,7 @@ def lpfcosim(installed: Path, home: Path, *arguments: object) -> subprocess.Comp
     return subprocess.run(command, env=bare, cwd=home, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="written for POSIX environments")
 def test_wheel_runs_without_a_compiler_and_gives_the_same_bits(installed, tmp_path):
     done = lpfcosim(installed, tmp_path, "run", CAMPAIGN, "--out", "wheel", "--quiet")
@@ -269,7 +269,7 @@ def test_wheel_runs_without_a_compiler_and_gives_the_same_bits(installed, tmp_pa
                 assert ours[name][()].tobytes() == theirs[name][()].tobytes(), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="written for POSIX environments")
 def test_edited_model_of_an_installed_wheel_is_refused_with_the_remedy(installed, tmp_path):
     model = installed / SITE / "fmus" / "LISAPathfinder" / "Plant.mo"

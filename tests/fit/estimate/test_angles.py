@@ -50,7 +50,7 @@ def test_sigmas_are_those_of_the_campaign_through_fmus(plan):
             assert abs(estimate.value - truth[name]) < 0.2 * estimate.sigma
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_agrees_with_a_fit_of_the_reference_plant(plan):
     run = next(run for run in plan.runs if run.experiment == "P3a")
     run = replace(run, n_samples=run.n_samples // 3 * 2)

@@ -374,7 +374,7 @@ def test_read_outs_of_nothing_but_noise_are_told():
     assert "b_3 (by how much cannot be told)" in warning(found["1"], "attenuated").message
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.stat
 def test_the_pulls_of_couplings_are_standard_normal():
     # 100 fits of six coefficients; least squares has mean pulls of 7 to 14 sigma for b_3 to b_6. Mean within

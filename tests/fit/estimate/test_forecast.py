@@ -165,7 +165,7 @@ def test_agrees_with_a_fit_of_the_reference_plant(quickstart):
     assert [w.parameters for w in told.warnings] == lost
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_agrees_with_a_fit_of_the_whole_spacecraft():
     plan = loading.load(CAMPAIGNS / "spacecraft.toml")
     found = calibrate([recorded(run, whole_plant.simulate(run)) for run in plan.runs]).joint
@@ -298,7 +298,7 @@ def test_short_and_excluded_runs_stay_out(quickstart):
     assert "lambda_2" in forecast(short, settings({"include_short": True})).parameters
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_flscov_scatters_as_forecast():
     # 40 campaigns tell the scatter of one parameter by 11 %, that of nine by 4 %; seeds are fixed
     chosen, sets = settings({"estimator": "flscov", "scatter": []}), SETS[:4]

@@ -282,7 +282,7 @@ def test_quickstart_on_the_reference_plant(simulated):
     assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.stat
 def test_pulls_of_the_quickstart_are_standard_normal(quickstart):
     # 20 campaigns x 9 parameters; sum of squared pulls within the 1e-5 quantiles of chi^2(20), mean within

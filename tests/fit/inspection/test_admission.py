@@ -241,7 +241,7 @@ def test_the_same_injections_are_no_copy():
 
 
 @pytest.mark.stat
-@pytest.mark.slow
+@pytest.mark.long
 def test_clean_campaigns_are_left_alone():
     # 20 campaigns of 26 runs; the largest median correlation of 5,200 pairs was 0.1 where 0.5 is the limit,
     # and chi2 of a change reached 0.45 of its limit

@@ -156,6 +156,7 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
         assert np.all(np.abs(estimate(fit_experiment(masked))[0] - theta) < sigma)
 
 
+@pytest.mark.long
 def test_what_masks_leave_of_glitches_is_no_bias(simulated):
     # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
     run, noise = simulated("B", noise=Noise()), simulated("B-noise")

@@ -188,8 +188,10 @@ def campaign(seed, most):
 @pytest.mark.stat
 @pytest.mark.parametrize(
     ("seed", "most", "least", "worst", "rms"),
-    [(0, 1, 15, 1.0, 0.4), (1, 4, 52, 1.5, 0.6)],
-    ids=["as in flight", "five times as many"],
+    [
+        pytest.param(0, 1, 15, 1.0, 0.4, id="as in flight"),
+        pytest.param(1, 4, 52, 1.5, 0.6, id="five times as many", marks=pytest.mark.long),
+    ],
 )
 def test_glitches_of_seconds_to_hours_leave_the_joint_estimates(seed, most, least, worst, rms):
     # not taken out they move an estimate by 2.8 and 22 sigma; seeds are fixed: it passes or fails for good

@@ -208,7 +208,7 @@ def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):
         np.testing.assert_array_equal(read(first).channels["o_12"], runs[0].channels["o_12"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fit_report_and_delta_g_of_a_map(lpfcosim, archive, contract, tmp_path):
     where = archive("csv")
     for paths, out in (([contract], "plain"), ([where], "mapped")):

@@ -122,7 +122,7 @@ def test_interrupted_it_gives_the_best_so_far(sought, foresight):
         search(sought, foresight, replace(SILENT, value=at_once))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_least_hours_reach_what_is_wanted(pair, foresight):
     found = design(
         replace(pair, design=replace(pair.design, goal="least hours", held="peaks", shortest=21600.0)),
@@ -136,7 +136,7 @@ def test_the_least_hours_reach_what_is_wanted(pair, foresight):
     assert "[design]" not in written
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_experiment_that_need_not_be_is_left_out(pair, foresight, tmp_path):
     path = tmp_path / "three.toml"
     base = (ROOT / "campaigns" / "quickstart.toml").as_posix()
