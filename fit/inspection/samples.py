@@ -110,9 +110,13 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
-    if rounded == 0 and (different := np.unique(looked).size) < FEW * looked.size:
-        yield Oddity(f"is rounded: it has {different} values in {looked.size} samples", 0.0, x.size / fs)
-        return
+    if (different := np.unique(looked).size) < FEW * looked.size:
+        what = f"is rounded: it has {different} values in {looked.size} samples"
+        if again := _period(looked):
+            what = f"comes again every {again / fs:g} s"
+        if again or rounded == 0:
+            yield Oddity(what, 0.0, x.size / fs)
+            return
     typical = np.abs(_bends(x)(slice(0, LOOKED)))
     usual = median(typical[~np.isnan(typical)])
     size = np.abs(looked)
@@ -135,6 +139,12 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
     if rounded == 0 and not len(kept):
         yield from _repeated(x, fs)
+
+
+def _period(x: Array) -> int:
+    """Return after how many samples a channel begins anew; 0 if it does not within half of them."""
+    at = np.flatnonzero(x[1 : x.size // 2] == x[0]) + 1
+    return next((int(n) for n in at if np.array_equal(x[n:], x[:-n], equal_nan=True)), 0)
 
 
 def _between(bends: Array, largest: float) -> float:

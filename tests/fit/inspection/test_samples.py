@@ -83,6 +83,13 @@ def plus(amount, start, stop=N):
         ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
         ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
         ("f_x_2", lambda x: 1e-12 * np.round(x / 1e-12), "f_x_2 is rounded to steps of 1e-12"),
+        ("o_12", lambda x: np.tile(x[:3600], 6)[:N], "o_12 comes again every 3600 s at 0 s"),
+        ("f_x_2", lambda x: np.tile(x[:60], 400)[:N], "f_x_2 comes again every 60 s"),
+        (
+            "o_12",
+            lambda x: np.tile(x[:3600], 6)[:N][::-1] * np.where(np.arange(N) == 9, 0, 1),
+            "is rounded: it has 360",
+        ),
         ("f_x_2", every_other, "f_x_2 is interpolated: 50 % of its samples lie on the line"),
         ("o_1", lambda x: np.minimum(x, np.quantile(x, 0.98)), "o_1 stops at its limit of"),
         ("o_1", plus(1e-7, 12345), r"o_1 jumps by 1e-07 m at 1234[45] s"),
