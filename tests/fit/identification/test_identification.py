@@ -9,7 +9,7 @@ import pytest
 from fit import pipeline
 from fit.errors import FitError, InputError
 from fit.estimate import louder
-from fit.identification import Free, comparison, identify
+from fit.identification import Free, comparison, identify, weighing
 from fit.settings import settings
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
@@ -97,6 +97,22 @@ def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, foun
     assert found.joint.chi2 / found.joint.dof == pytest.approx(alone.chi2 / alone.dof, rel=1e-3)
     assert found.joint.dof == alone.dof - 2  # two poles of the controller, whose first state is not known
     assert not found.joint.unsound
+
+
+@pytest.mark.slow
+def test_derivatives_hold_while_parameters_move_within_their_sigmas(flown, found, monkeypatch):
+    taken = []
+    derivatives = weighing.Simulated._derivatives
+    told = lambda self, at, step: taken.append(1) or derivatives(self, at, step)  # noqa: E731
+    monkeypatch.setattr(weighing.Simulated, "_derivatives", told)
+    again = identified(flown).joint
+    few = len(taken)
+    monkeypatch.setattr(weighing, "SPAN", 0.0)  # then any thousandth of a natural scale counts
+    anew = identified(flown).joint
+    assert few < len(taken) - few
+    for name, estimate in again.parameters.items():
+        assert estimate == found.joint[name]
+        assert abs(anew[name].value - estimate.value) < 0.01 * estimate.sigma
 
 
 def test_recorded_commands_are_those_of_the_controller(found):
