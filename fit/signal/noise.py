@@ -28,11 +28,14 @@ class NoiseModel:
         log S at the knots.
     covariance : ndarray, shape (K, K)
         Of `values`.
+    below : int
+        How many bins below the first knot took part.
     """
 
     knots: Array
     values: Array
     covariance: Array
+    below: int = 0
 
     def __call__(self, f: Array) -> Array:
         """Return S at the frequencies `f`, shape (B,)."""
@@ -139,5 +142,5 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
             last, relative = cost(values + size * step)
         values = values + size * step
         if abs(previous - last) < 1e-9 * f.size:
-            return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)))
+            return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)), below)
     raise FitError("the smooth PSD of the noise did not converge")

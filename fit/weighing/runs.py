@@ -25,6 +25,9 @@ CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
 SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
+AGAIN = (
+    2.0  # times as loud as it seems: slower noise that was left alone is heard again, lest iterations cycle
+)
 TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
 
@@ -326,7 +329,8 @@ def smooth_noise(left: Left, previous: NoiseModel | None, longer: Left | None = 
     slower = longer.terms.f[longer.terms.f < SLOWER * f[0]] if longer else f[:0]
     if longer and slower.size:
         of_slower, told = longer.power(previous)[:, : slower.size]
-        if np.sum(of_slower / model.expected(slower)) > np.sum(told):
+        least = 1.0 if previous is None or previous.below else AGAIN
+        if np.sum(of_slower / model.expected(slower)) > least * np.sum(told):
             power, dof = np.hstack([[of_slower, told], [power, dof]])
             model = fit_noise(np.concatenate([slower, f]), power, dof, slower.size)
     return model if previous else smooth_noise(left, model, longer)
