@@ -190,6 +190,7 @@ class _Search:
         self.bound: set[str] = set()
         self.stepped: list[str] = []
         self._low, self._high = joint.bounds
+        self._lost = np.zeros(len(joint.parameters), dtype=bool)
         self._start = np.array([p.value for p in joint.parameters])
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
@@ -261,6 +262,7 @@ class _Search:
         H = linear.information(blocks, theta) + more.T @ more
         lost, directions = linear.blind(H, self._widths)
         lost |= self._resting(H, lost)
+        self._lost = lost
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
         self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
@@ -277,14 +279,17 @@ class _Search:
     def admitted(self, theta: Array, to: Array) -> Array:
         """Return the next estimate, shape (P,): within its bounds, and with loops that can be simulated.
 
-        Of a step that cannot be, only those parameters go half their way that cannot go all of it even alone;
-        without such, all do.
+        Of a step that cannot be, what the data do not tell goes back to its start first: it strays. Then only
+        those parameters go half their way that cannot go all of it even alone; without such, all do.
         """
         to = np.clip(to, self._low, self._high)
-        for _ in range(HALVED):
+        for tried in range(HALVED):
             refused = [(w, why) for w, why in each(partial(_refused, theta=to), self.weighings) if why]
             if not refused:
                 return to
+            if tried == 0 and np.any(self._lost):
+                to = np.where(self._lost, self._start, to)
+                continue
             weighing, why = refused[0]
             self.stepped.append(why)
             alone = weighing.barred(theta, to)

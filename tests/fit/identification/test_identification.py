@@ -1,6 +1,7 @@
 """Parameters of a simulated loop, found again from telemetry of another simulation; no FMU takes part."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -265,3 +266,26 @@ def test_what_the_loop_holds_against_the_fit_is_told(flown):
     (first,) = comparison.misplaced({"lambda_2": 1.0776}, fit)
     assert first.parameters == ("lambda_2",)
     assert "lambda_2 is 1.0776, the fit finds 1.0600" in first.message
+
+
+def test_what_the_data_do_not_tell_goes_back_to_its_start_before_a_step_is_halved():
+    """A delay of a test mass that nothing drives strays to where no loop is."""
+    start, there, tried = np.array([1.0, 0.15]), np.array([1.2, 0.01]), []
+
+    class Loops:
+        def reach(self, theta):
+            tried.append(theta.tolist())
+            if theta[1] < 0.05:
+                raise FitError("a delay is negative")
+
+        def barred(self, theta, to):
+            return np.array([False, True])
+
+    search = object.__new__(import_module("fit.identification.identify")._Search)
+    search.__dict__.update(weighings=[Loops()], stepped=[], _start=start, _low=start - 9, _high=start + 9)
+    search._lost = np.array([False, True])
+    assert search.admitted(start, there).tolist() == [1.2, 0.15]
+    assert (tried, search.stepped) == ([[1.2, 0.01], [1.2, 0.15]], [])
+    search._lost = np.array([False, False])
+    assert search.admitted(start, there).tolist() == [1.2, 0.08]
+    assert search.stepped == ["a delay is negative"]
