@@ -142,10 +142,10 @@ class Straight(Block):
         return np.eye(theta.size + 1, theta.size, k=-1)
 
 
-def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
+def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectrum, Array]:
     """Scale to unit variance of real and imaginary part each and project constant, ramp and glitches out.
 
-    Sums of products of such columns are the products (a | b) of eq. inprod.
+    Sums of products of such columns are the products (a | b) of eq. inprod. Not all bins need be given.
 
     Returns
     -------
@@ -156,17 +156,15 @@ def whiten(spectra: Spectra, S: Array) -> tuple[Spectrum, Array]:
     """
     scale = np.repeat(np.sqrt(2 / S), 2)
     Q = np.linalg.qr((stacked(spectra.nuisance).T * scale).T)[0]
-    U = stacked(spectra.columns).T * scale  # one row for each column, as they lie
-    U -= (U @ Q) @ Q.T
-    taken = sum(column * column for column in Q.T).reshape(-1, 2).sum(axis=1) / 2
+    columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
+    U = columns[:, given] * scale[given]  # one row for each column, as they lie
+    U -= (U @ Q if first is None else columns @ (Q * scale[:, None])) @ Q[given].T
+    taken = sum(column * column for column in Q[given].T).reshape(-1, 2).sum(axis=1) / 2
     return U.view(np.complex128).T, np.asarray(1 - taken, dtype=np.float64)
 
 
 def stacked(x: Spectrum) -> Array:
-    """Return the real and the imaginary part of every bin in turn, shape (2 B, ...).
-
-    Columns that lie each in one piece, as `Spectra` and `whiten` make them, are not copied.
-    """
+    """Return real and imaginary part of every bin in turn, shape (2 B, ...); no copy of `Spectra`."""
     return np.ascontiguousarray(x.T).view(np.float64).T
 
 

@@ -291,16 +291,16 @@ class Left:
     c: Array
     taken: tuple[Array, Array] | None = None
 
-    def power(self, previous: NoiseModel | None) -> Array:
-        """Return the periodogram and its expectation over the PSD, shape (2, B)."""
+    def power(self, previous: NoiseModel | None, first: int | None = None) -> Array:
+        """Return the periodogram and its expectation over the PSD, shape (2, B), or so many `first` bins."""
         terms, c = self.terms, self.c
         S = previous(terms.f) if previous else np.ones(terms.f.size)
-        z, left = linear.whiten(terms.summed(c), S)
+        z, left = linear.whiten(terms.summed(c), S, first)
         if self.taken:
             gradient, covariance = self.taken
-            rows = gradient.T @ linear.stacked(linear.whiten(terms, S)[0]).T[: c.size]
+            rows = gradient.T @ linear.stacked(linear.whiten(terms, S, first)[0]).T[: c.size]
             left -= ((covariance @ rows) * rows).sum(axis=0).reshape(-1, 2).sum(axis=1) / 2
-        return np.stack([np.abs(z[:, 0]) ** 2 * S / 2, np.maximum(left, 0)])
+        return np.stack([np.abs(z[:, 0]) ** 2 * S[:first] / 2, np.maximum(left, 0)])
 
 
 def _left(run: Run, theta: Array, names: Sequence[str]) -> Left:
@@ -328,7 +328,7 @@ def smooth_noise(left: Left, previous: NoiseModel | None, longer: Left | None = 
     model = fit_noise(f, power, dof)
     slower = longer.terms.f[longer.terms.f < SLOWER * f[0]] if longer else f[:0]
     if longer and slower.size:
-        of_slower, told = longer.power(previous)[:, : slower.size]
+        of_slower, told = longer.power(previous, slower.size)
         least = 1.0 if previous is None or previous.below else AGAIN
         if np.sum(of_slower / model.expected(slower)) > least * np.sum(told):
             power, dof = np.hstack([[of_slower, told], [power, dof]])

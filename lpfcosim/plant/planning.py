@@ -66,10 +66,11 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
             injected |= drawn
         push = np.zeros((end - begin, len(s.A)))
         for name, i in columns.items():
-            if name in injected:
+            if name in injected and injected[name].any():  # most is over, or is yet to come
                 each = injected[name].reshape(-1, stride)
                 push += each @ pushes[:, :, i]
-                found[begin:end] += np.outer(each[:, 0], s.D[:, i])
+                for k in np.flatnonzero(s.D[:, i]):
+                    found[begin:end, k] += each[:, 0] * s.D[k, i]
         seen, state = loop.track(state, push)
         found[begin:end] += seen
     return dict(zip(s.channels, found.T.copy(), strict=True))

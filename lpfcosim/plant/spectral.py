@@ -22,7 +22,7 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-GRID = 100  # frequencies per decade between which the noise is interpolated: right to 1e-6
+GRID = 60  # frequencies per decade between which the noise is interpolated: right to 1e-5
 BLOCK = 8192  # bins held at a time
 TOGETHER = 4  # channels that are transformed at a time
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
