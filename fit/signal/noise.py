@@ -70,7 +70,7 @@ def _spline_basis(knots: Array, f: Array) -> Array:
     return _basis(knots.tobytes(), f.tobytes())[0]
 
 
-@kept(8)  # the runs of a campaign have few lengths, and each is asked for again and again
+@kept(12)  # the runs of a campaign have few lengths, and each is asked for again and again
 def _basis(of_knots: bytes, of_f: bytes) -> tuple[Array, Array]:
     """Return the basis, shape (B, K), and its products, shape (K, K)."""
     knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
