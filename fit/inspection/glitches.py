@@ -18,6 +18,7 @@ coefficients and PSD; then all begins again, until nothing new stands out.
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -56,6 +57,7 @@ QUIET = 10  # per cent that are
 DRIVEN = 100.0  # times that power, from which a bin is driven
 TAKEN_OUT = "fitted along and taken out"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
+_TOGETHER = 2  # transforms: faster than one by one, where all of them would fill the memory
 _DDO_1 = dynamics.COLUMNS.index("ddo_1")
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
@@ -111,6 +113,28 @@ class Hunt:
                 break
         warnings = tuple(search.warning() for search in searches if search.found)
         return Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None), warnings
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """What bell curves find in a run at every instant.
+
+    Attributes
+    ----------
+    highest : ndarray, shape (N,)
+        Signal-to-noise ratio of that which stands out most.
+    widest : ndarray of int, shape (N,)
+        Which of the `WIDTHS` that one has.
+    bells : ndarray, shape (N,)
+        The highest ratio if the noise is that which the PSD tells.
+    narrowest : float
+        Noise of the narrowest, in units of that.
+    """
+
+    highest: Array
+    widest: NDArray[np.int8]
+    bells: Array
+    narrowest: float
 
 
 class _Search:
@@ -178,17 +202,16 @@ class _Search:
         terms = self.run.spectra(self._tau)
         S = (noise or self)._S(terms.f)
         U, _ = linear.whiten(terms, S)
-        ratios, sigma = self._ratios(noise, S, U)
-        highest = ratios.max(axis=0)
-        bells = (ratios * sigma[:, None]).max(axis=0)
+        heard = self._heard(noise, S, U)
+        loud = float(heard.highest.max()) > THRESHOLD
         # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
-        short = sigma[0] < RAISED and highest.max() > THRESHOLD
+        short = heard.narrowest < RAISED and loud
         long = [] if short else pursue(self._view(noise, S, U))
-        clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, bells)]
+        clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, heard)]
         if clear:
             self._shapes += clear
-        elif highest.max() > THRESHOLD:
-            self._mask(ratios, highest)
+        elif loud:
+            self._mask(heard)
         elif long:
             self._shapes += [found.glitch for found in long]
         else:
@@ -211,18 +234,18 @@ class _Search:
             self.run = masked.free_of(self._shapes)
         return True
 
-    def _about(self, glitch: Glitch, bells: Array) -> float:
-        """Return the highest ratio of a bell curve, of those of shape (N,), where a glitch is notable."""
+    def _about(self, glitch: Glitch, heard: _Heard) -> float:
+        """Return the highest ratio of a bell curve where a glitch is notable."""
         start, fs, (begin, end) = self.run.channels.time[derivatives.HALF], self.run.channels.fs, glitch.span
         first, last = (round((t - start) * fs) for t in (begin - WIDTHS[-1], end + WIDTHS[-1]))
-        return float(np.max(bells[max(first, 0) : max(last, 0)], initial=0.0))
+        return float(np.max(heard.bells[max(first, 0) : max(last, 0)], initial=0.0))
 
-    def _mask(self, ratios: Array, highest: Array) -> None:
-        """Flag what stands out, from ratios, shape (widths, N), and the highest of them, shape (N,)."""
-        fs = self.run.channels.fs
+    def _mask(self, heard: _Heard) -> None:
+        """Flag what stands out."""
+        fs, highest = self.run.channels.fs, heard.highest
         for begin, end in derivatives.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max()))):
             peak = begin + int(np.argmax(highest[begin:end]))
-            width = WIDTHS[int(np.argmax(ratios[:, peak]))]
+            width = WIDTHS[heard.widest[peak]]
             reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + derivatives.HALF
             self._flags[max(0, middle - reach) : middle + reach + 1] = True
         for begin, end in derivatives.stretches(~self._flags):
@@ -250,24 +273,30 @@ class _Search:
             known=tuple(self._shapes),
         )
 
-    def _ratios(self, noise: "_Search | None", S: Array, U: Spectrum) -> tuple[Array, Array]:
-        """Return the signal-to-noise ratio of a glitch of every width at every instant, shape (widths, N).
+    def _heard(self, noise: "_Search | None", S: Array, U: Spectrum) -> _Heard:
+        """Return what bell curves find in the run.
 
-        Beside it stands the noise of every width, in units of that which S tells. The noise is that of the
-        noise run, if there is one, unless the residual itself shows more. How much it shows is told by a
-        median, which glitches hardly move.
+        The noise is that of the noise run, if there is one, unless the residual itself shows more. How much
+        it shows is told by a median, which glitches hardly move.
         """
         terms = self.run.spectra(self._tau)
         n, f = terms.window.size, terms.f
         residual = U @ self._c
         seen = terms.window > 0.5
         least = 0.0 if noise in (self, None) else 1.0
-        bells = np.exp(-2 * (np.pi * np.array(WIDTHS)[:, None] * f) ** 2) / np.sqrt(S)
         size = n / 2 * np.sqrt(np.mean(terms.window**2))  # noise S: variance 1
-        bells *= size / np.linalg.norm(bells, axis=1, keepdims=True)
-        found = np.abs(spectra.series((residual * bells).T, terms.first, n).T)
-        sigmas = np.array([max(_GAUSSIAN * median(x[seen]), least) for x in found])
-        return found / np.where(sigmas > 0, sigmas, np.inf)[:, None], sigmas
+        sigmas, highest, bells, widest = [], np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int8)
+        for i in range(0, len(WIDTHS), _TOGETHER):
+            curves = np.exp(-2 * (np.pi * np.array(WIDTHS[i : i + _TOGETHER])[:, None] * f) ** 2) / np.sqrt(S)
+            curves *= size / np.linalg.norm(curves, axis=1, keepdims=True)
+            for k, found in enumerate(spectra.series((residual * curves).T, terms.first, n).T, start=i):
+                np.abs(found, out=found)
+                sigmas.append(max(_GAUSSIAN * median(found[seen]), least))
+                np.maximum(bells, found, out=bells)
+                found /= sigmas[-1] if sigmas[-1] > 0 else np.inf
+                widest[found > highest] = k
+                np.maximum(highest, found, out=highest)
+        return _Heard(highest, widest, bells, sigmas[0])
 
     def warning(self) -> FitWarning:
         """Say what was found."""

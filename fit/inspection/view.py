@@ -143,8 +143,10 @@ class View:
     @cached_property
     def _answers(self) -> Array:
         """What every sample of a series adds to its products with the residual and Q, shape (n, 1 + K)."""
-        both, n = np.column_stack([self.residual, self.Q]), self.window.size
-        whitened = np.ascontiguousarray(both.T).view(np.complex128) * self._scale
+        n = self.window.size
+        whitened = np.empty((1 + self.Q.shape[1], self.f.size), dtype=np.complex128)
+        whitened.view(np.float64)[0], whitened.view(np.float64)[1:] = self.residual, self.Q.T
+        whitened *= self._scale
         found = spectra.series(whitened.T, 1, n)
         found *= (self.window * (n / 2))[:, None]
         return found

@@ -27,8 +27,8 @@ from fit.weighing import Experiment, linear
 Array = NDArray[np.float64]
 _Name = TypeVar("_Name")
 #: From a run, those of its columns that faults are in and the coefficients of all to what faults of unit size
-#: add to Delta g, shape (M, Q).
-Faults = Callable[[Experiment, dynamics.Columns, Array], Array]
+#: add to Delta g, Q series of shape (M,), None for what is not of that run.
+Faults = Callable[[Experiment, dynamics.Columns, Array], Sequence[Array | None]]
 
 ALARM = 1e-4  # p-value of all faults of one kind together
 COMMON = 3.0  # sigma, by which a fault stands out of the runs without any one of them: one alone is odd
@@ -104,8 +104,8 @@ def lasting(experiments: Sequence[Experiment], outcome: Outcome) -> Lasting:
     """
     epochs, n = _epochs(experiments), len(DRIFTING)
 
-    def all_of_them(e: Experiment, terms: dynamics.Columns, c: Array) -> Array:
-        return np.hstack([_drifting(terms), _late(epochs, e, terms, c), _bent(e)])
+    def all_of_them(e: Experiment, terms: dynamics.Columns, c: Array) -> list[Array | None]:
+        return [*_drifting(terms), *_late(epochs, e, terms, c), _bent(e)]
 
     found = _amounts(experiments, outcome, all_of_them)
     drifts, late = _named([name for name, _, _ in DRIFTING], found[:n]), _named(epochs, found[n:])
@@ -170,25 +170,25 @@ def _told(of: Amount) -> str:
     return f"o_1 is {'late' if of.value > 0 else 'early'} by {abs(of.value):.2g} ± {of.sigma:.1g} s"
 
 
-def _drifting(terms: dynamics.Columns) -> Array:
+def _drifting(terms: dynamics.Columns) -> list[Array]:
     share = (terms.time - terms.time.mean()) / np.ptp(terms.time)
     at = dict(zip(terms.names, terms.values.T, strict=True))
-    return np.stack([share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING], axis=1)
+    return [share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING]
 
 
 def _bent(experiment: Experiment) -> Array:
     run = experiment.sysid.channels
     fast = run.o_12 - scipy.ndimage.uniform_filter1d(run.o_12, round(SLOW * run.fs), mode="nearest")
-    return -derivatives.derivative(fast * (fast / FAR) ** 2, run.fs, 2)[:, None]
+    return -derivatives.derivative(fast * (fast / FAR) ** 2, run.fs, 2)
 
 
-def _late(epochs: Sequence[int], experiment: Experiment, terms: dynamics.Columns, c: Array) -> Array:
-    found = np.zeros((len(terms.values), len(epochs)))
+def _late(
+    epochs: Sequence[int], experiment: Experiment, terms: dynamics.Columns, c: Array
+) -> list[Array | None]:
     of_o_1 = [terms.names.index(name) for name in OF_O_1]
     weights = [c[dynamics.COLUMNS.index(name)] for name in OF_O_1]
     slope = np.gradient(terms.values[:, of_o_1] @ weights) * terms.fs
-    found[:, epochs.index(experiment.sysid.telemetry.alignment_epoch)] = slope
-    return found
+    return [slope if epoch == experiment.sysid.telemetry.alignment_epoch else None for epoch in epochs]
 
 
 @dataclass(frozen=True)
@@ -258,10 +258,10 @@ def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Arra
     assert noise is not None
     terms, c = _of_read_outs(run.channels, block.tau), block.coefficients(theta)
     added = faults(experiment, terms, c)
-    of_run = added.any(axis=0)  # the faults of other epochs are not
-    spectra = run.transformed(added[:, of_run], terms)
+    of_run = [i for i, x in enumerate(added) if x is not None]
+    spectra = run.transformed(np.stack([x for x in added if x is not None]).T, terms)
     weights = np.repeat(np.sqrt(block.weights.fit), 2)[:, None]
-    E = np.zeros((len(weights), of_run.size))
+    E = np.zeros((len(weights), len(added)))
     E[:, of_run] = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
     U = linear.stacked(block.columns) * weights
     G, r = U @ (block.gradient(theta) * width), U @ c

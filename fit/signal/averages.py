@@ -84,11 +84,14 @@ class Estimator:
         self._window = window(self._valid, fs)
         w2 = self._window**2
         self._scale = 2 / (fs * float(w2.sum()))
-        ramp = np.where(self._valid, np.linspace(-1, 1, n), 0.0)
-        self._ramp = ramp - self._valid * (ramp.sum() / np.count_nonzero(self._valid))
-        self._f = np.arange(1, min(math.floor(highest * n / fs), (n - 1) // 2) + 1) * fs / n
-        spectrum = scipy.fft.rfft(w2)[: CORRELATED + 1]
+        spectrum = scipy.fft.rfft(w2)[: CORRELATED + 1].copy()  # of all of it, the memory would be full
         self._correlation = np.abs(spectrum) ** 2 / float(w2.sum()) ** 2
+        del w2
+        self._ramp = np.linspace(-1, 1, n)
+        self._ramp[~self._valid] = 0.0
+        mean = self._ramp.sum() / np.count_nonzero(self._valid)
+        np.subtract(self._ramp, mean, out=self._ramp, where=self._valid)
+        self._f = np.arange(1, min(math.floor(highest * n / fs), (n - 1) // 2) + 1) * fs / n
 
     def asd(self, values: Array) -> Binned:
         """Return the ASD of a series, shape (N,), less mean and slope; what is not valid may be anything."""
@@ -119,7 +122,7 @@ class Estimator:
         """Return the periodogram of a series less mean and slope."""
         x = np.where(self._valid, values[: self._valid.size], 0.0)
         u = self._ramp
-        x -= self._valid * (x.sum() / np.count_nonzero(self._valid))
+        np.subtract(x, x.sum() / np.count_nonzero(self._valid), out=x, where=self._valid)
         x -= u * float(np.sum(u * x)) / float(np.sum(u * u))  # no @: its last bits depend on threads
         spectrum = scipy.fft.rfft(self._window * x)[1 : self._f.size + 1]
         return np.asarray(np.abs(spectrum) ** 2 * self._scale, dtype=np.float64)

@@ -18,7 +18,7 @@ Spectrum = NDArray[np.complex128]
 
 TAPER = 0.1  # fraction of the run under the two cosine flanks of the window
 GAP_TAPER = 60.0  # s, flank beside a masked stretch
-_TOGETHER = 4  # transforms: faster than one by one, where all of them would fill the memory
+_TOGETHER = 2  # transforms: faster than one by one, where all of them would fill the memory
 
 
 def window(valid: NDArray[np.bool_], fs: float) -> Array:

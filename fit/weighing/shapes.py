@@ -131,7 +131,7 @@ def _turns(angle: float, size: int) -> Spectrum:
     return np.asarray(np.multiply.outer(coarse, fine)).reshape(-1)[:size]
 
 
-@kept(8)  # a shape that is moved and turned keeps its length for a while
+@kept(2)  # a shape that is moved and turned keeps its length for a while
 def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
     f = scipy.fft.rfftfreq(n, 1 / fs)
