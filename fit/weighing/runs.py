@@ -25,9 +25,7 @@ CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
 SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
-AGAIN = (
-    2.0  # times as loud as it seems: slower noise that was left alone is heard again, lest iterations cycle
-)
+AGAIN = 2.0  # times as loud as it seems: from there slow noise left alone is heard again, lest fits cycle
 TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
 
