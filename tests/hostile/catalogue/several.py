@@ -1,9 +1,11 @@
 """Faults of several experiments at a time, among them some that agree with each other."""
 
+import numpy as np
+
 from tests.hostile.catalogue.channels import LATE, SCALE, clock, delayed, times
 from tests.hostile.catalogue.fault import faults
 from tests.hostile.catalogue.labels import AUTHORITY
-from tests.hostile.spoiling import all_of, changed, cut, labelled, recorded, remade, shifted
+from tests.hostile.spoiling import all_of, changed, cut, every, labelled, recorded, remade, shifted
 
 EPOCH_3, EPOCH_4 = ("E3", "F3", "G3", "D3"), ("B4", "D4", "C4")
 
@@ -21,6 +23,17 @@ def late(samples):
     return lambda name: changed(f"{name}-sysid", o_12=delayed(samples))
 
 
+def combed(x):
+    """Every tenth sample interpolated."""
+    at = np.arange(x.size)
+    kept = at % 10 != 5
+    return np.interp(at, at[kept], x[kept])
+
+
+def bent(x):
+    return x * (1 + 1e-3 * (x / 1e-8) ** 2)
+
+
 SEVERAL = (
     *faults(
         "scaled in several runs",
@@ -29,6 +42,21 @@ SEVERAL = (
         ("1 % up, 1 % down", "f_x_2", "B4 C2", all_of(scaled(1.01)("B4"), scaled(0.99)("C2"))),
         ("0.1 %", "f_x_2", *each(("A1", "A1b", "B2", "C2", "A2", "D2"), scaled(1.001))),
         ("0.1 %", "f_x_2", *each(EPOCH_4, scaled(1.001))),
+    ),
+    *faults(
+        "scaled in several runs",
+        SCALE + "|guidance",
+        ("6 %", "o_1", *each(EPOCH_3, lambda n: changed(f"{n}-sysid", o_1=times(1.06)))),
+    ),
+    *faults(
+        "every tenth sample interpolated in every run",
+        "interpol",
+        ("", "f_x_2", "", every(lambda run: changed(run, f_x_2=combed))),
+    ),
+    *faults(
+        "bent in every run",
+        "bent",
+        ("1e-3 at 10 nm", "o_12", "", every(lambda run: changed(run, o_12=bent))),
     ),
     *faults(
         "late in several runs",
