@@ -6,13 +6,14 @@ the whole spacecraft there is what is linear about its steady turn: a rate that 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals import Noise, Shares
-from lpfcosim.spacecraft import Actuation, Run
-from lpfcosim.worlds import System, drive, electrodes, on_circle, world_of
+from lpfcosim.signals import Noise, Shares, commanded
+from lpfcosim.spacecraft import Actuation, Injection, Run
+from lpfcosim.worlds import System, electrodes, on_circle, world_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -21,6 +22,7 @@ RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
 _ENTERS = {"F_x_1": "f_x_1", "f_x_1_jitter": "f_x_1"}  # where what drives enters, if not under its own name
 STRETCH = 60  # s, stepped side by side
 BLOCK = STRETCH**2  # s, held in memory
+KEPT = 128  # blocks of commands, at 10 Hz of 0.3 MB for each signal; runs of a campaign share most of them
 
 
 def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[str, Array]:
@@ -47,6 +49,8 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
     if noise:
         driving |= set(s.inputs) - set(world_of(run).turns(run))  # the equilibrium turns
     columns = {name: i for i, name in enumerate(s.inputs) if name in driving}
+    if not columns:
+        return {name: np.zeros(n) for name in s.channels}
     found = np.zeros((n, len(s.channels)))
     # the samples of injections from one to the next together
     ahead = [s.B]
@@ -55,14 +59,15 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
     pushes = np.stack(ahead[::-1])
     loop = _Loop(np.linalg.matrix_power(s.A, stride), s.C)
     state = np.zeros(len(s.A))
-    for begin in range(0, n if columns else 0, BLOCK):
+    for begin in range(0, n, BLOCK):
         end = min(begin + BLOCK, n)
-        injected = drive.injections(run, begin * stride, end * stride)
-        injected["f_x_1"] = injected["F_x_1"] / run.m_tm
+        injected = dict(_commanded(run.injections, run.fs, begin * stride, end * stride))
+        if "F_x_1" in injected:
+            injected["f_x_1"] = injected["F_x_1"] / run.m_tm
         if noise:
             drawn = noise.take((end - begin) * stride)
             drawn["g_2"] -= run.dc  # the equilibrium holds it
-            injected["f_x_1"] += drawn["f_x_1_jitter"]
+            injected["f_x_1"] = injected.get("f_x_1", 0.0) + drawn["f_x_1_jitter"]
             injected |= drawn
         push = np.zeros((end - begin, len(s.A)))
         for name, i in columns.items():
@@ -74,6 +79,15 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
         seen, state = loop.track(state, push)
         found[begin:end] += seen
     return dict(zip(s.channels, found.T.copy(), strict=True))
+
+
+@lru_cache(maxsize=KEPT)
+def _commanded(injections: tuple[Injection, ...], fs: float, start: int, stop: int) -> dict[str, Array]:
+    """Return `signals.commanded`, those that are not zero; runs of other truths ask for the same ones."""
+    found = {name: x for name, x in commanded(injections, fs, start, stop).items() if x.any()}
+    for x in found.values():
+        x.setflags(write=False)
+    return found
 
 
 class _Loop:

@@ -4,7 +4,7 @@ Which noise there is depends on the world of the run, so `lpfcosim.worlds` start
 """
 
 from lpfcosim.signals.flicker import flicker
-from lpfcosim.signals.injections import TARGETS, injected
+from lpfcosim.signals.injections import TARGETS, commanded, injected
 from lpfcosim.signals.noise import CORNER, Noise, Shares, Source, tail
 from lpfcosim.signals.wander import Wander
 
@@ -15,6 +15,7 @@ __all__ = [
     "Shares",
     "Source",
     "Wander",
+    "commanded",
     "decimation",
     "events",
     "flicker",

@@ -1,12 +1,12 @@
 """What is injected into a run on purpose: commands, and pulses that no controller knows of."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.spacecraft import Pulse, Run, Sine, TaperedSine, Target
+from lpfcosim.spacecraft import Injection, Pulse, Run, Sine, TaperedSine, Target
 
 Array = NDArray[np.float64]
 
@@ -34,13 +34,22 @@ def injected(
         shape (stop - start,); overlapping injections add, a channel without any is exactly zero.
     """
     stop = run.n_samples if stop is None else stop
+    signals = commanded(run.injections, run.fs, start, stop)
+    if turns:
+        time = np.arange(start, stop) / run.fs
+        signals |= {name: rate * time for name, rate in turns.items()}
+    return signals
+
+
+def commanded(injections: Iterable[Injection], fs: float, start: int, stop: int) -> dict[str, Array]:
+    """Return what `injected` does of a run of sample rate `fs` [Hz] with these injections."""
     signals = {name: np.zeros(stop - start) for name in TARGETS}
-    for injection in run.injections:
+    for injection in injections:
         if isinstance(injection, Pulse):
             continue  # no command, see `add_pulses`
-        first = _clip(_sample(run, injection.start), start, stop)
-        last = _clip(_sample(run, injection.end), start, stop)
-        since = np.arange(first, last) / run.fs - injection.start
+        first = _clip(_sample(fs, injection.start), start, stop)
+        last = _clip(_sample(fs, injection.end), start, stop)
+        since = np.arange(first, last) / fs - injection.start
         signal = signals[injection.into]
         if isinstance(injection, Sine):
             argument = 2 * np.pi * injection.frequency * since + injection.phase
@@ -50,9 +59,6 @@ def injected(
             ramp = 0.5 - 0.5 * np.cos(np.pi * since / (injection.end - injection.start))
             signal[first - start : last - start] += injection.amplitude * ramp
             signal[last - start :] += injection.amplitude
-    if turns:
-        time = np.arange(start, stop) / run.fs
-        signals |= {name: rate * time for name, rate in turns.items()}
     return signals
 
 
@@ -60,8 +66,8 @@ def add_pulses(run: Run, signals: Mapping[str, Array], start: int, stop: int) ->
     """Add the pulses of a run to the accelerations they act with, samples ``start`` … ``stop - 1``."""
     for pulse in run.injections:
         if isinstance(pulse, Pulse):
-            begin = _clip(_sample(run, pulse.start), start, stop)
-            end = _clip(_sample(run, pulse.end), start, stop)
+            begin = _clip(_sample(run.fs, pulse.start), start, stop)
+            end = _clip(_sample(run.fs, pulse.end), start, stop)
             phase = (np.arange(begin, end) / run.fs - pulse.start) / pulse.duration
             signals[pulse.into][begin - start : end - start] += pulse.amplitude * np.sin(np.pi * phase) ** 2
 
@@ -74,8 +80,8 @@ def _envelope(sine: Sine, since: Array) -> Array | float:
     return 0.5 - 0.5 * np.cos(np.pi * np.clip(left / sine.ramp, 0, 1))
 
 
-def _sample(run: Run, time: float) -> int:
-    return int(np.ceil(time * run.fs - 1e-6))  # rounding must not cost or add a sample
+def _sample(fs: float, time: float) -> int:
+    return int(np.ceil(time * fs - 1e-6))  # rounding must not cost or add a sample
 
 
 def _clip(sample: int, start: int, stop: int) -> int:
