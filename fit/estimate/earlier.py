@@ -15,6 +15,7 @@ from fit.inspection import prepare
 from fit.results import Results
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
+from fit.threads import each, one_thread
 from fit.weighing import Experiment, Run
 
 SAME = 0.05  # sigma: a fit that moves by more is of something else
@@ -36,6 +37,7 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     return results, read_all([Path(os.path.normpath(directory / p)) for p in recorded])
 
 
+@one_thread
 def experiments(
     results: Results, telemetries: Sequence[Telemetry], where: Path
 ) -> tuple[list[Experiment], Settings]:
@@ -58,7 +60,7 @@ def experiments(
             raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
     found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
     how = settings(chosen, f"{where}: provenance.settings")
-    prepared = [prepare(e, how).experiment for e in found]
+    prepared = each(lambda e: prepare(e, how).experiment, found)
     levels = said.levels or []
     loud = louder.judged(prepared, how)
     return [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared], how
@@ -85,6 +87,7 @@ def least_squares(prepared: Sequence[Experiment], how: Settings) -> Outcome:
     return fit_joint([replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)], how)
 
 
+@one_thread
 def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Outcome:
     """Repeat the joint fit of `results`, with its runs, pairs and settings.
 
