@@ -30,12 +30,15 @@ class NoiseModel:
         Of `values`.
     below : int
         How many bins below the first knot took part.
+    dropped : int
+        How many times in an iteration they took part no longer.
     """
 
     knots: Array
     values: Array
     covariance: Array
     below: int = 0
+    dropped: int = 0
 
     def __call__(self, f: Array) -> Array:
         """Return S at the frequencies `f`, shape (B,)."""

@@ -327,11 +327,17 @@ def smooth_noise(left: Left, previous: NoiseModel | None, longer: Left | None = 
     slower = longer.terms.f[longer.terms.f < SLOWER * f[0]] if longer else f[:0]
     if longer and slower.size:
         of_slower, told = longer.power(previous, slower.size)
-        least = 1.0 if previous is None or previous.below else AGAIN
+        least = 1.0
+        if previous and not previous.below:
+            least = AGAIN
+        elif previous and previous.dropped:  # what is heard a second time stays
+            least = 0.0
         if np.sum(of_slower / model.expected(slower)) > least * np.sum(told):
             power, dof = np.hstack([[of_slower, told], [power, dof]])
             model = fit_noise(np.concatenate([slower, f]), power, dof, slower.size)
-    return model if previous else smooth_noise(left, model, longer)
+    if previous is None:
+        return smooth_noise(left, model, longer)
+    return replace(model, dropped=previous.dropped + (previous.below > model.below))
 
 
 def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:

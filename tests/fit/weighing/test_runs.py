@@ -28,3 +28,23 @@ def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder()
     assert [heard(times, without) for times in (0.5, 1.5, 3.0)] == [False, False, True]
     assert [heard(times, by_it) for times in (0.5, 1.5, 3.0)] == [False, True, True]
     assert [heard(times, None) for times in (0.5, 1.5, 3.0)] == [False, True, True]
+
+
+def test_slower_noise_that_is_heard_a_second_time_stays():
+    # the weights with it make it look quiet, those without it loud
+    f, slow = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
+
+    def run(f, power):
+        return SimpleNamespace(terms=SimpleNamespace(f=f), power=power)
+
+    quick = run(f, lambda _: np.ones((2, f.size)))
+    without = smooth_noise(quick, None)
+
+    def of_slow(previous, first):
+        times = 0.5 if previous and previous.below else 3.0
+        return np.stack([times * without.expected(slow), np.ones(slow.size)])
+
+    models, model = [], None
+    for _ in range(6):
+        models.append(model := smooth_noise(quick, model, run(slow, of_slow)))
+    assert [bool(model.below) for model in models] == [False, True, True, True, True, True]
