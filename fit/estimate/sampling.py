@@ -1,10 +1,14 @@
 """Markov chain Monte Carlo over the joint posterior: an estimate beside least squares, without linearisation.
 
-An ensemble of walkers moves by differential evolution, which knows no scales: the difference of two walkers
-makes the step of a third. On these posteriors its autocorrelation time is a third of the stretch move's. (The
-snooker variant of emcee 3.1.6 is no alternative: its acceptance takes the root of the Jacobian, which leaves
-sigmas 8 to 15 % too small.) The chain lives in an HDF5 file with the state of the random numbers, and
-continues from there.
+An ensemble of walkers moves in two ways. Two steps of three are guesses: points of a distribution near the
+posterior, whatever the walker's own place, accepted as often as the ratio of the two densities says. That is
+the normal distribution of least squares, and for the logarithms of widths, whose tails are longer, a
+Student-t. Where the posterior is close to it, a dozen steps make a new point, however many parameters there
+are. The others are of differential evolution, which knows no scales: the difference of two walkers makes the
+step of a third. It goes where guesses seldom do, and on where a posterior is nothing like them. (The snooker
+variant of emcee 3.1.6 is no alternative: its acceptance takes the root of the Jacobian, which leaves sigmas 8
+to 15 % too small.) The chain lives in an HDF5 file with the state of the random numbers, and continues from
+there.
 
 It refuses to give numbers before the chain, a tenth as burn-in taken off, is 50 times as long as the
 autocorrelation time of every parameter and the means of its halves agree.
@@ -34,6 +38,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WALKERS = 4  # per parameter
+GUESSED = 2 / 3  # share of the steps
+FREEDOM = 4.0  # of the Student-t
+MOVES = "2/3 guessed, 1/3 by differential evolution"  # a chain of other steps is not continued
 _LARGEST = 1e9  # coordinate of a walker, in sigmas, and logarithm of its density
 SCHEMA = "lpf-mcmc/1"
 KEPT = 10  # of so many steps one is kept; those between are nearly the same
@@ -45,8 +52,8 @@ SAME = 1e-4  # in the logarithm of the density, by which the same posterior may 
 _FEW = 10  # kept steps, below which a chain says nothing of itself
 
 
-def head(path: Path) -> tuple[tuple[str, ...], Array]:
-    """Return the names of the parameters and the fingerprint of the posterior.
+def head(path: Path) -> tuple[tuple[str, ...], Array, str]:
+    """Return the names of the parameters, the fingerprint of the posterior, and how its walkers move.
 
     Raises
     ------
@@ -60,12 +67,13 @@ def head(path: Path) -> tuple[tuple[str, ...], Array]:
                     check_storage(file[name], f"{path}: {name}")
             names = tuple(file["names"].asstr()[:])
             fingerprint = np.asarray(file["fingerprint"][:], dtype=np.float64)
+            moves = str(file.attrs.get("moves", ""))
             sound = "mcmc" not in file or _is_whole(file["mcmc"], len(names))
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not a chain, expected what an earlier call left") from error
     if not sound:
         raise InputError(f"{path}: mcmc: damaged, expected a chain of {len(names)} parameters; move it away")
-    return names, fingerprint
+    return names, fingerprint, moves
 
 
 def _is_whole(group: h5py.Group, P: int) -> bool:
@@ -160,7 +168,7 @@ def sample(
     backend = emcee.backends.HDFBackend(path)
     P = len(posterior.names)
     sampler = emcee.EnsembleSampler(
-        WALKERS * P, P, posterior, moves=emcee.moves.DEMove(), backend=backend, vectorize=True
+        WALKERS * P, P, posterior, moves=_moves(posterior), backend=backend, vectorize=True
     )
     done = 0
     if backend.iteration:
@@ -191,12 +199,13 @@ def _open(posterior: Posterior, path: Path) -> None:
             file.attrs["description"] = (
                 f"mcmc/chain: every {KEPT}th step of the walkers, as z in theta = centre + root z"
             )
+            file.attrs["moves"] = MOVES
             file["names"] = list(posterior.names)
             file["centre"], file["root"] = posterior.centre, posterior.root
             file["fingerprint"] = posterior.fingerprint
         atomic.settle(partial, path)
     guard.check(head, [path])
-    names, found = head(path)
+    names, found, moves = head(path)
     if (names, found.shape) != (posterior.names, posterior.fingerprint.shape) or np.max(
         np.abs(found - posterior.fingerprint)
     ) > SAME:
@@ -204,6 +213,32 @@ def _open(posterior: Posterior, path: Path) -> None:
             f"{path}: the chain of another posterior, expected the same telemetry, settings and version of "
             "the software; move it away to start anew"
         )
+
+    if moves != MOVES:
+        raise InputError(
+            f"{path}: the chain of another version of the software, expected one whose steps are "
+            f"{MOVES}; move it away to start anew"
+        )
+
+
+def _moves(posterior: Posterior) -> "list[tuple[emcee.moves.Move, float]]":
+    """Return the ways in which walkers move, and how often each."""
+    import emcee
+
+    normal = posterior.shared
+
+    def log_density(z: Array) -> Array:
+        long_tailed = np.log1p(z[:, normal:] ** 2 / FREEDOM)
+        return np.asarray(
+            -np.sum(z[:, :normal] ** 2, axis=1) / 2 - (FREEDOM + 1) / 2 * np.sum(long_tailed, axis=1)
+        )
+
+    def guess(z: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
+        to = rng.standard_normal(z.shape)
+        to[:, normal:] = rng.standard_t(FREEDOM, to[:, normal:].shape)
+        return to, log_density(z) - log_density(to)
+
+    return [(emcee.moves.MHMove(guess), GUESSED), (emcee.moves.DEMove(), 1 - GUESSED)]
 
 
 def _chain(posterior: Posterior, backend: "emcee.backends.HDFBackend") -> Chain:
