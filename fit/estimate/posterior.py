@@ -39,8 +39,8 @@ class Posterior:
     ----------
     names : tuple of str
         Of the P parameters: those that runs share, then logarithms of widths.
-    shared : int
-        Number of those that runs share.
+    long_tailed : ndarray of bool, shape (P,)
+        Widths, and the parameters that scatter by them: their distributions fall slower than a normal one.
     centre : ndarray, shape (P,)
         The estimate, SI.
     root : ndarray, shape (P, P)
@@ -61,6 +61,7 @@ class Posterior:
         names = [p.name for p in outcome.parameters[:shared]]
         self.names = (*names, *(f"log_width_{w.name}" for w in self._widths))
         self.centre = np.concatenate([outcome.solution.theta[:shared], logs[:, 0]])
+        self.long_tailed = np.array([n in outcome.scatter for n in names] + len(logs) * [True], dtype=bool)
         try:
             root = np.linalg.cholesky(outcome.solution.covariance[:shared, :shared])
         except np.linalg.LinAlgError as error:
@@ -68,7 +69,7 @@ class Posterior:
                 "the covariance of the estimate is not positive, nothing can be sampled"
             ) from error
         self.root = scipy.linalg.block_diag(root, np.diag(logs[:, 1]))
-        self.shared, self._all = shared, len(outcome.parameters)
+        self._shared, self._all = shared, len(outcome.parameters)
         self._prior = linear.Prior(outcome.prior.centre[:shared], outcome.prior.rows[:, :shared])
         theta = outcome.solution.theta
         self.inflation = inflations(outcome.blocks, theta)
@@ -85,9 +86,9 @@ class Posterior:
         """Return the logarithm of the density but for a constant, shape (W,), at W points, shape (W, P)."""
         sampled = self.theta(z)
         theta = np.zeros((self._all, len(sampled)))
-        theta[: self.shared] = sampled[:, : self.shared].T
-        logs = sampled[:, self.shared :]
-        known = self._prior.rows @ (theta[: self.shared] - self._prior.centre[:, None])
+        theta[: self._shared] = sampled[:, : self._shared].T
+        logs = sampled[:, self._shared :]
+        known = self._prior.rows @ (theta[: self._shared] - self._prior.centre[:, None])
         density = -np.sum(known**2, axis=0) / 2
         for i, width in enumerate(self._widths):
             density += width.log_prior(logs[:, i])

@@ -2,13 +2,13 @@
 
 An ensemble of walkers moves in two ways. Two steps of three are guesses: points of a distribution near the
 posterior, whatever the walker's own place, accepted as often as the ratio of the two densities says. That is
-the normal distribution of least squares, and for the logarithms of widths, whose tails are longer, a
-Student-t. Where the posterior is close to it, a dozen steps make a new point, however many parameters there
-are. The others are of differential evolution, which knows no scales: the difference of two walkers makes the
-step of a third. It goes where guesses seldom do, and on where a posterior is nothing like them. (The snooker
-variant of emcee 3.1.6 is no alternative: its acceptance takes the root of the Jacobian, which leaves sigmas 8
-to 15 % too small.) The chain lives in an HDF5 file with the state of the random numbers, and continues from
-there.
+the normal distribution of least squares, but a Student-t for widths and what scatters by them: where the
+tails of a guess are too short, walkers stay for long. Where the posterior is close to it, a dozen steps make
+a new point, however many parameters there are. The others are of differential evolution, which knows no
+scales: the difference of two walkers makes the step of a third. It goes where guesses seldom do, and on where
+a posterior is nothing like them. (The snooker variant of emcee 3.1.6 is no alternative: its acceptance takes
+the root of the Jacobian, which leaves sigmas 8 to 15 % too small.) The chain lives in an HDF5 file with the
+state of the random numbers, and continues from there.
 
 It refuses to give numbers before the chain, a tenth as burn-in taken off, is 50 times as long as the
 autocorrelation time of every parameter and the means of its halves agree.
@@ -225,17 +225,15 @@ def _moves(posterior: Posterior) -> "list[tuple[emcee.moves.Move, float]]":
     """Return the ways in which walkers move, and how often each."""
     import emcee
 
-    normal = posterior.shared
+    long = posterior.long_tailed
 
     def log_density(z: Array) -> Array:
-        long_tailed = np.log1p(z[:, normal:] ** 2 / FREEDOM)
-        return np.asarray(
-            -np.sum(z[:, :normal] ** 2, axis=1) / 2 - (FREEDOM + 1) / 2 * np.sum(long_tailed, axis=1)
-        )
+        far = np.log1p(z[:, long] ** 2 / FREEDOM)
+        return np.asarray(-np.sum(z[:, ~long] ** 2, axis=1) / 2 - (FREEDOM + 1) / 2 * np.sum(far, axis=1))
 
     def guess(z: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
         to = rng.standard_normal(z.shape)
-        to[:, normal:] = rng.standard_t(FREEDOM, to[:, normal:].shape)
+        to[:, long] = rng.standard_t(FREEDOM, to[:, long].shape)
         return to, log_density(z) - log_density(to)
 
     return [(emcee.moves.MHMove(guess), GUESSED), (emcee.moves.DEMove(), 1 - GUESSED)]
@@ -311,7 +309,7 @@ def summary(chain: Chain, outcome: Outcome, truths: Mapping[str, float]) -> dict
     """Return what a chain says of the parameters, and how least squares compares, for JSON.
 
     The errors of the comparison are standard deviations from the effective sample size; that of the ratio
-    takes the squares to be as slow as the parameter, which is on the safe side.
+    takes the squares to be as slow as the parameter: on `mission.toml` they are at most 1.3 times as slow.
 
     Parameters
     ----------

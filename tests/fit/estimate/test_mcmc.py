@@ -116,13 +116,13 @@ class Scattering:
     NU = 6.0
 
     def __init__(self, others: int) -> None:
-        self.shared = 1 + others
-        self.names = (*(f"p_{i}" for i in range(self.shared)), "log_width")
+        self.names = (*(f"p_{i}" for i in range(1 + others)), "log_width")
+        self.long_tailed = np.array([True, *others * [False], True])
         half = self.NU / 2
         self.log_s = (np.log(half) - scipy.special.digamma(half)) / 2
         self.variance = scipy.special.polygamma(1, half) / 4
-        self.centre = np.append(np.zeros(self.shared), self.log_s)
-        self.sigma = np.append(np.ones(self.shared), np.sqrt(self.variance))
+        self.centre = np.append(np.zeros(1 + others), self.log_s)
+        self.sigma = np.append(np.ones(1 + others), np.sqrt(self.variance))
         self.root = np.diag(self.sigma)
 
     def theta(self, z):
