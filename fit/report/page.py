@@ -28,7 +28,7 @@ from fit.report.verdict import matters, verdict
 from fit.results import Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
-from fit.threads import each, upto
+from fit.threads import each, one_thread, upto
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
@@ -37,6 +37,7 @@ _DIGITS = 12  # of a digest, in short
 _SPREAD = ("settings", "versions")  # tables with a line for each entry
 
 
+@one_thread
 def write_report(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> Path:
     """Write ``report.html``; what ``identify``, ``mcmc`` and ``montecarlo`` left in the folder joins it.
 
