@@ -1,5 +1,7 @@
 """A first fit of one run, before any estimate: free of what experiments share."""
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,15 @@ def delays(run: Run) -> tuple[float, float]:
 
     What lies seconds off is no linear delay at the fastest tones: it would pass for glitches.
     """
+    if run not in _FOUND:  # most runs are asked for again, when their glitches have been looked for
+        _FOUND[run] = _delays(run)
+    return _FOUND[run]
+
+
+_FOUND: WeakKeyDictionary[Run, tuple[float, float]] = WeakKeyDictionary()
+
+
+def _delays(run: Run) -> tuple[float, float]:
     found, most, tau = DELAYS, np.inf, DELAYS
     for _ in range(STEPS):
         terms = run.spectra(tau)

@@ -51,13 +51,17 @@ def threshold(view: View, shape: Shape, begin: Array) -> Array:
     Noise exceeds it somewhere in a run with a probability of CHANCE. Where a glitch has been found that lasts
     about as long it is BESIDE, for no shape of the bank leaves nothing of it.
     """
-    chance = CHANCE / max(2 * view.duration / shape.tau, 1.0)
-    found = np.full(begin.shape, -float(scipy.special.ndtri(chance / 2)))
+    found = np.full(begin.shape, _anywhere(view, shape))
     for glitch in view.known:
         if shape.tau > SHORTER * glitch.shape.tau:
             first, last = glitch.span
             found[(begin > first - glitch.shape.tau) & (begin < last)] = BESIDE
     return found
+
+
+def _anywhere(view: View, shape: Shape) -> float:
+    chance = CHANCE / max(2 * view.duration / shape.tau, 1.0)
+    return -float(scipy.special.ndtri(chance / 2))
 
 
 def pursue(view: View) -> list[Found]:
@@ -101,23 +105,27 @@ class _Filter:
 def _filters(view: View) -> list[_Filter]:
     rms = float(np.sqrt(np.mean(view.window**2)))
     found = []
-    whitening = np.sqrt(view.S)
-    for shape, transform in _transforms(view.duration, view.f.tobytes()):
-        h = transform / whitening[: transform.size]
-        power = np.abs(h) ** 2
-        dof = 2 * float(power.sum()) ** 2 / float(power @ power)
-        found.append(_Filter(shape, np.asarray(h * rms / np.linalg.norm(h)), dof))
+    weight = 1 / view.S
+    whitening = np.sqrt(weight)
+    for shape, transform, squared in _transforms(view.duration, view.f.tobytes()):
+        bins = slice(transform.size)
+        power = squared * weight[bins]
+        total = float(power.sum())
+        response = transform * (whitening[bins] * (rms / np.sqrt(total)))
+        found.append(_Filter(shape, response, 2 * total**2 / float(power @ power)))
     return found
 
 
 @kept(8)  # the runs of a campaign have few lengths
-def _transforms(duration: float, of_f: bytes) -> list[tuple[Shape, Spectrum]]:
-    """Return the shapes of the bank, and of each the conjugate transform in the bins that it needs."""
+def _transforms(duration: float, of_f: bytes) -> list[tuple[Shape, Spectrum, Array]]:
+    """Return the shapes of the bank, with conjugate transform and power in the bins that each needs."""
     f, found = np.frombuffer(of_f), []
     for shape in shapes.bank(duration):
         bins = max(2, int(np.searchsorted(2 * np.pi * f * shape.tau, BAND)))
-        found.append((shape, shape.transform(f[:bins]).conj()))
-        found[-1][1].setflags(write=False)
+        transform = shape.transform(f[:bins]).conj()
+        found.append((shape, transform, np.abs(transform) ** 2))
+        for shared in found[-1][1:]:
+            shared.setflags(write=False)
     return found
 
 
@@ -131,14 +139,22 @@ def _strongest(view: View, filters: Sequence[_Filter]) -> Glitch | None:
         padded = np.zeros(n // 2 + 1, dtype=np.complex128)
         padded[1 : bins + 1] = of.response * whitened[:bins]
         ratios = np.abs(scipy.fft.irfft(padded, n)) * (n / 2)
-        if view.own:  # a glitch has raised the PSD that it is seen against
-            ratios = np.sqrt(-of.dof * np.log(np.maximum(1 - ratios**2 / of.dof, 1e-9)))
+        lowest = BESIDE if view.known else _anywhere(view, of.shape)
+        if _counted(view, of, ratios.max()) <= most * lowest:
+            continue
         begin = float(view.time[0]) + np.arange(n, dtype=np.float64) * (view.duration / n)
-        excess = ratios / threshold(view, of.shape, begin)
+        excess = _counted(view, of, ratios) / threshold(view, of.shape, begin)
         at = int(np.argmax(excess))
         if excess[at] > most:
             best, most = Glitch(of.shape, float(begin[at])), float(excess[at])
     return best
+
+
+def _counted(view: View, of: _Filter, ratios: Array) -> Array:
+    """Return what ratios count for: a glitch has raised the PSD of a run that tells it itself."""
+    if not view.own:
+        return ratios
+    return np.asarray(np.sqrt(-of.dof * np.log(np.maximum(1 - ratios**2 / of.dof, 1e-9))))
 
 
 def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:

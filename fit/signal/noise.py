@@ -126,7 +126,8 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
     basis, products = _basis(knots.tobytes(), f.tobytes())
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
     values = np.asarray(np.linalg.solve(products, basis.T @ start), dtype=np.float64)
-    fisher: Array = (basis * dof[:, None]).T @ basis
+    rooted = basis * np.sqrt(dof)[:, None]
+    fisher: Array = rooted.T @ rooted
 
     def cost(v: Array) -> tuple[float, Array]:
         """Return the cost and ``power / S``."""

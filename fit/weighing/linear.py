@@ -159,7 +159,8 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
     U = columns[:, given] * scale[given]  # one row for each column, as they lie
     U -= (U @ Q if first is None else columns @ (Q * scale[:, None])) @ Q[given].T
-    taken = sum(column * column for column in Q[given].T).reshape(-1, 2).sum(axis=1) / 2
+    of_bins = Q[given].reshape(U.shape[1] // 2, -1)
+    taken = np.einsum("bi,bi->b", of_bins, of_bins) / 2
     return U.view(np.complex128).T, np.asarray(1 - taken, dtype=np.float64)
 
 
