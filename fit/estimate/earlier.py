@@ -11,11 +11,11 @@ from fit.estimate import louder
 from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
-from fit.inspection import prepare
+from fit.inspection import prepare_each
 from fit.results import Results
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
-from fit.threads import each, one_thread
+from fit.threads import one_thread
 from fit.weighing import Experiment, Run
 
 SAME = 0.05  # sigma: a fit that moves by more is of something else
@@ -60,7 +60,11 @@ def experiments(
             raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
     found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
     how = settings(chosen, f"{where}: provenance.settings")
-    prepared = each(lambda e: prepare(e, how).experiment, found)
+    prepared = []
+    for one in prepare_each(found, how, ()).values():
+        if isinstance(one, InputError):
+            raise one
+        prepared.append(one.experiment)
     levels = said.levels or []
     loud = louder.judged(prepared, how)
     return [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared], how

@@ -5,7 +5,7 @@ against the whole of it; saturation is masked, glitches are masked or taken out.
 """
 
 from fit.inspection.leftout import LeftOut, Tells, told
-from fit.inspection.masks import Prepared, prepare, prepare_each, searches
+from fit.inspection.masks import Prepared, prepare_each, searches
 
 __all__ = [
     "LeftOut",
@@ -14,7 +14,6 @@ __all__ = [
     "admission",
     "leftout",
     "long_noise",
-    "prepare",
     "prepare_each",
     "samples",
     "searches",

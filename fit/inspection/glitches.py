@@ -62,11 +62,6 @@ _DDO_1 = dynamics.COLUMNS.index("ddo_1")
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
 
-def without_glitches(experiment: Experiment) -> tuple[Experiment, tuple[FitWarning, ...]]:
-    """Find the glitches of an experiment by itself; see `Hunt`."""
-    return Hunt(experiment).ended()
-
-
 class Hunt:
     """The search for glitches in an experiment: masks the short ones and takes the long ones out.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.inspection import authority
-from fit.inspection.glitches import TOO_MANY, Hunt, without_glitches
+from fit.inspection.glitches import TOO_MANY, Hunt
 from fit.settings import Settings
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
@@ -102,18 +102,6 @@ class Prepared:
 def searches(chosen: Settings) -> bool:
     """Tell whether glitches are looked for: flscov bridges what is masked."""
     return chosen.glitches and chosen.estimator != "flscov"
-
-
-def prepare(experiment: Experiment, chosen: Settings) -> Prepared:
-    """Mask what the equation does not hold for.
-
-    Raises
-    ------
-    InputError
-        If missing samples leave too little of a run.
-    """
-    found = _unsaturated(experiment)
-    return _cleaned(found, without_glitches(found.experiment)) if _searched(found, chosen) else found
 
 
 def _unsaturated(experiment: Experiment) -> Prepared:

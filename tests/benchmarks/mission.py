@@ -40,7 +40,7 @@ def main(folder: Path) -> None:
         "reading_s": seconds(lambda: telemetry.read_all([folder])),
         "filtering_s": seconds(lambda: pair(runs)),
         # pairs anew each time: a run keeps its spectra
-        "glitches_s": seconds(lambda: [glitches.without_glitches(e) for e in pair(runs)]),
+        "glitches_s": seconds(lambda: [glitches.Hunt(e).ended() for e in pair(runs)]),
         "joint_fit_s": seconds(lambda: fit_joint(pair(runs), chosen)),
         "calibration_s": seconds(lambda: calibrate(runs)),
     }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.inspection import admission, prepare
+from fit.inspection import admission, prepare_each
 from fit.inspection.admission import Found
 from fit.pipeline import calibrate
 from fit.settings import settings
@@ -252,4 +252,6 @@ def test_clean_campaigns_are_left_alone():
         found = admission.faults(experiments)
         assert not found.left_out
         assert not found.notes
-        assert admission.changes([prepare(e, settings()).experiment for e in experiments]) == Found([], [])
+        assert admission.changes(
+            [p.experiment for p in prepare_each(experiments, settings(), ()).values()]
+        ) == Found([], [])

@@ -59,7 +59,7 @@ def window_weight(run):
 def test_clean_runs_are_left_alone(world, authority):
     # 30 runs of 6 h in all, 5e-5 each: false-positive probability 1.5e-3
     before = experiment(pair(world, authority, seed=3, drive_1=1e-12 * (authority == "E")))
-    after, warnings = glitches.without_glitches(before)
+    after, warnings = glitches.Hunt(before).ended()
     assert both(after) == both(before)
     assert not warnings
 
@@ -70,7 +70,7 @@ def test_one_clean_run_in_a_thousand_at_most_is_flagged():
     # 600 runs; at 5e-5 a run one is flagged with probability 3 %, two with 4e-4
     flagged = 0
     for seed in range(300):
-        flagged += len(glitches.without_glitches(experiment(pair(World(), "ABCD"[seed % 4], seed=seed)))[1])
+        flagged += len(glitches.Hunt(experiment(pair(World(), "ABCD"[seed % 4], seed=seed))).ended()[1])
     assert flagged <= 1
 
 
@@ -79,14 +79,14 @@ def test_what_lasts_is_no_glitch():
     sysid, noise = pair(World())
     line = 3e-11 * np.sin(2 * np.pi * 7e-3 * sysid.time)
     sysid = replace(sysid, channels={**sysid.channels, "o_12": sysid.channels["o_12"] + line})
-    assert not glitches.without_glitches(experiment((sysid, noise)))[1]
+    assert not glitches.Hunt(experiment((sysid, noise))).ended()[1]
 
 
 def test_missing_samples_are_no_glitches():
     sysid, noise = pair(World())
     gaps = ((3000, 3030), (9000, 9001), (15000, 15100))
     before = experiment((without(sysid, *gaps), without(noise, (100, 200))))
-    after, warnings = glitches.without_glitches(before)
+    after, warnings = glitches.Hunt(before).ended()
     assert both(after) == both(before)
     assert not warnings
     assert (after.sysid.masked, after.noise.masked) == (131, 100)
@@ -94,7 +94,7 @@ def test_missing_samples_are_no_glitches():
 
 def test_without_noise_nothing_stands_out():
     still = [replace(run, channels={k: 0 * x for k, x in run.channels.items()}) for run in pair(World())]
-    assert not glitches.without_glitches(experiment(still))[1]
+    assert not glitches.Hunt(experiment(still)).ended()[1]
 
 
 # --- in closed loop, sines running ----------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
         return [experiment((telemetry[name], telemetry[f"{name}-noise"])) for name in "AB"]
 
     before, glitchy = experiments(clean), experiments(struck)
-    after = [glitches.without_glitches(e)[0] for e in glitchy]
+    after = [glitches.Hunt(e).ended()[0] for e in glitchy]
 
     strong = [(name, p) for name, found in pulses.items() for p in found if abs(p.amplitude) > 40 * RMS]
     of_run = {run.telemetry.run: run.masks for e in after for run in both(e)}
@@ -161,7 +161,7 @@ def test_what_masks_leave_of_glitches_is_no_bias(simulated):
     # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
     run, noise = simulated("B", noise=Noise()), simulated("B-noise")
     struck = experiment([simulated("B", *draw(5, 20), noise=Noise()), noise])
-    after, _ = glitches.without_glitches(struck)
+    after, _ = glitches.Hunt(struck).ended()
     truth, sigma = estimate(fit_experiment(experiment([run, noise])))
     assert np.max(np.abs(estimate(fit_experiment(struck))[0] - truth) / sigma) > 20
     assert np.all(np.abs(estimate(fit_experiment(after))[0] - truth) < 0.5 * sigma)
@@ -173,9 +173,7 @@ def test_many_strong_ones_in_one_experiment(simulated):
     pulses["B"].append(Pulse("g_1", 3e-12, 12345.0, 60.0))
     pulses["B"].append(Pulse("g_2", 9e-13, 12370.0, 40.0))  # during the one before
     clean = experiment([simulated(name) for name in pulses])
-    after, warnings = glitches.without_glitches(
-        experiment([simulated(name, *p) for name, p in pulses.items()])
-    )
+    after, warnings = glitches.Hunt(experiment([simulated(name, *p) for name, p in pulses.items()])).ended()
     assert [w.code for w in warnings] == ["glitches"] * 2
     for warning, found in zip(warnings, pulses.values(), strict=True):
         middles = [p.start + p.duration / 2 for p in found if abs(p.amplitude) > 100 * RMS]
@@ -195,7 +193,7 @@ def test_at_the_edges_and_beside_gaps(simulated):
     gaps = ((80050, 80350), (150400, 150700))  # at 10 Hz: behind one glitch, within another
     clean = experiment([simulated("A"), simulated("A-noise")])
     sysid = without(simulated("A", *pulses), *gaps)
-    after, (warning,) = glitches.without_glitches(experiment([sysid, clean.noise.telemetry]))
+    after, (warning,) = glitches.Hunt(experiment([sysid, clean.noise.telemetry])).ended()
     found = after.sysid.masks
     assert any(begin < 7950 < end for begin, end in found)
     assert any(begin < 15015 < end for begin, end in found)
@@ -208,7 +206,7 @@ def test_at_the_edges_and_beside_gaps(simulated):
 def test_too_much_is_told_and_left(simulated):
     storm = draw(1, 400)
     before = experiment([simulated("A", *storm), simulated("A-noise")])
-    after, (warning,) = glitches.without_glitches(before)
+    after, (warning,) = glitches.Hunt(before).ended()
     assert after.sysid.masks == ()
     assert after.sysid.masked == 0
     assert warning.code == glitches.TOO_MANY
