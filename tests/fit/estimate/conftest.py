@@ -1,7 +1,12 @@
-"""Telemetry of the Euler fit, and a fit of it, made once for all its tests."""
+"""Telemetry of the Euler fit and a fit of it, made once for all its tests; a posterior known exactly."""
 
+import numpy as np
 import pytest
 
+from fit.estimate.irls import Outcome
+from fit.paper import FLIGHT
+from fit.weighing import linear
+from fit.weighing.likelihood import weights
 from tests.fit.estimate.euler import DAY, QUIET, fitted
 from tests.oracles.rotation_synthetic import run
 
@@ -19,3 +24,45 @@ def found(three_days):
 @pytest.fixture(scope="package")
 def quiet_day():
     return run(QUIET, duration=DAY)
+
+
+TAU = (0.1, 0.2)
+
+
+@pytest.fixture
+def linear_case():
+    """A posterior that is Gaussian exactly: outcome, and mean and covariance written out by hand."""
+    rng = np.random.default_rng(5)
+    B, size = 300, np.array([1.0, 4.0, 30.0, 1.0, 30.0, 2e7, 1e6, 1.0])
+    U = size * (rng.standard_normal((B, 8)) + 1j * rng.standard_normal((B, 8)))
+    truth = np.array([1.08, 0.19, -4e-7])
+    U[:, 2] += 2 * U[:, 1]  # correlates the parameters
+    # residual = o_12'' - lambda_2 f + (C_2 - lambda_2 tau) f' + omega2_2 (o_12 + o_1)
+    design = np.stack([-U[:, 1] - TAU[1] * U[:, 2], U[:, 2], U[:, 5] + U[:, 6]], axis=1)
+    U[:, 0] = rng.standard_normal(B) + 1j * rng.standard_normal(B) - design @ truth
+    centre, rows = np.array([1.0776, 0.186, -4.19e-7]), np.array([[0.0, 0.0, 2.5e8]])
+    A = np.concatenate([design.real, design.imag, rows])
+    b = np.concatenate([-U[:, 0].real, -U[:, 0].imag, rows @ centre])
+    covariance = np.linalg.inv(A.T @ A)
+    mean = covariance @ A.T @ b
+    share = np.zeros((7, 3))
+    share[[1, 3, 4, 5], [0, 1, 2, 2]] = 1
+    block = linear.Block(TAU, U, weights("gaussian", np.arange(B) + 1.0, np.full(B, 2.0)), None, None, share)
+    sigma = np.sqrt(np.diag(covariance))
+    # where it starts from is beside the truth and too wide: the chain must not depend on it
+    solution = linear.Solution(mean + 0.5 * sigma, 1.5 * covariance, 1.0, 1)
+    return (
+        Outcome(
+            parameters=tuple(FLIGHT[name] for name in ("lambda_2", "C_2", "omega2_2_0")),
+            solution=solution,
+            lost=np.zeros(3, dtype=bool),
+            directions=np.empty((0, 3)),
+            tone=None,
+            converged=True,
+            blocks=(block,),
+            prior=linear.Prior(centre, rows),
+            scatter={},
+        ),
+        mean,
+        covariance,
+    )
