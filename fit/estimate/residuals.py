@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 
 SCORES = np.linspace(-3.25, 3.25, QUANTILES)  # normal scores at which the quantiles are told
 DRAWS = 4000  # of the departure under noise, for its p-value: +- 0.003 at 5 %
-ROUNDED = 1e-3  # sigma, far beyond what single precision rounds of a draw; it takes half the time
 FIRST = 128  # bins to accumulate before a departure counts; fewer are no normal variable yet
 POINTS = 120  # at most, along the cumulative periodogram
 
@@ -138,24 +137,18 @@ def _whiteness(left: Residual, power: Array) -> float:
     covariance = (bridge @ covariance @ bridge.T)[:-1, :-1]
     departure = (np.cumsum(power)[ends - 1] / power.mean() - ends)[:-1]
     values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))
     sigma = np.sqrt(np.diag(covariance))
-    root = (vectors * np.sqrt(np.maximum(values, 0))).T / sigma
-    most = float(np.max(np.abs(departure) / sigma))
-    drawn, rounded = _drawn(sigma.size)
-    farthest = np.max(np.abs(rounded @ root.astype(np.float32)), axis=1)
-    farther = farthest >= most
-    close = np.abs(farthest - most) < ROUNDED
-    farther[close] = np.max(np.abs(drawn[close] @ root), axis=1) >= most
+    drawn = _drawn(sigma.size) @ (root.T / sigma)
+    farther = np.max(np.abs(drawn), axis=1) >= np.max(np.abs(departure) / sigma)
     return float((1 + np.count_nonzero(farther)) / (1 + DRAWS))
 
 
-@kept(4)  # of 6 MB; few campaigns have runs of more lengths that matter
-def _drawn(size: int) -> tuple[Array, NDArray[np.float32]]:
+@kept(4)  # of 4 MB; few campaigns have runs of more lengths that matter
+def _drawn(size: int) -> Array:
     drawn = np.random.default_rng(0).standard_normal((DRAWS, size))
-    rounded = drawn.astype(np.float32)
-    for shared in (drawn, rounded):
-        shared.setflags(write=False)  # others get the same ones
-    return drawn, rounded
+    drawn.setflags(write=False)  # others get the same ones
+    return drawn
 
 
 def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
