@@ -110,14 +110,6 @@ def _unsaturated(experiment: Experiment) -> Prepared:
     return Prepared(Experiment(sysid, noise), (*told, *told_of_noise))
 
 
-def _searched(found: Prepared, chosen: Settings) -> bool:
-    return searches(chosen) and not found.spoilt  # what is saturated would pass for glitches
-
-
-def _cleaned(found: Prepared, by: tuple[Experiment, tuple[FitWarning, ...]]) -> Prepared:
-    return Prepared(by[0], (*found.warnings, *by[1]))
-
-
 def prepare_each(
     experiments: Sequence[Experiment], chosen: Settings, faulty: Container[str]
 ) -> dict[str, Prepared | InputError]:
@@ -131,7 +123,8 @@ def prepare_each(
     def begun(e: Experiment) -> tuple[Prepared, Hunt | None] | InputError:
         try:
             found = _unsaturated(e)
-            hunted = e.name not in faulty and _searched(found, chosen)
+            # what is saturated would pass for glitches
+            hunted = e.name not in faulty and searches(chosen) and not found.spoilt
             return found, Hunt(found.experiment) if hunted else None
         except InputError as error:
             return error
@@ -141,7 +134,10 @@ def prepare_each(
             return one
         found, hunt = one
         try:
-            return found if hunt is None or (common and hunt.lacks) else _cleaned(found, hunt.ended())
+            if hunt is None or (common and hunt.lacks):
+                return found
+            experiment, told = hunt.ended()
+            return Prepared(experiment, (*found.warnings, *told))
         except InputError as error:
             return error
 
