@@ -288,7 +288,7 @@ class Expectation:
         self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
     def block(self, theta: Array, _: Array, __: int) -> Sums:
-        """As that of `irls.Weighing`."""
+        """As that of `weighings.Weighing`."""
         of_run, sums = self.share @ theta, self._sums
         c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
         if np.linalg.norm(sums.R @ (c - before)) > MOVED:

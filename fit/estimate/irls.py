@@ -8,27 +8,24 @@ estimate. The delays about which the commands are expanded move along, until not
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import flscov, louder, unsteady
 from fit.estimate.hierarchy import Width
+from fit.estimate.weighings import WARM_UP, Weighing, weighing
 from fit.model import dynamics
 from fit.paper import Parameter
 from fit.settings import Estimator
-from fit.signal import NoiseModel
 from fit.threads import each, within
-from fit.weighing import Experiment, Likelihood, linear, noise_model
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
-_WARM_UP = 1  # iteration up to which the signal may still be in the residual
 FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
 FASTER = 0.8  # of the iterations that are left, about, when one is done
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
@@ -73,20 +70,9 @@ class Rule:
     most: int
     tolerance: float
     harmless: float
-    warm_up: int = _WARM_UP
+    warm_up: int = WARM_UP
     windowed: bool = False
     moving: str = "parameters still move"
-
-
-class Weighing(Protocol):
-    """What weighs one run, ever better."""
-
-    @property
-    def settled(self) -> bool:
-        """Whether the weights themselves have come to rest."""
-
-    def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
-        """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +166,7 @@ def reweight(
     *,
     estimator: Estimator = "gaussian",
     departing: Sequence[Width] = (),
+    begun: Mapping[str, linear.Block] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -197,13 +184,18 @@ def reweight(
         ``flscov``, or the likelihood of the residual, see `fit.weighing.likelihood`.
     departing : sequence of Width
         Departures of experiments, held so weakly here that the data tell them.
+    begun : mapping of str to linear.Block, optional
+        Experiments, by name, as another fit has weighed them: where the iteration begins.
 
     Raises
     ------
     FitError
         If it does not settle, or a step of it fails.
     """
-    weighings = [_weighing(e, share, estimator) for e, share in zip(experiments, shares, strict=True)]
+    first = begun or {}
+    weighings = [
+        weighing(e, share, estimator, first.get(e.name)) for e, share in zip(experiments, shares, strict=True)
+    ]
 
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
         found = weakly_held(blocks, theta, parameters, shares[0], more)
@@ -316,56 +308,6 @@ def _spread(
 def _rows(width: Width, size: int) -> Array:
     """Return what holds the departures of a width while weights settle, as rows of a `linear.Prior`."""
     return np.eye(size)[list(width.members)] / (FREE * width.scale * width.units[:, None])
-
-
-def _weighing(experiment: Experiment, share: Array, estimator: Estimator) -> Weighing:
-    if estimator == "flscov":
-        return _Flscov(experiment, share)
-    return _Smooth(experiment, share, "marginalised" if experiment.levels else estimator)
-
-
-class _Smooth:
-    """Weighs a run by the smooth PSD of its noise run, and by what its own residual then is like."""
-
-    def __init__(self, experiment: Experiment, share: Array, likelihood: Likelihood) -> None:
-        self._experiment, self._share, self._likelihood = experiment, share, likelihood
-        self._model: NoiseModel | None = None
-        self.settled = True
-
-    def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
-        share, of_run, run = self._share, self._share @ theta, self._experiment.sysid
-        own = len(self._experiment.parameters)  # what the gains do within the run comes after
-        spread = (share @ covariance @ share.T)[:own, :own]
-        self._model = noise_model(self._experiment, of_run[:own], spread, self._model)
-        tau = dynamics.delays(of_run)
-        terms = run.spectra(tau)
-        if self._experiment.louder:
-            terms = louder.at_injections(terms)
-        if own < len(share):
-            terms = terms.beside(run.wander(tau))
-        # before the signal is subtracted, no residual can tell an outlier
-        c = dynamics.coefficients(of_run, terms.tau) if iteration > _WARM_UP else None
-        block = linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)
-        steps = self._experiment.unsteady
-        return unsteady.block(block, terms.f, steps) if steps else block
-
-
-class _Flscov:
-    """Weighs a run as LTPDA does."""
-
-    def __init__(self, experiment: Experiment, share: Array) -> None:
-        self._experiment, self._share = experiment, share
-        self._total = 0.0
-        self.settled = False
-
-    def block(self, theta: Array, _: Array, iteration: int) -> linear.Block:
-        of_run = self._share @ theta
-        terms = self._experiment.sysid.columns(dynamics.delays(of_run))
-        c = dynamics.coefficients(of_run, terms.tau) if iteration else None
-        block, total = flscov.block(terms, self._share, c)
-        self.settled = abs(total - self._total) < flscov.TOLERANCE * total
-        self._total = total
-        return block
 
 
 def common_tone(blocks: Sequence[linear.Block]) -> float | None:

@@ -1,17 +1,17 @@
 """The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from fit.errors import InputError
+from fit.errors import FitError, InputError
 from fit.estimate import choice, departures
 from fit.estimate.irls import Known, Outcome, reweight
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, Settings
-from fit.weighing import Experiment, Run
+from fit.weighing import Experiment, Run, linear
 
 
 def fit_experiment(
@@ -41,7 +41,9 @@ def fit_experiment(
     return reweight([experiment], [share], parameters, known, estimator=estimator)
 
 
-def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
+def fit_joint(
+    experiments: Sequence[Experiment], chosen: Settings, alone: Mapping[str, Outcome | FitError] | None = None
+) -> Outcome:
     """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
 
     Parameters
@@ -50,6 +52,8 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
         To be fitted.
     chosen : Settings
         With ``scatter = "auto"`` the data choose what departs.
+    alone : mapping of str to Outcome or FitError, optional
+        What experiments yield by themselves: the iteration begins with them as they were weighed there.
 
     Raises
     ------
@@ -58,16 +62,22 @@ def fit_joint(experiments: Sequence[Experiment], chosen: Settings) -> Outcome:
     FitError
         If no trustworthy estimate comes out.
     """
+    begun = {name: own.blocks[0] for name, own in (alone or {}).items() if isinstance(own, Outcome)}
     if chosen.scatter == ["auto"]:
-        plain = _fitted(experiments, chosen, ())
+        plain = _fitted(experiments, chosen, (), begun)
         asked = choice.departing(plain, experiments, Sharing(chosen.shared))
-        return replace(_fitted(experiments, chosen, asked), by_data=True) if asked else plain
+        return replace(_fitted(experiments, chosen, asked, begun), by_data=True) if asked else plain
     if chosen.scatter and len(experiments) < 2:
         raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
-    return _fitted(experiments, chosen, chosen.scatter)
+    return _fitted(experiments, chosen, chosen.scatter, begun)
 
 
-def _fitted(experiments: Sequence[Experiment], chosen: Settings, departing: Sequence[str]) -> Outcome:
+def _fitted(
+    experiments: Sequence[Experiment],
+    chosen: Settings,
+    departing: Sequence[str],
+    begun: Mapping[str, linear.Block],
+) -> Outcome:
     """Fit all experiments together, with departures from what is named."""
     sharing, N = Sharing(chosen.shared), len(experiments)
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
@@ -83,6 +93,7 @@ def _fitted(experiments: Sequence[Experiment], chosen: Settings, departing: Sequ
         [*parameters, *more],
         estimator=chosen.estimator,
         departing=widths,
+        begun=begun,
     )
     return departures.integrated(outcome) if widths else outcome
 

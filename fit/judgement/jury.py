@@ -92,7 +92,7 @@ def convene(
         out = of_odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
         left_out = (*left_out, *out)
         kept = _without(kept, out)
-        outcome = fit_joint(kept, chosen)
+        outcome = fit_joint(kept, chosen, alone)
     # what determines a gain only together
     verdict.check_gains({e.name: outcome for e in kept}, kept)
     return Agreed(outcome, tuple(kept), left_out, _told(voices, outcome, kept), voices)
@@ -177,7 +177,7 @@ def _settled(
         If it does not settle without them, or there are none.
     """
     try:
-        outcome = fit_joint(experiments, chosen)
+        outcome = fit_joint(experiments, chosen, alone)
     except FitError as error:
         why = verdict.suspects({e.name: alone[e.name] for e in experiments})
         why = why or _contradicting(experiments, alone, Sharing(chosen.shared))
@@ -186,12 +186,12 @@ def _settled(
             raise FitError(f"{error}{suspects}") from error
         found = _misfitting(why, "nothing settles")
         kept = _without(experiments, found)
-        return fit_joint(kept, chosen), kept, found
+        return fit_joint(kept, chosen, alone), kept, found
     failed = {e.name: own for e in experiments if isinstance(own := alone[e.name], FitError)}
     if outcome.lost.any() and 0 < len(failed) < len(experiments):
         found = _misfitting(verdict.suspects(failed), "the data determine less than without")
         kept = _without(experiments, found)
-        rest = fit_joint(kept, chosen)
+        rest = fit_joint(kept, chosen, alone)
         if np.count_nonzero(rest.lost) < np.count_nonzero(outcome.lost):
             return rest, kept, found
     return outcome, experiments, ()

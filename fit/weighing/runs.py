@@ -21,7 +21,9 @@ from fit.weighing.shapes import Glitch
 Array = NDArray[np.float64]
 
 LEAST = 0.3  # share of a run that gaps and their flanks must leave
-CLOSE = 1e-4  # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command
+# s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command; 1e-5 where nothing is
+# injected, and commands are hardly more than the noise they follow
+CLOSE, CLOSE_ENOUGH = 1e-4, 0.3
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
 SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
@@ -158,7 +160,7 @@ class Run:
         return dynamics.columns(self.channels, tau)
 
     def spectra(self, tau: tuple[float, float]) -> Spectra:
-        """Return the spectra for delays within CLOSE of `tau`; they carry the delays they were made with.
+        """Return the spectra for delays close to `tau`; they carry the delays they were made with.
 
         Raises
         ------
@@ -173,7 +175,8 @@ class Run:
             last = self.transformed(terms.values, terms)
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
             self._first = last
-        elif _apart(tau, last.tau) > CLOSE:  # of what does not move, the transforms stay
+        elif _apart(tau, last.tau) > (CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE):
+            # of what does not move, the transforms stay
             columns, forces = last.columns.copy(), dynamics.forces(self.channels, tau)
             columns[:, dynamics.FORCES] = spectra.windowed(forces, last.window, self.channels.fs)
             last = replace(last, columns=columns, tau=tau)
