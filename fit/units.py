@@ -1,7 +1,9 @@
 """Quantities with units, as campaigns, archives and maps of them state them, turned into SI; one registry."""
 
 import re
+from collections.abc import Mapping
 from decimal import Decimal
+from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -17,6 +19,23 @@ _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 o
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
 _UNASKED = ("babel", "dask", "uncertainties")  # pint reads them in if they are there
+
+#: What is read without pint, which takes its time: each as so many of pint's root units, with their powers.
+_SYMBOLS = {
+    "m": (1, {"meter": 1}),
+    "s": (1, {"second": 1}),
+    "g": (1, {"gram": 1}),
+    "rad": (1, {"radian": 1}),
+    "K": (1, {"kelvin": 1}),
+    "N": (1000, {"gram": 1, "meter": 1, "second": -2}),
+    "Hz": (1, {"second": -1}),
+}
+_PREFIXES = {"f": "1e-15", "p": "1e-12", "n": "1e-9", "u": "1e-6", "m": "1e-3", "": "1", "k": "1e3"}
+_PLAIN = {p + s: (Fraction(k) * n, of) for p, k in _PREFIXES.items() for s, (n, of) in _SYMBOLS.items()}
+_PLAIN |= {
+    s: (Fraction(n), {"second": 1}) for s, n in (("min", 60), ("h", 3600), ("d", 86400), ("day", 86400))
+}
+_FACTOR = re.compile(r"([A-Za-z]+)(?:\^([+-]?[0-9](?:\.5)?))?")
 
 
 class UnknownUnitError(ValueError):
@@ -81,7 +100,7 @@ def same_unit(a: str, b: str) -> bool:
     (True, False)
     """
     try:
-        return a == b or factor(a, b) == 1  # pint, which takes its time, is seldom asked
+        return a == b or factor(a, b) == 1
     except ValueError:
         return False
 
@@ -115,14 +134,36 @@ def to_si(value: str | float, si: str) -> float:
 
 
 @cache
-def _root(unit: str) -> tuple[float, object]:
-    """Return a unit as a number of root units, and these."""
+def _root(unit: str) -> tuple[float, Mapping[str, object]]:
+    """Return a unit as a number of root units, and these with their powers."""
     text = _BARE_POWER.sub("^", unit.replace("·", " ")).strip()
     text = f"1{text}" if text.startswith("/") else text
     if len(unit) > _LONGEST or _ENDLESS.search(unit):
         raise UnknownUnitError(f"unit {unit!r} is not known")
     try:
+        if plain := _plain(text):
+            return plain
         root = registry().Quantity(1.0, registry().parse_units(text)).to_root_units()
-        return float(root.magnitude), root.units
+        return float(root.magnitude), dict(root.unit_items())
     except Exception as error:  # pint raises whatever its tokeniser, its parser or its arithmetic raise
         raise UnknownUnitError(f"unit {unit!r} is not known") from error
+
+
+def _plain(text: str) -> tuple[float, Mapping[str, object]] | None:
+    """Return what `_root` does of a product of symbols, at most one below a stroke; None of all else."""
+    above, stroke, below = text.partition("/")
+    factors = [(factor, 1) for factor in above.split() if not stroke or above.strip() != "1"]
+    factors += [(below.strip(), -1)] if stroke else []
+    number, powers = Fraction(1), dict[str, Fraction]()
+    for factor, sign in factors:
+        match = _FACTOR.fullmatch(factor)
+        if match is None or match[1] not in _PLAIN:
+            return None
+        size, made_of = _PLAIN[match[1]]
+        power = sign * Fraction(match[2] or 1)
+        if size != 1 and power.denominator != 1:  # an irrational number
+            return None
+        number *= size ** int(power)
+        for name, own in made_of.items():
+            powers[name] = powers.get(name, Fraction(0)) + own * power
+    return float(number), {name: power for name, power in powers.items() if power}
