@@ -16,7 +16,7 @@ from fit.files import refuse_links
 from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, convert, inside, is_map, read_all
+from fit.telemetry import Telemetry, conversion, inside, read_all
 
 PathLike = str | os.PathLike[str]
 
@@ -43,10 +43,10 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
         was expected.
     """
     given = [Path(p) for p in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
-    maps = [path for path in given if is_map(path)]
+    maps = [path for path in given if conversion.is_map(path)]
     if maps:
         converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
-        given = convert(given, converted, any_gaps=False)
+        given = conversion.convert(given, converted, any_gaps=False)
     return read_all([inside(path) for path in given])
 
 

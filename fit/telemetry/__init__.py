@@ -5,7 +5,6 @@ elsewhere first, since they may crash a library (`guard`).
 """
 
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
-from fit.telemetry.conversion import convert, is_map
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.pieces import pieces
 from fit.telemetry.reader import (
@@ -34,11 +33,10 @@ __all__ = [
     "another_stretch",
     "check_storage",
     "common_x_axis",
-    "convert",
+    "conversion",
     "guard",
     "inertial_period",
     "inside",
-    "is_map",
     "pieces",
     "read_all",
     "read_stretch",

@@ -13,7 +13,7 @@ from fit import settings as fit_settings
 from fit.errors import FitError
 from fit.report import page as fit_report
 from fit.results import Results, load, sound_joint, write
-from fit.telemetry import Telemetry, convert, inside, is_map, read_all
+from fit.telemetry import Telemetry, conversion, inside, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.running import folder as folders
@@ -101,9 +101,9 @@ def calibrated(
 
 def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
     """Return telemetry files and folders of them; what maps describe is converted into `directory` first."""
-    if any(map(is_map, paths)):
+    if any(map(conversion.is_map, paths)):
         with console.stage("conversion"):
-            paths = convert(paths, directory / "telemetry", any_gaps=any_gaps)
+            paths = conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
     return [inside(path) for path in paths]
 
 

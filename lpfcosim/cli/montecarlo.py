@@ -28,8 +28,9 @@ from fit.threads import alone, one_heap, one_thread
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
+from lpfcosim.cli.begun import begun
 from lpfcosim.cli.common import about, check_folder
-from lpfcosim.cli.planned import begun, in_memory
+from lpfcosim.cli.planned import in_memory
 from lpfcosim.cosim import Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.plant import spectral, stability

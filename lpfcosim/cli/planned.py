@@ -1,4 +1,4 @@
-"""A campaign as commands take it up: read, checked, and as the experiments that are planned."""
+"""A campaign as the experiments that are planned."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -10,35 +10,14 @@ import numpy as np
 
 from fit.estimate import Planned, PlannedTurn
 from fit.model import rotation
-from fit.settings import Settings, settings
 from fit.telemetry import Telemetry
 from fit.weighing import Experiment
 from fit.weighing import Run as Flown
-from lpfcosim.campaign import Campaign, loading
-from lpfcosim.cli.common import about
-from lpfcosim.errors import InputError
+from lpfcosim.campaign import Campaign
 from lpfcosim.plant import planning, stability
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
-
-
-def begun(campaign: Path, jobs: int | None, scheduler: str | None) -> tuple[Campaign, Settings]:
-    """Read a campaign that is to be simulated, and what it says of the fit.
-
-    Raises
-    ------
-    InputError
-        If it is wrong or a loop is unstable, or both processes and a cluster are to do the work.
-    """
-    if jobs and scheduler:
-        raise InputError("--jobs, --scheduler: expected one of them; a cluster has as many workers as it has")
-    plan = loading.load(campaign)
-    chosen = settings(plan.fit, f"{campaign}: fit")
-    with about(campaign):
-        for run in plan.runs if not plan.replacements else ():  # the poles are those of our loop
-            stability.check(run)
-    return plan, chosen
 
 
 def planned(plan: Campaign) -> list[Planned]:

@@ -9,21 +9,24 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import fit.errors
-from fit.results import Fit, Results
 from fit.settings import Settings
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
 from lpfcosim.cli import fmu as cli_fmu
+from lpfcosim.cli.begun import begun
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
-from lpfcosim.cli.planned import begun
 from lpfcosim.cosim import Engine, Interface, placement
 from lpfcosim.errors import RunError
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, runner
 from lpfcosim.worlds import world_of
+
+if TYPE_CHECKING:
+    from fit.results import Fit, Results
 
 _FIT = "lpfcosim.cli.fit"  # takes its time, and is read in while others simulate
 
