@@ -22,8 +22,11 @@ LIBRARIES = (
     "fmpy",
     "fmpy.fmi2",
     "fmpy.fmi3",
-    "pydantic",
-    "pint",
+    "fmpy.validation",
+    "lxml.etree",
+    "xml.etree.ElementTree",
+    "pydantic.main",
+    "pydantic.types",
 )
 
 _prepared = False
