@@ -9,11 +9,12 @@
 A stage ends where the command says so on standard error. `cpu` is the time on all processors, `mb` the
 memory of the largest process, `mb_all` that of all of them, pages that they share counted once. Of several
 rounds the medians are told. With `--before` both read the campaigns of the other checkout, which may not know
-the keys of today's; ratios are told on the clock and, for what else is busy here, in processor time. The last
-line is JSON.
+the keys of today's; ratios are told on the clock and, for what else is busy here, in processor time. Modules
+are compiled beforehand, as pip does it. The last line is JSON.
 """
 
 import argparse
+import compileall
 import json
 import os
 import platform
@@ -280,8 +281,10 @@ def found(given: argparse.Namespace) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as place:
         checkouts = [ROOT, *([given.before.resolve()] if given.before else [])]
         folders = {checkout: Path(place) / str(n) for n, checkout in enumerate(checkouts)}
-        for folder in folders.values():
+        for checkout, folder in folders.items():
             folder.mkdir()
+            for package in ("fit", "lpfcosim"):
+                compileall.compile_dir(checkout / package, quiet=1)
         plans = checkouts[-1] / "campaigns"
         runs = {name: ("run", str(plans / f"{name}.toml")) for name in given.campaigns}
         others = COMMANDS if OF_COMMANDS in runs else {"start": COMMANDS["start"]}
