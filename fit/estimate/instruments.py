@@ -120,7 +120,7 @@ def _read_out_noise(run: Run, name: str) -> tuple[float, float] | None:
     if angle is None:
         return None
     half = (telemetry.channels[f"grs_{name}_2"] - telemetry.channels[f"grs_{name}_1"]) / 2
-    x, _ = derivatives.reduced(half, telemetry.fs, *derivatives.low_pass(telemetry.fs))
+    x, *_ = derivatives.reduced(half, telemetry.fs, *derivatives.low_pass(telemetry.fs))
     found = spectra.transform(np.stack([x, angle], axis=1), run.channels.valid, run.channels.fs)
     over = found.f > COMPARED
     apart, turned = found.columns[over].T

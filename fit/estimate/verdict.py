@@ -244,9 +244,9 @@ def wrong_guidance(telemetry: Telemetry) -> str:
     if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
         return ""
     taps, factor = derivatives.low_pass(telemetry.fs)
-    raw = (telemetry.channels[name] for name in ("guidance_o_1", "o_1"))
-    there = (x if np.isfinite(x).all() else np.nan_to_num(x) for x in raw)
-    guidance, o_1 = (derivatives.decimate(x, taps, factor) for x in there)
+    guidance, o_1 = (
+        derivatives.decimated(telemetry.row(name), taps, factor) for name in ("guidance_o_1", "o_1")
+    )
     if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
         return ""  # constant
     every = np.ones(o_1.size, dtype=bool)

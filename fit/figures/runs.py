@@ -71,9 +71,8 @@ def responses(run: Telemetry) -> Chart:
 
 def _hourly(run: Telemetry, name: str) -> tuple[Array, Array]:
     """Return hours since the start of a run, and a channel, as they are drawn."""
-    instants = run.time
-    time, values = envelope(instants, run.channels[name])
-    return (time - instants[0]) / 3600, values
+    time, values = envelope(run.row("time"), run.row(name))
+    return (time - time[0]) / 3600, values
 
 
 def _response(

@@ -6,25 +6,34 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.telemetry import PIECE, Row, pieces
+
 Array = NDArray[np.float64]
 
 _BUCKETS = 500  # per curve
 
 
-def envelope(time: Array, values: Array) -> tuple[Array, Array]:
+def envelope(time: Row, values: Row) -> tuple[Array, Array]:
     """Return a curve of at most 2 * 500 points that covers the same ink: extremes of every bucket.
 
     Parameters
     ----------
-    time, values : ndarray, shape (N,)
+    time, values : Row, shape (N,)
         Missing samples (NaN) are passed over; a bucket of nothing else stays a gap.
     """
     if values.size <= 2 * _BUCKETS:
-        return time, values
+        return time[:], values[:]
     starts = np.linspace(0, values.size, _BUCKETS, endpoint=False).astype(int)
-    extremes = np.stack([np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)], axis=1)
+    x, extremes = np.empty(_BUCKETS), np.empty((_BUCKETS, 2))
+    together = max(1, PIECE * _BUCKETS // values.size)  # buckets, lest a long series be there as a whole
+    for some in pieces(_BUCKETS, each=together):
+        at = starts[some]
+        piece = slice(int(at[0]), int(starts[some.stop]) if some.stop < _BUCKETS else values.size)
+        part, at = values[piece], at - at[0]
+        x[some], extremes[some, 0] = time[piece][at], np.fmin.reduceat(part, at)
+        extremes[some, 1] = np.fmax.reduceat(part, at)
     extremes[1::2] = extremes[1::2, ::-1]  # up in one bucket, down in the next: a slow curve stays one
-    return np.repeat(time[starts], 2), extremes.ravel()
+    return np.repeat(x, 2), extremes.ravel()
 
 
 def struck(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:

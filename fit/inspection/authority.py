@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fit.paper import FLIGHT
 from fit.signal import derivatives
-from fit.telemetry import Telemetry, pieces
+from fit.telemetry import Row, Telemetry, pieces
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,12 @@ def at_limit(f_x: Array, limit: float) -> NDArray[np.bool_]:
     return (f_x >= AT_LIMIT * limit) | (f_x <= -AT_LIMIT * limit)
 
 
+def limited(run: Telemetry, name: str) -> NDArray[np.intp]:
+    """Return first sample and end of every stretch where a command is at its limit, shape (G, 2)."""
+    f_x, limit = run.row(name), limit_of(run, name)
+    return derivatives.stretches_of(at_limit(f_x[piece], limit) for piece in pieces(f_x.size))
+
+
 def limit_of(run: Telemetry, name: str) -> float:
     """Return the largest force per unit mass [m s^-2] that ``f_x_1`` or ``f_x_2`` may have."""
     return float(getattr(run, f"F_max_{name[-1]}")) / run.m_tm
@@ -37,11 +43,11 @@ def faults(run: Telemetry) -> Iterator[str]:
     """Yield what contradicts the authority of a run."""
     for j in (1, 2):
         yield from _stiff(run, j)
-        f_x, limit = run.channels[f"f_x_{j}"], limit_of(run, f"f_x_{j}")
+        f_x, limit = run.row(f"f_x_{j}"), limit_of(run, f"f_x_{j}")
         at = _largest(f_x)
         if at is None:
             continue
-        most, when = abs(float(f_x[at])), f"{run.instants(slice(at, at + 1))[0]:.0f} s"
+        most, when = abs(float(f_x[at : at + 1][0])), f"{run.instants(slice(at, at + 1))[0]:.0f} s"
         slack = BEYOND if run.fs > 0.99 * FULL_RATE else RINGING
         if limit == 0 and most > LEAK:
             yield f"{run.path}: f_x_{j} is {most:.3g} m s-2 at {when}, but attribute F_max_{j} is 0"
@@ -69,19 +75,28 @@ def _stiff(run: Telemetry, j: int) -> Iterator[str]:
             )
 
 
-def _largest(x: Array) -> int | None:
+def _largest(x: Row) -> int | None:
     """Return where a command is largest, None where all of it is missing."""
-    there = [piece for piece in pieces(x.size) if np.isfinite(x[piece]).any()]
-    at = [piece.start + int(np.nanargmax(np.abs(x[piece]))) for piece in there]
-    return max(at, key=lambda i: float(abs(x[i])), default=None)
+    found: dict[int, float] = {}
+    for piece in pieces(x.size):
+        sizes = np.abs(x[piece])
+        if np.isfinite(sizes).any():
+            at = int(np.nanargmax(sizes))
+            found[piece.start + at] = float(sizes[at])
+    return max(found, key=lambda at: found[at], default=None)
 
 
-def _flat(x: Array) -> int:
+def _flat(x: Row) -> int:
     """Return in how many stretches a command stays at its largest or least value as if it were stopped."""
-    x = x[np.isfinite(x)]
-    found, step = 0, 0.2 * np.ptp(x)
-    for extreme in (x.max(), x.min()):
-        for begin, end in derivatives.stretches(x == extreme):
-            entered = begin > 0 and end < x.size and abs(x[begin - 1] - extreme) < step
+    ends = np.array([(part.min(), part.max()) for part in (x[piece] for piece in pieces(x.size))])
+    if not np.isfinite(ends).all():
+        there = x[:]
+        return _flat(there[np.isfinite(there)])
+    found, least, most = 0, float(ends.min()), float(ends.max())
+    for extreme in (most, least):
+        for begin, end in derivatives.stretches_of(x[piece] == extreme for piece in pieces(x.size)):
+            entered = (
+                begin > 0 and end < x.size and abs(x[begin - 1 : begin][0] - extreme) < 0.2 * (most - least)
+            )
             found += bool(entered and end - begin >= FLAT)
-    return found if found < VISITS or np.unique(x).size > DISTINCT * x.size else 0
+    return found if found < VISITS or np.unique(x[:]).size > DISTINCT * x.size else 0

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import spectra
-from fit.telemetry import Telemetry
+from fit.telemetry import PIECE, Telemetry, pieces
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -154,10 +154,15 @@ def _means(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the means of channels over n samples each without those that are lost, and which are then."""
     means = []
-    for name in names:  # one by one: as archived, all of them fill the memory
-        x = run.channels[name][: lost.size]
-        means.append(np.where(lost, 0.0, x).reshape(-1, n).mean(axis=1))
-        lost = lost | ~np.isfinite(x)
+    for name in names:
+        row, of_row = run.row(name), np.empty(lost.size // n)
+        for piece in pieces(lost.size, each=PIECE // n * n):
+            x = row[piece]
+            of_row[piece.start // n : piece.stop // n] = (
+                np.where(lost[piece], 0.0, x).reshape(-1, n).mean(axis=1)
+            )
+            lost[piece] |= ~np.isfinite(x)
+        means.append(of_row)
     return np.stack(means, axis=1), lost
 
 

@@ -38,20 +38,19 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
         Code `SATURATED` or `TOO_LONG` if there are any.
     """
     telemetry = run.telemetry
-    flags = {
-        name: authority.at_limit(telemetry.channels[name], authority.limit_of(telemetry, name))
-        for name in ("f_x_1", "f_x_2")
-    }
-    somewhere = np.any(list(flags.values()), axis=0)
-    if not somewhere.any():
+    limited = {name: authority.limited(telemetry, name) for name in ("f_x_1", "f_x_2")}
+    if not any(of.size for of in limited.values()):
         return run, ()
+    somewhere = np.zeros(telemetry.size, dtype=bool)
+    for begin, end in np.concatenate(list(limited.values())):
+        somewhere[begin:end] = True
     stretches = _stretches(telemetry, somewhere)
     masked = run.without(stretches)
     told = " and ".join(
-        f"{name} in {int(of.sum())} samples "
+        f"{name} in {int(np.diff(of).sum())} samples "
         f"(F_max_{name[-1]}/m_tm = {authority.limit_of(telemetry, name):.3g} m s-2)"
-        for name, of in flags.items()
-        if of.any()
+        for name, of in limited.items()
+        if of.size
     )
     said = f"{telemetry.run}: a commanded force is at the limit of its authority: {told}"
     left = masked.weight / run.weight

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fit.inspection import authority
 from fit.model import dynamics
 from fit.signal import derivatives, median
-from fit.telemetry import Telemetry, pieces
+from fit.telemetry import Row, Telemetry, pieces
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Oddity:
     again: bool = False
 
 
-def step(x: Array) -> float:
+def step(x: Row) -> float:
     """Return the step to which values are rounded, 0 if the smallest increments do not tell one."""
     d = np.empty(0)
     for piece in pieces(x.size, overlap=1):
@@ -91,19 +91,26 @@ def _digit(large: Array) -> float:
     return digit if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
 
 
-def is_noisy(x: Array) -> bool:
+def is_noisy(x: Row) -> bool:
     """Tell whether a channel changes nearly always, as noise makes it."""
-    return bool(np.count_nonzero(x[1:] == x[:-1]) < 0.5 * (x.size - 1))
+    parts = (x[piece] for piece in pieces(x.size, overlap=1))
+    return sum(int(np.count_nonzero(part[1:] == part[:-1])) for part in parts) < 0.5 * (x.size - 1)
 
 
-def stuck(x: Array, fs: float) -> Iterator[Oddity]:
+def _extremes(x: Row) -> tuple[float, float]:
+    """Return the least and the largest value of a channel."""
+    ends = [(np.fmin.reduce(part), np.fmax.reduce(part)) for part in (x[piece] for piece in pieces(x.size))]
+    return float(np.nanmin(ends)), float(np.nanmax(ends))
+
+
+def stuck(x: Row, fs: float) -> Iterator[Oddity]:
     """Yield where a channel that should be noise is constant, on a straight line, rounded or repeated."""
     looked, rounded = x[:LOOKED], step(x)
     if not is_noisy(x):
-        constant = np.nanmax(x) == np.nanmin(x)
+        least, most = _extremes(x)
         what = (
-            f"is stuck at {x[0] + 0.0:.4g} throughout"
-            if constant
+            f"is stuck at {looked[0] + 0.0:.4g} throughout"
+            if least == most
             else f"is rounded to steps of {rounded:.2g}"
             if rounded > 0
             else "is more often constant than not"
@@ -132,10 +139,11 @@ def stuck(x: Array, fs: float) -> Iterator[Oddity]:
         return
     kept = _flat(x, max(2.1 * rounded, 1e-9 * usual), rounded)
     for begin, end in kept:
-        constant = np.ptp(x[begin : end + 2]) <= 2.1 * rounded
-        extreme = constant and x[begin] in (np.nanmin(x), np.nanmax(x))
+        part = x[begin : end + 2]
+        constant = np.ptp(part) <= 2.1 * rounded
+        extreme = constant and part[0] in _extremes(x)
         how = "stops at its limit of" if extreme else "is stuck at"
-        what = f"{how} {x[begin] + 0.0:.4g}" if constant else "is a straight line"
+        what = f"{how} {part[0] + 0.0:.4g}" if constant else "is a straight line"
         yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
     if rounded == 0 and not len(kept):
         yield from _repeated(x, fs)
@@ -160,7 +168,7 @@ def interpolated(run: Telemetry) -> Iterator[str]:
     Rounding puts samples on the line between their neighbours here and there, hardly ever all of a comb.
     """
     for name in dynamics.CHANNELS:
-        if comb := _comb(run.channels[name][:TEETH]):
+        if comb := _comb(run.row(name)[:TEETH]):
             how = f"one sample in every {comb} lies on the line between its neighbours"
             yield f"{run.path}: {name} is interpolated: {how}"
 
@@ -182,19 +190,21 @@ def _comb(x: Array) -> int:
     return 0
 
 
-def _flat(x: Array, least: float, rounded: float) -> NDArray[np.intp]:
+def _flat(x: Row, least: float, rounded: float) -> NDArray[np.intp]:
     """Return the stretches in which second differences stay within `least`, shape (number of them, 2)."""
-    flat = [np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2)]
-    found = derivatives.stretches(np.concatenate(flat))
+    found = derivatives.stretches_of(np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2))
     return found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
 
 
-def _repeated(x: Array, fs: float) -> Iterator[Oddity]:
+def _repeated(x: Row, fs: float) -> Iterator[Oddity]:
     edge = int(SETTLED * fs)
-    again = edge + np.flatnonzero(x[edge + 1 : -edge] == x[edge : -edge - 1]) + 1
-    if again.size and scipy.stats.poisson.sf(again.size - 1, _coincidences(x)) > COINCIDENCE:
+    at, same = pieces(x.size - 2 * edge, overlap=1), []
+    for start, part in ((edge + piece.start, x[edge + piece.start : edge + piece.stop]) for piece in at):
+        same.append(start + np.flatnonzero(part[1:] == part[:-1]) + 1)
+    again = np.concatenate([np.zeros(0, dtype=np.intp), *same])
+    if not again.size or scipy.stats.poisson.sf(again.size - 1, _coincidences(x[:])) > COINCIDENCE:
         return
-    zero = x[again] == 0
+    zero = x[:][again] == 0
     for which, what in ((again[zero], "is exactly 0"), (again[~zero], "repeats a sample")):
         if which.size:
             often = f" {which.size} times, first" * (which.size > 1)
@@ -215,17 +225,20 @@ def _coincidences(x: Array) -> float:
     return float(increments.size * NEAR * digit / (2 * near))
 
 
-def jumps(x: Array, fs: float) -> Iterator[Oddity]:
+def jumps(x: Row, fs: float) -> Iterator[Oddity]:
     """Yield the largest jump or wild sample of a read-out, if noise does not explain it, nor a force."""
-    filled, masked = derivatives.bridge(x, fs)
-    half = max(5, round(1.5 * fs))
+    filled, half = x, max(5, round(1.5 * fs))
+    lost, masked = np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+    if any(np.isnan(x[piece]).any() for piece in pieces(x.size)):
+        lost = np.isnan(x[:])
+        filled, masked = derivatives.bridge(x[:], fs)
     if _largest(_bends(filled), x.size - 2, SUSPECT) is None:
         return
     n = np.arange(-half, half + 1)
     cubic = (n / half) ** np.arange(4)[:, None]
     # what a shape leaves once a cubic has been fitted to all
     left = {k: shape(n) - cubic.T @ np.linalg.lstsq(cubic.T, shape(n))[0] for k, shape in _SHAPES.items()}
-    bad = np.isnan(x) | masked
+    bad = lost | masked
     reached = np.convolve(bad, np.ones(n.size), mode="valid") > 0.5 if bad.any() else None
     for name, limit in (("jumps by", JUMP), ("is off by", WILD)):
         size = _sizes(filled, left[name] / (left[name] @ left[name]), reached)
@@ -257,12 +270,12 @@ def _beside(at: int) -> tuple[slice, slice]:
     return slice(at - 2, at + 1), slice(at + 1, at + 4)
 
 
-def _bends(x: Array) -> _Sizes:
+def _bends(x: Row) -> _Sizes:
     """Return the second differences of a channel."""
     return lambda at: np.diff(x[at.start : at.stop + 2], 2)
 
 
-def _sizes(x: Array, weights: Array, reached: NDArray[np.bool_] | None) -> _Sizes:
+def _sizes(x: Row, weights: Array, reached: NDArray[np.bool_] | None) -> _Sizes:
     """Return what a stencil finds in a channel, zero where it is `reached` by what is missing."""
 
     def found(at: slice) -> Array:
@@ -300,7 +313,7 @@ def _stands_alone(size: _Sizes, n: int, at: int, half: int) -> bool:
 def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     """Yield what is wrong with the samples of an experiment and of its noise run."""
     commands = [name for name in dynamics.CHANNELS if name not in READ_OUTS]
-    fed = {name for name in commands if noise is not None and is_noisy(noise.channels[name])}  # by a loop
+    fed = {name for name in commands if noise is not None and is_noisy(noise.row(name))}  # by a loop
     for run in (sysid, noise):
         if run is not None:
             found = {name: list(_of(run, name, fed)) for name in dynamics.CHANNELS}
@@ -314,17 +327,16 @@ def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
 def of_commands(run: Telemetry) -> Iterator[str]:
     """Yield jumps and wild samples of commands, which are only faults where the equation fails."""
     for name in ("f_x_1", "f_x_2"):
-        for o in jumps(run.channels[name], run.fs):
+        for o in jumps(run.row(name), run.fs):
             yield f"{run.path}: {name} {o.what} s-2 at {o.begin:.7g} s"
 
 
 def _of(run: Telemetry, name: str, fed: Container[str]) -> Iterator[Oddity]:
     if name in READ_OUTS or name in fed:
-        x = run.channels[name]
-        if name in fed:
+        x = run.row(name)
+        if name in fed and authority.limited(run, name).size:
             # is masked, and no fault of the archive
-            limited = authority.at_limit(x, authority.limit_of(run, name))
-            x = np.where(limited, np.nan, x) if limited.any() else x
+            x = np.where(authority.at_limit(x[:], authority.limit_of(run, name)), np.nan, x[:])
         yield from stuck(x, run.fs)
         if name in READ_OUTS:
             yield from jumps(x, run.fs)

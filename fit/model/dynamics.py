@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import derivatives
-from fit.telemetry import MAX_MISSING, Telemetry
+from fit.telemetry import MAX_MISSING, Row, Telemetry
 
 Array = NDArray[np.float64]
 
@@ -196,12 +196,12 @@ def beyond(telemetry: Telemetry, f_max: float) -> Channels:
     return _channels(telemetry, means(telemetry), *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max))
 
 
-def _channels(telemetry: Telemetry, more: Iterable[tuple[str, Array]], taps: Array, factor: int) -> Channels:
-    kept, own = {}, ((name, telemetry.channels[name]) for name in CHANNELS)
+def _channels(telemetry: Telemetry, more: Iterable[tuple[str, Row]], taps: Array, factor: int) -> Channels:
+    kept, own = {}, ((name, telemetry.row(name)) for name in CHANNELS)
     touched, gone = np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
     for name, raw in chain(own, more):  # one by one: as archived, all of them fill the memory
-        kept[name], masked = derivatives.reduced(raw, telemetry.fs, taps, factor)
-        touched, gone = touched | masked, gone | np.isnan(raw)
+        kept[name], masked, missing = derivatives.reduced(raw, telemetry.fs, taps, factor)
+        touched, gone = touched | masked, gone | missing
     return Channels(
         fs=telemetry.fs / factor,
         time=telemetry.instants(slice(taps.size // 2, None, factor))[: touched.size],
@@ -379,12 +379,12 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
         mean: derivatives.reduced(summed(telemetry, MEANS[mean]), telemetry.fs, taps, factor)
         for mean in wanted
     }
-    series = {mean: x for mean, (x, _) in found.items()}
+    series = {mean: x for mean, (x, *_) in found.items()}
     size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF
     values, valid = np.zeros(size), np.ones(size, dtype=bool)
     for name in names:
         values += cross_talk[name] * _moved(series, name, telemetry.fs / factor)
-    for _, masked in found.values():
+    for _, masked, _ in found.values():
         valid &= ~derivatives.reached(masked)
     return values, valid
 

@@ -176,7 +176,7 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
     fs = telemetry.fs / factor
 
     def terms(x: Array) -> tuple[Array, Array, Flags]:
-        x, masked = derivatives.reduced(x, telemetry.fs, taps, factor)
+        x, masked, _ = derivatives.reduced(x, telemetry.fs, taps, factor)
         inner = x[derivatives.HALF : -derivatives.HALF]
         return inner, derivatives.derivative(x, fs, 2), derivatives.reached(masked)
 

@@ -5,12 +5,15 @@ windowed data would turn the slope of the window into signal. Window and transfo
 """
 
 import math
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+
+from fit.telemetry import PIECE, Row, pieces
 
 Array = NDArray[np.float64]
 
@@ -108,8 +111,17 @@ def bridge(x: Array, fs: float) -> tuple[Array, NDArray[np.bool_]]:
 
 def stretches(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return first index and end of every run of True, shape (number of runs, 2)."""
-    bounded = np.concatenate([[False], flags, [False]])
-    return np.flatnonzero(bounded[1:] != bounded[:-1]).reshape(-1, 2)
+    return stretches_of([flags])
+
+
+def stretches_of(parts: Iterable[NDArray[np.bool_]]) -> NDArray[np.intp]:
+    """Return what `stretches` does of flags that come part by part."""
+    edges, start, last = [np.zeros(0, dtype=np.intp)], 0, np.zeros(1, dtype=bool)
+    for flags in (part for part in parts if part.size):
+        edges.append(start + np.flatnonzero(np.diff(flags, prepend=last)))
+        start, last = start + flags.size, flags[-1:]
+    edges.append(np.full(int(last[0]), start))
+    return np.concatenate(edges).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
@@ -137,10 +149,47 @@ def decimate(x: Array, taps: Array, factor: int) -> Array:
     return np.asarray(kept, dtype=np.float64)
 
 
-def reduced(x: Array, fs: float, taps: Array, factor: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Bridge, filter and decimate a channel; tell which samples the longer gaps reach."""
+def decimated(x: Row, taps: Array, factor: int) -> Array:
+    """Filter and decimate a channel as `decimate` does; a missing sample counts as zero."""
+    kept = [decimate(np.nan_to_num(x[piece]), taps, factor) for piece in _parts(x, taps, factor)]
+    return np.concatenate([np.empty(0), *kept])
+
+
+def _parts(x: Row, taps: Array, factor: int) -> Iterator[slice]:
+    """Yield slices of a channel that, decimated one by one, make what it makes as a whole, bit by bit."""
+    return pieces(x.size, taps.size - 1, PIECE // factor * factor)
+
+
+def reduced(
+    x: Row, fs: float, taps: Array, factor: int
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Bridge, filter and decimate a channel, shape (N,).
+
+    Returns
+    -------
+    kept : ndarray, shape (M,)
+        What is left of it.
+    touched : ndarray of bool, shape (M,)
+        True where the longer gaps reach.
+    missing : ndarray of bool, shape (N,), or (1,)
+        True where samples are missing; one False for all if none is.
+    """
+    kept = []
+    for piece in _parts(x, taps, factor):
+        part = x[piece]
+        if np.isnan(part).any():
+            return _bridged(x[:], fs, taps, factor)
+        kept.append(decimate(part, taps, factor))
+    found = np.concatenate([np.empty(0), *kept])
+    return found, np.zeros(found.size, dtype=bool), np.zeros(1, dtype=bool)
+
+
+def _bridged(
+    x: Array, fs: float, taps: Array, factor: int
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return what `reduced` does of a channel that misses samples."""
     filled, masked = bridge(x, fs)
     kept = decimate(filled, taps, factor)
     if not masked.any():
-        return kept, np.zeros(kept.size, dtype=bool)
-    return kept, decimate(masked.astype(float), np.ones_like(taps), factor) > 0.5
+        return kept, np.zeros(kept.size, dtype=bool), np.isnan(x)
+    return kept, decimate(masked.astype(float), np.ones_like(taps), factor) > 0.5, np.isnan(x)

@@ -6,7 +6,7 @@ elsewhere first, since they may crash a library (`guard`).
 
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
 from fit.telemetry.datasets import MAX_MISSING, check_storage
-from fit.telemetry.pieces import pieces
+from fit.telemetry.pieces import PIECE, Row, pieces
 from fit.telemetry.reader import (
     Telemetry,
     another_stretch,
@@ -24,9 +24,11 @@ from fit.telemetry.writer import Writer
 __all__ = [
     "CHANNELS",
     "MAX_MISSING",
+    "PIECE",
     "SCHEMA",
     "TOWARDS_1",
     "TOWARDS_2",
+    "Row",
     "Telemetry",
     "Writer",
     "XAxis",

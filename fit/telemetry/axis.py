@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.telemetry.pieces import pieces
+from fit.telemetry.pieces import Row, pieces
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class _Even:
     fs: float
     size: int
 
-    def instants(self, at: slice) -> NDArray[np.float64]:
+    def __getitem__(self, at: slice) -> NDArray[np.float64]:
         found = np.arange(*at.indices(self.size), dtype=np.float64)
         found /= self.fs
         found += self.start
@@ -30,24 +30,29 @@ class TimeAxis:
             raise AttributeError("time: of a run, not of its class")
         return part(run, slice(None))
 
-    def __set__(self, run: Any, time: NDArray[np.float64] | _Even) -> None:
+    def __set__(self, run: Any, time: Row) -> None:
         run.__dict__["time"] = time if isinstance(time, _Even) else _kept(time, run.fs)
 
 
 def part(run: Any, at: slice) -> NDArray[np.float64]:
     """Return some of the instants [s] of a run."""
-    kept = run.__dict__["time"]
-    return kept.instants(at) if isinstance(kept, _Even) else np.asarray(kept[at])
+    return np.asarray(row(run)[at])
+
+
+def row(run: Any) -> Row:
+    """Return all of them, to be had part by part."""
+    kept: Row = run.__dict__["time"]
+    return kept
 
 
 def size(run: Any) -> int:
     """Return how many samples a run has, without its time axis."""
-    return int(run.__dict__["time"].size)
+    return row(run).size
 
 
-def _kept(time: NDArray[np.float64], fs: float) -> NDArray[np.float64] | _Even:
+def _kept(time: Row, fs: float) -> Row:
     if not time.size:
         return time
-    even = _Even(float(time[0]), fs, time.size)
-    same = all(np.array_equal(time[piece], even.instants(piece)) for piece in pieces(time.size))
-    return even if same else time
+    even = _Even(float(time[:1][0]), fs, time.size)
+    same = all(np.array_equal(time[piece], even[piece]) for piece in pieces(time.size))
+    return even if same else time[:]

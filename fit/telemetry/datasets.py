@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
-from fit.telemetry.pieces import pieces
+from fit.telemetry.pieces import PIECE, Row, pieces
 from fit.units import same_unit
 
 MAX_MEMBERS = 10_000  # of a file
@@ -41,7 +41,7 @@ def plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np.float64]:
+def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
     """Return a part of the time axis [s], checked to be uniform with steps of 1/fs."""
     dataset = _own(file, path, "time", "time")
     if dataset is None:
@@ -51,18 +51,19 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> NDArray[np
         raise InputError(f"{path}: time: units {shown(units)}, expected 's'")
     _check_size(dataset, path, "time", None)
     _check_plain(dataset, f"{path}: time")
-    time = _values(dataset, path, part)
+    time = Stored(dataset, path, part) if in_parts(dataset) else _values(dataset, path, part)
     check_time(f"{path}: time", time, fs, part.start or 0)
     return time
 
 
-def check_time(place: str, time: NDArray[np.float64], fs: float, start: int = 0) -> None:
+def check_time(place: str, time: Row, fs: float, start: int = 0) -> None:
     """Refuse a time axis [s] that is not uniform with steps of 1/fs; its first sample has number `start`."""
     check_finite(place, time, start)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
     steps = (np.diff(time[piece]) for piece in pieces(time.size, overlap=1))
     extremes = np.array([(step.min(), step.max()) for step in steps])
     if np.any(np.abs(extremes * fs - 1) > 1e-3):
+        time = time[:]
         if np.ptp(extremes) * fs <= 2e-3:
             raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
         n = int(np.argmax(np.abs(np.diff(time) * fs - 1) > 1e-3))
@@ -70,16 +71,16 @@ def check_time(place: str, time: NDArray[np.float64], fs: float, start: int = 0)
             f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
         )
-    span = (time.size - 1) / fs
-    if abs(time[-1] - time[0] - span) > 1e-6 * span + 1e-3 / fs:
-        raise InputError(f"{place}: spans {time[-1] - time[0]:.10g} s, expected (N-1)/fs = {span:.10g} s")
+    span, found = (time.size - 1) / fs, float(time[-1:][0] - time[:1][0])
+    if abs(found - span) > 1e-6 * span + 1e-3 / fs:
+        raise InputError(f"{place}: spans {found:.10g} s, expected (N-1)/fs = {span:.10g} s")
 
 
-def check_finite(place: str, values: NDArray[np.float64], start: int = 0) -> None:
+def check_finite(place: str, values: Row, start: int = 0) -> None:
     """Refuse a value that is missing or infinite; the first one has number `start`."""
     if not all(np.isfinite(values[piece]).all() for piece in pieces(values.size)):
-        n = int(np.argmin(np.isfinite(values)))
-        raise InputError(f"{place}: {values[n]} at sample {start + n}, expected a finite value")
+        n = int(np.argmin(np.isfinite(values[:])))
+        raise InputError(f"{place}: {values[:][n]} at sample {start + n}, expected a finite value")
 
 
 def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
@@ -127,6 +128,28 @@ def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float)
         f"{path}: channel {key(name)}", values, fs, part.start or 0, known=expected_unit(name) is not None
     )
     return values
+
+
+class Stored:
+    """A part of a dataset of a file that is open, a `Row`."""
+
+    def __init__(self, dataset: h5py.Dataset, path: Path, part: slice) -> None:
+        self._dataset, self._path, self._there = dataset, path, range(*part.indices(dataset.size))
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return len(self._there)
+
+    def __getitem__(self, at: slice) -> NDArray[np.float64]:
+        """Read some of them."""
+        some = self._there[at]
+        return _values(self._dataset, self._path, slice(some.start, some.stop))
+
+
+def in_parts(dataset: h5py.Dataset) -> bool:
+    """Tell whether parts of a dataset can be read without unpacking the rest of it time and again."""
+    return dataset.chunks is None or math.prod(dataset.chunks) <= PIECE
 
 
 def _values(dataset: h5py.Dataset, path: Path, part: slice) -> NDArray[np.float64]:

@@ -5,7 +5,6 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -20,7 +19,9 @@ from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
-from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_channel, read_time
+from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_time
+from fit.telemetry.pieces import Row, pieces
+from fit.telemetry.rows import OnDemand, opened
 from fit.threads import each
 
 if TYPE_CHECKING:
@@ -91,6 +92,12 @@ class Telemetry(Displayed):
         """Return a part of `time`, without the rest of it."""
         return axis.part(self, at)
 
+    def row(self, name: str) -> Row:
+        """Return one of the `channels`, or the ``time``, of which parts can be had without the rest."""
+        if name == "time":
+            return axis.row(self)
+        return self.channels.row(name) if isinstance(self.channels, OnDemand) else self.channels[name]
+
     @property
     def duration(self) -> float:
         """Length of the run, N / fs [s]."""
@@ -145,11 +152,18 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
     telemetry = read_stretch(path, 0, None)
-    missing = {f"{path}: channel {name}": np.isnan(telemetry.channels[name]) for name in REQUIRED}
-    check_missing(missing, telemetry.fs)
+    lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _parts(telemetry, name))}
+    flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
+    check_missing({f"{path}: channel {name}": lost for name, lost in flags.items()}, telemetry.fs)
     for name in telemetry.channels.keys() - set(REQUIRED) if not own else ():
-        telemetry.channels[name]  # its values are checked here, not in the middle of a fit
+        for _ in _parts(telemetry, name):  # its values are checked here, not in the middle of a fit
+            pass
     return telemetry
+
+
+def _parts(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:
+    row = telemetry.row(name)
+    return (row[piece] for piece in pieces(row.size))
 
 
 def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
@@ -160,7 +174,7 @@ def read_stretch(path: Path, start: int, stop: int | None) -> Telemetry:
     InputError
         As `read`.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         return _read(file, path, slice(start, stop))
 
 
@@ -173,10 +187,10 @@ def another_stretch(telemetry: Telemetry, start: int, stop: int | None) -> Telem
         As `read`.
     """
     part = slice(start, stop)
-    with _opened(telemetry.path) as file:
+    with opened(telemetry.path) as file:
         time = read_time(file, telemetry.path, telemetry.fs, part)
-    channels = _OnDemand(telemetry.path, list(telemetry.units), part, telemetry.fs)
-    return replace(telemetry, time=time, channels=channels)
+        channels = OnDemand(telemetry.path, list(telemetry.units), part, telemetry.fs)
+        return replace(telemetry, time=time, channels=channels)  # type: ignore[arg-type]  # see TimeAxis
 
 
 def look(path: Path) -> None:
@@ -187,7 +201,7 @@ def look(path: Path) -> None:
     InputError
         If it cannot be read.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         names = ("time", *_read(file, path, slice(0, 2)).channels)
         for dataset in (file[name] for name in names):
             for start in range(0, dataset.size if dataset.chunks else 0, _BLOCK):
@@ -208,7 +222,7 @@ def samples(path: Path) -> int:
     InputError
         If the file cannot be read.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         return int(file["time"].shape[0])
 
 
@@ -319,7 +333,7 @@ def read_truth(path: Path) -> dict[str, float]:
     InputError
         If the file cannot be read.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         inside = isinstance(file.get("truth", getlink=True), h5py.HardLink)  # a link might lead elsewhere
         group = file["truth"] if inside else None
         if not isinstance(group, h5py.Group):
@@ -341,40 +355,6 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
         return None
 
 
-class _OnDemand(Mapping[str, NDArray[np.float64]]):
-    """A part of the channels of a file, each read anew whenever it is asked for."""
-
-    def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
-        self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
-
-    def __getitem__(self, name: str) -> NDArray[np.float64]:
-        if name not in self._names:
-            raise KeyError(name)
-        with _opened(self._path) as file:
-            return read_channel(file, self._path, name, self._part, self._fs)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
-        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
-
-
 def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     attributes = {name: plain(value) for name, value in file.attrs.items()}
     schema = attributes.pop("schema", None)
@@ -387,8 +367,8 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     return Telemetry(
         path=path,
         **root.model_dump(include=set(Root.model_fields)),
-        time=time,
-        channels=_OnDemand(path, list(units), part, root.fs),
+        time=time,  # type: ignore[arg-type]  # see TimeAxis
+        channels=OnDemand(path, list(units), part, root.fs),
         units=units,
         attributes=dict(root.model_extra or {}),
         long_names=channel_names(file, units),

@@ -1,0 +1,80 @@
+"""Channels of a file, read when they are asked for, and part by part: of weeks, one fills the memory."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.telemetry.contract import SCHEMA
+from fit.telemetry.datasets import in_parts, read_channel
+from fit.telemetry.pieces import Row
+
+_WHOLE = 2**19  # samples; a channel of no more is read at once
+
+
+class OnDemand(Mapping[str, NDArray[np.float64]]):
+    """A part of the channels of a file, each read anew whenever it is asked for."""
+
+    def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
+        self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        if name not in self._names:
+            raise KeyError(name)
+        with opened(self._path) as file:
+            return read_channel(file, self._path, name, self._part, self._fs)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def row(self, name: str) -> Row:
+        """Return a channel; a long one is read when parts of it are asked for."""
+        with opened(self._path) as file:
+            there = range(*self._part.indices(file[name].size))
+            at_once = len(there) <= _WHOLE or not in_parts(file[name])
+        return self[name] if at_once else _Channel(self._path, name, there, self._fs)
+
+
+class _Channel:
+    """So many samples of a channel of a file."""
+
+    def __init__(self, path: Path, name: str, there: range, fs: float) -> None:
+        self._path, self._name, self._there, self._fs = path, name, there, fs
+
+    @property
+    def size(self) -> int:
+        return len(self._there)
+
+    def __getitem__(self, at: slice) -> NDArray[np.float64]:
+        some = self._there[at]
+        with opened(self._path) as file:
+            return read_channel(file, self._path, self._name, slice(some.start, some.stop), self._fs)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Open a telemetry file.
+
+    Raises
+    ------
+    InputError
+        If it is none, or what is done with it meets a damage.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
