@@ -111,14 +111,14 @@ def measure(experiment: Experiment, outcome: Outcome, noise: NoiseModel, at: int
     """
     residual = _Residual.of(experiment, outcome, at)
     basis = noise.basis(residual.f)
-    variance = np.sum((basis @ noise.covariance) * basis, axis=1)
+    variance = basis.variance(noise.covariance)
     told = np.log(residual.f) > noise.knots[0] - 1e-9  # a short noise run says nothing of slower noise
     found = []
     for band, (low, high) in enumerate(pairwise(EDGES)):
         bins = told & (residual.f > low) & (residual.f <= high)
         if np.count_nonzero(bins) < FEW:
             continue
-        mean, left = basis[bins].mean(axis=0), residual.left[bins].sum()
+        mean, left = basis.summed(bins / np.count_nonzero(bins)), residual.left[bins].sum()
         # the model is widened by its variance, and its error has a mean of its own: half the variance is left
         ratio = np.log(residual.power[bins].sum() / left) + variance[bins].mean() / 2
         found.append((band, ratio, np.sqrt(mean @ noise.covariance @ mean + CORRELATED / left)))

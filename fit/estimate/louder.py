@@ -55,7 +55,7 @@ def measure(experiment: Experiment) -> tuple[float, float]:
     # an injection that was switched on and off has flanks, of which a single bin does not stand out
     quiet = scipy.ndimage.uniform_filter1d(relative, FLANK, mode="nearest") < LEAKS * _around(relative)
     ratio = float(relative[quiet].mean())
-    of_model = model.basis(run.f)[quiet].mean(axis=0)
+    of_model = model.basis(run.f).summed(quiet / np.count_nonzero(quiet))
     variance = spectra.spread(run.window) / np.count_nonzero(quiet)
     variance += spectra.spread(noise.window) * float(of_model @ model.covariance @ of_model)
     return ratio, ratio * float(np.sqrt(variance))

@@ -20,7 +20,7 @@ of chi^2, with as many degrees of freedom as the model has where the test looks.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 
 import numpy as np
 import scipy
@@ -240,8 +240,9 @@ def _knots(block: linear.Block, W: Array) -> tuple[Array, Array]:
         return np.zeros((0, len(W), len(W))), np.zeros((0, 0))
     basis = block.noise.basis(block.f)
     u = (block.columns[:, 1:] * np.sqrt(block.weights.fit)[:, None]) @ W.T
-    pairs = (u.conj()[:, :, None] * u[:, None, :]).real.reshape(len(u), -1)
-    found = (basis.T @ pairs).reshape(-1, len(W), len(W))
+    found = np.empty((len(block.noise.knots), len(W), len(W)))
+    for i, j in combinations_with_replacement(range(len(W)), 2):
+        found[:, i, j] = found[:, j, i] = basis.summed((u[:, i].conj() * u[:, j]).real)
     return found, block.noise.covariance
 
 

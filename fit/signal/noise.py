@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 import scipy
@@ -14,6 +15,60 @@ Array = NDArray[np.float64]
 
 KNOTS_PER_DECADE = 10
 BINS_PER_KNOT = 12
+
+
+@dataclass(frozen=True)
+class Basis:
+    """How log S at B frequencies follows from its K values at the knots: a matrix of shape (B, K).
+
+    Between two knots it is a cubic, so that four numbers for every frequency stand for the K of its row: of
+    weeks, the matrix fills the memory.
+
+    Attributes
+    ----------
+    cubic : ndarray of int, shape (B,)
+        Number of the cubic that a frequency lies on.
+    powers : ndarray, shape (4, B)
+        What multiplies its four coefficients there.
+    coefficients : ndarray, shape (4, K - 1, K)
+        Those of every cubic for the values at the knots.
+    """
+
+    cubic: NDArray[np.intp]
+    powers: Array
+    coefficients: Array
+
+    def __matmul__(self, values: Array) -> Array:
+        """Return log S, shape (B,), of values at the knots."""
+        found = np.zeros(self.cubic.size)
+        for power, of_cubics in zip(self.powers, self.coefficients @ values, strict=True):
+            found += power * of_cubics[self.cubic]
+        return found
+
+    def summed(self, x: Array) -> Array:
+        """Return the product of the transpose with x, shape (B,)."""
+        parts = zip(self.coefficients, self.powers, strict=True)
+        return np.asarray(sum(of.T @ self._by_cubic(power * x) for of, power in parts))
+
+    def products(self, weights: Array) -> Array:
+        """Return the weighted products of the columns with each other, shape (K, K)."""
+        found = np.zeros((self.coefficients.shape[2],) * 2)
+        for i, j in combinations_with_replacement(range(4), 2):
+            sums = self._by_cubic(self.powers[i] * self.powers[j] * weights)
+            one = (self.coefficients[i].T * sums) @ self.coefficients[j]
+            found += one if i == j else one + one.T
+        return found
+
+    def variance(self, covariance: Array) -> Array:
+        """Return the variance of log S, shape (B,), for values of some covariance."""
+        found = np.zeros(self.cubic.size)
+        for i, j in combinations_with_replacement(range(4), 2):
+            of_cubics = np.sum(self.coefficients[i] @ covariance * self.coefficients[j], axis=1)
+            found += (1 + (i != j)) * self.powers[i] * self.powers[j] * of_cubics[self.cubic]
+        return found
+
+    def _by_cubic(self, x: Array) -> Array:
+        return np.asarray(np.bincount(self.cubic, x, self.coefficients.shape[1]), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -44,9 +99,9 @@ class NoiseModel:
         """Return S at the frequencies `f`, shape (B,)."""
         return np.asarray(np.exp(self.basis(f) @ self.values), dtype=np.float64)
 
-    def basis(self, f: Array) -> Array:
+    def basis(self, f: Array) -> Basis:
         """Return the derivatives of log S at the frequencies `f` by the knots, shape (B, K)."""
-        return _spline_basis(self.knots, f)
+        return _basis(self.knots.tobytes(), f.tobytes())
 
     def expected(self, f: Array) -> Array:
         """Return the power to expect at the frequencies `f`, shape (B,), knowing S only as well as we do.
@@ -55,8 +110,7 @@ class NoiseModel:
         of the true S larger than the estimate by e^v. Hardly known bins lose their weight that way.
         """
         basis = self.basis(f)
-        variance = np.einsum("bi,bi->b", basis @ self.covariance, basis)
-        return np.asarray(np.exp(basis @ self.values + variance), dtype=np.float64)
+        return np.asarray(np.exp(basis @ self.values + basis.variance(self.covariance)), dtype=np.float64)
 
     def beside(self, f: Array, power: Array) -> Array:
         """Return S at the frequencies `f` it was fitted at, shape (B,), without what each bin told of itself.
@@ -65,26 +119,21 @@ class NoiseModel:
         S would know its noise otherwise.
         """
         S, basis = self(f), self.basis(f)
-        leverage = np.einsum("bi,bi->b", basis @ self.covariance, basis)
-        return np.asarray(S * np.exp(-leverage * (power / S - 1)))
-
-
-def _spline_basis(knots: Array, f: Array) -> Array:
-    return _basis(knots.tobytes(), f.tobytes())[0]
+        return np.asarray(S * np.exp(-basis.variance(self.covariance) * (power / S - 1)))
 
 
 @kept(12)  # the runs of a campaign have few lengths, and each is asked for again and again
-def _basis(of_knots: bytes, of_f: bytes) -> tuple[Array, Array]:
-    """Return the basis, shape (B, K), and its products, shape (K, K)."""
-    knots, f = np.frombuffer(of_knots), np.frombuffer(of_f)
-    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
-    u = np.log(f)
+def _basis(of_knots: bytes, of_f: bytes) -> Basis:
+    """Return the basis of natural splines with these knots, straight beyond them."""
+    knots, u = np.frombuffer(of_knots), np.log(np.frombuffer(of_f))
     inside = np.clip(u, knots[0], knots[-1])
-    basis = np.asarray(spline(inside) + spline(inside, 1) * (u - inside)[:, None], dtype=np.float64)
-    products = np.asarray(basis.T @ basis)
-    for shared in (basis, products):
+    cubic = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, knots.size - 2)
+    t, beyond = inside - knots[cubic], u - inside
+    powers = np.stack([t**3 + 3 * t**2 * beyond, t**2 + 2 * t * beyond, t + beyond, np.ones_like(t)])
+    spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
+    for shared in (cubic, powers):
         shared.setflags(write=False)
-    return basis, products
+    return Basis(cubic, powers, np.asarray(spline.c, dtype=np.float64))
 
 
 @kept(8)
@@ -123,11 +172,12 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
     if not (math.isfinite(level) and level > 0):
         raise FitError("the residual carries no noise whose PSD could weigh the data")
     knots = _knots(f[below:].tobytes())
-    basis, products = _basis(knots.tobytes(), f.tobytes())
+    basis = _basis(knots.tobytes(), f.tobytes())
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
-    values = np.asarray(np.linalg.solve(products, basis.T @ start), dtype=np.float64)
-    rooted = basis * np.sqrt(dof)[:, None]
-    fisher: Array = rooted.T @ rooted
+    values = np.asarray(
+        np.linalg.solve(basis.products(np.ones(f.size)), basis.summed(start)), dtype=np.float64
+    )
+    fisher = basis.products(dof)
 
     def cost(v: Array) -> tuple[float, Array]:
         """Return the cost and ``power / S``."""
@@ -138,7 +188,7 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
 
     last, relative = cost(values)
     for _ in range(100):
-        step = np.asarray(np.linalg.solve(fisher, basis.T @ (relative - dof)), dtype=np.float64)
+        step = np.asarray(np.linalg.solve(fisher, basis.summed(relative - dof)), dtype=np.float64)
         size, previous = 1.0, last
         last, relative = cost(values + step)
         while last > previous and size > 1e-6:
