@@ -1,6 +1,7 @@
 """The smooth PSD without what each bin has told of itself: against a fit that does without that bin."""
 
 import numpy as np
+import scipy
 
 from fit.signal import fit_noise
 
@@ -33,3 +34,20 @@ def test_power_beside_a_bin_is_independent_of_its_own():
         beside.append(np.mean(excess * np.log(model.beside(F, power) / TRUE)))
     assert abs(np.mean(own) - 16 / 600) < 0.006
     assert abs(np.mean(beside)) < 0.006
+
+
+def test_the_basis_is_that_of_natural_splines():
+    rng, model = np.random.default_rng(3), drawn(5)[1]
+    f = np.concatenate([[F[0] / 3], F, [2 * F[-1]]])  # beyond the knots it goes straight on
+    u, inside = np.log(f), np.clip(np.log(f), model.knots[0], model.knots[-1])
+    spline = scipy.interpolate.CubicSpline(model.knots, np.eye(model.knots.size), bc_type="natural")
+    dense, basis = spline(inside) + spline(inside, 1) * (u - inside)[:, None], model.basis(f)
+    x, weights = rng.standard_normal(f.size), rng.random(f.size)
+    variance = np.sum((dense @ model.covariance) * dense, axis=1)
+    for found, expected in (
+        (basis @ model.values, dense @ model.values),
+        (basis.summed(x), dense.T @ x),
+        (basis.products(weights), (dense.T * weights) @ dense),
+        (basis.variance(model.covariance), variance),
+    ):
+        assert np.allclose(found, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())

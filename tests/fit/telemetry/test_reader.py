@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import InputError
-from fit.telemetry.reader import read, read_all, read_truth
+from fit.telemetry import rows
+from fit.telemetry.reader import read, read_all, read_stretch, read_truth
 from tests.oracles.contract_file import UNITS, write_contract_file
 
 N = 200
@@ -394,3 +395,20 @@ def test_a_chunk_that_was_never_written_is_no_zeros(tmp_path):
         InputError, match=rf"channel o_1: declared but only {N - N // 4} values of {N} written"
     ):
         read(path)
+
+
+@pytest.mark.parametrize("chunks", [None, (64,), (N,)])
+def test_a_long_channel_is_read_part_by_part_as_it_is_read_whole(tmp_path, monkeypatch, chunks):
+    x = np.cumsum(np.ones(N)) / 8
+    path = write_contract_file(tmp_path / "A1.h5", samples=N, channels={"o_1": (x, "m")})
+    with h5py.File(path, "a") as file:
+        attributes = dict(file["o_1"].attrs)
+        del file["o_1"]
+        file.create_dataset("o_1", data=x, chunks=chunks).attrs["units"] = attributes["units"]
+    monkeypatch.setattr(rows, "_WHOLE", 50)
+    for begin, end in ((0, None), (20, 170)):
+        row, found = read_stretch(path, begin, end).row("o_1"), x[begin:end]
+        assert row.size == found.size
+        for part in (slice(None), slice(3, 60), slice(100, 10**6), slice(1)):
+            assert np.array_equal(row[part], found[part])
+    assert np.array_equal(read(path).row("time")[10:20], np.arange(10, 20) / 10)
