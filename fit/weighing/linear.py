@@ -27,6 +27,7 @@ from fit.weighing.tones import drives, single_tone
 Array = NDArray[np.float64]
 
 _UNASKED = ("pandas", "matplotlib", "emcee")  # lmfit takes them in if they are there
+NEAR = 1.0  # sigma: beyond a step that short, products of parameters move less than 1e-5
 FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
 
 
@@ -310,7 +311,7 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     prior : Prior
         What else is known.
     start, width : ndarray, shape (P,)
-        Where to begin, and the natural scale of each parameter.
+        Where to begin, and the natural scale of each parameter. From close by one step reaches the minimum.
 
     Returns
     -------
@@ -322,8 +323,8 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     FitError
         If the minimiser fails.
     """
-    if all(isinstance(block, Straight) for block in blocks):
-        return _normal(blocks, prior, width)
+    if (reached := _step(blocks, prior, start, width)) is not None:
+        return reached
     lmfit = _lmfit()
 
     def parameters(p: Any) -> Array:
@@ -331,8 +332,8 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
 
     def residuals(p: Any) -> Array:
         theta = parameters(p)
-        data = [block.R @ block.coefficients(theta) for block in blocks]
-        return np.concatenate([*data, prior.rows @ (theta - prior.centre)])
+        of_prior = prior.rows @ (theta - prior.centre)
+        return np.concatenate([*(block.R @ block.coefficients(theta) for block in blocks), of_prior])
 
     def jacobian(p: Any) -> Array:
         theta = parameters(p)
@@ -345,8 +346,7 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     found = lmfit.minimize(
         residuals, p, method="leastsq", scale_covar=False, Dfun=jacobian, ftol=1e-14, xtol=1e-12
     )
-    theta = parameters(found.params)
-    if not found.success or not np.isfinite(theta).all():
+    if not found.success or not np.isfinite(theta := parameters(found.params)).all():
         raise FitError(f"the minimisation failed: {found.message}")
     return theta
 
@@ -357,13 +357,15 @@ def _lmfit() -> Any:
         return import_module("lmfit")
 
 
-def _normal(blocks: Sequence[Block], prior: Prior, width: Array) -> Array:
-    """Solve the normal equations of columns that are linear in theta."""
-    zero = np.zeros_like(width)
-    right = prior.rows.T @ (prior.rows @ prior.centre)
+def _step(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Array | None:
+    """Take one step of Gauss and Newton; None if it is neither short nor straight, so that more is to go."""
+    left = prior.rows.T @ (prior.rows @ (start - prior.centre))
     for block in blocks:
-        right -= block.gradient(zero).T @ (block.R.T @ (block.R @ block.coefficients(zero)))
-    return curvature_covariance(information(blocks, zero), prior, width) @ right
+        left += block.gradient(start).T @ (block.R.T @ (block.R @ block.coefficients(start)))
+    covariance = curvature_covariance(information(blocks, start), prior, width)
+    step = -covariance @ left
+    short = np.all(step**2 < NEAR**2 * np.diag(covariance))
+    return start + step if short or all(isinstance(block, Straight) for block in blocks) else None
 
 
 def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 LEAST = 0.3  # share of a run that gaps and their flanks must leave
 # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command; 1e-5 where nothing is
 # injected, and commands are hardly more than the noise they follow
-CLOSE, CLOSE_ENOUGH = 1e-4, 0.3
+CLOSE, CLOSE_ENOUGH = 5e-4, 0.3
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
 SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
