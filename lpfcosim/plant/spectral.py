@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 GRID = 60  # frequencies per decade between which the noise is interpolated: right to 1e-5
+FINER = 20  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
 TOGETHER = 4  # channels that are transformed at a time
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
@@ -80,7 +81,7 @@ class Simulation:
         inside = spectrum[:, 1 : self._log_f.size + 1]
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
-            L = self._factor.splines(self._log_f[block])
+            L = self._factor.chords(self._log_f[block])
             drawn = generator.standard_normal((independent, L.shape[1], 2)).view(np.complex128)[:, :, 0]
             for (i, j), of_bins in zip(_lower(C, independent), L, strict=True):
                 of_bins *= drawn[j]
@@ -95,8 +96,8 @@ class Simulation:
         return dict(zip(self._mean, series, strict=True))
 
 
-class _Splines:
-    """Splines of several functions on evenly spaced knots; the usual ones look for every place anew.
+class _Chords:
+    """Chords of splines of several functions on evenly spaced knots: what looks up every place takes longer.
 
     Parameters
     ----------
@@ -107,22 +108,19 @@ class _Splines:
     """
 
     def __init__(self, knots: Array, values: Complex) -> None:
-        self._first, self._step = knots[0], (knots[-1] - knots[0]) / (knots.size - 1)
-        found = scipy.interpolate.CubicSpline(knots, values)
-        self._coefficients = np.ascontiguousarray(found.c.transpose(2, 0, 1))
+        fine = np.linspace(knots[0], knots[-1], FINER * (knots.size - 1) + 1)
+        self._first, self._step = fine[0], (fine[-1] - fine[0]) / (fine.size - 1)
+        self._values = np.ascontiguousarray(scipy.interpolate.CubicSpline(knots, values)(fine).T)
+        self._slopes = np.diff(self._values) / self._step
 
     def __call__(self, x: Array) -> Complex:
         """Return the values at `x`, ascending, shape (S, N)."""
-        pieces = self._coefficients.shape[2]
-        at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, pieces - 1)
+        at = np.clip(((x - self._first) / self._step).astype(np.intp), 0, self._slopes.shape[1] - 1)
         beyond = (x - (self._first + self._step * at)).astype(np.complex128)  # once, not for every product
-        times = np.bincount(at, minlength=pieces)
-        found = np.empty((len(self._coefficients), x.size), dtype=np.complex128)
-        for of, (cubic, *others) in zip(found, self._coefficients, strict=True):
-            of[:] = cubic.repeat(times)
-            for coefficient in others:
-                of *= beyond
-                of += coefficient.repeat(times)
+        found = np.empty((len(self._values), x.size), dtype=np.complex128)
+        for of, values, slopes in zip(found, self._values, self._slopes, strict=True):
+            np.multiply(slopes.take(at), beyond, out=of)
+            of += values.take(at)
         return found
 
 
@@ -136,13 +134,13 @@ class Factor:
         Which channels its rows are.
     independent : int
         How many of its columns are not zero: the channels after these depend on those before.
-    splines : _Splines
+    chords : _Chords
         The entries by log f, as `_lower` has them, low-passed; the cross-spectra are one-sided.
     """
 
     order: tuple[int, ...]
     independent: int
-    splines: _Splines
+    chords: _Chords
 
 
 def _lower(C: int, independent: int) -> list[tuple[int, int]]:
@@ -190,7 +188,7 @@ def _factor(run: Run, channels: Sequence[str], decade: int) -> Factor:
     L = L * phase[:, None, :] * low_pass[:, None, None]
     independent = max(1, int(np.count_nonzero(~depends)))
     entries = np.stack([L[:, i, j] for i, j in _lower(len(rows), independent)], axis=1)
-    return Factor(order, independent, _Splines(np.log(f), entries))
+    return Factor(order, independent, _Chords(np.log(f), entries))
 
 
 def _triangle(G: Complex) -> Complex:

@@ -129,7 +129,7 @@ def test_read_outs_beside_commands_keep_their_cross_spectra(quickstart):
     factor = spectral._factor(run, read_outs, -5)
     L = np.zeros((f.size, len(read_outs), factor.independent), dtype=complex)
     places = spectral._lower(len(read_outs), factor.independent)
-    L[:, *np.array(places).T] = factor.splines(np.log(f)).T
+    L[:, *np.array(places).T] = factor.chords(np.log(f)).T
     found = np.einsum("nik,njk->nij", L.conj(), L)
     names = [read_outs[i] for i in factor.order]
     expected = planning.cross_spectra(run, names, f)
