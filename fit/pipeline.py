@@ -32,7 +32,9 @@ from fit.weighing import Experiment, divide, pair
 
 
 @one_thread
-def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:
+def calibrate(
+    telemetries: Sequence[Telemetry], chosen: Settings | None = None, *, diagnosed: bool = True
+) -> Results:
     """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
     Parameters
@@ -41,6 +43,8 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
         Runs of any sample rates; each sysid run is paired with the noise run of the same experiment.
     chosen : Settings, optional
         What the user chose, the default otherwise.
+    diagnosed : bool
+        Whether the residuals are judged (`Diagnostics`): readers of results want that, no estimate does.
 
     Raises
     ------
@@ -50,7 +54,7 @@ def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) 
     FitError
         If no trustworthy estimate comes out.
     """
-    return _with_inertial(_dynamics(telemetries, chosen or settings()), telemetries)
+    return _with_inertial(_dynamics(telemetries, chosen or settings(), diagnosed), telemetries)
 
 
 @one_thread
@@ -193,15 +197,7 @@ class _Together:
     agreement: dict[str, dict[str, float]] | None
 
 
-@dataclass(frozen=True)
-class _Judged:
-    """The joint fit and those of the experiments alone, with all that is to be doubted."""
-
-    joint: Fit | None
-    experiments: dict[str, Fit]
-
-
-def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
+def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, diagnosed: bool) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     upto(0.1)  # as the shares below, about what it takes of the time
     found = pair(telemetries)
@@ -222,9 +218,9 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     together = _together(ready, alone, chosen, misfits)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
-    judged = _judged(ready, alone, together, chosen)
-    joint, cross_talk = _cross_talk(ready, together, judged, chosen)
-    return Results(joint, judged.experiments, cross_talk, {}, _provenance(ready, together, chosen))
+    joint, own = _judged(ready, alone, together, chosen, diagnosed)
+    joint, cross_talk = _cross_talk(ready, together, joint, chosen)
+    return Results(joint, own, cross_talk, {}, _provenance(ready, together, chosen))
 
 
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
@@ -287,13 +283,18 @@ def _together(
 
 
 def _judged(
-    ready: _Ready, alone: Mapping[str, Outcome | FitError], together: _Together | None, chosen: Settings
-) -> _Judged:
-    """Add to every fit what keeps it from being trusted, and what was left out of the joint one."""
+    ready: _Ready,
+    alone: Mapping[str, Outcome | FitError],
+    together: _Together | None,
+    chosen: Settings,
+    diagnosed: bool,
+) -> tuple[Fit | None, dict[str, Fit]]:
+    """Return the joint fit and those of the experiments, with what keeps them from being trusted."""
     fits: dict[str, Fit] = {}
     of_joint: list[FitWarning] = []
-    own = each(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen), ready.experiments)
-    for e, found in zip(ready.experiments, own, strict=True):
+    every = ready.experiments
+    own = each(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen, diagnosed), every)
+    for e, found in zip(every, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found
         elif not ready.said_of(e.name):  # of which is said what is wrong
@@ -310,7 +311,7 @@ def _judged(
             for e in (e for e in left_out if e.name in fits):
                 fits[e.name] = _warned(fits[e.name], [warning])
     if not together:
-        return _Judged(None, fits)
+        return None, fits
     explained = levels.explained(ready.taking_part, together.outcome)
     doubted = [e for e in ready.taking_part if e.name not in explained]
     of_joint += [
@@ -322,7 +323,7 @@ def _judged(
     said = {w.code for w in together.fit.warnings}
     more = verdict.of_joint(together.fit, fits, doubted)
     of_joint += [w for w in more if w.code not in said]
-    return _Judged(_warned(together.fit, of_joint), fits)
+    return _warned(together.fit, of_joint), fits
 
 
 def _of_experiment(
@@ -331,6 +332,7 @@ def _of_experiment(
     own: Outcome | FitError,
     together: _Together | None,
     chosen: Settings,
+    diagnosed: bool,
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
     known = None
@@ -349,21 +351,22 @@ def _of_experiment(
         *ready.prepared[experiment.name].warnings,
         *verdict.of_experiment(experiment, own, fit),
     )
-    return _warned(replace(fit, diagnostics=residuals.diagnose(experiment, own)), more)
+    diagnostics = residuals.diagnose(experiment, own) if diagnosed else None
+    return _warned(replace(fit, diagnostics=diagnostics), more)
 
 
 def _cross_talk(
-    ready: _Ready, together: _Together | None, judged: _Judged, chosen: Settings
+    ready: _Ready, together: _Together | None, judged: Fit | None, chosen: Settings
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
-    if not (together and judged.joint and any(e.sysid.channels.means for e in ready.taking_part)):
-        return judged.joint, {}
+    if not (together and judged and any(e.sysid.channels.means for e in ready.taking_part)):
+        return judged, {}
     told = bump.unattenuated(together.outcome, ready.taking_part)
-    joint = attenuation.mended(judged.joint, together.outcome, told.freed, told.shift, told.before)
+    joint = attenuation.mended(judged, together.outcome, told.freed, told.shift, told.before)
     found = bump.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared), told)
     if any(rotation.sources(e.sysid.telemetry) for e in ready.taking_part):
         found = {epoch: bump.joined(fit) for epoch, fit in found.items()}
-    return joint, {epoch: _doubted(fit, judged.joint) for epoch, fit in found.items()}
+    return joint, {epoch: _doubted(fit, judged) for epoch, fit in found.items()}
 
 
 def _warned(fit: Fit, more: Iterable[FitWarning]) -> Fit:

@@ -8,7 +8,9 @@ import pytest
 from fit.estimate.joint import fit_experiment
 from fit.estimate.residuals import SCORES, Residual, diagnose, judge, residual
 from fit.estimate.verdict import as_fit
+from fit.pipeline import calibrate
 from fit.results import Provenance, Results, load, write
+from fit.settings import settings
 from fit.signal import fit_noise, spectra
 from fit.weighing import linear
 from fit.weighing.runs import Experiment, Run
@@ -138,6 +140,16 @@ def test_a_run_without_noise_run():
     assert found.chi2_red == pytest.approx(1, abs=0.01)
     assert found.chi2_red_sigma == pytest.approx(0, abs=1e-6)
     assert found.whiteness > 1e-3
+
+
+def test_no_estimate_needs_them(tmp_path):
+    runs, chosen = pair(World(), seed=9, duration=7200.0), settings({"include_short": True})
+    judged, plain = (calibrate(runs, chosen, diagnosed=asked) for asked in (True, False))
+    (own,) = judged.experiments.values()
+    assert own.diagnostics is not None
+    bare = replace(judged, experiments={"A": replace(own, diagnostics=None)})
+    texts = {write(results, tmp_path / "results.json") for results in (bare, plain)}
+    assert len(texts) == 1
 
 
 def test_diagnostics_survive_the_file(tmp_path):
