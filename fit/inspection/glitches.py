@@ -16,9 +16,10 @@ however far the truth is from the flight's. What stands out most is dealt with f
 coefficients and PSD; then all begins again, until nothing new stands out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -29,7 +30,7 @@ from fit.inspection.first_fit import delays, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectrum, derivatives, fit_noise, median, spectra
+from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, spectra
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 
@@ -112,24 +113,68 @@ class Hunt:
 
 @dataclass(frozen=True)
 class _Heard:
-    """What bell curves find in a run at every instant.
+    """What bell curves find in a run at every instant, as a signal-to-noise ratio.
+
+    The noise is that of the noise run, if there is one, unless the residual itself shows more. How much it
+    shows is told by a median, which glitches hardly move.
 
     Attributes
     ----------
-    highest : ndarray, shape (N,)
-        Signal-to-noise ratio of that which stands out most.
-    widest : ndarray of int, shape (N,)
-        Which of the `WIDTHS` that one has.
-    bells : ndarray, shape (N,)
-        The highest ratio if the noise is that which the PSD tells.
-    narrowest : float
-        Noise of the narrowest, in units of that.
+    terms : Spectra
+        The run.
+    residual : ndarray of complex, shape (B,)
+        Of it, whitened.
+    S : ndarray, shape (B,)
+        PSD of the noise.
+    least : float
+        The noise in what is found, in units of what S tells, at least.
     """
 
-    highest: Array
-    widest: NDArray[np.int8]
-    bells: Array
-    narrowest: float
+    terms: Spectra
+    residual: Spectrum
+    S: Array
+    least: float
+
+    def answers(self) -> Iterator[tuple[Array, float]]:
+        """Yield what each of the curves finds if the noise is S, shape (N,), and the noise in that."""
+        window, f = self.terms.window, self.terms.f
+        n, seen = window.size, window > 0.5
+        size = n / 2 * np.sqrt(np.mean(window**2))  # noise S: variance 1
+        for i in range(0, len(WIDTHS), _TOGETHER):
+            widths = np.array(WIDTHS[i : i + _TOGETHER])
+            curves = np.exp(-2 * (np.pi * widths[:, None] * f) ** 2) / np.sqrt(self.S)
+            curves *= size / np.linalg.norm(curves, axis=1, keepdims=True)
+            for found in spectra.series((self.residual * curves).T, self.terms.first, n).T:
+                np.abs(found, out=found)
+                yield found, max(_GAUSSIAN * median(found[seen]), self.least)
+
+    def ratios(self) -> Iterator[Array]:
+        """Yield the ratio that each of the curves finds, shape (N,)."""
+        for found, sigma in self.answers():
+            found /= sigma if sigma > 0 else np.inf
+            yield found
+
+    @cached_property
+    def highest(self) -> Array:
+        """That of what stands out most, shape (N,)."""
+        highest = np.zeros(self.terms.window.size)
+        for ratio in self.ratios():
+            np.maximum(highest, ratio, out=highest)
+        return highest
+
+    @property
+    def narrowest(self) -> float:
+        """Noise of the narrowest, in units of what S tells."""
+        return next(self.answers())[1]
+
+    def widths(self, at: Sequence[int]) -> Array:
+        """Return the widths [s] of those that stand out most at samples of these numbers."""
+        widest = np.argmax([ratio[at] for ratio in self.ratios()], axis=0)
+        return np.asarray(np.array(WIDTHS)[widest])
+
+    def bell(self, stretch: slice) -> float:
+        """Return the highest that there is in a stretch if the noise is S."""
+        return max(float(np.max(found[stretch], initial=0.0)) for found, _ in self.answers())
 
 
 class _Search:
@@ -176,11 +221,13 @@ class _Search:
     def lacks(self, noise: "_Search | None") -> bool:
         """Return whether most of what stands out, and that is much, is where the run is driven."""
         terms = self.run.spectra(self._tau)
-        U, _ = linear.whiten(terms, (noise or self)._S(terms.f))
-        beyond = np.maximum(np.abs(U @ self._c) ** 2 / 2 - 1, 0) * (terms.f > FAST)
+        S = (noise or self)._S(terms.f)
+        residual = linear.whiten(terms.summed(self._c), S)[0][:, 0]
+        beyond = np.maximum(np.abs(residual) ** 2 / 2 - 1, 0) * (terms.f > FAST)
         excess = float(beyond.sum())
         if excess < LACKING * terms.f.size:
             return False
+        U, _ = linear.whiten(terms, S)
         power = np.abs(U[:, [*range(*dynamics.FORCES.indices(U.shape[1])), _DDO_1]]) ** 2
         quiet = scipy.ndimage.percentile_filter(power, QUIET, (AROUND, 1), mode="nearest")
         driven = np.any(power > DRIVEN * quiet, axis=1)
@@ -197,10 +244,10 @@ class _Search:
         terms = self.run.spectra(self._tau)
         S = (noise or self)._S(terms.f)
         U, _ = linear.whiten(terms, S)
-        heard = self._heard(noise, S, U)
+        heard = _Heard(terms, U @ self._c, S, 0.0 if noise in (self, None) else 1.0)
         loud = float(heard.highest.max()) > THRESHOLD
         # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
-        short = heard.narrowest < RAISED and loud
+        short = loud and heard.narrowest < RAISED
         long = [] if short else pursue(self._view(noise, S, U))
         clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, heard)]
         if clear:
@@ -230,17 +277,17 @@ class _Search:
         return True
 
     def _about(self, glitch: Glitch, heard: _Heard) -> float:
-        """Return the highest ratio of a bell curve where a glitch is notable."""
+        """Return what a bell curve finds where a glitch is notable, at most."""
         start, fs, (begin, end) = self.run.channels.time[derivatives.HALF], self.run.channels.fs, glitch.span
         first, last = (round((t - start) * fs) for t in (begin - WIDTHS[-1], end + WIDTHS[-1]))
-        return float(np.max(heard.bells[max(first, 0) : max(last, 0)], initial=0.0))
+        return heard.bell(slice(max(first, 0), max(last, 0)))
 
     def _mask(self, heard: _Heard) -> None:
         """Flag what stands out."""
         fs, highest = self.run.channels.fs, heard.highest
-        for begin, end in derivatives.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max()))):
-            peak = begin + int(np.argmax(highest[begin:end]))
-            width = WIDTHS[heard.widest[peak]]
+        loud = derivatives.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max())))
+        peaks = [begin + int(np.argmax(highest[begin:end])) for begin, end in loud]
+        for peak, width in zip(peaks, heard.widths(peaks), strict=True):
             reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + derivatives.HALF
             self._flags[max(0, middle - reach) : middle + reach + 1] = True
         for begin, end in derivatives.stretches(~self._flags):
@@ -267,31 +314,6 @@ class _Search:
             own=noise in (self, None),
             known=tuple(self._shapes),
         )
-
-    def _heard(self, noise: "_Search | None", S: Array, U: Spectrum) -> _Heard:
-        """Return what bell curves find in the run.
-
-        The noise is that of the noise run, if there is one, unless the residual itself shows more. How much
-        it shows is told by a median, which glitches hardly move.
-        """
-        terms = self.run.spectra(self._tau)
-        n, f = terms.window.size, terms.f
-        residual = U @ self._c
-        seen = terms.window > 0.5
-        least = 0.0 if noise in (self, None) else 1.0
-        size = n / 2 * np.sqrt(np.mean(terms.window**2))  # noise S: variance 1
-        sigmas, highest, bells, widest = [], np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int8)
-        for i in range(0, len(WIDTHS), _TOGETHER):
-            curves = np.exp(-2 * (np.pi * np.array(WIDTHS[i : i + _TOGETHER])[:, None] * f) ** 2) / np.sqrt(S)
-            curves *= size / np.linalg.norm(curves, axis=1, keepdims=True)
-            for k, found in enumerate(spectra.series((residual * curves).T, terms.first, n).T, start=i):
-                np.abs(found, out=found)
-                sigmas.append(max(_GAUSSIAN * median(found[seen]), least))
-                np.maximum(bells, found, out=bells)
-                found /= sigmas[-1] if sigmas[-1] > 0 else np.inf
-                widest[found > highest] = k
-                np.maximum(highest, found, out=highest)
-        return _Heard(highest, widest, bells, sigmas[0])
 
     def warning(self) -> FitWarning:
         """Say what was found."""

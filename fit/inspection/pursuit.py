@@ -10,6 +10,7 @@ What is clearly one is subtracted as the shape, of any kind, that comes closest 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 import scipy
@@ -94,63 +95,74 @@ def _least(view: View, glitch: Glitch) -> float:
 
 
 @dataclass(frozen=True)
-class _Filter:
-    """The matched filter of a shape, shape (b,), for noise of variance 1, and how many bins it sees."""
+class _Filters:
+    """The matched filters of K shapes of one tau, for noise of variance 1.
 
-    shape: Shape
-    response: Spectrum
-    dof: float
+    Attributes
+    ----------
+    shapes : sequence of Shape
+        The shapes.
+    responses : ndarray of complex, shape (K, b)
+        Theirs.
+    dof : ndarray, shape (K, 1)
+        How many bins each sees.
+    """
+
+    shapes: Sequence[Shape]
+    responses: Spectrum
+    dof: Array
 
 
-def _filters(view: View) -> list[_Filter]:
+def _filters(view: View) -> list[_Filters]:
     rms = float(np.sqrt(np.mean(view.window**2)))
     found = []
     weight = 1 / view.S
     whitening = np.sqrt(weight)
-    for shape, transform, squared in _transforms(view.duration, view.f.tobytes()):
-        bins = slice(transform.size)
-        power = squared * weight[bins]
-        total = float(power.sum())
-        response = transform * (whitening[bins] * (rms / np.sqrt(total)))
-        found.append(_Filter(shape, response, 2 * total**2 / float(power @ power)))
+    for alike, transforms, squares in _transforms(view.duration, view.f.tobytes()):
+        bins = slice(transforms.shape[1])
+        powers = squares * weight[bins]
+        totals = powers.sum(axis=1, keepdims=True)
+        responses = transforms * (whitening[bins] * (rms / np.sqrt(totals)))
+        dof = 2 * totals**2 / np.sum(powers**2, axis=1, keepdims=True)
+        found.append(_Filters(alike, responses, dof))
     return found
 
 
 @kept(8)  # the runs of a campaign have few lengths
-def _transforms(duration: float, of_f: bytes) -> list[tuple[Shape, Spectrum, Array]]:
-    """Return the shapes of the bank, with conjugate transform and power in the bins that each needs."""
+def _transforms(duration: float, of_f: bytes) -> list[tuple[list[Shape], Spectrum, Array]]:
+    """Return the shapes of the bank by tau, with conjugate transforms and power in the bins that it needs."""
     f, found = np.frombuffer(of_f), []
-    for shape in shapes.bank(duration):
-        bins = max(2, int(np.searchsorted(2 * np.pi * f * shape.tau, BAND)))
-        transform = shape.transform(f[:bins]).conj()
-        found.append((shape, transform, np.abs(transform) ** 2))
+    for tau, of_tau in groupby(shapes.bank(duration), key=lambda shape: shape.tau):
+        bins, alike = max(2, int(np.searchsorted(2 * np.pi * f * tau, BAND))), list(of_tau)
+        transforms = np.array([shape.transform(f[:bins]).conj() for shape in alike])
+        found.append((alike, transforms, np.abs(transforms) ** 2))
         for shared in found[-1][1:]:
             shared.setflags(write=False)
     return found
 
 
-def _strongest(view: View, filters: Sequence[_Filter]) -> Glitch | None:
+def _strongest(view: View, filters: Sequence[_Filters]) -> Glitch | None:
     """Return what exceeds its threshold most, if it comes near it."""
     whitened = view.residual.view(np.complex128)
     best, most = None, SUSPECT
     for of in filters:
-        bins = of.response.size
+        K, bins = of.responses.shape
         n = scipy.fft.next_fast_len(2 * bins + 2, real=True)
-        padded = np.zeros(n // 2 + 1, dtype=np.complex128)
-        padded[1 : bins + 1] = of.response * whitened[:bins]
+        padded = np.zeros((K, n // 2 + 1), dtype=np.complex128)
+        padded[:, 1 : bins + 1] = of.responses * whitened[:bins]
         ratios = np.abs(scipy.fft.irfft(padded, n)) * (n / 2)
-        lowest = BESIDE if view.known else _anywhere(view, of.shape)
-        if _counted(view, of, ratios.max()) <= most * lowest:
+        lowest = BESIDE if view.known else _anywhere(view, of.shapes[0])
+        if _counted(view, of, ratios.max(axis=1, keepdims=True)).max() <= most * lowest:
             continue
         begin = float(view.time[0]) + np.arange(n, dtype=np.float64) * (view.duration / n)
-        excess = _counted(view, of, ratios) / threshold(view, of.shape, begin)
-        at = int(np.argmax(excess))
-        if excess[at] > most:
-            best, most = Glitch(of.shape, float(begin[at])), float(excess[at])
+        excess = _counted(view, of, ratios) / threshold(view, of.shapes[0], begin)
+        k, at = divmod(int(np.argmax(excess)), n)
+        if excess[k, at] > most:
+            best, most = Glitch(of.shapes[k], float(begin[at])), float(excess[k, at])
     return best
 
 
-def _counted(view: View, of: _Filter, ratios: Array) -> Array:
+def _counted(view: View, of: _Filters, ratios: Array) -> Array:
     """Return what ratios count for: a glitch has raised the PSD of a run that tells it itself."""
     if not view.own:
         return ratios
@@ -193,7 +205,7 @@ def _significance(left: View, column: Array, amplitude: float) -> float:
     weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, left.residual))
     dof = max(2 / float(weight @ weight), 1.0)
     variance = float(weight @ power) / 2
-    if not left.own and dof * variance < scipy.stats.chi2.isf(LOUDER, dof):
+    if not left.own and dof * variance < scipy.special.chdtri(dof, LOUDER):
         variance = max(1.0, (dof * variance + KNOWN) / (dof + KNOWN))
         dof += KNOWN
     squared = np.mean(left.window**2) * amplitude**2 / max(variance, 1e-300)
