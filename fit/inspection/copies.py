@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.signal import median
-from fit.threads import each
+from fit.threads import each, kept
 from fit.weighing import Run
 
 Array = NDArray[np.float64]
@@ -107,18 +107,16 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     limit = WILD * median(np.abs(x - median(x)))
     if x.size < LEAST or limit == 0:
         return None
-    x = np.clip(x, -limit, limit) * scipy.signal.windows.tukey(x.size, 0.1)
-    X = scipy.fft.rfft(x, LENGTH)
-    f = np.arange(X.size) * rate / LENGTH
-    X = np.where((f > BAND[0]) & (f < BAND[1]), X, 0)
-    inside = slice(*np.flatnonzero(X)[[0, -1]])
-    power = np.abs(X[inside]) ** 2
+    first, end = (math.ceil(edge * LENGTH / rate) for edge in BAND)
+    inside = slice(first, end - 1)
+    X = scipy.fft.rfft(np.clip(x, -limit, limit) * _window(x.size), LENGTH)[inside]
+    power = np.abs(X) ** 2
     level = scipy.ndimage.median_filter(power, SMOOTH, mode="nearest")
     noise = power < TONE * level
     if not (np.all(level > 0) and noise.any()):
         return None
-    bins = np.zeros(X.size, dtype=np.complex64)
-    bins[inside] = np.where(noise, X[inside] / np.sqrt(level), 0)
+    bins = np.zeros(LENGTH // 2 + 1, dtype=np.complex64)
+    bins[inside] = np.where(noise, X / np.sqrt(level), 0)
     powers = np.where(noise, np.sqrt(power / level), 0)
     powers = np.where(noise, powers - powers[noise].mean(), 0)
     size = float(np.linalg.norm(powers))
@@ -126,6 +124,11 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
         return None
     root = math.sqrt(median(level) / x.size)
     return _Print(n, rate, x.size, root, bins, (powers / size).astype(np.float32))
+
+
+@kept(8)  # the runs of a campaign have few lengths
+def _window(size: int) -> Array:
+    return np.asarray(scipy.signal.windows.tukey(size, 0.1), dtype=np.float64)
 
 
 def _match(a: _Print, b: _Print, channel: str) -> Match | None:

@@ -16,6 +16,7 @@ from fit.inspection import authority
 from fit.model import dynamics
 from fit.signal import derivatives, median
 from fit.telemetry import Row, Telemetry, pieces
+from fit.threads import kept
 
 Array = NDArray[np.float64]
 
@@ -181,7 +182,8 @@ def _comb(x: Array) -> int:
     at = int(WHOLE * np.count_nonzero(np.isfinite(bends)))
     bends = np.fmin(bends, np.partition(bends, at)[at])  # what jumps is in few of the combs
     usual = float(bends.mean())
-    if np.abs(scipy.fft.rfft(bends)[1:]).max() < 0.6 * usual * bends.size / COMB:
+    lines = scipy.fft.rfft(bends)[bends.size // COMB :]  # slower ones are those of injections
+    if np.abs(lines).max() < 0.6 * usual * bends.size / COMB:
         return 0  # no comb stands out: those of noise are compared for nothing
     for period in range(2, min(COMB, bends.size // OFTEN) + 1):
         of_each = bends[: bends.size // period * period].reshape(-1, period).mean(axis=0)
@@ -234,12 +236,8 @@ def jumps(x: Row, fs: float) -> Iterator[Oddity]:
         filled, masked = derivatives.bridge(x[:], fs)
     if _largest(_bends(filled), x.size - 2, SUSPECT) is None:
         return
-    n = np.arange(-half, half + 1)
-    cubic = (n / half) ** np.arange(4)[:, None]
-    # what a shape leaves once a cubic has been fitted to all
-    left = {k: shape(n) - cubic.T @ np.linalg.lstsq(cubic.T, shape(n))[0] for k, shape in _SHAPES.items()}
-    bad = lost | masked
-    reached = np.convolve(bad, np.ones(n.size), mode="valid") > 0.5 if bad.any() else None
+    left, bad = _left(half), lost | masked
+    reached = np.convolve(bad, np.ones(2 * half + 1), mode="valid") > 0.5 if bad.any() else None
     for name, limit in (("jumps by", JUMP), ("is off by", WILD)):
         size = _sizes(filled, left[name] / (left[name] @ left[name]), reached)
         at = _largest(size, x.size - 2 * half, limit)
@@ -263,6 +261,14 @@ _SHAPES: Mapping[str, Callable[[NDArray[np.intp]], Array]] = {
     "is off by": lambda n: 1.0 * (n == 0),
     "turns": lambda n: np.maximum(n, 0.0),
 }
+
+
+@kept(4)
+def _left(half: int) -> Mapping[str, Array]:
+    """Return what the shapes leave once a cubic has been fitted to all, each of shape (2 half + 1,)."""
+    n = np.arange(-half, half + 1)
+    cubic = (n / half) ** np.arange(4)[:, None]
+    return {k: shape(n) - cubic.T @ np.linalg.lstsq(cubic.T, shape(n))[0] for k, shape in _SHAPES.items()}
 
 
 def _beside(at: int) -> tuple[slice, slice]:
