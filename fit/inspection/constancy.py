@@ -18,7 +18,7 @@ from fit.inspection.first_fit import delays, least
 from fit.model import dynamics
 from fit.paper import DELAYS, experiment_parameters
 from fit.signal import NoiseModel, fit_noise, spectra
-from fit.weighing import Experiment, Run, linear
+from fit.weighing import Experiment, Left, Run, linear, smooth_noise
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def change(experiment: Experiment) -> str | None:
 
 
 def _most(freedom: float) -> float:
-    return float(scipy.stats.chi2.isf(RARE, freedom))
+    return float(scipy.special.chdtri(freedom, RARE))
 
 
 def _difference(blocks: _Blocks, index: int) -> float:
@@ -119,16 +119,14 @@ def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
     n = terms.window.size
     names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
     kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
-    series = spectra.series(U[:, kept], terms.first, n)
-    series[:, 0] *= np.sqrt(n / 2)
-    for column in series[:, 1:].T:  # one by one and in place: of weeks, another one fills the memory
-        column /= np.linalg.norm(column)
-    series[:, 1:] = scipy.linalg.qr(series[:, 1:], overwrite_a=True, mode="economic", check_finite=False)[0]
+    columns = linear.stacked(U[:, kept])
+    columns[:, 1:] = np.linalg.qr(columns[:, 1:] / np.linalg.norm(columns[:, 1:], axis=0))[0]
+    series = spectra.series(columns.T.view(np.complex128).T, terms.first, n)
     size = max(round(BLOCK * run.channels.fs), -(-n // MOST_BLOCKS))
-    blocks = (series[start : start + size] for start in range(0, n - size + 1, size))
+    blocks = series.T[:, : n // size * size].reshape(len(kept), -1, size).swapaxes(0, 1)
     return _Blocks(
         tuple(names[k] for k in kept[1:]),
-        np.array([block.T @ block for block in blocks]),
+        n / 2 * (blocks @ blocks.swapaxes(1, 2)),
         size / run.channels.fs,
         2 * len(U) * size / n,
     )
@@ -141,14 +139,12 @@ def _noise(experiment: Experiment) -> NoiseModel:
     """
     run = experiment.noise or experiment.sysid
     terms = run.spectra(DELAYS)
-    model = None
-    for _ in range(2):
-        S = model(terms.f) if model else np.ones(terms.f.size)
-        U, left = linear.whiten(terms, S)
-        c = _of_flight(run) if experiment.noise else least(U)
-        model = fit_noise(terms.f, np.abs(U[:, : c.size] @ c) ** 2 * S / 2, np.maximum(left, 0))
-    assert model is not None
-    return model
+    if experiment.noise:
+        return smooth_noise(Left(terms, _of_flight(run)), None)
+    c = least(linear.whiten(terms, np.ones(terms.f.size))[0])
+    model = fit_noise(terms.f, *Left(terms, c).power(None))
+    c = least(linear.whiten(terms, model(terms.f))[0])
+    return fit_noise(terms.f, *Left(terms, c).power(model))
 
 
 def _of_flight(run: Run) -> Array:
