@@ -64,10 +64,10 @@ class Squares:
         if self.dof < 1:
             return 1.0
         if not np.isfinite(self.of_noise):
-            return float(scipy.stats.chi2.sf(self.value, self.dof))
+            return float(scipy.special.chdtrc(self.dof, max(self.value, 0.0)))
         # the mean over noise models is right, see `NoiseModel.expected`
-        ratio = self.value / self.dof * self.of_noise / (self.of_noise - 2)
-        return float(scipy.stats.f.sf(ratio, self.dof, self.of_noise))
+        ratio = max(self.value, 0.0) / self.dof * self.of_noise / (self.of_noise - 2)
+        return float(scipy.special.fdtrc(self.dof, self.of_noise, ratio))
 
 
 @dataclass(frozen=True)
@@ -346,13 +346,20 @@ class Regression:
         Q[kept] = u[:, s > HELD]
         return np.asarray(found - Q @ Q.T)
 
+    @cached_property
+    def _doubt(self) -> tuple[NDArray[np.intp], scipy.sparse.csr_array]:
+        """Where the blocks of runs are in a projection; what errors of the noise models make of these."""
+        at = np.arange(self.z.size**2).reshape(self.z.size, -1)
+        where = np.concatenate([at[rows, rows].ravel() for rows in self.rows])
+        blocks = [linear.rooted(v.of_knots) @ v.knots.reshape(-1, v.z.size**2) for v in self.voices]
+        return where, scipy.sparse.csr_array(scipy.sparse.block_diag(blocks))
+
     def _test(self, projection: Array) -> Squares:
         """Return the sum of squares in the range of a projection, shape (N, N)."""
         dof = float(np.trace(projection))
-        squared = 0.0
-        for v, rows in zip(self.voices, self.rows, strict=True):
-            louder = np.einsum("sij,ij->s", v.knots, projection[rows, rows])
-            squared += float(louder @ v.of_knots @ louder)
+        where, doubt = self._doubt
+        louder = doubt @ projection.ravel()[where]
+        squared = float(louder @ louder)
         of_noise = 2 * dof**2 / squared + 4 if squared > 0 else np.inf
         return Squares(float(self.z @ projection @ self.z), round(dof), of_noise)
 

@@ -260,13 +260,15 @@ def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Arra
     added = faults(experiment, terms, c)
     of_run = [i for i, x in enumerate(added) if x is not None]
     spectra = run.transformed(np.stack([x for x in added if x is not None]).T, terms)
-    weights = np.repeat(np.sqrt(block.weights.fit), 2)[:, None]
-    E = np.zeros((len(weights), len(added)))
-    E[:, of_run] = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0]) * weights
-    U = linear.stacked(block.columns) * weights
-    G, r = U @ (block.gradient(theta) * width), U @ c
+    E = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0])
+    U = linear.stacked(block.columns)
+    weights = np.repeat(block.weights.fit, 2)
+    r, weighed = weights * (U @ c), weights[:, None] * E
+    EE, UE, Er = np.zeros((len(added), len(added))), np.zeros((len(c), len(added))), np.zeros(len(added))
+    EE[np.ix_(of_run, of_run)], UE[:, of_run], Er[of_run] = E.T @ weighed, U.T @ weighed, E.T @ r
+    rows = block.gradient(theta) * width
     GG = width[:, None] * linear.information([block], theta) * width
-    return _Sums(E.T @ E, G.T @ E, GG, E.T @ r, G.T @ r)
+    return _Sums(EE, rows.T @ UE, GG, Er, rows.T @ (U.T @ r))
 
 
 def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.Columns:

@@ -1,5 +1,7 @@
 """T and what falls away from it, beside least squares by NumPy on voices drawn at random."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
@@ -76,6 +78,20 @@ def test_a_noise_model_of_few_degrees_of_freedom_takes_nothing_for_sure():
     sums = rng.chisquare(5, 20000) / (rng.chisquare(20, 20000) / 20) * 18 / 20
     assert sums.mean() == pytest.approx(5, rel=0.02)
     assert np.mean([Squares(s, 5, 20.0).p < 0.05 for s in sums[:4000]]) == pytest.approx(0.05, abs=0.014)
+
+
+def test_errors_of_the_noise_models_add_up_over_runs():
+    rng, voices = np.random.default_rng(5), []
+    for v in drawn(np.random.default_rng(1)).voices:
+        knots, root = rng.standard_normal((3, K, K)), 0.1 * rng.standard_normal((3, 3))
+        voices.append(replace(v, knots=knots + knots.swapaxes(1, 2), of_knots=root @ root.T))
+    regression = Regression(tuple(voices), np.ones(P), np.zeros((0, P)), np.zeros(0))
+    variance = 0.0
+    for v, rows in zip(voices, regression.rows, strict=True):
+        louder = np.einsum("sij,ij->s", v.knots, regression.residual_maker[rows, rows])
+        variance += louder @ v.of_knots @ louder
+    whole = regression.whole
+    assert whole.of_noise == pytest.approx(2 * whole.dof**2 / variance + 4)
 
 
 def test_gain_against_stiffness_of_a_tone_is_heard_where_it_moves_the_joint_fit():
