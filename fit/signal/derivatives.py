@@ -73,7 +73,7 @@ def apply_each(weights: Array, x: Array) -> Array:
 
 def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:
     """Return a derivative of a channel [per s^order], delayed [s]; 2 HALF samples shorter than `x`."""
-    return apply(stencil(delay * fs, order) * fs**order, x)
+    return np.asarray(apply_each(stencil(delay * fs, order)[None] * fs**order, x)[0])
 
 
 def reached(masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -143,7 +143,12 @@ def low_pass(fs: float, f_max: float = F_MAX, rate: float = RATE) -> tuple[Array
 
 
 def decimate(x: Array, taps: Array, factor: int) -> Array:
-    """Filter and keep every factor-th sample, the first at index ``taps.size // 2`` of `x`."""
+    """Filter and keep every factor-th sample, the first at index ``taps.size // 2`` of `x`.
+
+    What `low_pass` leaves as it is comes back as it is.
+    """
+    if factor == 1:
+        return x
     lost = taps.size - 1  # a multiple of factor
     kept = scipy.signal.upfirdn(taps, x, down=factor)[lost // factor : (x.size - 1) // factor + 1]
     return np.asarray(kept, dtype=np.float64)
