@@ -20,7 +20,7 @@ from fit.estimate.irls import Outcome
 from fit.settings import Settings
 from fit.signal import NoiseModel, fit_noise
 from fit.warnings import FitWarning
-from fit.weighing import Experiment
+from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
 
@@ -90,8 +90,8 @@ class _Residual:
         """Return that of the run `at` among those of a fit."""
         block, theta = outcome.blocks[at], outcome.solution.theta
         power = np.abs(block.columns @ block.coefficients(theta)) ** 2 / 2
-        rows = block.columns @ block.gradient(theta)
-        taken = np.einsum("bi,bi->b", rows @ outcome.solution.covariance, rows.conj()).real / 2
+        rows = block.gradient(theta).T @ linear.stacked(block.columns).T
+        taken = ((outcome.solution.covariance @ rows) * rows).sum(axis=0).reshape(-1, 2).sum(axis=1) / 2
         return cls(experiment.sysid.spectra(block.tau).f, power, np.clip(1 - taken, 0.05, 1))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.estimate.irls import Outcome
 from fit.estimate.unsteady import Steps, parts
+from fit.signal import spectra
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
@@ -49,20 +50,17 @@ def of_block(block: linear.Block, theta: Array, f: Array) -> Steps:
         return ()
     n = block.window.size
     residual = block.columns @ block.coefficients(theta) * np.sqrt(block.weights.fit)
-    found = []
-    for low, high in BANDS:
-        bins = (f > low) & (f <= high)
-        padded = np.zeros(n // 2 + 1, dtype=np.complex128)
-        padded[block.first : block.first + f.size] = residual * bins
-        part = parts(block.window, PARTS)
-        power = np.bincount(part, scipy.fft.irfft(padded, n) ** 2)
-        weight = np.bincount(part, block.window**2)
+    bins = np.stack([(f > low) & (f <= high) for low, high in BANDS], axis=1)
+    starts = np.searchsorted(parts(block.window, PARTS), np.arange(PARTS))
+    powers = np.add.reduceat(spectra.series(residual[:, None] * bins, block.first, n) ** 2, starts)
+    weight, found = np.add.reduceat(block.window**2, starts), []
+    for (low, high), power, count in zip(BANDS, powers.T, np.count_nonzero(bins, axis=0), strict=True):
         relative = power / weight / (power.sum() / weight.sum())
-        freedom = 2 * np.count_nonzero(bins) * weight / weight.sum()
+        freedom = 2 * count * weight / weight.sum()
         if np.min(freedom) < FEW or not np.all(relative > 0):
             continue
         # likelihood ratio of as many variances as there are parts against one
-        if scipy.stats.chi2.sf(-float(freedom @ np.log(relative)), PARTS - 1) < CHANCE:
+        if scipy.special.chdtrc(PARTS - 1, -float(freedom @ np.log(relative))) < CHANCE:
             found.append((low, high, relative))
     return tuple(found)
 

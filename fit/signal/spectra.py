@@ -171,4 +171,5 @@ def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
 
 def spread(window: Array) -> float:
     """Return by how much a window makes sums of products over bins vary more than of independent bins."""
-    return float(window.size * np.sum(window**4) / np.sum(window**2) ** 2)
+    w2 = window * window
+    return float(window.size * (w2 @ w2) / w2.sum() ** 2)
