@@ -239,10 +239,11 @@ def _knots(block: linear.Block, W: Array) -> tuple[Array, Array]:
     if block.noise is None or block.f is None:
         return np.zeros((0, len(W), len(W))), np.zeros((0, 0))
     basis = block.noise.basis(block.f)
-    u = (block.columns[:, 1:] * np.sqrt(block.weights.fit)[:, None]) @ W.T
+    u = W @ (block.columns[:, 1:] * np.sqrt(block.weights.fit)[:, None]).T
+    a, b = u.real.copy(), u.imag.copy()  # in one piece each
     found = np.empty((len(block.noise.knots), len(W), len(W)))
     for i, j in combinations_with_replacement(range(len(W)), 2):
-        found[:, i, j] = found[:, j, i] = basis.summed((u[:, i].conj() * u[:, j]).real)
+        found[:, i, j] = found[:, j, i] = basis.summed(a[i] * a[j] + b[i] * b[j])
     return found, block.noise.covariance
 
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -19,56 +19,60 @@ BINS_PER_KNOT = 12
 
 @dataclass(frozen=True)
 class Basis:
-    """How log S at B frequencies follows from its K values at the knots: a matrix of shape (B, K).
+    """How log S at B ascending frequencies follows from its K values at the knots: a matrix, shape (B, K).
 
     Between two knots it is a cubic, so that four numbers for every frequency stand for the K of its row: of
     weeks, the matrix fills the memory.
 
     Attributes
     ----------
-    cubic : ndarray of int, shape (B,)
-        Number of the cubic that a frequency lies on.
+    starts, counts : ndarray of int, shape (C,)
+        First of the frequencies on every cubic that has some, and how many there are.
     powers : ndarray, shape (4, B)
-        What multiplies its four coefficients there.
-    coefficients : ndarray, shape (4, K - 1, K)
-        Those of every cubic for the values at the knots.
+        What multiplies the four coefficients of its cubic at every frequency.
+    coefficients : ndarray, shape (4, C, K)
+        Those of the cubics for the values at the knots.
     """
 
-    cubic: NDArray[np.intp]
+    starts: NDArray[np.intp]
+    counts: NDArray[np.intp]
     powers: Array
     coefficients: Array
 
     def __matmul__(self, values: Array) -> Array:
         """Return log S, shape (B,), of values at the knots."""
-        found = np.zeros(self.cubic.size)
-        for power, of_cubics in zip(self.powers, self.coefficients @ values, strict=True):
-            found += power * of_cubics[self.cubic]
-        return found
+        return np.asarray(np.einsum("pb,pb->b", self.powers, self._spread(self.coefficients @ values)))
 
     def summed(self, x: Array) -> Array:
         """Return the product of the transpose with x, shape (B,)."""
-        parts = zip(self.coefficients, self.powers, strict=True)
-        return np.asarray(sum(of.T @ self._by_cubic(power * x) for of, power in parts))
+        return np.asarray(np.einsum("pck,pc->k", self.coefficients, self._by_cubic(self.powers * x)))
 
     def products(self, weights: Array) -> Array:
         """Return the weighted products of the columns with each other, shape (K, K)."""
         found = np.zeros((self.coefficients.shape[2],) * 2)
-        for i, j in combinations_with_replacement(range(4), 2):
-            sums = self._by_cubic(self.powers[i] * self.powers[j] * weights)
-            one = (self.coefficients[i].T * sums) @ self.coefficients[j]
-            found += one if i == j else one + one.T
+        for of, power in zip(self.coefficients, self.powers, strict=True):
+            sums = self._by_cubic(self.powers * (power * weights))
+            found += of.T @ np.einsum("pck,pc->ck", self.coefficients, sums)
         return found
+
+    @cached_property
+    def squares(self) -> Array:
+        """The products of the columns with each other, shape (K, K)."""
+        return self.products(np.ones(self.powers.shape[1]))
 
     def variance(self, covariance: Array) -> Array:
         """Return the variance of log S, shape (B,), for values of some covariance."""
-        found = np.zeros(self.cubic.size)
-        for i, j in combinations_with_replacement(range(4), 2):
-            of_cubics = np.sum(self.coefficients[i] @ covariance * self.coefficients[j], axis=1)
-            found += (1 + (i != j)) * self.powers[i] * self.powers[j] * of_cubics[self.cubic]
-        return found
+        of_cubics = np.einsum("ick,jck->ijc", self.coefficients @ covariance, self.coefficients)
+        along = np.array([np.einsum("pb,pb->b", self.powers, self._spread(of)) for of in of_cubics])
+        return np.asarray(np.einsum("pb,pb->b", self.powers, along))
+
+    def _spread(self, of_cubics: Array) -> Array:
+        """Return for every frequency what is of its cubic, shape (P, B), of shape (P, C)."""
+        return np.repeat(of_cubics, self.counts, axis=1)
 
     def _by_cubic(self, x: Array) -> Array:
-        return np.asarray(np.bincount(self.cubic, x, self.coefficients.shape[1]), dtype=np.float64)
+        """Return the sums over the frequencies on every cubic, shape (P, C), of x, shape (P, B)."""
+        return np.asarray(np.add.reduceat(x, self.starts, axis=1))
 
 
 @dataclass(frozen=True)
@@ -131,9 +135,8 @@ def _basis(of_knots: bytes, of_f: bytes) -> Basis:
     t, beyond = inside - knots[cubic], u - inside
     powers = np.stack([t**3 + 3 * t**2 * beyond, t**2 + 2 * t * beyond, t + beyond, np.ones_like(t)])
     spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
-    for shared in (cubic, powers):
-        shared.setflags(write=False)
-    return Basis(cubic, powers, np.asarray(spline.c, dtype=np.float64))
+    there, starts, counts = np.unique(cubic, return_index=True, return_counts=True)
+    return Basis(starts, counts, powers, np.asarray(spline.c[:, there], dtype=np.float64))
 
 
 @kept(8)
@@ -174,9 +177,7 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
     knots = _knots(f[below:].tobytes())
     basis = _basis(knots.tobytes(), f.tobytes())
     start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
-    values = np.asarray(
-        np.linalg.solve(basis.products(np.ones(f.size)), basis.summed(start)), dtype=np.float64
-    )
+    values = np.asarray(np.linalg.solve(basis.squares, basis.summed(start)), dtype=np.float64)
     fisher = basis.products(dof)
 
     def cost(v: Array) -> tuple[float, Array]:
