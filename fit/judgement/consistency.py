@@ -157,8 +157,7 @@ def voice(
     of_run = block.share @ theta
     R, H, c = block.R, block.H, block.coefficients(theta)
     score = R.T[1:] @ (R @ c)
-    gradient = block.of_run(theta)
-    level = _level(block, c)
+    gradient, level = block.of_run(theta), _level(block, c)
     W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
     spread = None if covariance is None else block.share @ linear.rooted(covariance).T
     W = _believed(block, of_run, W @ score, W @ H[1:] @ gradient, spread) @ W
@@ -386,8 +385,7 @@ def voiced(experiments: Sequence[Experiment], blocks: Sequence[linear.Block], ou
     Weak priors hold what the data do not tell, which is no knowledge to contradict; departures of experiments
     (`departures`) count with the width that was found for them.
     """
-    theta, parameters = outcome.solution.theta, outcome.parameters
-    covariance = outcome.solution.covariance
+    theta, covariance, parameters = outcome.solution.theta, outcome.solution.covariance, outcome.parameters
     voices = tuple(voice(e, b, theta, covariance) for e, b in zip(experiments, blocks, strict=True))
     departs = {
         i: outcome.scatter[name][0]
@@ -399,5 +397,4 @@ def voiced(experiments: Sequence[Experiment], blocks: Sequence[linear.Block], ou
     known = np.zeros((len(departs), theta.size))
     for row, (i, spread) in enumerate(departs.items()):
         known[row, i] = 1 / spread
-    width = np.array([p.prior_sigma for p in parameters])
-    return Regression(voices, width, known, known @ theta)
+    return Regression(voices, np.array([p.prior_sigma for p in parameters]), known, known @ theta)
