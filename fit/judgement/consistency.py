@@ -20,7 +20,7 @@ of chi^2, with as many degrees of freedom as the model has where the test looks.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations_with_replacement, pairwise
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -241,8 +241,8 @@ def _knots(block: linear.Block, W: Array) -> tuple[Array, Array]:
     u = W @ (block.columns[:, 1:] * np.sqrt(block.weights.fit)[:, None]).T
     a, b = u.real.copy(), u.imag.copy()  # in one piece each
     found = np.empty((len(block.noise.knots), len(W), len(W)))
-    for i, j in combinations_with_replacement(range(len(W)), 2):
-        found[:, i, j] = found[:, j, i] = basis.summed(a[i] * a[j] + b[i] * b[j])
+    for i in range(len(W)):
+        found[:, i, i:] = found[:, i:, i] = basis.summed(a[i] * a[i:] + b[i] * b[i:]).T
     return found, block.noise.covariance
 
 

@@ -15,64 +15,78 @@ Array = NDArray[np.float64]
 
 KNOTS_PER_DECADE = 10
 BINS_PER_KNOT = 12
+NEAR = 1.0  # first step in log S, up to which a known PSD is a place to begin at
 
 
 @dataclass(frozen=True)
 class Basis:
-    """How log S at B ascending frequencies follows from its K values at the knots: a matrix, shape (B, K).
+    """How log S at B frequencies follows from its K values at the knots: a matrix of shape (B, K).
 
-    Between two knots it is a cubic, so that four numbers for every frequency stand for the K of its row: of
+    Between two knots it is a cubic, so that one number for every frequency stands for the K of its row: of
     weeks, the matrix fills the memory.
 
     Attributes
     ----------
-    starts, counts : ndarray of int, shape (C,)
-        First of the frequencies on every cubic that has some, and how many there are.
-    powers : ndarray, shape (4, B)
-        What multiplies the four coefficients of its cubic at every frequency.
-    coefficients : ndarray, shape (4, C, K)
-        Those of the cubics for the values at the knots.
+    t : ndarray, shape (B,)
+        How far a frequency is beyond the knot where its cubic begins.
+    starts : ndarray of int, shape (S,)
+        The first of the frequencies of every cubic.
+    coefficients : ndarray, shape (4, S, K)
+        Those of every cubic for the values at the knots, the constant first.
     """
 
+    t: Array
     starts: NDArray[np.intp]
-    counts: NDArray[np.intp]
-    powers: Array
     coefficients: Array
 
     def __matmul__(self, values: Array) -> Array:
         """Return log S, shape (B,), of values at the knots."""
-        return np.asarray(np.einsum("pb,pb->b", self.powers, self._spread(self.coefficients @ values)))
+        return self._polynomial(self.coefficients @ values)
 
     def summed(self, x: Array) -> Array:
-        """Return the product of the transpose with x, shape (B,)."""
-        return np.asarray(np.einsum("pck,pc->k", self.coefficients, self._by_cubic(self.powers * x)))
+        """Return the product of x, shape (..., B), with the matrix, shape (..., K)."""
+        found = np.tensordot(self._moments(x, 4), self.coefficients, axes=([0, -1], [0, 1]))
+        return np.asarray(found, dtype=np.float64)
 
     def products(self, weights: Array) -> Array:
         """Return the weighted products of the columns with each other, shape (K, K)."""
-        found = np.zeros((self.coefficients.shape[2],) * 2)
-        for of, power in zip(self.coefficients, self.powers, strict=True):
-            sums = self._by_cubic(self.powers * (power * weights))
-            found += of.T @ np.einsum("pck,pc->ck", self.coefficients, sums)
-        return found
+        of_powers = self._moments(weights, 7)[_SUMS]
+        inner = np.einsum("ijs,jsk->isk", of_powers, self.coefficients)
+        return np.asarray(np.tensordot(self.coefficients, inner, axes=([0, 1], [0, 1])), dtype=np.float64)
 
     @cached_property
     def squares(self) -> Array:
         """The products of the columns with each other, shape (K, K)."""
-        return self.products(np.ones(self.powers.shape[1]))
+        return self.products(np.ones(self.t.size))
 
     def variance(self, covariance: Array) -> Array:
         """Return the variance of log S, shape (B,), for values of some covariance."""
-        of_cubics = np.einsum("ick,jck->ijc", self.coefficients @ covariance, self.coefficients)
-        along = np.array([np.einsum("pb,pb->b", self.powers, self._spread(of)) for of in of_cubics])
-        return np.asarray(np.einsum("pb,pb->b", self.powers, along))
+        of_cubics = self.coefficients.transpose(1, 0, 2)
+        pairs = of_cubics @ covariance @ of_cubics.transpose(0, 2, 1)
+        found = np.zeros((7, len(pairs)))
+        np.add.at(found, _SUMS, pairs.transpose(1, 2, 0))
+        return self._polynomial(found)
 
-    def _spread(self, of_cubics: Array) -> Array:
-        """Return for every frequency what is of its cubic, shape (P, B), of shape (P, C)."""
-        return np.repeat(of_cubics, self.counts, axis=1)
+    def _polynomial(self, coefficients: Array) -> Array:
+        """Return polynomials in `t`, one for every cubic, shape (B,)."""
+        times = np.diff(self.starts, append=self.t.size)
+        *lower, highest = coefficients
+        found: Array = highest.repeat(times)
+        for of_power in lower[::-1]:
+            found *= self.t
+            found += of_power.repeat(times)
+        return found
 
-    def _by_cubic(self, x: Array) -> Array:
-        """Return the sums over the frequencies on every cubic, shape (P, C), of x, shape (P, B)."""
-        return np.asarray(np.add.reduceat(x, self.starts, axis=1))
+    def _moments(self, x: Array, number: int) -> Array:
+        """Return for every cubic the sums of x, shape (..., B), times powers of `t`: (number, ..., S)."""
+        found = np.empty((number, *x.shape[:-1], self.starts.size))
+        for moment in found:
+            np.add.reduceat(x, self.starts, axis=-1, out=moment)
+            x = x * self.t
+        return found
+
+
+_SUMS = np.add.outer(np.arange(4), np.arange(4))  # of the powers of two cubics
 
 
 @dataclass(frozen=True)
@@ -130,13 +144,17 @@ class NoiseModel:
 def _basis(of_knots: bytes, of_f: bytes) -> Basis:
     """Return the basis of natural splines with these knots, straight beyond them."""
     knots, u = np.frombuffer(of_knots), np.log(np.frombuffer(of_f))
-    inside = np.clip(u, knots[0], knots[-1])
-    cubic = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, knots.size - 2)
-    t, beyond = inside - knots[cubic], u - inside
-    powers = np.stack([t**3 + 3 * t**2 * beyond, t**2 + 2 * t * beyond, t + beyond, np.ones_like(t)])
     spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
-    there, starts, counts = np.unique(cubic, return_index=True, return_counts=True)
-    return Basis(starts, counts, powers, np.asarray(spline.c[:, there], dtype=np.float64))
+    coefficients = np.zeros((4, knots.size + 1, knots.size))
+    coefficients[:, 1:-1] = spline.c[::-1]
+    for end, at in ((0, knots[0]), (-1, knots[-1])):
+        coefficients[:2, end] = spline(at), spline(at, 1)
+    cubic = np.searchsorted(knots, u, side="right")
+    starts = np.flatnonzero(np.diff(cubic, prepend=-1))
+    t = u - knots[np.maximum(cubic - 1, 0)]
+    for shared in (t, starts):
+        shared.setflags(write=False)
+    return Basis(t, starts, np.ascontiguousarray(coefficients[:, cubic[starts]]))
 
 
 @kept(8)
@@ -152,7 +170,9 @@ def _knots(of_f: bytes) -> Array:
     return knots
 
 
-def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
+def fit_noise(
+    f: Array, power: Array, dof: Array, below: int = 0, begun: NoiseModel | None = None
+) -> NoiseModel:
     """Fit a noise model to a periodogram by maximum (Whittle) likelihood.
 
     Minimises ``sum dof log S + power / S``, convex in the logarithms; Fisher scoring.
@@ -165,6 +185,8 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
         Expected power over S: 1, less what a fit has already taken out of the bin.
     below : int
         How many of the first bins lie below the first knot.
+    begun : NoiseModel, optional
+        Where to begin, if it has the same knots and is not far off.
 
     Raises
     ------
@@ -176,8 +198,6 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
         raise FitError("the residual carries no noise whose PSD could weigh the data")
     knots = _knots(f[below:].tobytes())
     basis = _basis(knots.tobytes(), f.tobytes())
-    start = np.log(np.maximum(power, 1e-30 * level)) + np.euler_gamma
-    values = np.asarray(np.linalg.solve(basis.squares, basis.summed(start)), dtype=np.float64)
     fisher = basis.products(dof)
 
     def cost(v: Array) -> tuple[float, Array]:
@@ -187,10 +207,18 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
             relative = power * np.exp(-log_S)
             return float(dof @ log_S + np.sum(relative)), relative
 
+    def scored(relative: Array) -> Array:
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.linalg.solve(fisher, basis.summed(relative - dof)), dtype=np.float64)
+
+    known = begun is not None and np.array_equal(begun.knots, knots)
+    values = begun.values if begun and known else _roughly(basis, power)
     last, relative = cost(values)
+    if known and not np.all(np.abs(scored(relative)) < NEAR):
+        values = _roughly(basis, power)
+        last, relative = cost(values)
     for _ in range(100):
-        step = np.asarray(np.linalg.solve(fisher, basis.summed(relative - dof)), dtype=np.float64)
-        size, previous = 1.0, last
+        step, size, previous = scored(relative), 1.0, last
         last, relative = cost(values + step)
         while last > previous and size > 1e-6:
             size /= 2
@@ -199,3 +227,10 @@ def fit_noise(f: Array, power: Array, dof: Array, below: int = 0) -> NoiseModel:
         if abs(previous - last) < 1e-9 * f.size:
             return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)), below)
     raise FitError("the smooth PSD of the noise did not converge")
+
+
+def _roughly(basis: Basis, power: Array) -> Array:
+    """Return the values at the knots that are closest to the logarithm of the power, shape (K,)."""
+    log_power = np.log(np.maximum(power, 1e-30 * np.mean(power))) + np.euler_gamma
+    found = np.linalg.solve(basis.squares, basis.summed(log_power))
+    return np.asarray(found, dtype=np.float64)

@@ -42,11 +42,13 @@ def test_the_basis_is_that_of_natural_splines():
     u, inside = np.log(f), np.clip(np.log(f), model.knots[0], model.knots[-1])
     spline = scipy.interpolate.CubicSpline(model.knots, np.eye(model.knots.size), bc_type="natural")
     dense, basis = spline(inside) + spline(inside, 1) * (u - inside)[:, None], model.basis(f)
-    x, weights = rng.standard_normal(f.size), rng.random(f.size)
+    x, weights, rows = rng.standard_normal(f.size), rng.random(f.size), rng.standard_normal((3, f.size))
     variance = np.sum((dense @ model.covariance) * dense, axis=1)
     for found, expected in (
         (basis @ model.values, dense @ model.values),
         (basis.summed(x), dense.T @ x),
+        (basis.summed(rows), rows @ dense),
+        (model.basis(f[::-1].copy()) @ model.values, dense[::-1] @ model.values),
         (basis.products(weights), (dense.T * weights) @ dense),
         (basis.variance(model.covariance), variance),
     ):
