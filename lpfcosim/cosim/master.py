@@ -9,18 +9,18 @@ from __future__ import annotations
 import contextlib
 import ctypes
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cache
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from fmpy.fmi1 import FMICallException
 
+from lpfcosim.cosim import compiled
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.errors import RunError
-from lpfcosim.modelica import engine_library
 from lpfcosim.network import Component
+from lpfcosim.signals import PLAIN
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 from lpfcosim.worlds import drive, world_of
 
@@ -267,17 +267,19 @@ class Loop(Network):
         engine: Engine,
         where: Where | None = None,
     ) -> None:
-        self._run, self._noise = run, drive.stream(run)
+        self._run = run
+        self._noise = drive.stream(run, compiled.DRAWING if engine == "compiled" else PLAIN)
         self._feeds, self._channels = drive.names(run), world_of(run).record
         record = self._channels.values()
         super().__init__(run.name, run.h, components, slaves, self._feeds, record, engine, where)
 
     def blocks(self) -> Iterator[dict[str, Array]]:
         """Simulate the whole run."""
+        room = np.empty((len(self._feeds), BLOCK))  # each signal by itself, as it is drawn
         for start in range(0, self._run.n_samples, BLOCK):
             stop = min(start + BLOCK, self._run.n_samples)
             drawn = {**drive.injections(self._run, start, stop), **self._noise.take(stop - start)}
-            feeds = np.stack([drawn[name] for name in self._feeds])  # each signal by itself, as it is drawn
+            feeds = np.stack([drawn[name] for name in self._feeds], out=room[:, : stop - start])
             if start == 0:
                 self.initialize(feeds[:, 0])
             recorded = np.empty((len(self._channels), stop - start))
@@ -347,13 +349,6 @@ _FUNCTIONS = {
 }
 
 
-@cache
-def _library() -> ctypes.CDLL:
-    library = ctypes.CDLL(str(engine_library()))
-    library.run_block.restype = None
-    return library
-
-
 class _Compiled:
     """The compiled loop with its tables; keeps alive what they point to."""
 
@@ -383,7 +378,7 @@ class _Compiled:
         h: float,
         where: Where,
     ) -> None:
-        _library().run_block(
+        compiled.library().run_block(
             self._table,
             ctypes.c_size_t(len(self._table)),
             ctypes.c_void_p(bus.ctypes.data),

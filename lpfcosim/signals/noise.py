@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.signals import events
+from lpfcosim.signals.drawing import PLAIN, Drawing
 from lpfcosim.signals.injections import add_pulses
 from lpfcosim.signals.streams import generator
 from lpfcosim.spacecraft import Run
@@ -46,11 +46,11 @@ class Source:
         """The signals it goes into, with their factors."""
         return ((self.into, 1.0),) if isinstance(self.into, str) else self.into
 
-    def start(self, run: Run) -> "Stream":
+    def start(self, run: Run, drawing: Drawing = PLAIN) -> "Stream":
         """Return the stream at its beginning."""
         if self.corner:
-            return _Red(run, self.name, self.level, self.corner)
-        return _White(run, self.name, self.level)
+            return _Red(run, self.name, self.level, self.corner, drawing)
+        return _White(run, self.name, self.level, drawing)
 
     def psd(self, frequency: Array, h: float) -> Array:
         """Return the one-sided PSD of the stream, sampled every ``h`` seconds, at ``frequency`` [Hz]."""
@@ -77,13 +77,15 @@ class Noise:
         Its name and seed.
     sources : sequence of Source
         What drives it.
+    drawing : Drawing
+        What it is drawn with.
     """
 
-    def __init__(self, run: Run, sources: Sequence[Source]) -> None:
+    def __init__(self, run: Run, sources: Sequence[Source], drawing: Drawing = PLAIN) -> None:
         self._run = run
         self._drawn = 0
         self._glitches = events.glitches(run)
-        self._sources = [(source.shares, source.start(run)) for source in sources]
+        self._sources = [(source.shares, source.start(run, drawing)) for source in sources]
 
     def take(self, n: int) -> dict[str, Array]:
         """Draw the next ``n`` samples.
@@ -109,14 +111,15 @@ class Noise:
 class _White:
     """White noise of one-sided ASD ``asd``."""
 
-    def __init__(self, run: Run, name: str, asd: float) -> None:
-        self._generator = generator(run, name)
+    def __init__(self, run: Run, name: str, asd: float, drawing: Drawing) -> None:
+        self._fill = drawing.normals(generator(run, name))
         self._size = asd * math.sqrt(run.fs / 2)
 
     def take(self, n: int) -> Array:
         if self._size == 0:
             return np.zeros(n)
-        drawn: Array = self._generator.standard_normal(n)
+        drawn = np.empty(n)
+        self._fill(drawn)
         drawn *= self._size
         return drawn
 
@@ -124,17 +127,18 @@ class _White:
 class _Red:
     """Stationary first-order autoregression of ASD ``slope``/f between ``corner`` [Hz] and Nyquist."""
 
-    def __init__(self, run: Run, name: str, slope: float, corner: float) -> None:
+    def __init__(self, run: Run, name: str, slope: float, corner: float, drawing: Drawing) -> None:
         # PSD 2 h step^2 / |1 - rho z^-1|^2 -> (slope / f)^2, with step = pi slope sqrt(2 h)
-        self._source = _White(run, name, 2 * math.pi * slope * run.h)
+        self._source = _White(run, name, 2 * math.pi * slope * run.h, drawing)
+        self._redden = drawing.redden
         self._rho = math.exp(-2 * math.pi * corner * run.h)
-        self._state: Array | None = None
+        self._last: float | None = None
 
     def take(self, n: int) -> Array:
         drawn = self._source.take(n)
-        if self._state is None:
-            if n:
-                drawn[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
-            self._state = np.zeros(1)
-        red, self._state = scipy.signal.lfilter([1.0], [1.0, -self._rho], drawn, zi=self._state)
-        return np.asarray(red)
+        if self._last is None and n:
+            drawn[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
+            self._last = 0.0
+        if self._last is not None:
+            self._last = self._redden(drawn, self._rho, self._last)
+        return drawn

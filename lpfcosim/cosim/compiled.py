@@ -1,0 +1,72 @@
+"""What is compiled of the simulation beside the FMUs: the stepping loop, and drawing noise with it.
+
+The numbers have the bits of NumPy's and SciPy's, in a quarter and a third of the time.
+"""
+
+import ctypes
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from lpfcosim.modelica import engine_library
+from lpfcosim.signals import Drawing, Fill, numpy_normals
+
+Array = npt.NDArray[np.float64]
+
+_TRIED = 10_000  # numbers, some hundred of which are not well inside a layer of the ziggurat
+_WORD = 2**64 - 1
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """Return the compiled engine."""
+    found = ctypes.CDLL(str(engine_library()))
+    for name in ("run_block", "learn", "normals"):
+        getattr(found, name).restype = None
+    found.redden.restype = ctypes.c_double
+    return found
+
+
+def _normals(generator: np.random.Generator) -> Fill:
+    """Return what fills an array, shape (n,), with the next normal numbers of a generator.
+
+    The generator itself stays as it is. Where NumPy does not let us, or would draw others, NumPy draws them.
+    """
+    bits = generator.bit_generator
+    normal = _normal() if type(bits) is np.random.PCG64 else None
+    return numpy_normals(generator) if normal is None else _Drawn(bits, normal)
+
+
+class _Drawn:
+    """A copy of a generator that goes on by itself."""
+
+    def __init__(self, bits: np.random.BitGenerator, normal: ctypes.c_void_p) -> None:
+        self._normal, known = normal, bits.state["state"]
+        wide = known["state"], known["inc"]
+        self._pcg = (ctypes.c_uint64 * 4)(*(word for w in wide for word in (w >> 64, w & _WORD)))
+
+    def __call__(self, out: Array) -> None:
+        library().normals(self._pcg, self._normal, ctypes.c_void_p(out.ctypes.data), ctypes.c_int64(out.size))
+
+
+@cache
+def _normal() -> ctypes.c_void_p | None:
+    """Return NumPy's C function for one number, if it can be had and its numbers are ours."""
+    try:
+        function = ctypes.CDLL(np.random._generator.__file__).random_standard_normal
+    except (OSError, AttributeError):  # where it is not exported
+        return None
+    normal = ctypes.cast(function, ctypes.c_void_p)
+    library().learn(normal)
+    wanted, ours = np.random.default_rng(1).standard_normal(_TRIED), np.empty(_TRIED)
+    _Drawn(np.random.PCG64(1), normal)(ours)
+    return normal if np.array_equal(ours, wanted) else None
+
+
+def _redden(x: Array, rho: float, last: float) -> float:
+    place, rho_, last_ = ctypes.c_void_p(x.ctypes.data), ctypes.c_double(rho), ctypes.c_double(last)
+    return float(library().redden(place, ctypes.c_int64(x.size), rho_, last_))
+
+
+DRAWING = Drawing(_normals, _redden)
