@@ -106,15 +106,16 @@ class _Loop:
         rows = -(-n // STRETCH)
         pushes = np.zeros((rows, STRETCH, size))
         pushes.reshape(-1, size)[:n] = push
-        resting = np.zeros((STRETCH + 1, rows, size))  # every stretch as if it began at rest
-        for j in range(STRETCH):
-            np.matmul(resting[j], self._A.T, out=resting[j + 1])
-            resting[j + 1] += pushes[:, j]
+        pushes = pushes.transpose(1, 2, 0).copy()  # a state of all stretches in one piece
+        resting = np.zeros((STRETCH + 1, size, rows))  # every stretch as if it began at rest
+        for pushed, now, then in zip(pushes, resting[:-1], resting[1:], strict=True):
+            np.dot(self._A, now, out=then)
+            then += pushed
         begun = np.empty((rows, size))
-        for row, end in zip(begun, resting[-1], strict=True):
+        for row, end in zip(begun, resting[-1].T, strict=True):
             row[:] = state
             state = self._over @ state + end
-        seen = (resting[:-1] @ self._C.T).transpose(1, 0, 2) + (begun @ self._later.T).reshape(
+        seen = (self._C @ resting[:-1]).transpose(2, 0, 1) + (begun @ self._later.T).reshape(
             rows, STRETCH, -1
         )
         return seen.reshape(rows * STRETCH, -1)[:n], state

@@ -22,8 +22,8 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-GRID = 60  # frequencies per decade between which the noise is interpolated: right to 1e-5
-FINER = 20  # chords between two of them, right to 1e-5 as well
+GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
+FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
 TOGETHER = 4  # channels that are transformed at a time
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
