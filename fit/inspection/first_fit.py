@@ -48,10 +48,20 @@ def _delays(run: Run) -> tuple[float, float]:
         acting = [GAINS[0] < abs(c[f]) < GAINS[1] for f, _ in _FORCES]
         moved = (t - c[df] / c[f] if on else t for t, (f, df), on in zip(tau, _FORCES, acting, strict=True))
         tau_1, tau_2 = (float(np.clip(t, -FARTHEST, FARTHEST)) for t in moved)
-        if max(abs(tau_1 - tau[0]), abs(tau_2 - tau[1])) < (FAR if tau == DELAYS else FINE):
+        by = tau_1 - tau[0], tau_2 - tau[1]
+        near = max(map(abs, by)) < (FAR if tau == DELAYS else FINE)
+        of_noise = left / (2 * len(U))
+        if near or _left_out(U * c, terms.f, by) < of_noise:  # which could not gain what it takes
             break
         tau = tau_1, tau_2
     return found
+
+
+def _left_out(columns: Spectrum, f: NDArray[np.float64], by: tuple[float, float]) -> float:
+    """Return the power of what an expansion leaves out of commands at delays that are off by so much [s]."""
+    angle = 2 * np.pi * f
+    parts = (np.abs(columns[:, k]) * (t * angle) ** 2 / 2 for t, (k, _) in zip(by, _FORCES, strict=True))
+    return sum(float(part @ part) for part in parts)
 
 
 def shape(f: NDArray[np.float64]) -> NDArray[np.float64]:
