@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from fit.figures.charts import ASD, FREQUENCY, Chart, Curve, Panel, chart, limits
 from fit.model import dynamics
-from fit.signal import LogSpectrum, log_psd
-from fit.threads import each
+from fit.signal import LogSpectrum, log_psds
 
 Array = NDArray[np.float64]
 Series = Sequence[Mapping[str, Array]]
@@ -39,7 +38,7 @@ def spectra(series: Series, fs: float) -> dict[str, LogSpectrum]:
         Sample rate [Hz].
     """
     names = [name for name in series[0] if all(name in run for run in series)]
-    found = each(lambda name: log_psd([run[name] for run in series], fs), names)
+    found = log_psds([[run[name] for run in series] for name in names], fs)
     return dict(zip(names, found, strict=True))
 
 

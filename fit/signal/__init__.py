@@ -4,7 +4,7 @@ Nothing here knows what the channels mean.
 """
 
 from fit.signal import patches
-from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, welch
+from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds, welch
 from fit.signal.excess import Excess
 from fit.signal.medians import median
 from fit.signal.noise import NoiseModel, fit_noise
@@ -22,6 +22,7 @@ __all__ = [
     "derivatives",
     "fit_noise",
     "log_psd",
+    "log_psds",
     "median",
     "patches",
     "spectra",

@@ -21,6 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit.signal.spectra import window
+from fit.threads import each
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ CORRELATED = 50  # ordinates apart, beyond which the window correlates none
 PER_DECADE = 10
 PERIODS = PER_DECADE / np.log(10)  # per segment: neighbouring frequencies are one resolution apart
 SHARE = 0.5  # of the longest series that a segment may take: three of them, half overlapping
+_NOTHING = (math.nan, math.nan, 0.0)
 
 
 @dataclass(frozen=True)
@@ -182,18 +184,31 @@ def log_psd(series: Sequence[Array], fs: float) -> LogSpectrum:
     fs : float
         Sample rate [Hz].
     """
-    longest = max(x.size for x in series)
+    return log_psds([series], fs)[0]
+
+
+def log_psds(quantities: Sequence[Sequence[Array]], fs: float) -> list[LogSpectrum]:
+    """Return the PSD of every quantity of the same runs: `log_psd` of its series, segments laid out once."""
+    longest = max(x.size for series in quantities for x in series)
     lowest, highest = PERIODS * fs / (SHARE * longest), fs / 2 / (1 + 2 / PERIODS)
     steps = np.arange(max(0.0, np.floor(PER_DECADE * np.log10(highest / lowest)) + 1))
-    found = []
-    for f in lowest * 10 ** (steps / PER_DECADE):
+
+    def at(f: float) -> list[tuple[float, float, float]]:
         L = min(round(PERIODS * fs / f), longest)
         kernel, overlap = _kernel(f / fs, L)
-        power = np.concatenate([_power(x, kernel, L) for x in series])
-        power = power[np.isfinite(power)]
-        if power.size:
-            found.append((f, power.mean() * 2 / fs, power.size / (1 + 2 * overlap * (1 - 1 / power.size))))
-    f, psd, averages = np.array(found).reshape(-1, 3).T
+        found = []
+        for series in quantities:
+            power = np.concatenate([_power(x, kernel, L) for x in series])
+            power = power[np.isfinite(power)]
+            n = power.size
+            found.append((f, power.mean() * 2 / fs, n / (1 + 2 * overlap * (1 - 1 / n))) if n else _NOTHING)
+        return found
+
+    every = np.array(each(at, lowest * 10 ** (steps / PER_DECADE))).reshape(-1, len(quantities), 3)
+    return [_with_bounds(*points[points[:, 2] > 0].T) for points in every.swapaxes(0, 1)]
+
+
+def _with_bounds(f: Array, psd: Array, averages: Array) -> LogSpectrum:
     low, high = (psd * 2 * averages / scipy.stats.chi2.ppf(p, 2 * averages) for p in ONE_SIGMA)
     return LogSpectrum(f, psd, low, high, averages)
 
@@ -229,5 +244,13 @@ def _power(x: Array, kernel: NDArray[np.complex128], size: int) -> Array:
     """Return the power of every segment, NaN where a sample is missing."""
     if x.size < size:
         return np.zeros(0)
-    segments = sliding_window_view(x, size)[:: max(1, size // 2)]
-    return np.asarray((segments @ kernel.real) ** 2 + (segments @ kernel.imag) ** 2, dtype=np.float64)
+    step = max(1, size // 2)
+    n = (x.size - size) // step + 1
+    halves = x[: (n + 1) * step].reshape(n + 1, step)  # a segment is two of them, and a sample if it is odd
+    power = np.zeros(n)
+    for part in (kernel.real.copy(), kernel.imag.copy()):
+        amplitude = halves[:-1] @ part[:step] + halves[1:] @ part[step : 2 * step]
+        if size % 2:
+            amplitude += x[2 * step :: step][:n] * part[-1]
+        power += amplitude**2
+    return power

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fit.signal.averages import log_psd
+from fit.signal.averages import _kernel, _power, log_psd, log_psds
 
 N = 100_000
 
@@ -64,6 +64,25 @@ def test_several_series_are_one_average():
     together = log_psd([white(1), white(2)], 1.0)
     np.testing.assert_allclose(together.psd, (apart[0].psd + apart[1].psd) / 2, rtol=1e-12)
     assert together.averages[-1] == pytest.approx(2 * apart[0].averages[-1], rel=1e-3)
+
+
+def test_several_quantities_have_the_spectra_of_each():
+    runs = [[white(seed, 5000), white(seed + 1, 4000)] for seed in (1, 3)]
+    for x in runs[1]:
+        x[::700] = np.nan  # no long segment is left
+    for found, series in zip(log_psds(runs, 1.0), runs, strict=True):
+        alone = log_psd(series, 1.0)
+        for name in ("f", "psd", "low", "high", "averages"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+    assert found.f.size < log_psd(runs[0], 1.0).f.size
+
+
+@pytest.mark.parametrize("size", [12, 13, 500, 501, 1000])
+def test_power_is_that_of_half_overlapping_segments(size):
+    x = white(1, 1000)
+    kernel, _ = _kernel(4.3 / size, size)
+    segments = [x[i : i + size] for i in range(0, x.size - size + 1, size // 2)]
+    np.testing.assert_allclose(_power(x, kernel, size), [abs(s @ kernel) ** 2 for s in segments], rtol=1e-12)
 
 
 def test_too_little_is_nothing():
