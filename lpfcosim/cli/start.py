@@ -30,7 +30,7 @@ def _status() -> int:
     if sys.argv[1:2] in _WITH_WORKERS and "--help" not in sys.argv:
         from lpfcosim.running import nursery
 
-        nursery.prepare()
+        nursery.prepare(*(nursery.FITTING if sys.argv[1] == "montecarlo" else ()))
     one_heap()
     import typer  # here, so that an interrupt of the import is told like any other
 

@@ -16,8 +16,8 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 #: What workers need that simulate. Nothing of ours: the server may find another version of it.
 LIBRARIES = (
     "numpy",
-    "scipy.linalg",
-    "scipy.signal",
+    "scipy.fft",
+    "scipy.special",
     "h5py",
     "fmpy",
     "fmpy.fmi2",
@@ -29,14 +29,17 @@ LIBRARIES = (
     "pydantic.types",
 )
 
+#: What those need besides that fit as well.
+FITTING = ("scipy.linalg", "scipy.signal")
+
 _prepared = False
 
 
-def prepare() -> None:
-    """Begin to read in what workers need, in a process that ends with this one, if there can be one."""
+def prepare(*more: str) -> None:
+    """Begin to read in `LIBRARIES` and `more`, in a process that ends with this one, if there can be one."""
     global _prepared
     if sys.platform == "linux" and not _prepared:  # elsewhere libraries do not outlive a fork
-        mp.set_forkserver_preload([*LIBRARIES])
+        mp.set_forkserver_preload([*LIBRARIES, *more])
         with suppress(OSError):  # a folder for its socket that is full, or whose path is too long for one
             forkserver.ensure_running()
             _prepared = True

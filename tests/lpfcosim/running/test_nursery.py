@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from lpfcosim.modelica import build
 from lpfcosim.running import nursery
 
 SCRIPT = "from lpfcosim.running import nursery as n; n.prepare(); print(n.context().get_start_method())"
@@ -24,6 +26,24 @@ def test_a_folder_with_a_long_path_for_temporary_files_is_no_hindrance(tmp_path,
     assert made.stdout.strip() == method
 
 
-@pytest.mark.parametrize("name", nursery.LIBRARIES)
+@pytest.mark.parametrize("name", [*nursery.LIBRARIES, *nursery.FITTING])
 def test_what_workers_need_is_there(name):
     importlib.import_module(name)  # the server says nothing of what it does not find
+
+
+TASK = """
+import pathlib, pickle, sys
+from lpfcosim.running import runner
+place = pathlib.Path(sys.argv[1])
+runner.record(*pickle.loads(place.read_bytes()), place.with_suffix(".h5"), {})
+print(*sys.modules)
+"""
+
+
+@pytest.mark.fmu
+@pytest.mark.parametrize("rate", [10.0, 1.0])
+def test_to_simulate_takes_no_library_that_takes_long_to_read_in(make_run, tmp_path, rate):
+    task = tmp_path / "task"
+    task.write_bytes(pickle.dumps((make_run(n_samples=12_000, sample_rate=rate), build.build())))
+    done = subprocess.run([sys.executable, "-c", TASK, str(task)], capture_output=True, text=True, check=True)
+    assert not {"pint", "scipy.linalg", "scipy.signal", "scipy.stats"} & set(done.stdout.split())

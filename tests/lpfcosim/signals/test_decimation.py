@@ -63,7 +63,14 @@ def test_file_carries_rate_and_times(make_run, tmp_path):
         np.testing.assert_allclose(np.diff(file["time"]), 1.0)
 
 
-@pytest.mark.parametrize("size", [263, 300, 2500, 2501, 10_262])
+@pytest.mark.parametrize("factor", [2, 5, 10])
+def test_taps_have_the_bits_of_scipy(factor):
+    length, beta = scipy.signal.kaiserord(120, 2 * (0.5 - 0.2) / factor)
+    wanted = scipy.signal.firwin(length | 1, (0.5 + 0.2) / factor, window=("kaiser", beta))
+    np.testing.assert_array_equal(decimation.taps(factor), wanted)
+
+
+@pytest.mark.parametrize("size", [263, 300, 2262, 2500, 2501, 10_262])
 def test_the_filter_has_the_bits_of_scipy(size):
     low_pass = decimation.taps(10)
     x = np.random.default_rng(size).standard_normal(size).cumsum()
