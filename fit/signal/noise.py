@@ -29,14 +29,15 @@ class Basis:
     ----------
     t : ndarray, shape (B,)
         How far a frequency is beyond the knot where its cubic begins.
-    starts : ndarray of int, shape (S,)
-        The first of the frequencies of every cubic.
+    starts, counts : ndarray of int, shape (S,)
+        The first of the frequencies of every cubic, and how many it has.
     coefficients : ndarray, shape (4, S, K)
         Those of every cubic for the values at the knots, the constant first.
     """
 
     t: Array
     starts: NDArray[np.intp]
+    counts: NDArray[np.intp]
     coefficients: Array
 
     def __matmul__(self, values: Array) -> Array:
@@ -69,12 +70,11 @@ class Basis:
 
     def _polynomial(self, coefficients: Array) -> Array:
         """Return polynomials in `t`, one for every cubic, shape (B,)."""
-        times = np.diff(self.starts, append=self.t.size)
         *lower, highest = coefficients
-        found: Array = highest.repeat(times)
+        found: Array = highest.repeat(self.counts)
         for of_power in lower[::-1]:
             found *= self.t
-            found += of_power.repeat(times)
+            found += of_power.repeat(self.counts)
         return found
 
     def _moments(self, x: Array, number: int) -> Array:
@@ -151,10 +151,10 @@ def _basis(of_knots: bytes, of_f: bytes) -> Basis:
         coefficients[:2, end] = spline(at), spline(at, 1)
     cubic = np.searchsorted(knots, u, side="right")
     starts = np.flatnonzero(np.diff(cubic, prepend=-1))
-    t = u - knots[np.maximum(cubic - 1, 0)]
-    for shared in (t, starts):
+    counts, t = np.diff(starts, append=u.size), u - knots[np.maximum(cubic - 1, 0)]
+    for shared in (t, starts, counts):
         shared.setflags(write=False)
-    return Basis(t, starts, np.ascontiguousarray(coefficients[:, cubic[starts]]))
+    return Basis(t, starts, counts, np.ascontiguousarray(coefficients[:, cubic[starts]]))
 
 
 @kept(8)
