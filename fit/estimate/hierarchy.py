@@ -165,19 +165,23 @@ def evidence(z: Array, columns: Array, widths: Sequence[Width]) -> tuple[float, 
         Logarithms of the likeliest widths.
     """
     points = np.array(list(product(*(np.log(w.scale) + COARSE for w in widths))))
-    density = np.array([_density(z, columns, widths, point) for point in points])  # 0 if there are none
+    seen: dict[tuple[float, ...], tuple[Array, Array]] = {}
+
+    def log_density(log_widths: Array) -> float:
+        apart = tuple(np.round(log_widths - log_widths[0], 9))  # in one proportion they have the same axes
+        if apart not in seen:
+            units = np.zeros(columns.shape[1])
+            for width, by in zip(widths, apart, strict=True):
+                units[list(width.members)] = np.exp(by) * width.units
+            seen[apart] = _along_axes(z, columns * units)
+        power, squares = seen[apart]
+        taken, log_det = _absorbed(power, squares * np.exp(2 * log_widths[0]))
+        priors = sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True))
+        return float(taken / 2 - log_det / 2 + priors)
+
+    density = np.array([log_density(point) for point in points])  # 0 if there are none
     volume = len(widths) * np.log(COARSE[1] - COARSE[0])
     return float(scipy.special.logsumexp(density) + volume), points[np.argmax(density)]
-
-
-def _density(z: Array, columns: Array, widths: Sequence[Width], log_widths: Array) -> float:
-    """Return the logarithm of the density of the logarithms of the widths."""
-    units = np.zeros(columns.shape[1])
-    for width, log_width in zip(widths, log_widths, strict=True):
-        units[list(width.members)] = np.exp(log_width) * width.units
-    taken, log_det = absorbed(z, columns * units)
-    priors = sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True))
-    return float(taken / 2 - log_det / 2 + priors)
 
 
 def absorbed(z: Array, columns: Array) -> tuple[float, float]:
@@ -188,9 +192,17 @@ def absorbed(z: Array, columns: Array) -> tuple[float, float]:
     z, columns : ndarray, shapes (N,) and (N, P)
         As for `evidence`.
     """
+    return _absorbed(*_along_axes(z, columns))
+
+
+def _along_axes(z: Array, columns: Array) -> tuple[Array, Array]:
+    """Return the power of data along the axes of columns, and the squares of these, of shape (A,) each."""
     axes, size, _ = np.linalg.svd(columns, full_matrices=False)
-    taken = np.sum((axes.T @ z) ** 2 * size**2 / (1 + size**2))
-    return float(taken), float(np.sum(np.log1p(size**2)))
+    return (axes.T @ z) ** 2, size**2
+
+
+def _absorbed(power: Array, squares: Array) -> tuple[float, float]:
+    return float(np.sum(power * squares / (1 + squares))), float(np.sum(np.log1p(squares)))
 
 
 def integrate(normal: Normal, widths: Sequence[Width]) -> Mixture:
