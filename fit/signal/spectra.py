@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 import scipy
@@ -68,10 +67,10 @@ class Spectra:
 
     def band(self, low: float, high: float) -> "Spectra":
         """Return the bins from `low` to `high` [Hz]."""
-        kept = (self.f >= low) & (self.f <= high)
+        begin = int(np.searchsorted(self.f, low))
+        kept = slice(begin, int(np.searchsorted(self.f, high, side="right")))
         f, columns, nuisance = self.f[kept], self.columns[kept], self.nuisance[kept]
-        first = self.first + int(np.argmax(kept))
-        return replace(self, f=f, columns=columns, nuisance=nuisance, first=first)
+        return replace(self, f=f, columns=columns, nuisance=nuisance, first=self.first + begin)
 
     def summed(self, c: Array) -> "Spectra":
         """Return the same with one column: the sum of the first K with the coefficients c, shape (K,)."""
@@ -100,13 +99,24 @@ def transform(
     """
     n = scipy.fft.prev_fast_len(len(columns))
     w, bins = window(valid[:n], fs), _bins(n, fs, band)
-    even = np.stack([np.ones(n), np.linspace(-1, 1, n)], axis=1)
-    nuisance = [windowed(part, w, fs, bins) for part in chain([even], beside)]
+    even = _whole(n, fs, bins.start, bins.stop) if valid[:n].all() else _even(w, fs, bins)
+    nuisance = [even, *(windowed(part, w, fs, bins) for part in beside)]
     if impulses is not None:
         seen = impulses[impulses < n]
         nuisance.append(patches.columns(seen[w[seen] > 0], n, bins))  # what the window leaves is as good
     f = np.arange(bins.start, bins.stop) * fs / n
     return Spectra(f, windowed(columns, w, fs, bins), np.hstack(nuisance), w, tau, bins.start)
+
+
+def _even(w: Array, fs: float, bins: slice) -> Spectrum:
+    """Return constant and ramp under a window, shape (B, 2)."""
+    return windowed(np.stack([np.ones(w.size), np.linspace(-1, 1, w.size)], axis=1), w, fs, bins)
+
+
+@kept(8)
+def _whole(n: int, fs: float, first: int, end: int) -> Spectrum:
+    """Return the same for a run without masks, at the bins from `first` on."""
+    return _even(_tukey(n, TAPER), fs, slice(first, end))
 
 
 def windowed(columns: Array, w: Array, fs: float, bins: slice | None = None) -> Spectrum:
