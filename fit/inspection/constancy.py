@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.inspection import culprits
-from fit.inspection.first_fit import delays, least
+from fit.inspection.first_fit import first, least
 from fit.model import dynamics
 from fit.paper import DELAYS, experiment_parameters
 from fit.signal import NoiseModel, fit_noise, spectra
@@ -55,7 +55,7 @@ class _Blocks:
 def change(experiment: Experiment) -> str | None:
     """Return what changes in the sysid run of an experiment; None if all of it obeys one equation."""
     noise = _noise(experiment)
-    tau = delays(experiment.sysid)
+    tau = first(experiment.sysid).tau
     blocks = _blocks(experiment.sysid, noise, tau)
     total = blocks.grams.sum(axis=0)
     before = np.cumsum(blocks.grams, axis=0)[:-1]

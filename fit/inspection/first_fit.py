@@ -1,5 +1,6 @@
 """A first fit of one run, before any estimate: free of what experiments share."""
 
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,30 +20,44 @@ STEPS = 8
 _FORCES = tuple((dynamics.COLUMNS.index(f"f_{j}"), dynamics.COLUMNS.index(f"df_{j}")) for j in (1, 2))
 
 
-def delays(run: Run) -> tuple[float, float]:
-    """Return delays [s] about which to expand a run: those of the flight, unless far others fit better.
+@dataclass(frozen=True)
+class First:
+    """A first fit.
 
-    What lies seconds off is no linear delay at the fastest tones: it would pass for glitches.
+    Attributes
+    ----------
+    tau : tuple of float
+        Delays [s] about which to expand the run: those of the flight, unless far others fit better. What lies
+        seconds off is no linear delay at the fastest tones: it would pass for glitches.
+    c : ndarray, shape (P,)
+        Coefficients of its columns that leave the least, by `shape`.
     """
+
+    tau: tuple[float, float]
+    c: NDArray[np.float64]
+
+
+def first(run: Run) -> First:
+    """Return the first fit of a run."""
     if run not in _FOUND:  # most runs are asked for again, when their glitches have been looked for
-        _FOUND[run] = _delays(run)
+        _FOUND[run] = _first(run)
     return _FOUND[run]
 
 
-_FOUND: WeakKeyDictionary[Run, tuple[float, float]] = WeakKeyDictionary()
+_FOUND: WeakKeyDictionary[Run, First] = WeakKeyDictionary()
 
 
-def _delays(run: Run) -> tuple[float, float]:
-    found, most, tau = DELAYS, np.inf, DELAYS
+def _first(run: Run) -> First:
+    most, tau = np.inf, DELAYS
     for _ in range(STEPS):
         terms = run.spectra(tau)
         U = linear.whiten(terms, shape(terms.f))[0]
         c = least(U)
         left = float(np.sum(np.abs(U @ c) ** 2))
         if tau == DELAYS:
-            most = left / (1 + GAINED / (2 * len(U)))
+            found, most = First(tau, c), left / (1 + GAINED / (2 * len(U)))
         elif left < most:
-            found, most = tau, left
+            found, most = First(tau, c), left
         else:
             break
         acting = [GAINS[0] < abs(c[f]) < GAINS[1] for f, _ in _FORCES]
@@ -74,5 +89,7 @@ def least(U: Spectrum) -> NDArray[np.float64]:
     rows = linear.stacked(U)
     norms = np.linalg.norm(rows, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    c = np.linalg.lstsq(rows[:, 1:] / scale[1:], -rows[:, 0])[0] / scale[1:]
+    R = np.asarray(np.linalg.qr(rows / scale, mode="r"))  # as good as the rows, and far smaller
+    rounding = len(rows) * np.finfo(np.float64).eps
+    c = np.linalg.lstsq(R[:, 1:], -R[:, 0] * scale[0], rcond=rounding)[0] / scale[1:]
     return np.array([1.0, *c])

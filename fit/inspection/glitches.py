@@ -26,7 +26,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.inspection.first_fit import delays, least, shape
+from fit.inspection.first_fit import first, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
@@ -79,15 +79,15 @@ class Hunt:
     """
 
     def __init__(self, experiment: Experiment) -> None:
-        tau = delays(experiment.sysid)
-        self._sysid = _Search(experiment.sysid, tau)
-        self._noise = _Search(experiment.noise, tau) if experiment.noise else None
-        self._weigh()
+        begun = first(experiment.sysid)
+        self._sysid = _Search(experiment.sysid, begun.tau)
+        self._noise = _Search(experiment.noise, begun.tau) if experiment.noise else None
+        self._weigh(begun.c)
 
-    def _weigh(self) -> None:
-        coefficients = self._sysid.weigh()
+    def _weigh(self, c: Array | None = None) -> None:
+        self._sysid.weigh(c)
         if self._noise:
-            self._noise.weigh(coefficients)
+            self._noise.weigh(self._noise.named(self._sysid.coefficients))
 
     @property
     def lacks(self) -> bool:
@@ -211,21 +211,25 @@ class _Search:
         self._shapes: list[Glitch] = []
         self._names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
         self._model: NoiseModel | None = None
+        self._left: tuple[Array, Array, Array] | None = None
         self._tau = tau
 
-    def weigh(self, coefficients: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Fit the PSD of the residual and, unless they are given, the coefficients of the columns."""
+    def weigh(self, c: Array | None) -> None:
+        """Take the coefficients of the columns, shape (P,), or fit them, and what they leave for noise."""
         terms = self.run.spectra(self._tau)
         S = self._S(terms.f)
-        U, left = linear.whiten(terms, S)
-        if coefficients is None:
-            self._c = least(U)
-        else:  # a noise run may carry other read-outs of spacecraft motion than the sysid run
-            self._c = np.array([coefficients.get(name, 0.0) for name in self._names])
-        with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
-            power = np.abs(U @ self._c) ** 2 * S / 2
-            self._model = fit_noise(terms.f, power, np.maximum(left, 0))
+        self._c = least(linear.whiten(terms, S)[0]) if c is None else c
+        z, left = linear.whiten(terms.summed(self._c), S)
+        self._left = terms.f, np.abs(z[:, 0]) ** 2 * S / 2, np.maximum(left, 0)
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Those of the columns, by name."""
         return dict(zip(self._names, self._c.tolist(), strict=True))
+
+    def named(self, coefficients: Mapping[str, float]) -> Array:
+        """Return those of another run; one may carry read-outs of spacecraft motion that the other lacks."""
+        return np.array([coefficients.get(name, 0.0) for name in self._names])
 
     def lacks(self, noise: "_Search | None") -> bool:
         """Return whether most of what stands out, and that is much, is where the run is driven."""
@@ -243,7 +247,11 @@ class _Search:
         return float(beyond[driven].sum()) > ALMOST * excess
 
     def _S(self, f: Array) -> Array:
-        """Return the PSD found before, at first the shape it had in flight, shape (B,)."""
+        """Return the PSD of what is left, shape (B,), at first the shape it had in flight."""
+        if self._left:  # most are never asked for, as the noise run tells it
+            with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
+                self._model = fit_noise(*self._left)
+            self._left = None
         return self._model.expected(f) if self._model else shape(f)
 
     def look(self, noise: "_Search | None") -> bool:
