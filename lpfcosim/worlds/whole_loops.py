@@ -162,18 +162,17 @@ def controllers(run: Run) -> tuple[Array, Array, Array, Array]:
     sc = equipment(run)
     x = {"drag_free_x": run.drag_free, "suspension_x": run.suspension}
     others = {"drag": sc.rotation, "suspension": sc.angles}
-    parts = []
-    for name in LOOPS:
+    n = len(LOOPS)
+    A, B, C, D = np.zeros((3 * n, 3 * n)), np.zeros((3 * n, n)), np.zeros((n, 3 * n)), np.zeros((n, n))
+    for i, name in enumerate(LOOPS):
+        own = slice(3 * i, 3 * i + 3)
         if name.startswith("attitude"):
-            parts.append(sampled_lead(sc.attitude, run.h))
+            A[own, own], B[own, i], C[i, own], D[i, i] = sampled_lead(sc.attitude, run.h)
             continue
         law = x.get(name) or others[name.split("_")[0]]
-        decay, entry, direct = sampled(law, run.h)
-        parts.append((np.diag(decay), entry, np.ones(3), direct))
-    A, B, C, D = zip(*parts, strict=True)
-    columns, rows = ([b[:, np.newaxis] for b in B], [c[np.newaxis] for c in C])
-    A_c, B_c, C_c = (scipy.linalg.block_diag(*blocks) for blocks in (A, columns, rows))
-    return A_c, B_c, C_c, np.diag(D)
+        decay, B[own, i], D[i, i] = sampled(law, run.h)
+        A[own, own], C[i, own] = np.diag(decay), 1.0
+    return A, B, C, D
 
 
 def loop(run: Run) -> Loop:
