@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 PASSED, STOPPED = 0.2, 0.5  # of the rate that is left
 REJECTED = 120  # dB
+TOGETHER = 4  # channels, whose transforms a processor keeps at hand
+GATHERED = 10_000  # samples of each channel that are handed on, and written, at a time
 
 
 @dataclass(frozen=True)
@@ -51,32 +53,37 @@ def taps(factor: int) -> Array:
 
 
 class _LowPass:
-    """A filter of many channels: the bits of `scipy.signal.oaconvolve`, its taps transformed once."""
+    """A filter of several channels: every so many-th of the bits of `scipy.signal.oaconvolve`.
 
-    def __init__(self, low_pass: Array) -> None:
-        self.size = low_pass.size
-        self._taps = low_pass
-        lost = low_pass.size - 1
+    Its taps are transformed once.
+    """
+
+    def __init__(self, factor: int) -> None:
+        self._factor, self._taps = factor, taps(factor)
+        self.size, lost = self._taps.size, self._taps.size - 1
         # the length of a transform that costs least for each sample, as oaconvolve has it
         best = -lost * scipy.special.lambertw(-1 / (2 * math.e * lost), k=-1).real
         self._length = int(scipy.fft.next_fast_len(math.ceil(best)))
-        self._transformed = scipy.fft.rfft(low_pass, self._length)
+        self._transformed = scipy.fft.rfft(self._taps, self._length)
 
-    def __call__(self, x: Array) -> Array:
-        """Return the filtered channel where the filter fits."""
-        lost, step = self.size - 1, self._length - self.size + 1
-        if x.size <= self._length:
-            length = scipy.fft.next_fast_len(x.size + lost, real=True)
-            spectrum = scipy.fft.rfft(x, length) * scipy.fft.rfft(self._taps, length)
-            return np.asarray(scipy.fft.irfft(spectrum, length)[lost : x.size])
-        blocks = -(-x.size // step)
-        padded = np.zeros(blocks * step)
-        padded[: x.size] = x
-        spectra = scipy.fft.rfft(padded.reshape(blocks, step), self._length, axis=1)
+    def __call__(self, x: Array, n: int) -> Array:
+        """Filter channels, shape (C, m); return the first n samples where the filter fits, shape (C, n)."""
+        (channels, m), lost = x.shape, self.size - 1
+        at = lost + self._factor * np.arange(n)
+        if m <= self._length:
+            length = scipy.fft.next_fast_len(m + lost, real=True)
+            spectra = scipy.fft.rfft(x, length, axis=1) * scipy.fft.rfft(self._taps, length)
+            return np.asarray(scipy.fft.irfft(spectra, length, axis=1)[:, at])
+        step = self._length - lost
+        whole, rest = divmod(m, step)
+        padded = np.zeros((channels, whole + (rest > 0), self._length))
+        padded[:, :whole, :step] = x[:, : whole * step].reshape(channels, whole, step)
+        padded[:, whole:, :rest] = x[:, np.newaxis, whole * step :]
+        spectra = scipy.fft.rfft(padded, axis=2)
         spectra *= self._transformed
-        found = scipy.fft.irfft(spectra, self._length, axis=1)
-        found[1:, :lost] += found[:-1, step:]
-        return np.asarray(found[:, :step].reshape(-1)[lost : x.size])
+        found = scipy.fft.irfft(spectra, self._length, axis=2)
+        found[:, 1:, :lost] += found[:, :-1, step:]
+        return np.take(found.reshape(channels, -1), at // step * self._length + at % step, axis=1)
 
 
 def grid(run: Run) -> Grid:
@@ -105,11 +112,44 @@ def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mappin
     if factor == 1:
         yield from blocks
         return
-    low_pass = _LowPass(taps(factor))
-    left: dict[str, Array] = {}
+    yield from _gathered(_thinned(_LowPass(factor), factor, blocks))
+
+
+def _thinned(
+    low_pass: _LowPass, factor: int, blocks: Iterable[Mapping[str, Array]]
+) -> Iterator[dict[str, Array]]:
+    left: dict[int, Array] = {}  # of every few channels, what the filter has still to see
     for block in blocks:
-        held = {name: np.concatenate([left.get(name, x[:0]), x]) for name, x in block.items()}
-        n = max(0, (next(iter(held.values())).size - low_pass.size) // factor + 1)
-        if n:
-            yield {name: low_pass(x)[::factor][:n].copy() for name, x in held.items()}
-        left = {name: x[n * factor :] for name, x in held.items()}
+        names, found = list(block), dict[str, Array]()
+        for i in range(0, len(names), TOGETHER):
+            some = names[i : i + TOGETHER]
+            before = left.get(i, np.empty((len(some), 0)))
+            held = np.empty((len(some), before.shape[1] + block[some[0]].size))
+            held[:, : before.shape[1]] = before
+            for row, name in zip(held[:, before.shape[1] :], some, strict=True):
+                row[:] = block[name]
+            n = max(0, (held.shape[1] - low_pass.size) // factor + 1)
+            if n:
+                found |= zip(some, low_pass(held, n), strict=True)
+            left[i] = held[:, n * factor :].copy()
+        if found:
+            yield found
+
+
+def _gathered(blocks: Iterable[Mapping[str, Array]]) -> Iterator[dict[str, Array]]:
+    """Join blocks until they have `GATHERED` samples."""
+    held: list[Mapping[str, Array]] = []
+    n = 0
+    for block in blocks:
+        held.append(block)
+        n += next(iter(block.values())).size
+        if n >= GATHERED:
+            yield _joined(held)
+            held, n = [], 0
+    if held:
+        yield _joined(held)
+
+
+def _joined(blocks: Iterable[Mapping[str, Array]]) -> dict[str, Array]:
+    first, *others = blocks
+    return {name: np.concatenate([x, *(block[name] for block in others)]) for name, x in first.items()}

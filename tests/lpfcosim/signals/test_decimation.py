@@ -72,8 +72,18 @@ def test_taps_have_the_bits_of_scipy(factor):
 
 @pytest.mark.parametrize("size", [263, 300, 2262, 2500, 2501, 10_262])
 def test_the_filter_has_the_bits_of_scipy(size):
-    low_pass = decimation.taps(10)
-    x = np.random.default_rng(size).standard_normal(size).cumsum()
-    np.testing.assert_array_equal(
-        decimation._LowPass(low_pass)(x), scipy.signal.oaconvolve(x, low_pass, mode="valid")
-    )
+    x = np.random.default_rng(size).standard_normal((3, size)).cumsum(axis=1)
+    wanted = [scipy.signal.oaconvolve(row, decimation.taps(10), mode="valid")[::10] for row in x]
+    np.testing.assert_array_equal(decimation._LowPass(10)(x, len(wanted[0])), wanted)
+
+
+def test_what_is_handed_on_is_worth_writing(make_run):
+    run = make_run(n_samples=250_000, sample_rate=1.0)
+    names = [f"c{i}" for i in range(decimation.TOGETHER + 1)]
+    x = dict(zip(names, np.random.default_rng(1).standard_normal((len(names), run.n_samples)), strict=True))
+    blocks = [{name: values[i : i + 10_000] for name, values in x.items()} for i in range(0, 250_000, 10_000)]
+    found = list(decimation.decimate(run, blocks))
+    assert [block["c0"].size for block in found] == [10_974, 10_000, 4_000]
+    for name in names:
+        alone = np.concatenate([b[name] for b in decimation.decimate(run, [{name: b[name]} for b in blocks])])
+        np.testing.assert_array_equal(np.concatenate([block[name] for block in found]), alone)
