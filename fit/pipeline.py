@@ -100,8 +100,7 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
     periods: dict[str, list[Telemetry]] = {}
     for run in filter(inertial.takes_part, telemetries):
         periods.setdefault(inertial_period(run), []).append(run)
-    joint = results.joint
-    if joint is None or not periods:
+    if (joint := results.joint) is None or not periods:
         return results
     give_back()  # what the dynamics needed beyond that
     fits = {name: _doubted(inertial.fit_period(runs, joint), joint) for name, runs in periods.items()}
@@ -207,7 +206,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, diagnosed: boo
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    ready = _prepared(found, chosen).without(admission.mislabelled(found, telemetries))
+    ready = _prepared(found, chosen, diagnosed).without(admission.mislabelled(found, telemetries))
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
@@ -223,13 +222,15 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, diagnosed: boo
     return Results(joint, own, cross_talk, {}, _provenance(ready, together, chosen))
 
 
-def _prepared(found: Sequence[Experiment], chosen: Settings) -> _Ready:
+def _prepared(found: Sequence[Experiment], chosen: Settings, diagnosed: bool) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     upto(0.25)
     first = admission.faults([e for e in found if e.name not in chosen.exclude])
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
     upto(0.45)
     made = prepare_each(found, chosen, faulty)
+    if diagnosed:  # else another campaign comes, to which what is kept is of use
+        give_back()
     prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
     left_out += [LeftOut(name, str(error)) for name, error in refused.items()]
@@ -380,8 +381,7 @@ def _doubted(fit: Fit, joint: Fit | None) -> Fit:
 
 def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> Provenance:
     periods: dict[str, set[str]] = {}
-    for e in ready.taking_part:
-        run = e.sysid.telemetry
+    for run in (e.sysid.telemetry for e in ready.taking_part):
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
     best = bump.subtraction(together.outcome, ready.taking_part, Sharing(chosen.shared)) if together else {}

@@ -17,6 +17,7 @@ __all__ = [
     "Panel",
     "Points",
     "Span",
+    "analysis",
     "gain",
     "leakage",
     "mission",

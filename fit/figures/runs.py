@@ -1,13 +1,14 @@
 """Figures of a run: responses to the injections, Delta g, its terms, and its residual over time."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.figures.analysis import FAST, HIGHEST, SLOW, Analysis
 from fit.figures.charts import (
     ASD,
     FREQUENCY,
@@ -23,18 +24,16 @@ from fit.figures.charts import (
     chart,
     limits,
 )
-from fit.figures.series import averaged, envelope, struck
+from fit.figures.series import envelope, struck
 from fit.model import dynamics
-from fit.signal import Binned, Estimator, derivatives
-from fit.telemetry import Telemetry, pieces
+from fit.signal import Binned, derivatives
+from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 _Series = tuple[Array, Array]
 
 _SUBSCRIPTS = str.maketrans("x12", "ₓ₁₂")
-LOWEST, HIGHEST = 1e-4, 1.0  # Hz, shown at most
-_AT_ONCE = 2**15  # samples of which all columns are made
-SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
+LOWEST = 1e-4  # Hz, shown at most
 _SIGNAL = Axis("acceleration", "pm s⁻²", "value - mean")
 _RESIDUAL = Axis("residual Δg", "fm s⁻²", "value - mean")
 #: How the terms of Delta g (`dynamics.TERMS`) are drawn.
@@ -93,128 +92,6 @@ def _prefix(largest: float) -> tuple[float, str]:
         if largest * factor >= 1:
             return factor, prefix
     return 1e15, "f"
-
-
-@dataclass(frozen=True)
-class Terms:
-    """Delta g of a run and what it is made of, up to the `HIGHEST` frequency that is shown.
-
-    Attributes
-    ----------
-    fs : float
-        Sample rate [Hz].
-    time : ndarray, shape (N,)
-        Seconds since the start of the run.
-    valid : ndarray of bool, shape (N,)
-        False where samples are missing.
-    delta_g : ndarray, shape (N,)
-        The sum of all terms [m s^-2].
-    terms : mapping of str to ndarray, each of shape (N,)
-        The terms, with their signs, that are not zero throughout [m s^-2].
-    """
-
-    fs: float
-    time: Array
-    valid: NDArray[np.bool_]
-    delta_g: Array
-    terms: Mapping[str, Array]
-
-
-def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
-    """Return the terms of Delta g; of a noise run only their sum.
-
-    Parameters
-    ----------
-    telemetry : Telemetry
-        The run.
-    parameters : mapping
-        Those of `fit.model.dynamics.residual`.
-    """
-    run = dynamics.beyond(telemetry, HIGHEST)
-    theta = np.array([parameters.get(name, 0.0) for name in run.parameters])
-    inner = slice(derivatives.HALF, -derivatives.HALF)
-    time, n = run.time[inner], run.time[inner].size
-    valid, total = np.empty(n, dtype=bool), np.empty(n)
-    terms = {} if telemetry.kind == "noise" else {term.name: np.zeros(n) for term in dynamics.TERMS}
-    # Of weeks, all columns fill the memory.
-    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF, each=_AT_ONCE):
-        found = dynamics.columns(_part(run, piece), dynamics.delays(theta))
-        there = slice(piece.start, piece.start + found.valid.size)
-        valid[there], total[there] = found.valid, dynamics.total(found, theta)
-        for name, term in (dynamics.terms(found, theta) if terms else {}).items():
-            if np.any(term):  # zeros that nobody touches take no memory
-                terms[name][there] = term
-    known = {name: term for name, term in terms.items() if np.any(term)}  # not where nothing is commanded
-    return Terms(run.fs, time, valid, total, known)
-
-
-def _part(run: dynamics.Channels, piece: slice) -> dynamics.Channels:
-    """Return a stretch of the channels of a run."""
-    of_run: dict[str, Any] = {
-        name: getattr(run, name)[piece] for name in ("time", "valid", *dynamics.CHANNELS)
-    }
-    return replace(run, **of_run, means={name: x[piece] for name, x in run.means.items()})
-
-
-@dataclass(frozen=True)
-class Analysis:
-    """What the figures of a run show: its residual over time, and spectra. What is zero throughout has none.
-
-    Series are pairs of hours since the start of the run and values [fm s^-2] less their mean, NaN where
-    samples are missing; None where nothing is left of the run.
-
-    Attributes
-    ----------
-    fs : float
-        Sample rate [Hz].
-    missing, masked : ndarray, shape (G, 2)
-        Begin and end of every stretch where samples are missing, and of glitches [h since the start].
-    fast, slow : tuple of ndarray, or None
-        Delta g averaged over `FAST` and over `SLOW`.
-    signal : tuple of ndarray, or None
-        Second derivative of o_12 averaged over `FAST`; None of a noise run.
-    asd : Binned or None
-        Of Delta g without what was masked; None of a simulation without noise.
-    terms : mapping of str to Binned
-        Of its terms; none of a noise run.
-    """
-
-    fs: float
-    missing: Array
-    masked: Array
-    fast: _Series | None
-    slow: _Series | None
-    signal: _Series | None
-    asd: Binned | None
-    terms: Mapping[str, Binned]
-
-
-def analysed(
-    telemetry: Telemetry, parameters: Mapping[str, float], masked: Sequence[tuple[float, float]] = ()
-) -> Analysis:
-    """Return what the figures of a run show; see `split`.
-
-    The spectrum of Delta g leaves out what was `masked`, begin and end [s], unless that is half of the run.
-    """
-    run = split(telemetry, parameters)
-    start = float(telemetry.instants(slice(1))[0])
-    signal = run.terms.get("ddo_12", np.zeros(0))
-    fast, slow = (_over_time(run, run.delta_g, length, start) for length in (FAST, SLOW))
-    drawn = _over_time(run, signal, FAST, start) if np.any(signal[run.valid[: signal.size]]) else None
-    estimator = Estimator(run.valid, run.fs, HIGHEST)  # now: of weeks, it and all that fill the memory
-    quiet = run.valid & ~struck(run.time, masked)
-    enough = run.valid.sum() > quiet.sum() > quiet.size / 2
-    of_sum = Estimator(quiet, run.fs, HIGHEST) if enough else estimator
-    return Analysis(
-        run.fs,
-        (derivatives.stretches(~run.valid) / run.fs + run.time[0] - start) / 3600,
-        (np.reshape(masked, (-1, 2)) - start) / 3600,
-        fast,
-        slow,
-        drawn,
-        of_sum.asd(run.delta_g) if np.any(run.delta_g) else None,
-        {name: estimator.asd(term) for name, term in run.terms.items()},
-    )
 
 
 def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
@@ -337,17 +214,6 @@ def _signal(found: Analysis, across: Limits) -> list[Panel]:
     )
     quiet = [_beside(series, found.masked) for series in ((x, 1e-3 * y), (at, 1e-3 * residual))]
     return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, quiet), 1.15)]
-
-
-def _over_time(run: Terms, values: Array, length: float, start: float) -> _Series | None:
-    """Return hours since `start`, and a series less its mean [fm s^-2] averaged over so many seconds."""
-    there = np.where(run.valid, values, np.nan)
-    if not np.isfinite(there).any():
-        return None
-    every = max(1, round(length / 4 * run.fs))
-    return (run.time[::every] - start) / 3600, 1e15 * averaged(
-        there - np.nanmean(there), length * run.fs, every
-    )
 
 
 def _smooth(name: str, label: str, role: str, series: _Series, width: float) -> Curve:

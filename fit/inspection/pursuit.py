@@ -8,7 +8,7 @@ Glitches that hide each other are subtracted one after another, the strongest fi
 What is clearly one is subtracted as the shape, of any kind, that comes closest (`closest`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -32,6 +32,7 @@ MOST = 5  # are subtracted before the first is judged
 BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
 LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
 KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
+LONG = 2**14  # bins, beyond which what the bank looks like there is not kept
 FINEST = 1e-3  # of tau, to which begin and times are sought
 
 
@@ -67,10 +68,9 @@ def _anywhere(view: View, shape: Shape) -> float:
 
 def pursue(view: View) -> list[Found]:
     """Return the long glitches that stand out of the noise, in the order of their subtraction."""
-    filters = _filters(view)
     left, taken = view, []
     for _ in range(MOST):
-        pointed_at = _strongest(left, filters)
+        pointed_at = _strongest(left)
         found = _fitted(left, pointed_at) if pointed_at else None
         if not found:
             break
@@ -113,39 +113,47 @@ class _Filters:
     dof: Array
 
 
-def _filters(view: View) -> list[_Filters]:
+def _filters(view: View) -> Iterator[_Filters]:
     rms = float(np.sqrt(np.mean(view.window**2)))
-    found = []
     weight = 1 / view.S
     whitening = np.sqrt(weight)
-    for alike, transforms, squares in _transforms(view.duration, view.f.tobytes()):
+    for alike, transforms, squares in _bank(view.duration, view.f):
         bins = slice(transforms.shape[1])
         powers = squares * weight[bins]
         totals = powers.sum(axis=1, keepdims=True)
         responses = transforms * (whitening[bins] * (rms / np.sqrt(totals)))
         dof = 2 * totals**2 / np.sum(powers**2, axis=1, keepdims=True)
-        found.append(_Filters(alike, responses, dof))
-    return found
+        yield _Filters(alike, responses, dof)
+
+
+def _bank(duration: float, f: Array) -> Iterable[tuple[Sequence[Shape], Spectrum, Array]]:
+    """Return the shapes of the bank by tau, with conjugate transforms and power in the bins that it needs."""
+    if f.size > LONG:  # one such run would fill the memory with them
+        return _transforms(duration, f)
+    return _known(duration, f.tobytes())
 
 
 @kept(8)  # the runs of a campaign have few lengths
-def _transforms(duration: float, of_f: bytes) -> list[tuple[list[Shape], Spectrum, Array]]:
-    """Return the shapes of the bank by tau, with conjugate transforms and power in the bins that it needs."""
-    f, found = np.frombuffer(of_f), []
-    for tau, of_tau in groupby(shapes.bank(duration), key=lambda shape: shape.tau):
-        bins, alike = max(2, int(np.searchsorted(2 * np.pi * f * tau, BAND))), list(of_tau)
-        transforms = np.array([shape.transform(f[:bins]).conj() for shape in alike])
-        found.append((alike, transforms, np.abs(transforms) ** 2))
-        for shared in found[-1][1:]:
+def _known(duration: float, of_f: bytes) -> list[tuple[Sequence[Shape], Spectrum, Array]]:
+    found = list(_transforms(duration, np.frombuffer(of_f)))
+    for _, *both in found:
+        for shared in both:
             shared.setflags(write=False)
     return found
 
 
-def _strongest(view: View, filters: Sequence[_Filters]) -> Glitch | None:
+def _transforms(duration: float, f: Array) -> Iterator[tuple[Sequence[Shape], Spectrum, Array]]:
+    for tau, of_tau in groupby(shapes.bank(duration), key=lambda shape: shape.tau):
+        bins, alike = max(2, int(np.searchsorted(2 * np.pi * f * tau, BAND))), list(of_tau)
+        transforms = np.array([shape.transform(f[:bins]).conj() for shape in alike])
+        yield alike, transforms, np.abs(transforms) ** 2
+
+
+def _strongest(view: View) -> Glitch | None:
     """Return what exceeds its threshold most, if it comes near it."""
     whitened = view.residual.view(np.complex128)
     best, most = None, SUSPECT
-    for of in filters:
+    for of in _filters(view):
         K, bins = of.responses.shape
         n = scipy.fft.next_fast_len(2 * bins + 2, real=True)
         padded = np.zeros((K, n // 2 + 1), dtype=np.complex128)

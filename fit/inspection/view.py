@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.signal import spectra
+from fit.telemetry import pieces
 from fit.weighing import Glitch, shapes
 
 Array = NDArray[np.float64]
@@ -111,9 +112,11 @@ class View:
 
     def _columns(self, glitches: Sequence[Glitch]) -> tuple[Array, NDArray[np.bool_]]:
         """Return glitches as columns, shape (G, 2 B), zero where little is left, and where it is enough."""
-        series = shapes.series(glitches, self.time[: self.window.size], self.fs)
-        series *= self.window
-        whole = (scipy.fft.rfft(series)[:, 1 : self.f.size + 1] * self._scale).view(np.float64)
+        n, whole = self.window.size, np.empty((len(glitches), 2 * self.f.size))
+        for some in pieces(len(glitches), each=max(1, shapes.TOGETHER // n)):
+            series = shapes.series(glitches[some], self.time[:n], self.fs)
+            series *= self.window
+            whole[some] = (scipy.fft.rfft(series)[:, 1 : self.f.size + 1] * self._scale).view(np.float64)
         left = whole - (whole @ self.Q) @ self.Q.T
         norms = np.linalg.norm(left, axis=1)
         told = norms > LEAST * np.linalg.norm(whole, axis=1)
@@ -122,7 +125,7 @@ class View:
     def _near(self, glitches: Sequence[Glitch], stretch: slice) -> Traces:
         """Return the traces of glitches that reach the samples of a stretch and no others."""
         series = shapes.series(glitches, self.time[stretch], self.fs)
-        products = series @ self._answers[stretch]
+        products = series @ self._answers(stretch)
         series *= self.window[stretch]
         n = 2 << (stretch.stop - stretch.start).bit_length()
         if 3 * n // 4 >= 2 * (stretch.stop - stretch.start):
@@ -140,16 +143,26 @@ class View:
     def _scale(self) -> Array:
         return np.asarray(1 / np.sqrt(self.S))
 
+    def _answers(self, stretch: slice) -> Array:
+        """Return what samples of a series add to its products with the residual and Q, shape (n, 1 + K).
+
+        They are kept some way around the stretch, as glitches that are moved ask for little more.
+        """
+        first, known = self._known_answers.get("", (0, np.empty((0, 0))))
+        if not first <= stretch.start < stretch.stop <= first + len(known):
+            beside, n = stretch.stop - stretch.start, self.window.size
+            first, last = max(0, stretch.start - beside), min(n, stretch.stop + beside)
+            known = np.empty((last - first, 1 + self.Q.shape[1]), order="F")
+            for i, column in enumerate([self.residual, *self.Q.T]):
+                whitened = np.ascontiguousarray(column).view(np.complex128) * self._scale
+                known[:, i] = spectra.series(whitened[:, None], 1, n)[first:last, 0]
+            known *= (self.window[first:last] * (n / 2))[:, None]
+            self._known_answers[""] = first, known
+        return known[stretch.start - first : stretch.stop - first]
+
     @cached_property
-    def _answers(self) -> Array:
-        """What every sample of a series adds to its products with the residual and Q, shape (n, 1 + K)."""
-        n = self.window.size
-        whitened = np.empty((1 + self.Q.shape[1], self.f.size), dtype=np.complex128)
-        whitened.view(np.float64)[0], whitened.view(np.float64)[1:] = self.residual, self.Q.T
-        whitened *= self._scale
-        found = spectra.series(whitened.T, 1, n)
-        found *= (self.window * (n / 2))[:, None]
-        return found
+    def _known_answers(self) -> dict[str, tuple[int, Array]]:
+        return {}
 
     @cached_property
     def _kernel(self) -> Array:

@@ -8,7 +8,7 @@ runs of one alignment epoch that were archived alike agree upon it. What such a 
 known; the sum over the runs tells it where none of them does by itself.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import TypeVar
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
-from fit.signal import derivatives
+from fit.signal import Spectra, derivatives
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
@@ -27,8 +27,8 @@ from fit.weighing import Experiment, linear
 Array = NDArray[np.float64]
 _Name = TypeVar("_Name")
 #: From a run, those of its columns that faults are in and the coefficients of all to what faults of unit size
-#: add to Delta g, Q series of shape (M,), None for what is not of that run.
-Faults = Callable[[Experiment, dynamics.Columns, Array], Sequence[Array | None]]
+#: add to Delta g, Q series of shape (M,) one after the other, None for what is not of that run.
+Faults = Callable[[Experiment, dynamics.Columns, Array], Iterator[Array | None]]
 
 ALARM = 1e-4  # p-value of all faults of one kind together
 COMMON = 3.0  # sigma, by which a fault stands out of the runs without any one of them: one alone is odd
@@ -104,8 +104,10 @@ def lasting(experiments: Sequence[Experiment], outcome: Outcome) -> Lasting:
     """
     epochs, n = _epochs(experiments), len(DRIFTING)
 
-    def all_of_them(e: Experiment, terms: dynamics.Columns, c: Array) -> list[Array | None]:
-        return [*_drifting(terms), *_late(epochs, e, terms, c), _bent(e)]
+    def all_of_them(e: Experiment, terms: dynamics.Columns, c: Array) -> Iterator[Array | None]:
+        yield from _drifting(terms)
+        yield from _late(epochs, e, terms, c)
+        yield _bent(e)
 
     found = _amounts(experiments, outcome, all_of_them)
     drifts, late = _named([name for name, _, _ in DRIFTING], found[:n]), _named(epochs, found[n:])
@@ -170,10 +172,10 @@ def _told(of: Amount) -> str:
     return f"o_1 is {'late' if of.value > 0 else 'early'} by {abs(of.value):.2g} ± {of.sigma:.1g} s"
 
 
-def _drifting(terms: dynamics.Columns) -> list[Array]:
+def _drifting(terms: dynamics.Columns) -> Iterator[Array]:
     share = (terms.time - terms.time.mean()) / np.ptp(terms.time)
     at = dict(zip(terms.names, terms.values.T, strict=True))
-    return [share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING]
+    yield from (share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING)
 
 
 def _bent(experiment: Experiment) -> Array:
@@ -184,11 +186,11 @@ def _bent(experiment: Experiment) -> Array:
 
 def _late(
     epochs: Sequence[int], experiment: Experiment, terms: dynamics.Columns, c: Array
-) -> list[Array | None]:
+) -> Iterator[Array | None]:
     of_o_1 = [terms.names.index(name) for name in OF_O_1]
     weights = [c[dynamics.COLUMNS.index(name)] for name in OF_O_1]
     slope = np.gradient(terms.values[:, of_o_1] @ weights) * terms.fs
-    return [slope if epoch == experiment.sysid.telemetry.alignment_epoch else None for epoch in epochs]
+    yield from (slope if epoch == experiment.sysid.telemetry.alignment_epoch else None for epoch in epochs)
 
 
 @dataclass(frozen=True)
@@ -254,21 +256,33 @@ def _known(outcome: Outcome, width: Array) -> tuple[Array, Array]:
 
 
 def _sums(experiment: Experiment, block: linear.Block, theta: Array, width: Array, faults: Faults) -> _Sums:
-    run, noise = experiment.sysid, block.noise
+    noise, c = block.noise, block.coefficients(theta)
     assert noise is not None
-    terms, c = _of_read_outs(run.channels, block.tau), block.coefficients(theta)
-    added = faults(experiment, terms, c)
-    of_run = [i for i, x in enumerate(added) if x is not None]
-    spectra = run.transformed(np.stack([x for x in added if x is not None]).T, terms)
+    spectra, of_run = _added(experiment, block.tau, c, faults)
     E = linear.stacked(linear.whiten(spectra, noise.expected(spectra.f))[0])
     U = linear.stacked(block.columns)
-    weights = np.repeat(block.weights.fit, 2)
+    weights, at, n = np.repeat(block.weights.fit, 2), np.flatnonzero(of_run), len(of_run)
     r, weighed = weights * (U @ c), weights[:, None] * E
-    EE, UE, Er = np.zeros((len(added), len(added))), np.zeros((len(c), len(added))), np.zeros(len(added))
-    EE[np.ix_(of_run, of_run)], UE[:, of_run], Er[of_run] = E.T @ weighed, U.T @ weighed, E.T @ r
+    EE, UE, Er = np.zeros((n, n)), np.zeros((len(c), n)), np.zeros(n)
+    EE[np.ix_(at, at)], UE[:, at], Er[at] = E.T @ weighed, U.T @ weighed, E.T @ r
     rows = block.gradient(theta) * width
     GG = width[:, None] * linear.information([block], theta) * width
     return _Sums(EE, rows.T @ UE, GG, Er, rows.T @ (U.T @ r))
+
+
+def _added(
+    experiment: Experiment, tau: tuple[float, float], c: Array, faults: Faults
+) -> tuple[Spectra, list[bool]]:
+    """Return the spectra of what faults add to a run, and which of them are of that run."""
+    terms, of_run = _of_read_outs(experiment.sysid.channels, tau), list[bool]()
+
+    def one_by_one() -> Iterator[Array]:
+        for x in faults(experiment, terms, c):
+            of_run.append(x is not None)
+            if x is not None:
+                yield x[:, None]
+
+    return experiment.sysid.transformed(one_by_one(), terms), of_run
 
 
 def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.Columns:

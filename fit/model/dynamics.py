@@ -25,7 +25,7 @@ torques leak along x. It is fitted along, lest it count as noise, and not report
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import chain
 
@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import derivatives
-from fit.telemetry import MAX_MISSING, Row, Telemetry
+from fit.telemetry import MAX_MISSING, Telemetry
 
 Array = NDArray[np.float64]
 
@@ -188,18 +188,19 @@ class Channels:
 
 def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
     """Low-pass and decimate what the equation needs; without `motion` nothing but what Delta g_x does."""
-    return _channels(telemetry, means(telemetry) if motion else (), *derivatives.low_pass(telemetry.fs))
+    return _channels(telemetry, *derivatives.low_pass(telemetry.fs), motion=motion)
 
 
 def beyond(telemetry: Telemetry, f_max: float) -> Channels:
     """Return what the equation needs up to `f_max` [Hz] beyond the fitted band, there right to 0.3 %."""
-    return _channels(telemetry, means(telemetry), *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max))
+    return _channels(telemetry, *derivatives.low_pass(telemetry.fs, f_max, 3 * f_max), motion=True)
 
 
-def _channels(telemetry: Telemetry, more: Iterable[tuple[str, Row]], taps: Array, factor: int) -> Channels:
+def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> Channels:
     kept, own = {}, ((name, telemetry.row(name)) for name in CHANNELS)
-    touched, gone = np.zeros(1, dtype=bool), np.zeros(1, dtype=bool)
-    for name, raw in chain(own, more):  # one by one: as archived, all of them fill the memory
+    touched = gone = np.zeros(1, dtype=bool)
+    # one by one: as archived, all of them fill the memory
+    for name, raw in chain(own, means(telemetry) if motion else ()):
         kept[name], masked, missing = derivatives.reduced(raw, telemetry.fs, taps, factor)
         touched, gone = touched | masked, gone | missing
     return Channels(
@@ -242,26 +243,31 @@ class Columns:
 
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
-    fs, cross_talk = run.fs, run.parameters[len(PARAMETERS) :]
-    valid = ~derivatives.reached(~run.valid)
-    values = np.empty((valid.size, len(COLUMNS) + len(cross_talk)), order="F")
-    values[:, 0], values[:, 7] = (derivatives.derivative(x, fs, 2) for x in (run.o_12, run.o_1))
-    values[:, FORCES] = forces(run, tau)
-    values[:, 5], values[:, 6] = run.o_12[_INNER], run.o_1[_INNER]
-    for i, name in enumerate(cross_talk, start=len(COLUMNS)):
-        values[:, i] = _moved(run.means, name, fs)
-    return Columns(tau, (*COLUMNS, *cross_talk), fs, run.time[_INNER], values, valid)
+    return replace(blank(run, tau), values=np.concatenate(list(parts(run, tau)), axis=1))
 
 
-def forces(run: Channels, tau: tuple[float, float]) -> Array:
-    """Return the columns `FORCES`, shape (N, 4)."""
-    found, curve = np.empty((run.time[_INNER].size, 4), order="F"), (LOOP_PERIOD * run.fs) ** 2 / 24
-    for i, (x, shift) in enumerate(((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs))):
+def blank(run: Channels, tau: tuple[float, float]) -> Columns:
+    """Return the columns without their values, shape (N, 0)."""
+    valid, names = ~derivatives.reached(~run.valid), (*COLUMNS, *run.parameters[len(PARAMETERS) :])
+    return Columns(tau, names, run.fs, run.time[_INNER], np.empty((valid.size, 0)), valid)
+
+
+def parts(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
+    """Yield the columns in their order, shape (N, G), some at a time: of weeks, all fill the memory."""
+    yield derivatives.derivative(run.o_12, run.fs, 2)[:, None]
+    yield from forces(run, tau)
+    yield from (run.o_12[_INNER, None], run.o_1[_INNER, None])
+    yield derivatives.derivative(run.o_1, run.fs, 2)[:, None]
+    yield from (_moved(run.means, name, run.fs)[:, None] for name in run.parameters[len(PARAMETERS) :])
+
+
+def forces(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
+    """Yield the columns `FORCES`, those of one command after the other, shape (N, 2)."""
+    curve = (LOOP_PERIOD * run.fs) ** 2 / 24
+    for x, shift in ((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs)):
         still, first, second = (derivatives.stencil(shift, order) for order in (0, 1, 2))
         # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-        both = np.stack([still + curve * second, run.fs * first])
-        found[:, 2 * i : 2 * i + 2] = derivatives.apply_each(both, x).T
-    return found
+        yield derivatives.apply_each(np.stack([still + curve * second, run.fs * first]), x).T
 
 
 def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:
@@ -312,14 +318,7 @@ def gradient(theta: Array, tau: tuple[float, float]) -> Array:
 def terms(found: Columns, theta: Array, of: Sequence[Term] = TERMS) -> dict[str, Array]:
     """Return terms of Delta g as they add up, signs included, each of shape (N,) [m s^-2], by name.
 
-    Parameters
-    ----------
-    found : Columns
-        Of a run.
-    theta : ndarray, shape (P,)
-        Its parameters.
-    of : sequence of Term
-        Which; those of whose columns the run has none are zero.
+    Those `of` whose columns the run has none are zero; theta, shape (P,), are its parameters.
     """
     weights = coefficients(theta, found.tau)
     at = {term.name: [i for i, name in enumerate(found.names) if name in term.columns] for term in of}
@@ -374,11 +373,8 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
     """
     taps, factor = derivatives.low_pass(telemetry.fs)
     names = [name for name in CROSS_TALK if cross_talk.get(name)]
-    wanted = dict.fromkeys(CROSS_TALK[name][0] for name in names)
-    found = {
-        mean: derivatives.reduced(summed(telemetry, MEANS[mean]), telemetry.fs, taps, factor)
-        for mean in wanted
-    }
+    wanted = {CROSS_TALK[name][0] for name in names}
+    found = {m: derivatives.reduced(summed(telemetry, MEANS[m]), telemetry.fs, taps, factor) for m in wanted}
     series = {mean: x for mean, (x, *_) in found.items()}
     size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF
     values, valid = np.zeros(size), np.ones(size, dtype=bool)

@@ -8,30 +8,34 @@ so that ``slope_j`` is by how much the gain grows over the run, and ``bend_j`` b
 largest force than at none.
 """
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.model.dynamics import COLUMNS, FORCES, Channels, Columns, forces
-from fit.signal import derivatives
+from fit.model.dynamics import Channels, Columns, blank, forces
 
 NAMES = ("slope_1", "slope_2", "bend_1", "bend_2")
-_INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
 _SIGNS = {1: 1.0, 2: -1.0}  # with which the forces enter Delta g, see `dynamics`
 
 
 def commanded(run: Channels, tau: tuple[float, float]) -> Columns:
-    """Return the columns of the commands, and no others, delayed by `tau` [s]."""
-    valid = ~derivatives.reached(~run.valid)
-    return Columns(tau, tuple([*COLUMNS][FORCES]), run.fs, run.time[_INNER], forces(run, tau), valid)
+    """Return the columns of the commands themselves, and no others, delayed by `tau` [s]."""
+    values = np.concatenate([part[:, :1] for part in forces(run, tau)], axis=1)
+    return replace(blank(run, tau), names=tuple(f"f_{j}" for j in (2, 1)), values=values)
 
 
 def columns(found: Columns) -> NDArray[np.float64]:
     """Return what multiplies `NAMES` in Delta g, shape (N, 4) [m s^-2], from columns of the commands."""
+    return np.concatenate(list(parts(found)), axis=1)
+
+
+def parts(found: Columns) -> Iterator[NDArray[np.float64]]:
+    """Yield the same one by one, shape (N, 1)."""
+    signed = {j: sign * found.values[:, found.names.index(f"f_{j}")] for j, sign in _SIGNS.items()}
     u = np.linspace(-0.5, 0.5, len(found.values))
-    slopes, bends = [], []
-    for j, sign in _SIGNS.items():
-        force = sign * found.values[:, found.names.index(f"f_{j}")]
+    yield from ((u * force)[:, None] for force in signed.values())
+    for force in signed.values():
         largest = float(np.max(np.abs(force), where=found.valid, initial=0.0))
-        slopes.append(u * force)
-        bends.append(force * np.abs(force) / (largest or 1.0))
-    return np.stack([*slopes, *bends], axis=1)
+        yield (force * np.abs(force) / (largest or 1.0))[:, None]

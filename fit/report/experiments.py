@@ -8,7 +8,7 @@ from functools import cache, partial
 from markupsafe import Markup
 
 from fit.estimate import bump
-from fit.figures import Chart
+from fit.figures import Chart, analysis
 from fit.figures import runs as figures
 from fit.paper import experiment_parameters
 from fit.report.parts import Drawing, Shown
@@ -49,9 +49,9 @@ _BREAKDOWN = (
 )
 _RESIDUAL = (
     "Signal and residual differential acceleration against time, and the residual magnified",
-    f"Signal and residual over time, averaged with Hann windows of {figures.FAST:g} s (the paper's figure "
-    f"residuals). Below, magnified and averaged over {figures.SLOW:g} s, the residual beside the noise run; "
-    f"grey, the extremes of the residual averaged over {figures.FAST:g} s. What is missing, masked or a "
+    f"Signal and residual over time, averaged with Hann windows of {analysis.FAST:g} s (the paper's figure "
+    f"residuals). Below, magnified and averaged over {analysis.SLOW:g} s, the residual beside the noise run; "
+    f"grey, the extremes of the residual averaged over {analysis.FAST:g} s. What is missing, masked or a "
     "glitch is marked.",
 )
 
@@ -184,12 +184,12 @@ def drawings(
     found_in = tuple(warnings)
 
     @cache
-    def found() -> figures.Analysis:
-        return figures.analysed(run, parameters, masked(found_in, run.run))
+    def found() -> analysis.Analysis:
+        return analysis.analysed(run, parameters, masked(found_in, run.run))
 
     @cache
-    def beside() -> figures.Analysis | None:
-        return figures.analysed(noise, parameters, masked(found_in, noise.run)) if noise else None
+    def beside() -> analysis.Analysis | None:
+        return analysis.analysed(noise, parameters, masked(found_in, noise.run)) if noise else None
 
     told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),

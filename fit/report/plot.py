@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.errors import InputError
-from fit.figures import Figure
+from fit.figures import Figure, analysis
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
 from fit.journal import Plot as Drawn
@@ -96,13 +96,13 @@ def _fitted(results: Results, runs: Sequence[Telemetry], experiment: str) -> Tel
 
 def _analysed(
     results: Results, runs: Sequence[Telemetry], run: Telemetry
-) -> tuple[figures_runs.Analysis, figures_runs.Analysis | None]:
+) -> tuple[analysis.Analysis, analysis.Analysis | None]:
     """Return what the figures of a run and of its noise run show, None without one."""
     noise = next((r for r in runs if r.experiment == run.experiment and r.kind == "noise"), None)
     return _analysis(results, run, run), _analysis(results, run, noise) if noise else None
 
 
-def _analysis(results: Results, run: Telemetry, of: Telemetry) -> figures_runs.Analysis:
+def _analysis(results: Results, run: Telemetry, of: Telemetry) -> analysis.Analysis:
     """Return what the figures of a run, or of its noise run, show."""
     spans = masked(results.experiments[run.experiment].warnings, of.run)
-    return figures_runs.analysed(of, parameters(results, run), spans)
+    return analysis.analysed(of, parameters(results, run), spans)

@@ -97,11 +97,14 @@ class Estimator:
 
     def asd(self, values: Array) -> Binned:
         """Return the ASD of a series, shape (N,), less mean and slope; what is not valid may be anything."""
-        power = self._power(values)
+        return self.binned(self.power(values))
+
+    def binned(self, power: Array, stretches: int = 1) -> Binned:
+        """Return the ASD that a periodogram tells, or the mean of those of so many stretches of a run."""
         starts = _starts(self._f, power)
         count = np.diff(starts, append=power.size)
         mean = np.add.reduceat(power, starts) / count
-        dof = self._degrees_of_freedom(count)
+        dof = self._degrees_of_freedom(count) * stretches
         low, high = (np.sqrt(mean * dof / scipy.stats.chi2.ppf(p, dof)) for p in ONE_SIGMA)
         return Binned(np.add.reduceat(self._f, starts) / count, np.sqrt(mean), low, high)
 
@@ -113,15 +116,15 @@ class Estimator:
         ValueError
             If no frequency of the run lies between them.
         """
-        power = self._power(values)[(self._f >= band[0]) & (self._f <= band[1])]
+        power = self.power(values)[(self._f >= band[0]) & (self._f <= band[1])]
         if not power.size:
             raise ValueError(f"no ordinate between {band[0]:g} and {band[1]:g} Hz")
         mean, dof = float(power.mean()), float(self._degrees_of_freedom(np.array([power.size]))[0])
         low, high = (float(np.sqrt(mean * dof / scipy.stats.chi2.ppf(p, dof))) for p in ONE_SIGMA)
         return Level(math.sqrt(mean), low, high)
 
-    def _power(self, values: Array) -> Array:
-        """Return the periodogram of a series less mean and slope."""
+    def power(self, values: Array) -> Array:
+        """Return the periodogram of a series, shape (N,), less mean and slope."""
         x = np.where(self._valid, values[: self._valid.size], 0.0)
         u = self._ramp
         np.subtract(x, x.sum() / np.count_nonzero(self._valid), out=x, where=self._valid)

@@ -58,17 +58,21 @@ def apply(weights: Array, x: Array) -> Array:
 
 
 def apply_each(weights: Array, x: Array) -> Array:
-    """Return what `apply` does for several stencils, shape (K, 2 HALF + 1), by one product of matrices."""
-    K, size, n = len(weights), weights.shape[1], x.size - weights.shape[1] + 1
-    rows = -(-n // _AT_ONCE)
-    padded = np.zeros(rows * _AT_ONCE + size - 1)
-    padded[: x.size] = x
-    pieces = np.ascontiguousarray(sliding_window_view(padded, _AT_ONCE + size - 1)[::_AT_ONCE])
+    """Return what `apply` does for several stencils, shape (K, 2 HALF + 1), by products of matrices."""
+    K, size = weights.shape
     shifted = np.zeros((K, _AT_ONCE, _AT_ONCE + size - 1))
     for i in range(_AT_ONCE):
         shifted[:, i, i : i + size] = weights
-    found = pieces @ shifted.reshape(K * _AT_ONCE, -1).T
-    return np.ascontiguousarray(found.reshape(rows, K, _AT_ONCE).swapaxes(0, 1)).reshape(K, -1)[:, :n]
+    found = np.empty((K, x.size - size + 1))
+    for piece in pieces(x.size, size - 1, PIECE // _AT_ONCE * _AT_ONCE):
+        n = piece.stop - piece.start - size + 1
+        rows = -(-n // _AT_ONCE)
+        padded = np.zeros(rows * _AT_ONCE + size - 1)
+        padded[: n + size - 1] = x[piece]
+        parts = np.ascontiguousarray(sliding_window_view(padded, _AT_ONCE + size - 1)[::_AT_ONCE])
+        of_piece = (parts @ shifted.reshape(K * _AT_ONCE, -1).T).reshape(rows, K, _AT_ONCE).swapaxes(0, 1)
+        found[:, piece.start : piece.start + n] = of_piece.reshape(K, -1)[:, :n]
+    return found
 
 
 def derivative(x: Array, fs: float, order: int, delay: float = 0.0) -> Array:

@@ -1,7 +1,7 @@
 """Window and transform: the spectra of the columns of one run in the fitted band."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fit.signal import patches
 from fit.signal.derivatives import F_MAX, stretches
+from fit.telemetry import pieces
 from fit.threads import kept
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ Spectrum = NDArray[np.complex128]
 
 TAPER = 0.1  # fraction of the run under the two cosine flanks of the window
 GAP_TAPER = 60.0  # s, flank beside a masked stretch
-_TOGETHER = 2  # transforms: faster than one by one, where all of them would fill the memory
+_LONG = 2**18  # samples, up to which two transforms are faster together; all of them would fill the memory
 
 
 def window(valid: NDArray[np.bool_], fs: float) -> Array:
@@ -82,7 +83,7 @@ class Spectra:
 
 
 def transform(
-    columns: Array,
+    columns: Array | Iterable[Array],
     valid: NDArray[np.bool_],
     fs: float,
     tau: tuple[float, float] = (0.0, 0.0),
@@ -94,10 +95,10 @@ def transform(
 
     Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in the parts of
     `beside`, of shape (N, G) each, is to be projected out along with constant and ramp; so are `impulses` at
-    some of the samples. Parts are asked for one by one, so that no more than one need be there at a time. Of
-    the fitted band only the bins of `band` [Hz] are kept, if it is given.
+    some of the samples. Parts, as the columns may come too, are asked for one by one, so that no more than
+    one need be there at a time. Of the fitted band only the bins of `band` [Hz] are kept, if it is given.
     """
-    n = scipy.fft.prev_fast_len(len(columns))
+    n = scipy.fft.prev_fast_len(valid.size)
     w, bins = window(valid[:n], fs), _bins(n, fs, band)
     even = _whole(n, fs, bins.start, bins.stop) if valid[:n].all() else _even(w, fs, bins)
     nuisance = [even, *(windowed(part, w, fs, bins) for part in beside)]
@@ -119,26 +120,30 @@ def _whole(n: int, fs: float, first: int, end: int) -> Spectrum:
     return _even(_tukey(n, TAPER), fs, slice(first, end))
 
 
-def windowed(columns: Array, w: Array, fs: float, bins: slice | None = None) -> Spectrum:
-    """Return the transforms of columns, shape (N or more, P), under a window, as `Spectra` has them."""
+def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice | None = None) -> Spectrum:
+    """Return the transforms of columns, shape (N or more, P) or in parts, under a window, see `Spectra`."""
     scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
-    found = np.empty((bins.stop - bins.start, columns.shape[1]), dtype=np.complex128, order="F")
-    for i in range(0, columns.shape[1], _TOGETHER):
-        some = slice(i, i + _TOGETHER)
-        found[:, some] = scipy.fft.rfft(columns[: w.size, some].T * w)[:, bins].T * scale
-    return found
+    found = [np.empty((0, bins.stop - bins.start), dtype=np.complex128)]
+    for part in [columns] if isinstance(columns, np.ndarray) else columns:
+        for some in _together(part.shape[1], w.size):
+            found.append(scipy.fft.rfft(part[: w.size, some].T * w)[:, bins] * scale)
+        del part  # before there is another one
+    return np.concatenate(found).T
 
 
 def series(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
-    P = columns.shape[1]
-    found = np.empty((n, P), order="F")
-    padded = np.zeros((min(P, _TOGETHER), n // 2 + 1), dtype=np.complex128)
-    for i in range(0, P, _TOGETHER):
-        some = columns[:, i : i + _TOGETHER].T
-        padded[: len(some), first : first + len(columns)] = some
-        found[:, i : i + _TOGETHER] = scipy.fft.irfft(padded[: len(some)], n).T
+    found = np.empty((n, columns.shape[1]), order="F")
+    for some in _together(columns.shape[1], n):
+        padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
+        padded[:, first : first + len(columns)] = columns[:, some].T
+        found[:, some] = scipy.fft.irfft(padded, n).T
     return found
+
+
+def _together(columns: int, n: int) -> Iterator[slice]:
+    """Yield which of so many columns of n samples to transform together."""
+    return pieces(columns, each=2 if n <= _LONG else 1)
 
 
 def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:

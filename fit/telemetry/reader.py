@@ -98,6 +98,12 @@ class Telemetry(Displayed):
             return axis.row(self)
         return self.channels.row(name) if isinstance(self.channels, OnDemand) else self.channels[name]
 
+    def part(self, at: slice) -> "Telemetry":
+        """Return some of the samples as a run."""
+        found = self.channels
+        channels = found.part(at) if isinstance(found, OnDemand) else {n: x[at] for n, x in found.items()}
+        return replace(self, time=self.instants(at), channels=channels)
+
     @property
     def duration(self) -> float:
         """Length of the run, N / fs [s]."""

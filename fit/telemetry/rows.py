@@ -1,5 +1,6 @@
 """Channels of a file, read when they are asked for, and part by part: of weeks, one fills the memory."""
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,6 +37,12 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
 
     def __len__(self) -> int:
         return len(self._names)
+
+    def part(self, at: slice) -> "OnDemand":
+        """Return some of the samples of all of them."""
+        first, last, _ = at.indices(sys.maxsize)
+        begin, end, _ = self._part.indices(sys.maxsize)
+        return OnDemand(self._path, list(self), slice(begin + first, min(begin + last, end)), self._fs)
 
     def row(self, name: str) -> Row:
         """Return a channel; a long one is read when parts of it are asked for."""

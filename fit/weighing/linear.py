@@ -21,6 +21,7 @@ from fit import lean
 from fit.errors import FitError
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum, spectra
+from fit.telemetry import pieces
 from fit.weighing.likelihood import Likelihood, Weights, weights
 from fit.weighing.tones import drives, single_tone
 
@@ -117,7 +118,7 @@ class Block:
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
         z, w2 = spectra.squared(self._weighed(self.weights.score), self.first, self.window)
-        found = z.T @ (z * w2[:, None])
+        found = np.sum([z[at].T @ (z[at] * w2[at, None]) for at in pieces(w2.size)], axis=0)
         return np.asarray((found + found.T) / 2)
 
     def root(self, bins: slice) -> Array:
@@ -161,8 +162,7 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     U = columns[:, given] * scale[given]  # one row for each column, as they lie
     U -= (U @ Q if first is None else columns @ (Q * scale[:, None])) @ Q[given].T
     of_bins = Q[given].reshape(U.shape[1] // 2, -1)
-    taken = np.einsum("bi,bi->b", of_bins, of_bins) / 2
-    return U.view(np.complex128).T, np.asarray(1 - taken, dtype=np.float64)
+    return U.view(np.complex128).T, np.asarray(1 - np.einsum("bi,bi->b", of_bins, of_bins) / 2, np.float64)
 
 
 def stacked(x: Spectrum) -> Array:

@@ -1,6 +1,6 @@
 """Runs in pairs: which belong together, their spectra at any delay, the noise PSD the partner tells."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -171,8 +171,7 @@ class Run:
         if self._first and tau == self._first.tau:  # where every fit begins
             last = self._first
         elif last is None:
-            terms = self.columns(tau)
-            last = self.transformed(terms.values, terms)
+            last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
             self._first = last
         elif _apart(tau, last.tau) > (CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE):
@@ -188,11 +187,11 @@ class Run:
         last = self._wander
         if last is None or _apart(tau, last.tau) > CLOSE:
             terms = wander.commanded(self.channels, tau)
-            self._wander = last = self.transformed(wander.columns(terms), terms)
+            self._wander = last = self.transformed(wander.parts(terms), terms)
         return last
 
-    def transformed(self, values: Array, terms: dynamics.Columns) -> Spectra:
-        """Return the spectra of columns, shape (M, P), that lie beside `terms`."""
+    def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
+        """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
         if known := self._first:  # window, and what is projected out, are those of the run
             return replace(known, columns=spectra.windowed(values, known.window, terms.fs), tau=terms.tau)
         beside = self.beside(terms.time, terms.fs)

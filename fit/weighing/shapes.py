@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.signal import Spectrum, derivatives
+from fit.telemetry import pieces
 from fit.threads import kept
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
 SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
-_TOGETHER = 8  # transforms at most: all of them would fill the memory
+TOGETHER = 2**19  # samples in transforms that are made at once: of all of them, the memory would be full
 _PART = 4  # of columns, the same
 
 
@@ -92,7 +93,7 @@ def series(found: Sequence[Glitch], time: Array, fs: float) -> Array:
     together = np.empty((len(found), time.size))
     for n in set(sizes):  # transforms of one length go faster together
         which = [i for i, size in enumerate(sizes) if size == n]
-        for some in (which[i : i + _TOGETHER] for i in range(0, len(which), _TOGETHER)):
+        for some in (which[at] for at in pieces(len(which), each=max(1, TOGETHER // n))):
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
                 _fill(spectrum, found[i], n, float(time[0]), fs)

@@ -27,3 +27,14 @@ def test_stretches_of_flags_that_come_in_parts():
         assert np.array_equal(derivatives.stretches_of(np.split(flags, cut)), derivatives.stretches(flags))
     assert np.all(derivatives.stretches(np.ones(4, dtype=bool)) == [[0, 4]])
     assert derivatives.stretches(np.zeros(0, dtype=bool)).shape == (0, 2)
+
+
+def test_stencils_are_applied_in_parts_as_to_the_whole(monkeypatch):
+    x = np.random.default_rng(3).standard_normal(1000)
+    weights = np.stack([derivatives.stencil(0.3, order) for order in (0, 1, 2)])
+    for size in (21, 22, 500, 1000):
+        expected = np.stack([derivatives.apply(w, x[:size]) for w in weights])
+        with monkeypatch.context() as small:
+            small.setattr(derivatives, "PIECE", 128)
+            found = derivatives.apply_each(weights, x[:size])
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

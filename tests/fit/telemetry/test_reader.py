@@ -411,4 +411,7 @@ def test_a_long_channel_is_read_part_by_part_as_it_is_read_whole(tmp_path, monke
         assert row.size == found.size
         for part in (slice(None), slice(3, 60), slice(100, 10**6), slice(1)):
             assert np.array_equal(row[part], found[part])
+        some = read_stretch(path, begin, end).part(slice(10, 120))
+        assert np.array_equal(some.channels["o_1"], found[10:120])
+        assert np.array_equal(some.time, (begin + np.arange(10, 120)) / 10)
     assert np.array_equal(read(path).row("time")[10:20], np.arange(10, 20) / 10)
