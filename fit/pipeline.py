@@ -257,14 +257,16 @@ def _noises(
 
 
 def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
-    fits = each(lambda e: _alone(e, None, chosen), experiments)
+    fits = each(lambda e: _alone(e, chosen), experiments)
     return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 
-def _alone(experiment: Experiment, known: Known | None, chosen: Settings) -> Outcome | FitError:
+def _alone(
+    e: Experiment, chosen: Settings, known: Known | None = None, begun: Outcome | FitError | None = None
+) -> Outcome | FitError:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
     try:
-        return fit_experiment(experiment, known, chosen.estimator)
+        return fit_experiment(e, known, chosen.estimator, begun)
     except FitError as error:
         return error
 
@@ -336,11 +338,9 @@ def _of_experiment(
     diagnosed: bool,
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
-    known = None
-    if together:
-        known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared))
+    known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared)) if together else None
     if known and (isinstance(own, FitError) or own.tone):  # a single tone needs what others know
-        own = _alone(experiment, known, chosen)
+        own = _alone(experiment, chosen, known, own)
     if isinstance(own, FitError):
         if together is None:
             raise own

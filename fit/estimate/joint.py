@@ -15,7 +15,10 @@ from fit.weighing import Experiment, Run, linear
 
 
 def fit_experiment(
-    experiment: Experiment, known: Known | None = None, estimator: Estimator = "gaussian"
+    experiment: Experiment,
+    known: Known | None = None,
+    estimator: Estimator = "gaussian",
+    alone: Outcome | FitError | None = None,
 ) -> Outcome:
     """Fit one experiment on its own.
 
@@ -27,6 +30,8 @@ def fit_experiment(
         Of the joint fit, for a run that holds a single tone.
     estimator : str
         See `irls.reweight`.
+    alone : Outcome or FitError, optional
+        What it yields without what is known, as for `fit_joint`.
 
     Raises
     ------
@@ -38,7 +43,8 @@ def fit_experiment(
     own = experiment_parameters(run.authority, run.alignment_epoch)
     parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
-    return reweight([experiment], [share], parameters, known, estimator=estimator)
+    begun = _weighed({experiment.name: alone})
+    return reweight([experiment], [share], parameters, known, estimator=estimator, begun=begun)
 
 
 def fit_joint(
@@ -62,7 +68,7 @@ def fit_joint(
     FitError
         If no trustworthy estimate comes out.
     """
-    begun = {name: own.blocks[0] for name, own in (alone or {}).items() if isinstance(own, Outcome)}
+    begun = _weighed(alone or {})
     if chosen.scatter == ["auto"]:
         plain = _fitted(experiments, chosen, (), begun)
         asked = choice.departing(plain, experiments, Sharing(chosen.shared))
@@ -70,6 +76,10 @@ def fit_joint(
     if chosen.scatter and len(experiments) < 2:
         raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
     return _fitted(experiments, chosen, chosen.scatter, begun)
+
+
+def _weighed(alone: Mapping[str, Outcome | FitError | None]) -> dict[str, linear.Block]:
+    return {name: own.blocks[0] for name, own in alone.items() if isinstance(own, Outcome)}
 
 
 def _fitted(
