@@ -48,8 +48,9 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
         """Return a channel; a long one is read when parts of it are asked for."""
         with opened(self._path) as file:
             there = range(*self._part.indices(file[name].size))
-            at_once = len(there) <= _WHOLE or not in_parts(file[name])
-        return self[name] if at_once else _Channel(self._path, name, there, self._fs)
+            if len(there) <= _WHOLE or not in_parts(file[name]):
+                return read_channel(file, self._path, name, self._part, self._fs)
+        return _Channel(self._path, name, there, self._fs)
 
 
 class _Channel:
