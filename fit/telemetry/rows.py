@@ -54,10 +54,11 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
 
 
 class _Channel:
-    """So many samples of a channel of a file."""
+    """So many samples of a channel of a file, which stays open: to open it takes as long as a part."""
 
     def __init__(self, path: Path, name: str, there: range, fs: float) -> None:
         self._path, self._name, self._there, self._fs = path, name, there, fs
+        self._file: h5py.File | None = None
 
     @property
     def size(self) -> int:
@@ -65,8 +66,9 @@ class _Channel:
 
     def __getitem__(self, at: slice) -> NDArray[np.float64]:
         some = self._there[at]
-        with opened(self._path) as file:
-            return read_channel(file, self._path, self._name, slice(some.start, some.stop), self._fs)
+        with _told(self._path):
+            self._file = self._file or h5py.File(self._path, "r")
+            return read_channel(self._file, self._path, self._name, slice(some.start, some.stop), self._fs)
 
 
 @contextmanager
@@ -80,9 +82,15 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+    with _told(path), h5py.File(path, "r") as file:
+        yield file
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Say which file it is that a damage is met in."""
     try:
-        with h5py.File(path, "r") as file:
-            yield file
+        yield
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
