@@ -214,11 +214,13 @@ def fit_noise(
     known = begun is not None and np.array_equal(begun.knots, knots)
     values = begun.values if begun and known else _roughly(basis, power)
     last, relative = cost(values)
-    if known and not np.all(np.abs(scored(relative)) < NEAR):
+    step = scored(relative)
+    if known and not np.all(np.abs(step) < NEAR):
         values = _roughly(basis, power)
         last, relative = cost(values)
+        step = scored(relative)
     for _ in range(100):
-        step, size, previous = scored(relative), 1.0, last
+        size, previous = 1.0, last
         last, relative = cost(values + step)
         while last > previous and size > 1e-6:
             size /= 2
@@ -226,6 +228,7 @@ def fit_noise(
         values = values + size * step
         if abs(previous - last) < 1e-9 * f.size:
             return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)), below)
+        step = scored(relative)
     raise FitError("the smooth PSD of the noise did not converge")
 
 
