@@ -4,7 +4,8 @@ Every function raises `fit.errors.InputError`; its message names the file, the p
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -51,7 +52,8 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
         raise InputError(f"{path}: time: units {shown(units)}, expected 's'")
     _check_size(dataset, path, "time", None)
     _check_plain(dataset, f"{path}: time")
-    time = Stored(dataset, path, part) if in_parts(dataset) else _values(dataset, path, part)
+    values = partial(_values, dataset, path)
+    time = Stored(values, range(*part.indices(dataset.size))) if in_parts(dataset) else values(part)
     check_time(f"{path}: time", time, fs, part.start or 0)
     return time
 
@@ -131,10 +133,10 @@ def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float)
 
 
 class Stored:
-    """A part of a dataset of a file that is open, a `Row`."""
+    """So many samples of a dataset that are read when they are asked for, a `Row`."""
 
-    def __init__(self, dataset: h5py.Dataset, path: Path, part: slice) -> None:
-        self._dataset, self._path, self._there = dataset, path, range(*part.indices(dataset.size))
+    def __init__(self, read: Callable[[slice], NDArray[np.float64]], there: range) -> None:
+        self._read, self._there = read, there
 
     @property
     def size(self) -> int:
@@ -144,7 +146,7 @@ class Stored:
     def __getitem__(self, at: slice) -> NDArray[np.float64]:
         """Read some of them."""
         some = self._there[at]
-        return _values(self._dataset, self._path, slice(some.start, some.stop))
+        return self._read(slice(some.start, some.stop))
 
 
 def in_parts(dataset: h5py.Dataset) -> bool:

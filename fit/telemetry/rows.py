@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.telemetry.contract import SCHEMA
-from fit.telemetry.datasets import in_parts, read_channel
+from fit.telemetry.datasets import Stored, in_parts, read_channel
 from fit.telemetry.pieces import Row
 
 _WHOLE = 2**19  # samples; a channel of no more is read at once
@@ -50,25 +51,13 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
             there = range(*self._part.indices(file[name].size))
             if len(there) <= _WHOLE or not in_parts(file[name]):
                 return read_channel(file, self._path, name, self._part, self._fs)
-        return _Channel(self._path, name, there, self._fs)
+            kept = h5py.File(self._path, "r")  # while parts are asked for: to open it takes as long as one
+        return Stored(partial(_read, kept, self._path, name, self._fs), there)
 
 
-class _Channel:
-    """So many samples of a channel of a file, which stays open: to open it takes as long as a part."""
-
-    def __init__(self, path: Path, name: str, there: range, fs: float) -> None:
-        self._path, self._name, self._there, self._fs = path, name, there, fs
-        self._file: h5py.File | None = None
-
-    @property
-    def size(self) -> int:
-        return len(self._there)
-
-    def __getitem__(self, at: slice) -> NDArray[np.float64]:
-        some = self._there[at]
-        with _told(self._path):
-            self._file = self._file or h5py.File(self._path, "r")
-            return read_channel(self._file, self._path, self._name, slice(some.start, some.stop), self._fs)
+def _read(file: h5py.File, path: Path, name: str, fs: float, part: slice) -> NDArray[np.float64]:
+    with _told(path):
+        return read_channel(file, path, name, part, fs)
 
 
 @contextmanager
