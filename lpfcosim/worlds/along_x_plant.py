@@ -13,12 +13,21 @@ step. The plant is linear, so each step is exact: the old value acts up to the s
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import drive, electrodes
-from lpfcosim.worlds.loop import BLOCK, Loop, System, check_inside, linear, on_circle, sampled
+from lpfcosim.worlds.loop import (
+    BLOCK,
+    Loop,
+    System,
+    block_diagonal,
+    check_inside,
+    held,
+    linear,
+    on_circle,
+    sampled,
+)
 from lpfcosim.worlds.world import Gain
 
 PLANT_INPUTS = ("F_x_sc", "f_x_1", "f_x_2", "g_1", "g_2", "F_noise_x_sc")
@@ -50,24 +59,25 @@ def plant(run: Run) -> Plant:
     force_2 = np.array([0, 0, k_2, 0, 0, 0, 0, run.truth.lambda_2, 0, 1, 0])
     thrust = np.array([0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1]) / run.m_sc
     a_sc = thrust - r * (force_1 + force_2)
-    continuous = np.zeros((11, 11))
+    continuous = np.zeros((5, 11))
     continuous[0, 1] = continuous[2, 3] = 1
     continuous[1] = force_1 - a_sc
     continuous[3] = force_2 - a_sc
     continuous[4, [4, 5]] = np.array([-1, 1]) / run.thruster_lag
 
-    whole = scipy.linalg.expm(continuous * h)[:5]
     transports = (run.thruster_delay, max(run.tau_1 - h / 2, 0.0), max(run.tau_2 - h / 2, 0.0))
     values = (run.F_x_sc_start, 0.0, run.f_x_2_start)  # commands issued before the run
     lengths = [int(transport // h) + 1 for transport in transports]
+    # the new value acts after the switch
+    switches = (length * h - transport for length, transport in zip(lengths, transports, strict=True))
+    whole, *late = held(continuous, [h, *switches])
     n = 5 + sum(lengths)
     A, B, start = np.zeros((n, n)), np.zeros((n, 6)), np.zeros(n)
     A[:5, :5] = whole[:, :5]
     B[:5, 3:] = whole[:, 8:]
     first = 5
-    for i, (transport, length, value) in enumerate(zip(transports, lengths, values, strict=True)):
-        # the new value acts after the switch
-        after = scipy.linalg.expm(continuous * (length * h - transport))[:5, 5 + i]
+    for i, (length, value) in enumerate(zip(lengths, values, strict=True)):
+        after = late[i][:, 5 + i]
         before = whole[:, 5 + i] - after
         A[:5, first + length - 1] += before
         if length > 1:
@@ -101,7 +111,7 @@ def loop(run: Run) -> Loop:
     c_2 = -direct_2 * C[1]
     c_2[n + 3 :] = -1
 
-    A = scipy.linalg.block_diag(body.A, np.diag(decay_1), np.diag(decay_2))
+    A = block_diagonal(body.A, np.diag(decay_1), np.diag(decay_2))
     A[n : n + 3] += np.outer(entry_1, C[0])
     A[n + 3 :] += np.outer(entry_2, C[1])
     B = np.zeros((n + 6, len(LOOP_INPUTS)))

@@ -1,5 +1,6 @@
 """Sampled loops: control laws, one step of plant and controllers, and the linear system it is when closed."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,46 @@ def linear(step: Loop, run: Run, leak: Array) -> System:
 def with_none(matrix: Array) -> Array:
     """Add a column for the last input of a `System`, which does nothing here."""
     return np.pad(matrix, ((0, 0), (0, 1)))
+
+
+def held(rates: Array, times: ArrayLike) -> Array:
+    """Solve x' = A x + B u exactly, with u held.
+
+    SciPy has an exponential too, but takes longer to be read in than a campaign.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (n, n + m)
+        A and B, side by side [s^-1].
+    times : array_like, shape (k,)
+        For how long [s].
+
+    Returns
+    -------
+    ndarray, shape (k, n, n + m)
+        What x and u at the beginning make of x at the end.
+    """
+    n, t = len(rates), np.asarray(times, dtype=float)[:, np.newaxis, np.newaxis]
+    z = rates[:, :n] * t
+    halvings = max(math.ceil(math.log2(np.abs(z).sum(axis=-1).max() + 0.25)) + 2, 0)
+    z /= 2**halvings
+    # mean of exp(z s) over 0 < s < 1, which is 1 + z/2 + z^2/6 ...; the norm of z is at most 1/4
+    mean = one = np.eye(n)
+    for k in range(13, 1, -1):
+        mean = one + z @ mean / k
+    for _ in range(halvings):
+        mean = mean + z @ mean @ mean / 2
+        z *= 2
+    return np.concatenate([one + z @ mean, t * (mean @ rates[:, n:])], axis=-1)
+
+
+def block_diagonal(*blocks: Array) -> Array:
+    """Put square matrices on the diagonal of one."""
+    ends = np.cumsum([len(block) for block in blocks])
+    joined = np.zeros((ends[-1], ends[-1]))
+    for end, block in zip(ends, blocks, strict=True):
+        joined[end - len(block) : end, end - len(block) : end] = block
+    return joined
 
 
 def sampled(law: Controller, h: float) -> tuple[Array, Array, float]:

@@ -8,13 +8,20 @@ differential forces on the test masses, which the thrusters then follow.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import along_x_plant
 from lpfcosim.worlds import loop as loops
-from lpfcosim.worlds.loop import System, linear, on_circle, sampled, sampled_lead, with_none
+from lpfcosim.worlds.loop import (
+    System,
+    block_diagonal,
+    linear,
+    on_circle,
+    sampled,
+    sampled_lead,
+    with_none,
+)
 from lpfcosim.worlds.whole_rigid import (
     ANGLES,
     DELAYED,
@@ -187,7 +194,7 @@ def loop(run: Run) -> Loop:
     M = actuation(run)
     over_commands, over_f_x_1 = applied(run)
 
-    A = scipy.linalg.block_diag(body.A, A_c)
+    A = block_diagonal(body.A, A_c)
     A[n:] += B_c @ E
     B, D_r = np.zeros((len(A), n_w)), np.zeros((9, n_w))
     B[n:] = B_c @ D_e

@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpfcosim.spacecraft import Run, Spacecraft
+from lpfcosim.worlds.loop import held
 
 Array = NDArray[np.float64]
 Vector = Sequence[float]
@@ -95,14 +95,14 @@ def plant(run: Run) -> Plant:
     """Discretise the three bodies, the thrusters and the delays exactly."""
     h = run.h
     continuous, rates = _continuous(run)
-    whole = scipy.linalg.expm(continuous * h)[:N_STATES]
     transports = [equipment(run).tau_es] * 12 + [run.thruster_delay] * 6
     transports[0], transports[3] = max(run.tau_1 - h / 2, 0.0), max(run.tau_2 - h / 2, 0.0)
     values = np.zeros(18)  # commands issued before the run
     values[3], values[12] = run.truth.lambda_2 * run.f_x_2_start, run.F_x_sc_start
 
     splits = {transport: divmod(transport, h) for transport in transports}
-    late = {t: scipy.linalg.expm(continuous * (h - switch))[:N_STATES] for t, (_, switch) in splits.items()}
+    whole, *rest = held(continuous[:N_STATES], [h, *(h - switch for _, switch in splits.values())])
+    late = dict(zip(splits, rest, strict=True))
     lengths = [int(splits[t][0]) + (splits[t][1] > 0) for t in transports]
     n = N_STATES + sum(lengths)
     A, B, start = np.zeros((n, n)), np.zeros((n, N_INPUTS)), np.zeros(n)
