@@ -104,11 +104,11 @@ def held(rates: Array, times: ArrayLike) -> Array:
     """
     n, t = len(rates), np.asarray(times, dtype=float)[:, np.newaxis, np.newaxis]
     z = rates[:, :n] * t
-    halvings = max(math.ceil(math.log2(np.abs(z).sum(axis=-1).max() + 0.25)) + 2, 0)
+    halvings = max(math.ceil(math.log2(np.abs(z).sum(axis=-1).max() + 1)) - 1, 0)
     z /= 2**halvings
-    # mean of exp(z s) over 0 < s < 1, which is 1 + z/2 + z^2/6 ...; the norm of z is at most 1/4
+    # mean of exp(z s) over 0 < s < 1, which is 1 + z/2 + z^2/6 ...; the norm of z is at most 2
     mean = one = np.eye(n)
-    for k in range(13, 1, -1):
+    for k in range(25, 1, -1):
         mean = one + z @ mean / k
     for _ in range(halvings):
         mean = mean + z @ mean @ mean / 2

@@ -90,7 +90,8 @@ def test_step_order_decides(fmus, make_run, monkeypatch):
     # Against the flow of signals every FMU boundary costs a sample of delay.
     run = make_run(injections=(Sine("guidance_o_1", amplitude=5e-9, frequency=0.05, cycles=20, start=1),))
     wanted = along_x_plant.simulate(run)
-    assert_agree(in_memory.simulate(run, fmus), wanted)
+    # Without noise o_12 is what two motions 4000 times as large differ by: the plant's last bits show.
+    assert_agree(in_memory.simulate(run, fmus), wanted, tolerance=1e-8)
     monkeypatch.setattr(world, "in_order", lambda components: tuple(components)[::-1])
     late = in_memory.simulate(run, fmus)
     assert np.abs(late["o_1"] - wanted["o_1"]).max() > 0.01 * np.abs(wanted["o_1"]).max()
