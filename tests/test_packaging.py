@@ -202,7 +202,7 @@ def test_wheel_carries_every_platform(wheel, tmp_path):
     for name in engines:
         platform, exported = READERS[Path(name).suffix](files[name])
         assert platform == Path(name).stem
-        assert exported == {"run_block", "learn", "normals", "redden"}
+        assert exported == {"run_block", "learn", "draw"}
     for name in archives:
         check_archive(files[name], name[3], Path(name).stem)
         fmu = tmp_path / Path(name).name

@@ -1,6 +1,6 @@
 """What is compiled of the simulation beside the FMUs: the stepping loop, and drawing noise with it.
 
-The numbers have the bits of NumPy's and SciPy's, in a quarter and a third of the time.
+The numbers have the bits of NumPy's and SciPy's, in a quarter of the time.
 """
 
 import ctypes
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lpfcosim.modelica import engine_library
-from lpfcosim.signals import Drawing, Fill, numpy_normals
+from lpfcosim.signals import Fill, plain
 
 Array = npt.NDArray[np.float64]
 
@@ -22,20 +22,20 @@ _WORD = 2**64 - 1
 def library() -> ctypes.CDLL:
     """Return the compiled engine."""
     found = ctypes.CDLL(str(engine_library()))
-    for name in ("run_block", "learn", "normals"):
+    for name in ("run_block", "learn"):
         getattr(found, name).restype = None
-    found.redden.restype = ctypes.c_double
+    found.draw.restype = ctypes.c_double
     return found
 
 
-def _normals(generator: np.random.Generator) -> Fill:
-    """Return what fills an array, shape (n,), with the next normal numbers of a generator.
+def drawing(generator: np.random.Generator) -> Fill:
+    """Return what fills arrays from the next normal numbers of a generator, as `signals.Fill` says.
 
     The generator itself stays as it is. Where NumPy does not let us, or would draw others, NumPy draws them.
     """
     bits = generator.bit_generator
     normal = _normal() if type(bits) is np.random.PCG64 else None
-    return numpy_normals(generator) if normal is None else _Drawn(bits, normal)
+    return plain(generator) if normal is None else _Drawn(bits, normal)
 
 
 class _Drawn:
@@ -46,8 +46,10 @@ class _Drawn:
         wide = known["state"], known["inc"]
         self._pcg = (ctypes.c_uint64 * 4)(*(word for w in wide for word in (w >> 64, w & _WORD)))
 
-    def __call__(self, out: Array) -> None:
-        library().normals(self._pcg, self._normal, ctypes.c_void_p(out.ctypes.data), ctypes.c_int64(out.size))
+    def __call__(self, out: Array, size: float, rho: float, last: float) -> float:
+        place, n = ctypes.c_void_p(out.ctypes.data), ctypes.c_int64(out.size)
+        how = (ctypes.c_double(value) for value in (size, rho, last))
+        return float(library().draw(self._pcg, self._normal, place, n, *how))
 
 
 @cache
@@ -60,13 +62,5 @@ def _normal() -> ctypes.c_void_p | None:
     normal = ctypes.cast(function, ctypes.c_void_p)
     library().learn(normal)
     wanted, ours = np.random.default_rng(1).standard_normal(_TRIED), np.empty(_TRIED)
-    _Drawn(np.random.PCG64(1), normal)(ours)
+    _Drawn(np.random.PCG64(1), normal)(ours, 1.0, 0.0, 0.0)
     return normal if np.array_equal(ours, wanted) else None
-
-
-def _redden(x: Array, rho: float, last: float) -> float:
-    place, rho_, last_ = ctypes.c_void_p(x.ctypes.data), ctypes.c_double(rho), ctypes.c_double(last)
-    return float(library().redden(place, ctypes.c_int64(x.size), rho_, last_))
-
-
-DRAWING = Drawing(_normals, _redden)

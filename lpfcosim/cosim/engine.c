@@ -196,27 +196,25 @@ static uint64_t next(void *at) {
 
 static double uniform(void *at) { return (double)(next(at) >> 11) / 9007199254740992.0; }
 
-/* Draws the next n numbers. */
-EXPORT void normals(Pcg *pcg, Normal normal, double *out, int64_t n) {
+/* Draws the next n numbers x[i] into out[i] = size x[i] + rho out[i-1], with last before the first; returns the last.
+   White noise has no rho. */
+EXPORT double draw(Pcg *pcg, Normal normal, double *out, int64_t n, double size, double rho, double last) {
     Bits bits = {pcg, next, NULL, uniform, next};
     Wide state = joined(pcg->high, pcg->low), add = joined(pcg->add_high, pcg->add_low);
     for (int64_t i = 0; i < n; i++) {
         Wide following = after(state, add);
         uint64_t drawn = said(following), magnitude = drawn >> ABOVE & (((uint64_t)1 << 52) - 1);
+        double x;
         if (magnitude < inside[drawn & (LAYERS - 1)]) {
-            out[i] = (double)(int64_t)magnitude * width[drawn & (2 * LAYERS - 1)];
+            x = (double)(int64_t)magnitude * width[drawn & (2 * LAYERS - 1)];
             state = following;
         } else {
             keep(pcg, state);
-            out[i] = normal(&bits);
+            x = normal(&bits);
             state = joined(pcg->high, pcg->low);
         }
+        out[i] = last = size * x + rho * last;
     }
     keep(pcg, state);
-}
-
-/* Filters n samples in their place, y[i] = x[i] + rho y[i-1]; returns the last. */
-EXPORT double redden(double *x, int64_t n, double rho, double last) {
-    for (int64_t i = 0; i < n; i++) x[i] = last = x[i] + rho * last;
     return last;
 }

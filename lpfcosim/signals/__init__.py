@@ -3,7 +3,7 @@
 Which noise there is depends on the world of the run, so `lpfcosim.worlds` starts the streams.
 """
 
-from lpfcosim.signals.drawing import PLAIN, Drawing, Fill, numpy_normals
+from lpfcosim.signals.drawing import Drawing, Fill, plain
 from lpfcosim.signals.flicker import flicker
 from lpfcosim.signals.injections import TARGETS, commanded, injected
 from lpfcosim.signals.noise import CORNER, Noise, Shares, Source, tail
@@ -11,7 +11,6 @@ from lpfcosim.signals.wander import Wander
 
 __all__ = [
     "CORNER",
-    "PLAIN",
     "TARGETS",
     "Drawing",
     "Fill",
@@ -24,6 +23,6 @@ __all__ = [
     "events",
     "flicker",
     "injected",
-    "numpy_normals",
+    "plain",
     "tail",
 ]

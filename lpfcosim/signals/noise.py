@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpfcosim.signals import events
-from lpfcosim.signals.drawing import PLAIN, Drawing
+from lpfcosim.signals.drawing import Drawing, plain
 from lpfcosim.signals.injections import add_pulses
 from lpfcosim.signals.streams import generator
 from lpfcosim.spacecraft import Run
@@ -46,11 +46,14 @@ class Source:
         """The signals it goes into, with their factors."""
         return ((self.into, 1.0),) if isinstance(self.into, str) else self.into
 
-    def start(self, run: Run, drawing: Drawing = PLAIN) -> "Stream":
+    def start(self, run: Run, drawing: Drawing = plain) -> "Stream":
         """Return the stream at its beginning."""
-        if self.corner:
-            return _Red(run, self.name, self.level, self.corner, drawing)
-        return _White(run, self.name, self.level, drawing)
+        nyquist = run.fs / 2
+        if not self.corner:
+            return _Drawn(run, self.name, self.level * math.sqrt(nyquist), 0.0, drawing)
+        # PSD 2 h size^2 / |1 - rho z^-1|^2 -> (level / f)^2, with size = pi level sqrt(2 h)
+        size = 2 * math.pi * self.level * run.h * math.sqrt(nyquist)
+        return _Drawn(run, self.name, size, math.exp(-2 * math.pi * self.corner * run.h), drawing)
 
     def psd(self, frequency: Array, h: float) -> Array:
         """Return the one-sided PSD of the stream, sampled every ``h`` seconds, at ``frequency`` [Hz]."""
@@ -81,7 +84,7 @@ class Noise:
         What it is drawn with.
     """
 
-    def __init__(self, run: Run, sources: Sequence[Source], drawing: Drawing = PLAIN) -> None:
+    def __init__(self, run: Run, sources: Sequence[Source], drawing: Drawing = plain) -> None:
         self._run = run
         self._drawn = 0
         self._glitches = events.glitches(run)
@@ -95,11 +98,15 @@ class Noise:
         dict
             Every signal that a source goes into, SI, each of shape (n,).
         """
-        drawn = {into: np.zeros(n) for shares, _ in self._sources for into, _ in shares}
+        drawn: dict[str, Array] = {}
         for shares, source in self._sources:
             stream = source.take(n)
             for into, factor in shares:
-                drawn[into] += stream if factor == 1 else factor * stream
+                part = stream if len(shares) == factor == 1 else factor * stream
+                if into in drawn:
+                    drawn[into] += part
+                else:
+                    drawn[into] = part
         events.let_drift(self._run, drawn, self._drawn)
         drawn["g_2"] += self._run.dc
         first, self._drawn = self._drawn, self._drawn + n
@@ -108,37 +115,24 @@ class Noise:
         return drawn
 
 
-class _White:
-    """White noise of one-sided ASD ``asd``."""
+class _Drawn:
+    """Stationary first-order autoregression, ``y[i] = size x[i] + rho y[i-1]``; white noise without `rho`."""
 
-    def __init__(self, run: Run, name: str, asd: float, drawing: Drawing) -> None:
-        self._fill = drawing.normals(generator(run, name))
-        self._size = asd * math.sqrt(run.fs / 2)
+    def __init__(self, run: Run, name: str, size: float, rho: float, drawing: Drawing) -> None:
+        self._fill = drawing(generator(run, name))
+        self._size, self._rho = size, rho
+        self._last: float | None = None
 
     def take(self, n: int) -> Array:
         if self._size == 0:
             return np.zeros(n)
         drawn = np.empty(n)
-        self._fill(drawn)
-        drawn *= self._size
-        return drawn
-
-
-class _Red:
-    """Stationary first-order autoregression of ASD ``slope``/f between ``corner`` [Hz] and Nyquist."""
-
-    def __init__(self, run: Run, name: str, slope: float, corner: float, drawing: Drawing) -> None:
-        # PSD 2 h step^2 / |1 - rho z^-1|^2 -> (slope / f)^2, with step = pi slope sqrt(2 h)
-        self._source = _White(run, name, 2 * math.pi * slope * run.h, drawing)
-        self._redden = drawing.redden
-        self._rho = math.exp(-2 * math.pi * corner * run.h)
-        self._last: float | None = None
-
-    def take(self, n: int) -> Array:
-        drawn = self._source.take(n)
+        begun = 0
         if self._last is None and n:
+            begun = 1
+            self._fill(drawn[:1], self._size, 0.0, 0.0)
             drawn[0] /= math.sqrt(1 - self._rho**2)  # the first sample has the stationary variance
-            self._last = 0.0
+            self._last = float(drawn[0])
         if self._last is not None:
-            self._last = self._redden(drawn, self._rho, self._last)
+            self._last = self._fill(drawn[begun:], self._size, self._rho, self._last)
         return drawn

@@ -4,9 +4,10 @@ import ctypes
 
 import numpy as np
 import pytest
+import scipy
 
 from lpfcosim.cosim import compiled
-from lpfcosim.signals import PLAIN
+from lpfcosim.signals import plain
 
 pytestmark = pytest.mark.fmu
 
@@ -23,11 +24,11 @@ def anew():
 def test_normal_numbers_have_the_bits_of_numpys(seed):
     """Half a million numbers: some 6,000 outside of their layer, 130 in the tail."""
     generator = np.random.default_rng(seed)
-    fill = compiled.DRAWING.normals(np.random.default_rng(seed))
+    fill = compiled.drawing(np.random.default_rng(seed))
     assert isinstance(fill, compiled._Drawn)
     for n in SIZES:
         found = np.empty(n)
-        fill(found)
+        assert fill(found, 1.0, 0.0, 0.0) == (found[-1] if n else 0.0)
         assert found.tobytes() == generator.standard_normal(n).tobytes()
 
 
@@ -35,13 +36,13 @@ def test_a_generator_may_have_drawn_before():
     generator = np.random.default_rng(1)
     generator.standard_normal(1000)
     found = np.empty(1000)
-    compiled.DRAWING.normals(generator)(found)
+    compiled.drawing(generator)(found, 1.0, 0.0, 0.0)
     assert found.tobytes() == generator.standard_normal(1000).tobytes()
 
 
 def test_another_kind_of_generator_draws_for_itself():
     found = np.empty(1000)
-    compiled.DRAWING.normals(np.random.Generator(np.random.Philox(1)))(found)
+    compiled.drawing(np.random.Generator(np.random.Philox(1)))(found, 1.0, 0.0, 0.0)
     assert np.array_equal(found, np.random.Generator(np.random.Philox(1)).standard_normal(1000))
 
 
@@ -61,21 +62,22 @@ def test_where_numpy_does_otherwise_it_draws(library, monkeypatch):
     compiled._normal.cache_clear()
     with monkeypatch.context() as patch:
         patch.setattr(compiled.ctypes, "CDLL", lambda _: library)
-        fill = compiled.DRAWING.normals(np.random.default_rng(1))
+        fill = compiled.drawing(np.random.default_rng(1))
     assert engine is compiled.library()
     assert not isinstance(fill, compiled._Drawn)
     found = np.empty(1000)
-    fill(found)
+    fill(found, 1.0, 0.0, 0.0)
     assert np.array_equal(found, np.random.default_rng(1).standard_normal(1000))
 
 
-def test_reddened_noise_has_the_bits_of_scipys():
-    rho, last = 0.99999, [0.0, 0.0]
+@pytest.mark.parametrize("way", [compiled.drawing, plain])
+@pytest.mark.parametrize("size, rho", [(3.7e-15, 0.0), (3.7e-15, 0.99999), (1.0, -0.5)])
+def test_noise_has_the_bits_of_scipys_filter(way, size, rho):
+    generator, fill, last = np.random.default_rng(2), way(np.random.default_rng(2)), 0.0
+    state = np.zeros(1)
     for n in SIZES:
-        x = np.random.default_rng(n).standard_normal(n)
-        both = x.copy(), x.copy()
-        last = [
-            way.redden(y, rho, z) for way, y, z in zip((compiled.DRAWING, PLAIN), both, last, strict=True)
-        ]
-        assert both[0].tobytes() == both[1].tobytes()
-        assert last[0] == last[1]
+        x = size * generator.standard_normal(n)
+        wanted, state = scipy.signal.lfilter([1.0], [1.0, -rho], x, zi=state) if n else (x, state)
+        found = np.empty(n)
+        last = fill(found, size, rho, last)
+        assert found.tobytes() == wanted.tobytes()
