@@ -26,6 +26,8 @@ BLOCK = 60.0  # s
 BESIDE = 15  # blocks on either side that tell how much noise there is
 MOST_BLOCKS = 400  # of a run; longer ones have longer blocks
 RARE = 1e-9  # probability that noise does so at one instant; a run has some ten that are independent
+# chi2 an hour: commands answer noise, so that coefficients of a quiet part are off; 0.5 was seen, in mission-x
+ANSWERED = 1.0
 LOUDER = 10.0  # ratio of the power of what is left after and before that may be noise that changes
 _RIDGE = 1e-9
 
@@ -69,7 +71,8 @@ def change(experiment: Experiment) -> str | None:
     louder = float(_left(total - before[at]) / _left(before[at])) * (at + 1) / (len(before) - at)
     # the weights hold for one noise: where it changes, what they bias changes along
     most = max(louder, 1 / louder, 1.0) ** 2 if 1 / LOUDER < louder < LOUDER else 1.0
-    changed = min(steady, _difference(blocks, at + 1) / most) / _most(count)
+    hours = blocks.length * len(blocks.grams) / 3600
+    changed = min(steady, _difference(blocks, at + 1) / most) / (_most(count) + ANSWERED * hours)
     gained = whole - _left(total - blocks.grams)
     worst = int(np.argmax(gained))
     beside = np.delete(gained, worst)[max(0, worst - BESIDE) : worst + BESIDE]
