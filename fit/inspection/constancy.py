@@ -119,18 +119,19 @@ def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
     terms = run.spectra(tau)
     S = noise.expected(terms.f)
     U = linear.whiten(terms, S)[0]
-    n = terms.window.size
+    n = scipy.fft.next_fast_len(4 * (terms.first + len(U)), real=True)  # enough for products
+    fs = run.channels.fs * n / terms.window.size
     names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
     kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
     columns = linear.stacked(U[:, kept])
     columns[:, 1:] = np.linalg.qr(columns[:, 1:] / np.linalg.norm(columns[:, 1:], axis=0))[0]
     series = spectra.series(columns.T.view(np.complex128).T, terms.first, n)
-    size = max(round(BLOCK * run.channels.fs), -(-n // MOST_BLOCKS))
+    size = max(round(BLOCK * fs), -(-n // MOST_BLOCKS))
     blocks = series.T[:, : n // size * size].reshape(len(kept), -1, size).swapaxes(0, 1)
     return _Blocks(
         tuple(names[k] for k in kept[1:]),
         n / 2 * (blocks @ blocks.swapaxes(1, 2)),
-        size / run.channels.fs,
+        size / fs,
         2 * len(U) * size / n,
     )
 

@@ -162,6 +162,11 @@ class _Heard:
         answers = self.answers(min(scipy.fft.next_fast_len(6 * last, real=True), n))
         return all(float(found.max()) * BETWEEN < THRESHOLD * sigma for found, sigma in answers)
 
+    @property
+    def loudest(self) -> float:
+        """The highest of all."""
+        return max(float(ratio.max()) for ratio in self.ratios())
+
     @cached_property
     def highest(self) -> Array:
         """That of what stands out most, shape (N,)."""
@@ -262,10 +267,12 @@ class _Search:
         S = (noise or self)._S(terms.f)
         U, _ = linear.whiten(terms, S)
         heard = _Heard(terms, U @ self._c, S, 0.0 if noise in (self, None) else 1.0)
-        loud = not heard.quiet and float(heard.highest.max()) > THRESHOLD
+        loud = not heard.quiet and heard.loudest > THRESHOLD
         # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
         short = loud and heard.narrowest < RAISED
-        long = [] if short else pursue(self._view(noise, S, U))
+        view = None if short else self._view(noise, S, U)
+        del U  # it fills the memory, with that of a long run
+        long = pursue(view) if view else []
         clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, heard)]
         if clear:
             self._shapes += clear

@@ -76,7 +76,7 @@ def pursue(view: View) -> list[Found]:
             break
         glitch, column = found
         amplitude = abs(float(column @ left.residual))
-        if _significance(left.without(column), column, amplitude) > _least(view, glitch):
+        if _significance(left, left.left_by(column), column, amplitude) > _least(view, glitch):
             nearer = closest(left, glitch)
             its_own = left.column(nearer)
             if its_own is not None:
@@ -86,7 +86,7 @@ def pursue(view: View) -> list[Found]:
     return [
         Found(glitch, amplitude * view.seen(glitch))
         for glitch, column, amplitude in taken
-        if _significance(left, column, amplitude) > _least(view, glitch)
+        if _significance(left, left.residual, column, amplitude) > _least(view, glitch)
     ]
 
 
@@ -129,22 +129,25 @@ def _filters(view: View) -> Iterator[_Filters]:
 def _bank(duration: float, f: Array) -> Iterable[tuple[Sequence[Shape], Spectrum, Array]]:
     """Return the shapes of the bank by tau, with conjugate transforms and power in the bins that it needs."""
     if f.size > LONG:  # one such run would fill the memory with them
-        return _transforms(duration, f)
+        return _transforms(([shape] for shape in shapes.bank(duration)), f)
     return _known(duration, f.tobytes())
 
 
 @kept(8)  # the runs of a campaign have few lengths
 def _known(duration: float, of_f: bytes) -> list[tuple[Sequence[Shape], Spectrum, Array]]:
-    found = list(_transforms(duration, np.frombuffer(of_f)))
+    of_tau = groupby(shapes.bank(duration), key=lambda shape: shape.tau)
+    found = list(_transforms((list(alike) for _, alike in of_tau), np.frombuffer(of_f)))
     for _, *both in found:
         for shared in both:
             shared.setflags(write=False)
     return found
 
 
-def _transforms(duration: float, f: Array) -> Iterator[tuple[Sequence[Shape], Spectrum, Array]]:
-    for tau, of_tau in groupby(shapes.bank(duration), key=lambda shape: shape.tau):
-        bins, alike = max(2, int(np.searchsorted(2 * np.pi * f * tau, BAND))), list(of_tau)
+def _transforms(
+    bank: Iterable[Sequence[Shape]], f: Array
+) -> Iterator[tuple[Sequence[Shape], Spectrum, Array]]:
+    for alike in bank:  # of one tau
+        bins = max(2, int(np.searchsorted(2 * np.pi * f * alike[0].tau, BAND)))
         transforms = np.array([shape.transform(f[:bins]).conj() for shape in alike])
         yield alike, transforms, np.abs(transforms) ** 2
 
@@ -184,7 +187,7 @@ def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
         return None
     most, step = abs(float(column @ view.residual)), 0.4
     shortest, longest = shapes.bounds(view.duration)
-    likely = _significance(view.without(column), column, most)
+    likely = _significance(view, view.left_by(column), column, most)
     if likely < SUSPECT * _least(view, start):
         return None
     while step > max(1 / most**2, FINEST) and most > 1:
@@ -204,17 +207,17 @@ def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
     return None if column is None else (best, column)
 
 
-def _significance(left: View, column: Array, amplitude: float) -> float:
+def _significance(view: View, left: Array, column: Array, amplitude: float) -> float:
     """Return how many sigma of a normal variable are as unlikely as the amplitude.
 
-    Sigma is that of the residual which is left in the band of the glitch. It counts for as many degrees of
+    Sigma is that of the residual which is `left` in the band of the glitch. It counts for as many degrees of
     freedom as the band has bins, and is joined by what the noise run tells unless the two contradict.
     """
-    weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, left.residual))
+    weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, left))
     dof = max(2 / float(weight @ weight), 1.0)
     variance = float(weight @ power) / 2
-    if not left.own and dof * variance < scipy.special.chdtri(dof, LOUDER):
+    if not view.own and dof * variance < scipy.special.chdtri(dof, LOUDER):
         variance = max(1.0, (dof * variance + KNOWN) / (dof + KNOWN))
         dof += KNOWN
-    squared = np.mean(left.window**2) * amplitude**2 / max(variance, 1e-300)
+    squared = np.mean(view.window**2) * amplitude**2 / max(variance, 1e-300)
     return float(np.sqrt(dof * np.log1p(squared / dof)))

@@ -191,7 +191,10 @@ class View:
         series = glitch.series(self.time[: self.window.size], self.fs)
         return float(np.linalg.norm(self.window * series) / max(float(np.linalg.norm(series)), 1e-300))
 
+    def left_by(self, column: Array) -> Array:
+        """Return the residual without its part along a column, shape (2 B,)."""
+        return self.residual - column * float(column @ self.residual)
+
     def without(self, column: Array) -> "View":
         """Return the run with a further column projected out."""
-        residual = self.residual - column * float(column @ self.residual)
-        return replace(self, residual=residual, Q=np.column_stack([self.Q, column]))
+        return replace(self, residual=self.left_by(column), Q=np.column_stack([self.Q, column]))

@@ -173,7 +173,8 @@ def _told(of: Amount) -> str:
 
 
 def _drifting(terms: dynamics.Columns) -> Iterator[Array]:
-    share = (terms.time - terms.time.mean()) / np.ptp(terms.time)
+    share = terms.time - terms.time.mean()
+    share /= np.ptp(share)
     at = dict(zip(terms.names, terms.values.T, strict=True))
     yield from (share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING)
 
@@ -281,6 +282,7 @@ def _added(
             of_run.append(x is not None)
             if x is not None:
                 yield x[:, None]
+            del x  # before there is another one
 
     return experiment.sysid.transformed(one_by_one(), terms), of_run
 
@@ -289,6 +291,7 @@ def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.
     """Return the columns that `DRIFTING` and `OF_O_1` name; to delay the commands takes the most time."""
     inner = slice(derivatives.HALF, -derivatives.HALF)
     curve = derivatives.derivative(run.o_1, run.fs, 2)
-    values = np.stack([run.o_12[inner], run.o_1[inner], curve], axis=1)
+    values = np.stack([run.o_12[inner], run.o_1[inner], curve]).T
+    del curve
     valid = ~derivatives.reached(~run.valid)
     return dynamics.Columns(tau, ("o_12", "o_1", "ddo_1"), run.fs, run.time[inner], values, valid)

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import derivatives
-from fit.telemetry import MAX_MISSING, Telemetry
+from fit.telemetry import MAX_MISSING, Telemetry, TimeAxis
 
 Array = NDArray[np.float64]
 
@@ -184,6 +184,9 @@ class Channels:
     def parameters(self) -> tuple[str, ...]:
         """Names of the P parameters of the run, see `run_parameters`."""
         return run_parameters(self.means)
+
+
+Channels.time = TimeAxis()  # type: ignore[assignment]
 
 
 def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:

@@ -33,9 +33,11 @@ def columns(found: Columns) -> NDArray[np.float64]:
 
 def parts(found: Columns) -> Iterator[NDArray[np.float64]]:
     """Yield the same one by one, shape (N, 1)."""
-    signed = {j: sign * found.values[:, found.names.index(f"f_{j}")] for j, sign in _SIGNS.items()}
-    u = np.linspace(-0.5, 0.5, len(found.values))
-    yield from ((u * force)[:, None] for force in signed.values())
-    for force in signed.values():
-        largest = float(np.max(np.abs(force), where=found.valid, initial=0.0))
-        yield (force * np.abs(force) / (largest or 1.0))[:, None]
+    forces = [(found.values[:, found.names.index(f"f_{j}")], sign) for j, sign in _SIGNS.items()]
+    for force, sign in forces:
+        yield (np.linspace(-0.5 * sign, 0.5 * sign, len(force)) * force)[:, None]
+    for force, sign in forces:
+        size = np.abs(force)
+        size *= sign / (float(np.max(size, where=found.valid, initial=0.0)) or 1.0)
+        size *= force
+        yield size[:, None]

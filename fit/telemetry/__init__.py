@@ -4,6 +4,7 @@ A run is a `Telemetry`. A channel is read from the file when it is used. Another
 elsewhere first, since they may crash a library (`guard`).
 """
 
+from fit.telemetry.axis import TimeAxis
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.pieces import PIECE, Row, pieces
@@ -30,6 +31,7 @@ __all__ = [
     "TOWARDS_2",
     "Row",
     "Telemetry",
+    "TimeAxis",
     "Writer",
     "XAxis",
     "another_stretch",

@@ -23,7 +23,7 @@ class _Even:
 
 
 class TimeAxis:
-    """`Telemetry.time`, an array that is made when it is asked for: of weeks, it fills the memory."""
+    """The `time` of a run, an array that is made when it is asked for: of weeks, it fills the memory."""
 
     def __get__(self, run: Any, _: type | None = None) -> NDArray[np.float64]:
         if run is None:

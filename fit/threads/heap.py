@@ -11,7 +11,7 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # of mallopt, in malloc.h of glibc
-_LARGE = 2**25  # bytes, beyond which an array takes its memory from the system, the most there may be
+_LARGE = 3 * 2**20  # bytes, beyond which an array takes its memory from the system, the most there may be
 _CACHES: list[Callable[[], None]] = []
 
 
@@ -36,7 +36,7 @@ def one_heap() -> None:
     if function := _function("mallopt"):
         function(_ARENA_MAX, 1)
         function(_MMAP_THRESHOLD, _LARGE)
-        function(_TRIM_THRESHOLD, 2 * _LARGE)
+        function(_TRIM_THRESHOLD, 2**26)
 
 
 def give_back() -> None:

@@ -160,7 +160,9 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     Q = np.linalg.qr((stacked(spectra.nuisance).T * scale).T)[0]
     columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
     U = columns[:, given] * scale[given]  # one row for each column, as they lie
-    U -= (U @ Q if first is None else columns @ (Q * scale[:, None])) @ Q[given].T
+    taken = U @ Q if first is None else columns @ (Q * scale[:, None])
+    for at in pieces(U.shape[1]):
+        U[:, at] -= taken @ Q[at].T
     of_bins = Q[given].reshape(U.shape[1] // 2, -1)
     return U.view(np.complex128).T, np.asarray(1 - np.einsum("bi,bi->b", of_bins, of_bins) / 2, np.float64)
 

@@ -28,6 +28,7 @@ JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take pa
 SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
 SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
 AGAIN = 2.0  # times as loud as it seems: from there slow noise left alone is heard again, lest fits cycle
+LONG = 2**18  # samples of a run, beyond which one copy of its spectra is kept
 TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends
 
 
@@ -168,12 +169,13 @@ class Run:
             If missing samples leave too little of the run.
         """
         last = self._last
-        if self._first and tau == self._first.tau:  # where every fit begins
+        if self._first and tau == self._first.tau and self._first.columns.size:  # where every fit begins
             last = self._first
         elif last is None:
             last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
-            self._first = last
+            long = last.window.size > LONG
+            self._first = replace(last, columns=np.empty((0, 0), dtype=np.complex128)) if long else last
         elif _apart(tau, last.tau) > (CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE):
             # of what does not move, the transforms stay
             columns, forces = last.columns.copy(), dynamics.forces(self.channels, tau)
