@@ -26,8 +26,8 @@ BLOCK = 60.0  # s
 BESIDE = 15  # blocks on either side that tell how much noise there is
 MOST_BLOCKS = 400  # of a run; longer ones have longer blocks
 RARE = 1e-9  # probability that noise does so at one instant; a run has some ten that are independent
-# chi2 an hour: commands answer noise, so that coefficients of a quiet part are off; 0.5 was seen, in mission-x
-ANSWERED = 1.0
+DRIVEN = 0.1  # of its share of what drives a run in some direction, below which a part is quiet
+ANSWERED = 4.0  # chi2 an hour: commands answer noise, so that coefficients of a quiet part are off; up to 1.8
 LOUDER = 10.0  # ratio of the power of what is left after and before that may be noise that changes
 _RIDGE = 1e-9
 
@@ -71,8 +71,8 @@ def change(experiment: Experiment) -> str | None:
     louder = float(_left(total - before[at]) / _left(before[at])) * (at + 1) / (len(before) - at)
     # the weights hold for one noise: where it changes, what they bias changes along
     most = max(louder, 1 / louder, 1.0) ** 2 if 1 / LOUDER < louder < LOUDER else 1.0
-    hours = blocks.length * len(blocks.grams) / 3600
-    changed = min(steady, _difference(blocks, at + 1) / most) / (_most(count) + ANSWERED * hours)
+    limit = _most(count) + ANSWERED * _quiet(blocks, at + 1)
+    changed = min(steady, _difference(blocks, at + 1) / most) / limit
     gained = whole - _left(total - blocks.grams)
     worst = int(np.argmax(gained))
     beside = np.delete(gained, worst)[max(0, worst - BESIDE) : worst + BESIDE]
@@ -97,6 +97,14 @@ def _most(freedom: float) -> float:
     return float(scipy.special.chdtri(freedom, RARE))
 
 
+def _quiet(blocks: _Blocks, index: int) -> float:
+    """Return how long [h] those of the parts before and from a block on are that lack drive the other has."""
+    parts = (part[:, 1:, 1:] for part in (blocks.grams[:index], blocks.grams[index:]))
+    least = DRIVEN / len(blocks.grams)  # all blocks make one
+    quiet = (len(part) for part in parts if np.linalg.eigvalsh(part.mean(axis=0))[0] < least)
+    return sum(quiet) * blocks.length / 3600
+
+
 def _difference(blocks: _Blocks, index: int) -> float:
     """Return chi2 of the difference of the parts before and from a block on, whatever noise each has.
 
@@ -119,8 +127,10 @@ def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
     terms = run.spectra(tau)
     S = noise.expected(terms.f)
     U = linear.whiten(terms, S)[0]
-    n = scipy.fft.next_fast_len(4 * (terms.first + len(U)), real=True)  # enough for products
-    fs = run.channels.fs * n / terms.window.size
+    n, fs = terms.window.size, run.channels.fs
+    if n > MOST_BLOCKS * BLOCK * fs:  # products of series need no more instants, and all fill the memory
+        n = scipy.fft.next_fast_len(4 * (terms.first + len(U)), real=True)
+        fs *= n / terms.window.size
     names = (*dynamics.COLUMNS, *run.channels.parameters[len(dynamics.PARAMETERS) :])
     kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
     columns = linear.stacked(U[:, kept])

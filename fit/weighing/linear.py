@@ -221,11 +221,9 @@ def scores(blocks: Sequence[Block], theta: Array) -> Array:
 
 
 def _sum(of_columns: Sequence[Array], blocks: Sequence[Block], theta: Array) -> Array:
-    total = np.zeros((theta.size, theta.size))
-    for matrix, block in zip(of_columns, blocks, strict=True):
-        c = block.gradient(theta)
-        total += c.T @ matrix @ c
-    return total
+    gradients = (block.gradient(theta) for block in blocks)
+    terms = (c.T @ matrix @ c for c, matrix in zip(gradients, of_columns, strict=True))
+    return sum(terms, np.zeros((theta.size, theta.size)))
 
 
 def blind(H: Array, widths: Array) -> tuple[NDArray[np.bool_], Array]:

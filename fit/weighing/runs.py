@@ -174,8 +174,7 @@ class Run:
         elif last is None:
             last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
-            long = last.window.size > LONG
-            self._first = replace(last, columns=np.empty((0, 0), dtype=np.complex128)) if long else last
+            self._first = last if last.window.size <= LONG else replace(last, columns=last.columns[:0].copy())
         elif _apart(tau, last.tau) > (CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE):
             # of what does not move, the transforms stay
             columns, forces = last.columns.copy(), dynamics.forces(self.channels, tau)

@@ -83,6 +83,17 @@ def test_one_equation_from_begin_to_end_is_left_alone():
     assert found(o_12=lambda x: -x, o_1=lambda x: -x, f_x_1=lambda x: -x, f_x_2=lambda x: -x) is None
 
 
+@pytest.mark.parametrize(("name", "hours"), [("A2", 65.0), ("B2", 65.0), ("D3", 260.0)])
+def test_a_long_quiet_part_is_left_alone(name, hours):
+    # there commands answer noise alone, which moves their coefficients: chi2 110 to 140 without any change
+    made = thirteen.made(name, "sysid", seed=4)
+    sysid = thirteen.telemetry(replace(made, duration=3600 * hours))
+    noise = Run(thirteen.telemetry(thirteen.made(name, "noise", seed=4)))
+    assert constancy.change(Experiment(Run(sysid), noise)) is None
+    changed = {**sysid.channels, "f_x_2": second_half(0.9)(sysid.channels["f_x_2"])}
+    assert constancy.change(Experiment(Run(replace(sysid, channels=changed)), noise))
+
+
 def growing(size):
     draw = np.convolve(np.random.default_rng(3).standard_normal(50000), np.ones(9) / 3, "same")
 
