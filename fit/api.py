@@ -6,6 +6,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from fit import pipeline
@@ -17,8 +18,15 @@ from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, conversion, inside, read_all
+from fit.weighing import linear
 
 PathLike = str | os.PathLike[str]
+
+
+def read_in() -> None:
+    """Read in libraries now that a calibration would wait for when it comes to them."""
+    import_module("scipy.signal")
+    linear.minimiser()
 
 
 def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -> list[Telemetry]:

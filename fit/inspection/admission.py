@@ -95,8 +95,9 @@ def changes(experiments: Sequence[Experiment]) -> Found:
 
 def _of_own(e: Experiment) -> tuple[list[str], ...]:
     """Return what contradicts the authority of the runs of an experiment, then what `ODD` stands for."""
-    sysid, noise = e.sysid.telemetry, e.noise.telemetry if e.noise else None
-    beyond = [reason for run in _runs(e) for reason in authority.faults(run.telemetry)]
+    runs = [run.telemetry.held(dynamics.CHANNELS) for run in _runs(e)]
+    sysid, noise = runs[0], runs[1] if e.noise else None
+    beyond = [reason for run in runs for reason in authority.faults(run)]
     return beyond, list(samples.faults(sysid, noise)), list(samples.interpolated(sysid))
 
 

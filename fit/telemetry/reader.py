@@ -4,7 +4,7 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -97,6 +97,11 @@ class Telemetry(Displayed):
         if name == "time":
             return axis.row(self)
         return self.channels.row(name) if isinstance(self.channels, OnDemand) else self.channels[name]
+
+    def held(self, names: Iterable[str]) -> "Telemetry":
+        """Return the run with these channels alone, read once for all who ask; long ones stay in the file."""
+        kept: dict[str, Any] = {"time": axis.row(self), "channels": {name: self.row(name) for name in names}}
+        return replace(self, **kept)
 
     def part(self, at: slice) -> "Telemetry":
         """Return some of the samples as a run."""

@@ -325,7 +325,7 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     """
     if (reached := _step(blocks, prior, start, width)) is not None:
         return reached
-    lmfit = _lmfit()
+    lmfit = minimiser()
 
     def parameters(p: Any) -> Array:
         return np.array([p[name].value for name in p]) * width
@@ -351,7 +351,7 @@ def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) 
     return theta
 
 
-def _lmfit() -> Any:
+def minimiser() -> Any:
     """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
     with lean.without(_UNASKED, "lmfit"):
         return import_module("lmfit")

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 
-from fit import api
 from fit import settings as fit_settings
 from fit.errors import FitError
-from fit.report import page as fit_report
 from fit.results import Results, load, sound_joint, write
 from fit.telemetry import Telemetry, conversion, inside, read_all
 from lpfcosim.cli.common import check_folder
@@ -19,6 +18,7 @@ from lpfcosim.cli.console import Console
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger
 
+_API, _PAGE = "fit.api", "fit.report.page"  # take their time, and are read in while files are
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
 
@@ -69,8 +69,10 @@ def calibrated(
         known = load(calibration)
         sound_joint(known, str(calibration))
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
+    threading.Thread(target=_read_in, daemon=True).start()
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
+    api, page = import_module(_API), import_module(_PAGE)
     admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:
@@ -90,13 +92,18 @@ def calibrated(
     with folders.held(directory):
         document = write(results, directory / "results.json")
         with console.stage("report"):
-            page = fit_report.write_report(directory, results, telemetries)
+            report = page.write_report(directory, results, telemetries)
     if printed:
         console.table(results)
         console.document(document)
-        console.say(f"report: {page}")
+        console.say(f"report: {report}")
     for place, warning in results.unsound:
         raise FitError(f"{directory / 'results.json'}: {place}: {warning.message}")
+
+
+def _read_in() -> None:
+    import_module(_API).read_in()
+    import_module(_PAGE)
 
 
 def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
