@@ -18,7 +18,7 @@ from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, conversion, inside, read_all
-from fit.weighing import linear
+from fit.weighing import minimiser
 
 PathLike = str | os.PathLike[str]
 
@@ -26,7 +26,7 @@ PathLike = str | os.PathLike[str]
 def read_in() -> None:
     """Read in libraries now that a calibration would wait for when it comes to them."""
     import_module("scipy.signal")
-    linear.minimiser()
+    minimiser()
 
 
 def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -> list[Telemetry]:

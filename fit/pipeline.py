@@ -103,13 +103,13 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
     if (joint := results.joint) is None or not periods:
         return results
     give_back()  # what the dynamics needed beyond that
-    fits = {name: _doubted(inertial.fit_period(runs, joint), joint) for name, runs in periods.items()}
-    runs = {name: [run.run for run in runs] for name, runs in periods.items()}
+    fits = dict(each(lambda of: (of, _doubted(inertial.fit_period(periods[of], joint), joint)), periods))
+    names = {name: [run.run for run in runs] for name, runs in periods.items()}
     return replace(
         results,
         inertial={**results.inertial, **fits},
         cross_talk=_separated(results, fits),
-        provenance=replace(results.provenance, inertial_runs=runs, inertial_band=list(inertial.BAND)),
+        provenance=replace(results.provenance, inertial_runs=names, inertial_band=list(inertial.BAND)),
     )
 
 

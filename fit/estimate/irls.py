@@ -19,7 +19,7 @@ from fit.model import dynamics
 from fit.paper import Parameter
 from fit.settings import Estimator
 from fit.threads import each, within
-from fit.weighing import Experiment, linear
+from fit.weighing import Experiment, linear, minimise
 
 Array = NDArray[np.float64]
 
@@ -270,7 +270,7 @@ def iterate(
             beside = held(blocks, theta, of_departures)
         determined = ~beside.lost
         prior = linear.Prior(beside.prior.centre, np.concatenate([beside.prior.rows, of_departures]))
-        found = linear.minimise(blocks, prior, theta, width)
+        found = minimise(blocks, prior, theta, width)
         covariance = _spread(blocks, prior, found, width, rule)
         move = (found - theta) / np.sqrt(np.diag(covariance))
         moved = float(np.max(np.abs(move[determined]), initial=0.0))

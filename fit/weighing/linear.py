@@ -11,13 +11,11 @@ band. Leaving out the lowest bins would break the sum.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
-from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from fit import lean
 from fit.errors import FitError
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum, spectra
@@ -27,8 +25,6 @@ from fit.weighing.tones import drives, single_tone
 
 Array = NDArray[np.float64]
 
-_UNASKED = ("pandas", "matplotlib", "emcee")  # lmfit takes them in if they are there
-NEAR = 1.0  # sigma: beyond a step that short, products of parameters move less than 1e-5
 FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
 
 
@@ -157,7 +153,8 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
         The fraction of the power that the projection leaves, from 0 to 1.
     """
     scale = np.repeat(np.sqrt(2 / S), 2)
-    Q = np.linalg.qr((stacked(spectra.nuisance).T * scale).T)[0]
+    beside = (stacked(spectra.nuisance).T * scale).T
+    Q = scipy.linalg.qr(beside, True, mode="economic", check_finite=False)[0]  # no copies, as NumPy takes
     columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
     U = columns[:, given] * scale[given]  # one row for each column, as they lie
     taken = U @ Q if first is None else columns @ (Q * scale[:, None])
@@ -301,73 +298,6 @@ class Solution:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def minimise(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Array:
-    """Minimise chi^2 over the blocks (eq. jointlh for Gaussian noise of known PSD).
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-        The data.
-    prior : Prior
-        What else is known.
-    start, width : ndarray, shape (P,)
-        Where to begin, and the natural scale of each parameter. From close by one step reaches the minimum.
-
-    Returns
-    -------
-    ndarray, shape (P,)
-        The parameters, SI.
-
-    Raises
-    ------
-    FitError
-        If the minimiser fails.
-    """
-    if (reached := _step(blocks, prior, start, width)) is not None:
-        return reached
-    lmfit = minimiser()
-
-    def parameters(p: Any) -> Array:
-        return np.array([p[name].value for name in p]) * width
-
-    def residuals(p: Any) -> Array:
-        theta = parameters(p)
-        of_prior = prior.rows @ (theta - prior.centre)
-        return np.concatenate([*(block.R @ block.coefficients(theta) for block in blocks), of_prior])
-
-    def jacobian(p: Any) -> Array:
-        theta = parameters(p)
-        data = [block.R @ block.of_run(theta) @ block.share * width for block in blocks]
-        return np.concatenate([*data, prior.rows * width])
-
-    p = lmfit.Parameters()
-    for i, value in enumerate(start / width):
-        p.add(f"p_{i}", value=value)
-    found = lmfit.minimize(
-        residuals, p, method="leastsq", scale_covar=False, Dfun=jacobian, ftol=1e-14, xtol=1e-12
-    )
-    if not found.success or not np.isfinite(theta := parameters(found.params)).all():
-        raise FitError(f"the minimisation failed: {found.message}")
-    return theta
-
-
-def minimiser() -> Any:
-    """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
-    with lean.without(_UNASKED, "lmfit"):
-        return import_module("lmfit")
-
-
-def _step(blocks: Sequence[Block], prior: Prior, start: Array, width: Array) -> Array | None:
-    """Take one step of Gauss and Newton; None if it is neither short nor straight, so that more is to go."""
-    left = prior.rows.T @ (prior.rows @ (start - prior.centre))
-    for block in blocks:
-        left += block.gradient(start).T @ (block.R.T @ (block.R @ block.coefficients(start)))
-    covariance = curvature_covariance(information(blocks, start), prior, width)
-    step = -covariance @ left
-    short = np.all(step**2 < NEAR**2 * np.diag(covariance))
-    return start + step if short or all(isinstance(block, Straight) for block in blocks) else None
-
-
 def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:
     """Return the covariance that the curvature alone tells, shape (P, P): bins taken as independent.
 
@@ -395,6 +325,5 @@ def solution(blocks: Sequence[Block], prior: Prior, theta: Array, width: Array) 
     inverse = curvature_covariance(H, prior, width)
     covariance = inverse @ (scores(blocks, theta) + known) @ inverse
     left = [block.plain @ block.coefficients(theta) for block in blocks]
-    determined = round(float(np.trace(inverse @ H)))
-    dof = sum(block.size for block in blocks) - determined
+    dof = sum(block.size for block in blocks) - round(float(np.trace(inverse @ H)))
     return Solution(theta, covariance, float(np.sum(np.concatenate(left) ** 2)), dof)

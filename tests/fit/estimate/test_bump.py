@@ -15,7 +15,7 @@ from fit.model.sharing import Sharing
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import derivatives
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run
 from fit.weighing.shapes import Glitch, Shape
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run

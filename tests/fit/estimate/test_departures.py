@@ -8,8 +8,7 @@ import pytest
 from fit.estimate import levels
 from fit.estimate.joint import fit_experiment, fit_joint
 from fit.settings import settings
-from fit.weighing import Experiment
-from fit.weighing.runs import Run
+from fit.weighing import Experiment, Run
 from tests.oracles.synthetic import World, pair
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2), ("B", 2), ("A", 2))

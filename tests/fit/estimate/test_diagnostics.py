@@ -12,8 +12,7 @@ from fit.pipeline import calibrate
 from fit.results import Provenance, Results, load, write
 from fit.settings import settings
 from fit.signal import fit_noise, spectra
-from fit.weighing import linear
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run, linear
 from tests.oracles.synthetic import World, pair, telemetry
 
 HOURS = 3600

@@ -9,7 +9,7 @@ from fit.estimate import bump, drift
 from fit.estimate.joint import fit_joint
 from fit.model.sharing import Sharing
 from fit.settings import settings
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run
 from tests.oracles.bump_synthetic import TRUTH, Motion, pair
 from tests.oracles.synthetic import World
 

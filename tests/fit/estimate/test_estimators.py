@@ -12,8 +12,7 @@ from fit.estimate.joint import fit_experiment
 from fit.model import dynamics
 from fit.pipeline import calibrate
 from fit.settings import read, settings
-from fit.weighing import likelihood
-from fit.weighing.runs import Run
+from fit.weighing import Run, likelihood
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))

@@ -16,8 +16,7 @@ from fit.model import Columns
 from fit.paper import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.weighing import likelihood
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run, likelihood
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from lpfcosim.plant import planning

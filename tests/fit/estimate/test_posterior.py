@@ -10,7 +10,7 @@ from fit.estimate.joint import fit_joint
 from fit.estimate.normal import inflation
 from fit.estimate.posterior import Posterior
 from fit.settings import settings
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run
 from tests.oracles.synthetic import World, pair
 
 pytestmark = pytest.mark.slow

@@ -8,9 +8,8 @@ import pytest
 from fit.estimate import steadiness, unsteady
 from fit.estimate.joint import fit_experiment
 from fit.signal import spectra
-from fit.weighing import Experiment, linear
+from fit.weighing import Experiment, Run, linear
 from fit.weighing.likelihood import weights
-from fit.weighing.runs import Run
 from tests.oracles.synthetic import World, telemetry
 
 

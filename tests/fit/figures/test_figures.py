@@ -12,7 +12,7 @@ from fit.inspection import glitches
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, masked
 from fit.warnings import Span as Stretch
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")

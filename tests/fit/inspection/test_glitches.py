@@ -11,7 +11,7 @@ from fit.estimate.joint import fit_experiment, fit_joint
 from fit.inspection import glitches, prepare_each
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.weighing.runs import Experiment, Run
+from fit.weighing import Experiment, Run
 from lpfcosim.campaign import loading
 from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant

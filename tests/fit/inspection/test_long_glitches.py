@@ -9,8 +9,7 @@ from fit.estimate.joint import fit_experiment, fit_joint
 from fit.inspection import glitches
 from fit.model import dynamics
 from fit.settings import settings
-from fit.weighing import linear, shapes
-from fit.weighing.runs import Experiment, Run, noise_model
+from fit.weighing import Experiment, Run, linear, noise_model, shapes
 from tests.oracles import thirteen
 from tests.oracles.glitches import Glitch, draw, struck
 

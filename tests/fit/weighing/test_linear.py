@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from fit.weighing import linear
+from fit.weighing import linear, minimise
 from fit.weighing.likelihood import weights
 
 TRUTH = np.array([1.08, 0.19, 1.05, 0.2, -4.2e-7, 1e-8, 3e-5])  # in the order of dynamics.PARAMETERS
@@ -53,5 +53,5 @@ def test_minimum_is_reached_from_near_and_far(driven, away):
     block, minimum, sigma = driven
     start = minimum + away * sigma * np.array([1, -1, 1, 1, -1, 1, -1])
     prior = linear.Prior(minimum, np.zeros((0, 7)))
-    found = linear.minimise([block], prior, start, SCALE)
+    found = minimise([block], prior, start, SCALE)
     np.testing.assert_allclose((found - minimum) / sigma, 0, atol=1e-5)
