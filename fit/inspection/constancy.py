@@ -28,6 +28,7 @@ MOST_BLOCKS = 400  # of a run; longer ones have longer blocks
 RARE = 1e-9  # probability that noise does so at one instant; a run has some ten that are independent
 DRIVEN = 0.1  # of its share of what drives a run in some direction, below which a part is quiet
 ANSWERED = 4.0  # chi2 an hour: commands answer noise, so that coefficients of a quiet part are off; up to 1.8
+UNSEEN = 6.0  # h of quiet that move hardly anything: runs of a campaign are not longer
 LOUDER = 10.0  # ratio of the power of what is left after and before that may be noise that changes
 _RIDGE = 1e-9
 
@@ -71,7 +72,7 @@ def change(experiment: Experiment) -> str | None:
     louder = float(_left(total - before[at]) / _left(before[at])) * (at + 1) / (len(before) - at)
     # the weights hold for one noise: where it changes, what they bias changes along
     most = max(louder, 1 / louder, 1.0) ** 2 if 1 / LOUDER < louder < LOUDER else 1.0
-    limit = _most(count) + ANSWERED * _quiet(blocks, at + 1)
+    limit = _most(count) + ANSWERED * max(0.0, _quiet(blocks, at + 1) - UNSEEN)
     changed = min(steady, _difference(blocks, at + 1) / most) / limit
     gained = whole - _left(total - blocks.grams)
     worst = int(np.argmax(gained))
