@@ -8,4 +8,15 @@ from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.master import Engine, Where
 from lpfcosim.cosim.placement import driver, interfaces
 
-__all__ = ["Engine", "Interface", "Where", "archive", "checks", "driver", "interfaces", "master", "placement"]
+__all__ = [
+    "Engine",
+    "Interface",
+    "Where",
+    "archive",
+    "checks",
+    "compiled",
+    "driver",
+    "interfaces",
+    "master",
+    "placement",
+]

@@ -1,6 +1,6 @@
-"""What is compiled of the simulation beside the FMUs: the stepping loop, and drawing noise with it.
+"""What is compiled of the simulation beside the FMUs: the stepping loop, drawing noise, and the low-pass.
 
-The numbers have the bits of NumPy's and SciPy's, in a quarter of the time.
+The numbers have the bits of NumPy's and SciPy's, in a quarter of the time or less.
 """
 
 import ctypes
@@ -22,7 +22,7 @@ _WORD = 2**64 - 1
 def library() -> ctypes.CDLL:
     """Return the compiled engine."""
     found = ctypes.CDLL(str(engine_library()))
-    for name in ("run_block", "learn"):
+    for name in ("run_block", "learn", "low_pass"):
         getattr(found, name).restype = None
     found.draw.restype = ctypes.c_double
     return found
@@ -36,6 +36,13 @@ def drawing(generator: np.random.Generator) -> Fill:
     bits = generator.bit_generator
     normal = _normal() if type(bits) is np.random.PCG64 else None
     return plain(generator) if normal is None else _Drawn(bits, normal)
+
+
+def low_pass(taps: Array, factor: int, x: Array, out: Array) -> None:
+    """Filter channels with the bits of `decimation.plain`."""
+    places = [ctypes.c_void_p(each.ctypes.data) for each in (taps, x, out)]
+    half, apart, n = (ctypes.c_int64(number) for number in (taps.size // 2, factor, len(out)))
+    library().low_pass(places[0], half, apart, *places[1:], n)
 
 
 class _Drawn:

@@ -1,5 +1,5 @@
 /* The stepping loop of the co-simulation: connections, feeds and recording come as tables. Then the noise
-   that drives it.
+   that drives it, and the low-pass of what it records.
 
    FMPy loads, initialises and frees the FMUs; here are only their functions and their instances. */
 #include <stddef.h>
@@ -217,4 +217,21 @@ EXPORT double draw(Pcg *pcg, Normal normal, double *out, int64_t n, double size,
     }
     keep(pcg, state);
     return last;
+}
+
+/* Two channels side by side, which a processor takes at once; NumPy aligns numbers only. */
+typedef double Pair __attribute__((vector_size(16), aligned(8)));
+
+enum { PAIRS = 3 }; /* whose sums stay in registers */
+
+/* Filters channels by 2 half + 1 symmetric taps, and only to the n outputs that are kept, a factor of samples apart.
+   Sums go from the ends to the middle: each output has the same bits, whatever block it is in and whoever compiled. */
+EXPORT void low_pass(const double *taps, int64_t half, int64_t factor, const Pair *x, Pair *out, int64_t n) {
+    for (int64_t i = 0; i < n; i++, x += factor * PAIRS, out += PAIRS) {
+        const Pair *before = x, *after = x + 2 * half * PAIRS;
+        Pair sum[PAIRS] = {{0}};
+        for (int64_t j = 0; j < half; j++, before += PAIRS, after -= PAIRS)
+            for (int k = 0; k < PAIRS; k++) sum[k] += taps[j] * (before[k] + after[k]);
+        for (int k = 0; k < PAIRS; k++) out[k] = sum[k] + taps[half] * before[k];
+    }
 }

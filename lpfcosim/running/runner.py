@@ -12,7 +12,7 @@ from typing import Any
 
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import master, placement
+from lpfcosim.cosim import compiled, master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
 from lpfcosim.plant import saturation
@@ -298,7 +298,8 @@ def record(
                 saturated += saturation.count(run, block)
                 yield block
 
-        for block in decimation.decimate(run, told()):
+        low_pass = compiled.low_pass if engine == "compiled" else decimation.plain
+        for block in decimation.decimate(run, told(), low_pass):
             writer.append(block)
         if saturated:
             writer.annotate("saturated_samples", saturated)

@@ -3,13 +3,13 @@
 The filter is flat to 1e-6 up to 0.2 of the rate that is left and 120 dB down from half of it on. Samples
 stand in its middle, so that nothing is delayed; half its length is lost at both ends of a run.
 
-It has the bits of `firwin` and `oaconvolve`; `scipy.signal` takes workers longer to read in than all else.
+Its taps have the bits of `firwin`; `scipy.signal` takes workers longer to read in than all else.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +22,12 @@ Array = NDArray[np.float64]
 
 PASSED, STOPPED = 0.2, 0.5  # of the rate that is left
 REJECTED = 120  # dB
-TOGETHER = 4  # channels, whose transforms a processor keeps at hand
+TOGETHER = 6  # channels; as many as the compiled filter takes
 GATHERED = 10_000  # samples of each channel that are handed on, and written, at a time
+
+#: ``(taps, factor, x, out)``: fills ``out``, shape (n, TOGETHER), with every so many-th output of a symmetric
+#: filter of the columns of ``x``, from the first where it fits.
+LowPass = Callable[[Array, int, Array, Array], None]
 
 
 @dataclass(frozen=True)
@@ -52,38 +56,17 @@ def taps(factor: int) -> Array:
     return np.asarray(found / found.sum())
 
 
-class _LowPass:
-    """A filter of several channels: every so many-th of the bits of `scipy.signal.oaconvolve`.
+def plain(taps: Array, factor: int, x: Array, out: Array) -> None:
+    """Filter by NumPy, as `LowPass` says."""
 
-    Its taps are transformed once.
-    """
+    def seen(j: int) -> Array:
+        return x[j : j + factor * len(out) : factor]  # by tap j, for every output
 
-    def __init__(self, factor: int) -> None:
-        self._factor, self._taps = factor, taps(factor)
-        self.size, lost = self._taps.size, self._taps.size - 1
-        # the length of a transform that costs least for each sample, as oaconvolve has it
-        best = -lost * scipy.special.lambertw(-1 / (2 * math.e * lost), k=-1).real
-        self._length = int(scipy.fft.next_fast_len(math.ceil(best)))
-        self._transformed = scipy.fft.rfft(self._taps, self._length)
-
-    def __call__(self, x: Array, n: int) -> Array:
-        """Filter channels, shape (C, m); return the first n samples where the filter fits, shape (C, n)."""
-        (channels, m), lost = x.shape, self.size - 1
-        at = lost + self._factor * np.arange(n)
-        if m <= self._length:
-            length = scipy.fft.next_fast_len(m + lost, real=True)
-            spectra = scipy.fft.rfft(x, length, axis=1) * scipy.fft.rfft(self._taps, length)
-            return np.asarray(scipy.fft.irfft(spectra, length, axis=1)[:, at])
-        step = self._length - lost
-        whole, rest = divmod(m, step)
-        padded = np.zeros((channels, whole + (rest > 0), self._length))
-        padded[:, :whole, :step] = x[:, : whole * step].reshape(channels, whole, step)
-        padded[:, whole:, :rest] = x[:, np.newaxis, whole * step :]
-        spectra = scipy.fft.rfft(padded, axis=2)
-        spectra *= self._transformed
-        found = scipy.fft.irfft(spectra, self._length, axis=2)
-        found[:, 1:, :lost] += found[:, :-1, step:]
-        return np.take(found.reshape(channels, -1), at // step * self._length + at % step, axis=1)
+    half = taps.size // 2
+    out[:] = 0
+    for j in range(half):  # the order of sums is that of the compiled filter, and so are the bits
+        out += taps[j] * (seen(j) + seen(2 * half - j))
+    out += taps[half] * seen(half)
 
 
 def grid(run: Run) -> Grid:
@@ -93,7 +76,9 @@ def grid(run: Run) -> Grid:
     return Grid(max(0, (run.n_samples - length) // factor + 1), run.fs / factor, (length // 2) / run.fs)
 
 
-def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mapping[str, Array]]:
+def decimate(
+    run: Run, blocks: Iterable[Mapping[str, Array]], low_pass: LowPass = plain
+) -> Iterator[Mapping[str, Array]]:
     """Low-pass and thin out the channels of a run.
 
     Parameters
@@ -102,37 +87,41 @@ def decimate(run: Run, blocks: Iterable[Mapping[str, Array]]) -> Iterator[Mappin
         Its ``sample_rate`` is that of the result.
     blocks : iterable of mapping of str to array, shape (m,)
         The channels at 10 Hz, one stretch after the other.
+    low_pass : LowPass
+        Whoever filters.
 
     Yields
     ------
     mapping of str to array
-        The channels on `grid`, alike to rounding for any division into stretches.
+        The channels on `grid`, to the same bits for any division into stretches.
     """
     factor = round(run.fs / run.sample_rate)
     if factor == 1:
         yield from blocks
         return
-    yield from _gathered(_thinned(_LowPass(factor), factor, blocks))
+    yield from _gathered(_thinned(low_pass, factor, blocks))
 
 
 def _thinned(
-    low_pass: _LowPass, factor: int, blocks: Iterable[Mapping[str, Array]]
+    low_pass: LowPass, factor: int, blocks: Iterable[Mapping[str, Array]]
 ) -> Iterator[dict[str, Array]]:
+    coefficients = taps(factor)
     left: dict[int, Array] = {}  # of every few channels, what the filter has still to see
     for block in blocks:
-        names, found = list(block), dict[str, Array]()
+        names, found, n = list(block), dict[str, Array](), 0
         for i in range(0, len(names), TOGETHER):
             some = names[i : i + TOGETHER]
-            before = left.get(i, np.empty((len(some), 0)))
-            held = np.empty((len(some), before.shape[1] + block[some[0]].size))
-            held[:, : before.shape[1]] = before
-            for row, name in zip(held[:, before.shape[1] :], some, strict=True):
-                row[:] = block[name]
-            n = max(0, (held.shape[1] - low_pass.size) // factor + 1)
-            if n:
-                found |= zip(some, low_pass(held, n), strict=True)
-            left[i] = held[:, n * factor :].copy()
-        if found:
+            before = left.get(i, np.empty((0, TOGETHER)))
+            held = np.zeros((len(before) + block[some[0]].size, TOGETHER))
+            held[: len(before)] = before
+            for k, name in enumerate(some):
+                held[len(before) :, k] = block[name]
+            n = max(0, (len(held) - coefficients.size) // factor + 1)
+            out = np.empty((n, TOGETHER))
+            low_pass(coefficients, factor, held, out)
+            found |= zip(some, out.T, strict=False)
+            left[i] = held[n * factor :].copy()
+        if n:
             yield found
 
 

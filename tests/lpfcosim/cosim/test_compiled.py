@@ -1,4 +1,4 @@
-"""Noise as the compiled engine draws it: the bits of NumPy's numbers and of SciPy's filter."""
+"""What the compiled engine draws and filters: the bits of NumPy's numbers and of SciPy's filter."""
 
 import ctypes
 
@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from lpfcosim.cosim import compiled
-from lpfcosim.signals import plain
+from lpfcosim.signals import decimation, plain
 
 pytestmark = pytest.mark.fmu
 
@@ -81,3 +81,18 @@ def test_noise_has_the_bits_of_scipys_filter(way, size, rho):
         found = np.empty(n)
         last = fill(found, size, rho, last)
         assert found.tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("n", [0, 1, 999])
+@pytest.mark.parametrize("factor", [2, 5, 10])
+def test_the_low_pass_has_the_bits_of_numpys_and_is_a_convolution(factor, n):
+    taps = decimation.taps(factor)
+    m = taps.size + factor * n - 1  # up to the last sample that the next output lacks
+    x = np.random.default_rng(n).standard_normal((m, decimation.TOGETHER)).cumsum(axis=0)
+    found, wanted = np.full((2, n, decimation.TOGETHER), np.nan)
+    compiled.low_pass(taps, factor, x, found)
+    decimation.plain(taps, factor, x, wanted)
+    assert found.tobytes() == wanted.tobytes()
+    for y, column in zip(found.T, x.T, strict=True):
+        direct = scipy.signal.convolve(column, taps, mode="valid", method="direct")[::factor][:n]
+        np.testing.assert_allclose(y, direct, rtol=0, atol=1e-15 * np.abs(column).max())

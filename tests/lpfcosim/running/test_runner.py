@@ -61,6 +61,14 @@ def test_neither_processes_nor_the_engine_change_a_byte(fmus, plan, files, tmp_p
         assert a.read_bytes() == b.read_bytes()
 
 
+def test_nor_does_the_engine_below_ten_hertz(fmus, plan, tmp_path):
+    run = replace(plan.runs[0], n_samples=1000, sample_rate=1.0)
+    compiled, plain = tmp_path / "compiled.h5", tmp_path / "plain.h5"
+    runner.record(run, fmus, compiled, {}, "compiled")
+    runner.record(run, fmus, plain, {}, "fmpy")
+    assert compiled.read_bytes() == plain.read_bytes()
+
+
 @pytest.fixture
 def copied(files, tmp_path):
     """A copy of what the simulation of `files` left: its two files of telemetry."""
