@@ -69,7 +69,7 @@ def calibrated(
         known = load(calibration)
         sound_joint(known, str(calibration))
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
-    threading.Thread(target=_read_in, daemon=True).start()
+    threading.Thread(target=read_in, daemon=True).start()
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
     api, page = import_module(_API), import_module(_PAGE)
@@ -101,7 +101,8 @@ def calibrated(
         raise FitError(f"{directory / 'results.json'}: {place}: {warning.message}")
 
 
-def _read_in() -> None:
+def read_in() -> None:
+    """Read in what a fit and its report take, for who has to wait for something else."""
     import_module(_API).read_in()
     import_module(_PAGE)
 

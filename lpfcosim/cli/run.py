@@ -70,7 +70,7 @@ def _simulated(
             (directory / name).unlink(missing_ok=True)
         folder.keep(directory, plan.tables, {r.model: fmus[r.model] for r in plan.replacements}, origin)
 
-    threading.Thread(target=import_module, args=[_FIT], daemon=True).start()
+    threading.Thread(target=lambda: import_module(_FIT).read_in(), daemon=True).start()
     with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
         listener = runner.Listener(progress, kept, console.note, begin)
         done = runner.simulate(plan, directory / "telemetry", fmus, how, listener)
