@@ -41,7 +41,7 @@ HOMES = {
     "gomegafinal": "fit/model/inertial.py",
     "inprod": "fit/weighing/linear.py",
     "irls": "fit/estimate/irls.py",
-    "jointlh": "fit/weighing/linear.py",
+    "jointlh": "fit/weighing/minimum.py",
     "llhgaussian": "fit/weighing/likelihood.py",
     "stiff_model": "fit/paper.py",
 }

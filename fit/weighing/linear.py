@@ -1,4 +1,4 @@
-"""Weighted least squares on compressed runs: whitening, true sigmas, blind directions, minimisation.
+"""Weighted least squares on compressed runs: whitening, true sigmas, blind directions.
 
 Whitened by a smooth PSD, a windowed run is 2 B real numbers per column. Its QR factor holds all of chi^2 in
 a triangle of one row per column, so that a joint minimisation costs milliseconds however long the runs are.
