@@ -28,7 +28,8 @@ COMB, OFTEN, TEETH = 16, 80, 8000  # samples between those of a comb, fewest of 
 STRAIGHTER = 0.1  # second differences of a comb that is made from its neighbours, over those of all
 WHOLE = 0.9  # share of second differences that count as they are
 LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
-SMALLEST = 200  # increments that tell whether values are rounded
+SMALLEST, BEGUN = 200, 4000  # increments that tell whether values are rounded, and those looked at first
+BUCKETS = 17  # bits of the numbers by which different values are told apart
 SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
 COINCIDENCE = 1e-5  # probability below which equal neighbours are no chance
 NEAR = 1e-3  # share of the increments that tells how many are about zero
@@ -66,13 +67,14 @@ class Oddity:
 
 def step(x: Row) -> float:
     """Return the step to which values are rounded, 0 if the smallest increments do not tell one."""
-    d = np.empty(0)
+    d, most = np.empty(0), np.inf
     for piece in pieces(x.size, overlap=1):
-        more = np.abs(np.diff(x[piece]))
-        most = d.max() if d.size == SMALLEST else np.inf
-        d = np.concatenate([d, more[(more > 0) & (more < most)]])
-        if d.size > SMALLEST:
-            d = np.partition(d, SMALLEST)[:SMALLEST]
+        increments = np.abs(np.diff(x[piece]))
+        for more in np.split(increments, [BEGUN]):  # the first few leave hardly any of the others
+            d = np.concatenate([d, more[(more > 0) & (more < most)]])
+            if d.size > SMALLEST:
+                d = np.partition(d, SMALLEST)[:SMALLEST]
+                most = d.max()
     if not d.size:
         return 0.0
     d.sort()
@@ -118,7 +120,7 @@ def stuck(x: Row, fs: float) -> Iterator[Oddity]:
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
-    if (different := np.unique(looked).size) < FEW * looked.size:
+    if (different := _different(looked)) < FEW * looked.size:
         what = f"is rounded: it has {different} values in {looked.size} samples"
         if again := _period(looked):
             what = f"comes again every {again / fs:g} s"
@@ -148,6 +150,15 @@ def stuck(x: Row, fs: float) -> Iterator[Oddity]:
         yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
     if rounded == 0 and not len(kept):
         yield from _repeated(x, fs)
+
+
+def _different(x: Array) -> int:
+    """Return how many different values there are, or once there are many a number that is no larger."""
+    bits = (x + 0.0).view(np.uint64)  # zero has one sign
+    found = np.zeros(2**BUCKETS, dtype=bool)
+    found[(bits * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(64 - BUCKETS)] = True
+    at_least = int(np.count_nonzero(found))
+    return at_least if at_least >= FEW * x.size else np.unique(x).size
 
 
 def _period(x: Array) -> int:
