@@ -257,7 +257,7 @@ def _noises(
 
 
 def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
-    fits = each(lambda e: _alone(e, chosen), experiments)
+    fits = each(lambda e: _alone(e, chosen), experiments, Experiment.samples)
     return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 

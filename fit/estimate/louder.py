@@ -83,7 +83,7 @@ def judged(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, tup
     found: dict[str, tuple[FitWarning, Experiment]] = {}
     if chosen.estimator == "flscov":  # which takes the columns as they are
         return found
-    for e, seen in zip(experiments, each(told, experiments), strict=True):
+    for e, seen in zip(experiments, each(told, experiments, Experiment.samples), strict=True):
         if seen:
             message = (
                 f"{e.name}: {seen}, which would make delta_ifo too small; this o_1 is used at the "

@@ -57,7 +57,8 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
     found = [*_other_settings(experiments), *_other_times(experiments)]
     names = [e.name for e in experiments]
-    beyond, *oddities = zip(*each(_of_own, experiments), strict=True) if names else ((), (), ())
+    of_each = each(_of_own, experiments, Experiment.samples)
+    beyond, *oddities = zip(*of_each, strict=True) if names else ((), (), ())
     found += [LeftOut(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
     found += [*_copied(experiments), *_noise_with_sines(experiments)]
     seen = guidance.seen(experiments)
@@ -88,7 +89,8 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
 
 def changes(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments, glitches masked, of which parts obey different equations."""
-    reasons = {e.name: told for e, told in zip(experiments, each(_changed, experiments), strict=True)}
+    changed = each(_changed, experiments, Experiment.samples)
+    reasons = {e.name: told for e, told in zip(experiments, changed, strict=True)}
     found = _unless_usual(experiments, reasons, "changing")
     return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])
 

@@ -140,8 +140,10 @@ def prepare_each(
         except InputError as error:
             return error
 
-    first = each(begun, experiments)
+    first = each(begun, experiments, Experiment.samples)
     hunts = [one[1] for one in first if not isinstance(one, InputError) and one[1]]
     lacking = sum(hunt.lacks for hunt in hunts)
     common = len(hunts) > 2 and 2 * lacking > len(hunts)
-    return {e.name: found for e, found in zip(experiments, each(made, first), strict=True)}
+    pairs = list(zip(experiments, first, strict=True))
+    ended = each(lambda pair: made(pair[1]), pairs, lambda pair: pair[0].samples())
+    return {e.name: found for e, found in zip(experiments, ended, strict=True)}

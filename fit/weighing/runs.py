@@ -59,6 +59,10 @@ class Experiment:
         """Name that pairs the two."""
         return self.sysid.telemetry.experiment
 
+    def samples(self) -> int:
+        """Return the number of samples of both runs, which tells how long it takes to look at them."""
+        return self.sysid.telemetry.size + (self.noise.telemetry.size if self.noise else 0)
+
 
 def noise_model(
     experiment: Experiment, theta: Array, covariance: Array, previous: NoiseModel | None

@@ -24,6 +24,18 @@ def test_results_come_in_the_order_of_the_items():
     assert each(late, []) == []
 
 
+def test_the_largest_are_begun_first_and_come_in_their_order():
+    turn, begun = threading.Barrier(3, timeout=30), []
+
+    def late(n):
+        begun.append(n)
+        turn.wait()
+        return -n
+
+    assert each(late, [2, 6, 1, 5, 3, 4], size=float) == [-2, -6, -1, -5, -3, -4]
+    assert sorted(begun[:3]) == [4, 5, 6]
+
+
 def test_parts_of_parts_and_work_beside_other_processes_stay_in_their_thread():
     def names(_):
         return threading.get_ident(), each(lambda _: threading.get_ident(), range(5))
