@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 from fit.estimate import flscov, louder, unsteady
 from fit.model import dynamics
 from fit.settings import Estimator
+from fit.signal import NoiseModel
 from fit.weighing import Experiment, Likelihood, linear, noise_model
 
 Array = NDArray[np.float64]
 
 WARM_UP = 1  # iteration up to which the signal may still be in the residual
+LATE = 6  # iteration from which noise that creeps is hastened; most fits are over before
+CREEPING, ALIGNED = 0.7, 0.95  # beside the last change of log S: length and cosine of one that creeps
+FARTHEST = 1.0  # in log S, at once
 
 
 class Weighing(Protocol):
@@ -58,6 +62,7 @@ class _Smooth:
         self._own = len(experiment.parameters)  # what the gains do within the run comes after
         self._begun = begun if self._own == len(share) else None
         self._model = begun.noise if begun else None
+        self._moved: Array | None = None
         self.settled = True
 
     def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
@@ -65,7 +70,8 @@ class _Smooth:
             return replace(self._begun, share=self._share)
         share, of_run, run, own = self._share, self._share @ theta, self._experiment.sysid, self._own
         spread = (share @ covariance @ share.T)[:own, :own]
-        self._model = noise_model(self._experiment, of_run[:own], spread, self._model)
+        model = noise_model(self._experiment, of_run[:own], spread, self._model)
+        self._model = self._hastened(model) if iteration >= LATE else model
         tau = dynamics.delays(of_run)
         terms = run.spectra(tau)
         if self._experiment.louder:
@@ -77,6 +83,25 @@ class _Smooth:
         block = linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)
         steps = self._experiment.unsteady
         return unsteady.block(block, terms.f, steps) if steps else block
+
+    def _hastened(self, model: NoiseModel) -> NoiseModel:
+        """Return a model of the noise, or where it goes if it creeps.
+
+        What constant and ramp leave of the lowest bins depends on their weights, and these on what is left.
+        """
+        before, last = self._model, self._moved
+        if before is None or not np.array_equal(before.knots, model.knots):
+            self._moved = None
+            return model
+        self._moved = moved = model.values - before.values
+        if last is None or last.size != moved.size:
+            return model
+        along, size = float(moved @ last), float(last @ last)
+        if not (CREEPING * size < along < size and along > ALIGNED * np.sqrt(size * float(moved @ moved))):
+            return model
+        self._moved = None  # what follows a leap tells nothing of the pace
+        leap = min(along / (size - along), FARTHEST / float(np.abs(moved).max()))  # a geometric series
+        return replace(model, values=model.values + leap * moved)
 
 
 class _Flscov:
