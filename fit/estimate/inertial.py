@@ -46,6 +46,7 @@ _LENGTHS = [replace(cross_talk_parameter(name), prior_sigma=LEVER_ARM) for name 
 PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
 LAST = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
 BAND = (30e-6, 2e-3)  # Hz
+PER_CYCLE = 50.0  # instants, of the highest frequency of the band, at which glitches are made
 DROWNED = 0.5  # share of noise in some combination of the torques, from which nothing is told
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
 
@@ -186,10 +187,17 @@ class _Turning:
         made = _columns(run, found, of_run)
         terms = made.terms
         struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
-        beside = shapes.loose(struck or (), terms.time, terms.fs)
-        seen = spectra.transform(terms.values, terms.valid, terms.fs, beside=beside, band=BAND)
+        seen = spectra.transform(terms.values, terms.valid, terms.fs, band=BAND)
         check_left(run, seen.window, "missing samples in read-outs, torques or angles")
-        self._terms = replace(seen, columns=np.hstack([seen.columns, made.uncertain]))
+        window, fs = spectra.thinned(seen.window, terms.fs, PER_CYCLE * BAND[1])
+        beside = shapes.loose(struck or (), terms.time[0] + np.arange(window.size) / fs, fs)
+        bins = slice(seen.first, seen.first + seen.f.size)
+        shaped = [spectra.windowed(part, window, fs, bins) for part in beside]
+        self._terms = replace(
+            seen,
+            columns=np.hstack([seen.columns, made.uncertain]),
+            nuisance=np.hstack([seen.nuisance, *shaped]),
+        )
         self._model: NoiseModel | None = None
         self.run, self.correlation, self.missing = run.run, of_run.correlation, made.missing
         glitched = long_noise.told(run.run, struck, run.duration)

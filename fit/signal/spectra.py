@@ -131,6 +131,15 @@ def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice 
     return np.concatenate(found).T
 
 
+def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
+    """Return a window at no fewer instants than make a sample rate, from the same begin on, and theirs [Hz].
+
+    Under it the transform of a series that hardly changes between two of them has the bins it has under `w`.
+    """
+    m = min(scipy.fft.next_fast_len(math.ceil(w.size * rate / fs), real=True), w.size)
+    return np.interp(np.arange(m) * (w.size / m), np.arange(w.size), w), fs * m / w.size
+
+
 def series(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
     found = np.empty((n, columns.shape[1]), order="F")

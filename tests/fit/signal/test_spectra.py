@@ -246,3 +246,18 @@ def test_products_of_slow_series_are_those_of_all_samples(n):
     z, weights = spectra.squared(columns, 1, w)
     assert len(z) < 0.5 * n or n < 100
     assert np.allclose(z.T @ (z * weights[:, None]), x.T @ x, rtol=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0, 150])
+def test_a_slow_series_has_the_same_bins_at_few_instants(gap):
+    fs, valid = 1.0, np.ones(86400, dtype=bool)
+    valid[30000 : 30000 + gap] = False
+    t = np.arange(valid.size) / fs
+    whole = spectra.transform(np.exp(-(((t - 31000) / 900) ** 2))[:, None], valid, fs, band=(3e-5, 2e-3))
+    w, few = spectra.thinned(whole.window, fs, 0.1)
+    assert w.size < valid.size / 9
+    there = np.arange(w.size) / few
+    x = np.exp(-(((there - 31000) / 900) ** 2))[:, None]
+    found = spectra.windowed(x, w, few, slice(whole.first, whole.first + whole.f.size))
+    assert np.abs(found - whole.columns).max() < 1e-5 * np.abs(whole.columns).max()
+    assert spectra.thinned(w, few, 2 * few)[1] == few  # no more than there are
