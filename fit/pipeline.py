@@ -33,7 +33,7 @@ from fit.weighing import Experiment, divide, pair
 
 @one_thread
 def calibrate(
-    telemetries: Sequence[Telemetry], chosen: Settings | None = None, *, diagnosed: bool = True
+    telemetries: Sequence[Telemetry], chosen: Settings | None = None, *, drawn: bool = False
 ) -> Results:
     """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
@@ -43,8 +43,9 @@ def calibrate(
         Runs of any sample rates; each sysid run is paired with the noise run of the same experiment.
     chosen : Settings, optional
         What the user chose, the default otherwise.
-    diagnosed : bool
-        Whether the residuals are judged (`Diagnostics`): readers of results want that, no estimate does.
+    drawn : bool
+        Whether it was drawn for a Monte Carlo: what an archive may do to samples and labels is not looked for
+        then, and the residuals are not judged (`Diagnostics`), as nobody reads that and no estimate does.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def calibrate(
     FitError
         If no trustworthy estimate comes out.
     """
-    return _with_inertial(_dynamics(telemetries, chosen or settings(), diagnosed), telemetries)
+    return _with_inertial(_dynamics(telemetries, chosen or settings(), drawn), telemetries)
 
 
 @one_thread
@@ -196,7 +197,7 @@ class _Together:
     agreement: dict[str, dict[str, float]] | None
 
 
-def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, diagnosed: bool) -> Results:
+def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     upto(0.1)  # as the shares below, about what it takes of the time
     found = pair(telemetries)
@@ -206,7 +207,9 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, diagnosed: boo
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    ready = _prepared(found, chosen, diagnosed).without(admission.mislabelled(found, telemetries))
+    ready = _prepared(found, chosen, drawn)
+    if not drawn:
+        ready = ready.without(admission.mislabelled(found, telemetries))
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
@@ -217,19 +220,20 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, diagnosed: boo
     together = _together(ready, alone, chosen, misfits)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
-    joint, own = _judged(ready, alone, together, chosen, diagnosed)
+    joint, own = _judged(ready, alone, together, chosen, drawn)
     joint, cross_talk = _cross_talk(ready, together, joint, chosen)
     return Results(joint, own, cross_talk, {}, _provenance(ready, together, chosen))
 
 
-def _prepared(found: Sequence[Experiment], chosen: Settings, diagnosed: bool) -> _Ready:
+def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     upto(0.25)
-    first = admission.faults([e for e in found if e.name not in chosen.exclude])
+    looked_at = [] if drawn else [e for e in found if e.name not in chosen.exclude]
+    first = admission.faults(looked_at)
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
     upto(0.45)
     made = prepare_each(found, chosen, faulty)
-    if diagnosed:  # else another campaign comes, to which what is kept is of use
+    if not drawn:  # else another campaign comes, to which what is kept is of use
         give_back()
     prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
@@ -290,13 +294,13 @@ def _judged(
     alone: Mapping[str, Outcome | FitError],
     together: _Together | None,
     chosen: Settings,
-    diagnosed: bool,
+    drawn: bool,
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and those of the experiments, with what keeps them from being trusted."""
     fits: dict[str, Fit] = {}
     of_joint: list[FitWarning] = []
     every = ready.experiments
-    own = each(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen, diagnosed), every)
+    own = each(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen, drawn), every)
     for e, found in zip(every, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found
@@ -335,7 +339,7 @@ def _of_experiment(
     own: Outcome | FitError,
     together: _Together | None,
     chosen: Settings,
-    diagnosed: bool,
+    drawn: bool,
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
     known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared)) if together else None
@@ -352,7 +356,7 @@ def _of_experiment(
         *ready.prepared[experiment.name].warnings,
         *verdict.of_experiment(experiment, own, fit),
     )
-    diagnostics = residuals.diagnose(experiment, own) if diagnosed else None
+    diagnostics = None if drawn else residuals.diagnose(experiment, own)
     return _warned(replace(fit, diagnostics=diagnostics), more)
 
 

@@ -276,7 +276,7 @@ def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], wh
             runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where)
             where.rest()
         telemetries = read_all([Path(folder)], own=True)
-        return pulls.with_truth(calibrate(telemetries, chosen, diagnosed=False), telemetries)
+        return pulls.with_truth(calibrate(telemetries, chosen, drawn=True), telemetries)
 
 
 def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
@@ -285,7 +285,7 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     telemetries = [
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
-    results = calibrate(telemetries, work.chosen, diagnosed=False)
+    results = calibrate(telemetries, work.chosen, drawn=True)
     return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 

@@ -143,7 +143,7 @@ def test_a_run_without_noise_run():
 
 def test_no_estimate_needs_them(tmp_path):
     runs, chosen = pair(World(), seed=9, duration=7200.0), settings({"include_short": True})
-    judged, plain = (calibrate(runs, chosen, diagnosed=asked) for asked in (True, False))
+    judged, plain = (calibrate(runs, chosen, drawn=drawn) for drawn in (False, True))
     (own,) = judged.experiments.values()
     assert own.diagnostics is not None
     bare = replace(judged, experiments={"A": replace(own, diagnostics=None)})
