@@ -11,7 +11,6 @@ is kept of it is a few kilobytes.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -25,7 +24,7 @@ from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.signal import derivatives
-from fit.threads import each, one_thread, within
+from fit.threads import cached_property, each, one_thread, within
 from fit.weighing import (
     Experiment,
     Likelihood,

@@ -6,12 +6,14 @@ every kind and of shorter and longer times, are each moved by least squares unti
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.inspection.view import View
+from fit.threads import each
 from fit.weighing import Glitch, Shape, shapes
 
 Array = NDArray[np.float64]
@@ -27,20 +29,16 @@ DAMPED, STUCK = 1e-2, 1e6  # at first; from where on nothing more can be gained
 
 def closest(view: View, found: Glitch) -> Glitch:
     """Return the glitch that takes most of the residual where one was found."""
-    best, most = _climbed(view, found)
     shortest, longest = shapes.bounds(view.duration)
-    starts = [
-        _placed(view, Glitch(Shape(kind, float(tau), q), found.begin))
+    kinds = [
+        Glitch(Shape(kind, float(tau), q), found.begin)
         for kind, q in shapes.SOUGHT
         for tau in np.clip(found.shape.tau * np.array(TIMES), shortest, longest)
     ]
+    starts = each(partial(_placed, view), kinds)
     amplitudes = np.nan_to_num(np.abs(view.traces(starts).amplitudes))
-    for i in np.argsort(-amplitudes, kind="stable")[:STARTS]:
-        if amplitudes[i] > 0:
-            glitch, amplitude = _climbed(view, starts[i])
-            if amplitude > most:
-                best, most = glitch, amplitude
-    return best
+    likely = [starts[i] for i in np.argsort(-amplitudes, kind="stable")[:STARTS] if amplitudes[i] > 0]
+    return max(each(partial(_climbed, view), [found, *likely]), key=lambda one: one[1])[0]
 
 
 def _placed(view: View, glitch: Glitch) -> Glitch:

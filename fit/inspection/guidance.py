@@ -12,7 +12,6 @@ controller is none of these.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from fit.signal import spectra
 from fit.telemetry import PIECE, Telemetry, pieces
-from fit.threads import each
+from fit.threads import cached_property, each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
 

@@ -7,6 +7,7 @@ them back; of these only what noise makes impossible is one.
 
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -16,7 +17,7 @@ from fit.inspection import authority
 from fit.model import dynamics
 from fit.signal import derivatives, median
 from fit.telemetry import Row, Telemetry, pieces
-from fit.threads import kept
+from fit.threads import each, kept
 
 Array = NDArray[np.float64]
 
@@ -333,7 +334,8 @@ def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     fed = {name for name in commands if noise is not None and is_noisy(noise.row(name))}  # by a loop
     for run in (sysid, noise):
         if run is not None:
-            found = {name: list(_of(run, name, fed)) for name in dynamics.CHANNELS}
+            of_each = each(partial(_of, run, fed), dynamics.CHANNELS)
+            found = dict(zip(dynamics.CHANNELS, of_each, strict=True))
             begins = [{o.begin for o in oddities if o.again} for oddities in found.values()]
             common = set.intersection(*begins)  # all channels at once: the archive, and the equation holds
             for name, oddities in found.items():
@@ -348,12 +350,14 @@ def of_commands(run: Telemetry) -> Iterator[str]:
             yield f"{run.path}: {name} {o.what} s-2 at {o.begin:.7g} s"
 
 
-def _of(run: Telemetry, name: str, fed: Container[str]) -> Iterator[Oddity]:
+def _of(run: Telemetry, fed: Container[str], name: str) -> list[Oddity]:
+    found: list[Oddity] = []
     if name in READ_OUTS or name in fed:
         x = run.row(name)
         if name in fed and authority.limited(run, name).size:
             # is masked, and no fault of the archive
             x = np.where(authority.at_limit(x[:], authority.limit_of(run, name)), np.nan, x[:])
-        yield from stuck(x, run.fs)
+        found += stuck(x, run.fs)
         if name in READ_OUTS:
-            yield from jumps(x, run.fs)
+            found += jumps(x, run.fs)
+    return found

@@ -1,5 +1,6 @@
 """The parts of the report on spacecraft motion: cross-talk by epoch, rotation by inertial period."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,13 +20,14 @@ _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
 def parts(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
     """Return the sections."""
-    found = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
-    for period, fit in results.inertial.items():
+
+    def inertial(period: str) -> Part:
         runs = [t for t in telemetries if t.kind == "noise" and inertial_period(t) == period]
         taking_part = [t for t in runs if t.run in _runs_of(results, period)]
-        part = _inertial(period, fit, results.provenance.frame)
-        found.append(replace(part, drawings=_drawings(results, period, taking_part, products)))
-    return found
+        part = _inertial(period, results.inertial[period], results.provenance.frame)
+        return replace(part, drawings=_drawings(results, period, taking_part, products))
+
+    return [*itertools.starmap(_cross_talk, results.cross_talk.items()), *each(inertial, results.inertial)]
 
 
 def _runs_of(results: Results, period: str) -> Sequence[str]:

@@ -1,12 +1,14 @@
 """Threads: several for work that falls into parts, one for the linear algebra within, one heap for all."""
 
 from fit.threads.heap import give_back, kept, one_heap
+from fit.threads.once import cached_property
 from fit.threads.parts import alone, each
 from fit.threads.progress import following, tell, upto, within
 from fit.threads.single import one_thread
 
 __all__ = [
     "alone",
+    "cached_property",
     "each",
     "following",
     "give_back",
