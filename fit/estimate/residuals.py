@@ -17,6 +17,7 @@ Beside each residual by itself stands whether a gain is the same in every experi
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -116,22 +117,21 @@ def judge(left: Residual, taken: int) -> Diagnostics:
     """
     values = np.concatenate([left.z.real, left.z.imag])
     power = np.abs(left.z) ** 2 / 2
-    variance = float(_accumulated(left, np.array([power.size]))[0, 0])
+    ends = np.unique(np.geomspace(min(FIRST, power.size // 2), power.size, POINTS).astype(int))
+    covariance = _accumulated(left, ends)
     return Diagnostics(
         chi2_red=float(values @ values) / (values.size - taken),
-        chi2_red_sigma=math.sqrt(max(variance, 0.0)) / power.size,
-        whiteness=_whiteness(left, power),
+        chi2_red_sigma=math.sqrt(max(float(covariance[-1, -1]), 0.0)) / power.size,
+        whiteness=_whiteness(power, ends, covariance),
         kurtosis=float(scipy.stats.kurtosis(values)),
         kurtosis_sigma=float(np.sqrt(24 / values.size)),
         quantiles=np.quantile(values, scipy.stats.norm.cdf(SCORES)).tolist(),
     )
 
 
-def _whiteness(left: Residual, power: Array) -> float:
+def _whiteness(power: Array, ends: NDArray[np.intp], covariance: Array) -> float:
     """Return how often noise departs farther from a straight cumulative periodogram than this residual."""
     B = power.size
-    ends = np.unique(np.geomspace(min(FIRST, B // 2), B, POINTS).astype(int))
-    covariance = _accumulated(left, ends)
     # the share of power, so that a wrong level is left to chi2: the walk becomes a bridge
     bridge = np.eye(ends.size) - np.outer(ends / B, np.arange(ends.size) == ends.size - 1)
     covariance = (bridge @ covariance @ bridge.T)[:-1, :-1]
@@ -165,10 +165,17 @@ def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
 @kept(16)  # the runs of a campaign have few lengths
 def _followed(of_knots: bytes, of_f: bytes, ends: tuple[int, ...], independent: bool) -> Array:
     """Return the derivatives of log S by the knots, orthonormal unless independent, summed up to `ends`."""
-    knots = np.frombuffer(of_knots)
+    knots, u = np.frombuffer(of_knots), np.log(np.frombuffer(of_f))
     spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
-    basis = spline(np.clip(np.log(np.frombuffer(of_f)), knots[0], knots[-1]))
-    found = np.cumsum(basis if independent else np.linalg.qr(basis)[0], axis=0)[np.array(ends) - 1]
+    found, squares = np.empty((len(ends), knots.size)), np.zeros((knots.size, knots.size))
+    total = np.zeros(knots.size)
+    for k, (begin, end) in enumerate(pairwise((0, *ends))):  # of weeks, all bins fill the memory
+        basis = spline(np.clip(u[begin:end], knots[0], knots[-1]))
+        squares += basis.T @ basis
+        total += basis.sum(axis=0)
+        found[k] = total
+    if not independent:
+        found = scipy.linalg.solve_triangular(np.linalg.cholesky(squares), found.T, lower=True).T
     found.setflags(write=False)
     return np.asarray(found)
 
