@@ -35,7 +35,6 @@ from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
 from fit.signal import NoiseModel, Spectrum, spectra
 from fit.telemetry import Telemetry, common_x_axis
-from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Left, check_left, linear, shapes, smooth_noise, weights
 
@@ -76,7 +75,7 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
         If the iteration does not settle.
     """
     x_axis = common_x_axis(runs)
-    weighings = each(lambda run: _Turning(run, joint), runs)
+    weighings = [_Turning(run, joint) for run in runs]
     rule = Rule(
         MAX_ITERATIONS, TOLERANCE, HARMLESS, windowed=True, moving=f"{' and '.join(NAMES)} still move"
     )

@@ -6,7 +6,6 @@ equilibrium; commands have no limit, and of the whole spacecraft's quadratic ter
 about the steady turn.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,14 +22,14 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-GRID = 30  # frequencies per decade between which the noise is interpolated: right to 1e-5
-FINER = 40  # chords between two of them, right to 1e-5 as well
+GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
+FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
 TOGETHER = 4  # channels that are transformed at a time
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
 # Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the
-# lowest bin of the run has its power to 2.5e-3 then, and every other one to 5e-4.
-PERIOD = 1.25
+# lowest bin of the run has its power to 2e-3 then, and every other one to 5e-4.
+PERIOD = 2
 
 
 class Simulation:
@@ -59,7 +58,7 @@ class Simulation:
             if follows in self._mean:
                 self._mean[follows] = self._mean[follows] + rate * np.arange(self._n) / planning.RATE
         self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
-        self._period = scipy.fft.next_fast_len(math.ceil(PERIOD * self._n), real=True)
+        self._period = scipy.fft.next_fast_len(PERIOD * self._n, real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
         self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
         decade = int(np.floor(self._log_f[0] / np.log(10)))

@@ -167,6 +167,6 @@ def test_noise_of_1_over_f_has_its_power_in_the_lowest_bins_although_it_repeats(
         f = np.arange(1, period // 2 + 1) / period
         return np.abs(np.fft.rfft(seen, period)[:, 1:]) ** 2 @ (1 / (f**2 + corner**2)) / period
 
-    found = power(round(spectral.PERIOD * n)) / power(40 * n)
-    assert np.abs(found - 1).max() < 2.5e-3
+    found = power(spectral.PERIOD * n) / power(40 * n)
+    assert np.abs(found - 1).max() < 2e-3
     assert np.abs(found[[1, 3, 4, 5]] - 1).max() < 5e-4
