@@ -46,7 +46,7 @@ _LENGTHS = [replace(cross_talk_parameter(name), prior_sigma=LEVER_ARM) for name 
 PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
 LAST = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
 BAND = (30e-6, 2e-3)  # Hz
-PER_CYCLE = 50.0  # instants, of the highest frequency of the band, at which glitches are made
+PER_CYCLE = 50.0  # instants in a cycle of the highest frequency, at which glitches are made
 DROWNED = 0.5  # share of noise in some combination of the torques, from which nothing is told
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
 

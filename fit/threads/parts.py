@@ -97,6 +97,9 @@ class _Parts(Generic[_T, _R]):
                     helper.join()
             finally:
                 _CREW.change(+1)
+        except BaseException:  # Ctrl-C between two parts
+            self._left.clear()
+            raise
         finally:
             _CREW.change(-first)
         if self._failed:
