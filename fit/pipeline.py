@@ -44,8 +44,7 @@ def calibrate(
     chosen : Settings, optional
         What the user chose, the default otherwise.
     drawn : bool
-        Whether it was drawn for a Monte Carlo: what an archive may do to samples and labels is not looked for
-        then, and the residuals are not judged (`Diagnostics`), as nobody reads that and no estimate does.
+        Whether for a Monte Carlo: free of faults of an archive then, and nobody reads its `Diagnostics`.
 
     Raises
     ------
@@ -207,9 +206,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
-    ready = _prepared(found, chosen, drawn)
-    if not drawn:
-        ready = ready.without(admission.mislabelled(found, telemetries))
+    ready = _prepared(found, chosen, drawn).without(admission.mislabelled(found, telemetries))
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
@@ -228,8 +225,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -
 def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> _Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     upto(0.25)
-    looked_at = [] if drawn else [e for e in found if e.name not in chosen.exclude]
-    first = admission.faults(looked_at)
+    first = admission.faults([e for e in found if not drawn and e.name not in chosen.exclude])
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
     upto(0.45)
     made = prepare_each(found, chosen, faulty)
