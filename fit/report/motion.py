@@ -1,6 +1,5 @@
 """The parts of the report on spacecraft motion: cross-talk by epoch, rotation by inertial period."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,7 +26,8 @@ def parts(results: Results, telemetries: Sequence[Telemetry], products: Products
         part = _inertial(period, results.inertial[period], results.provenance.frame)
         return replace(part, drawings=_drawings(results, period, taking_part, products))
 
-    return [*itertools.starmap(_cross_talk, results.cross_talk.items()), *each(inertial, results.inertial)]
+    cross_talk = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
+    return cross_talk + each(inertial, results.inertial)
 
 
 def _runs_of(results: Results, period: str) -> Sequence[str]:

@@ -276,7 +276,7 @@ def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], wh
             runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where)
             where.rest()
         telemetries = read_all([Path(folder)], own=True)
-        return pulls.with_truth(calibrate(telemetries, chosen, drawn=True), telemetries)
+        return pulls.with_truth(calibrate(telemetries, chosen), telemetries)
 
 
 def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
