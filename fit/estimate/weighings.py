@@ -73,7 +73,7 @@ class _Smooth:
         model = noise_model(self._experiment, of_run[:own], spread, self._model)
         self._model = self._hastened(model) if iteration >= LATE else model
         tau = dynamics.delays(of_run)
-        terms = run.spectra(tau)
+        terms = run.spectra(tau, self._model)
         if self._experiment.louder:
             terms = louder.at_injections(terms)
         if own < len(share):

@@ -60,6 +60,7 @@ DRIVEN = 100.0  # times that power, from which a bin is driven
 TAKEN_OUT = "fitted along and taken out"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 _TOGETHER = 2  # transforms: faster than one by one, where all of them would fill the memory
+_OF_FORCES = [k for of in dynamics.FORCES for k in range(of.start, of.stop)]
 _DDO_1 = dynamics.COLUMNS.index("ddo_1")
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
@@ -246,7 +247,7 @@ class _Search:
         if excess < LACKING * terms.f.size:
             return False
         U, _ = linear.whiten(terms, S)
-        power = np.abs(U[:, [*range(*dynamics.FORCES.indices(U.shape[1])), _DDO_1]]) ** 2
+        power = np.abs(U[:, [*_OF_FORCES, _DDO_1]]) ** 2
         quiet = scipy.ndimage.percentile_filter(power, QUIET, (AROUND, 1), mode="nearest")
         driven = np.any(power > DRIVEN * quiet, axis=1)
         return float(beyond[driven].sum()) > ALMOST * excess

@@ -41,7 +41,7 @@ LOOP_PERIOD = 0.1  # s: commands are held this long, however coarsely they were 
 COLUMNS = ("ddo_12", "f_2", "df_2", "f_1", "df_1", "o_12", "o_1", "ddo_1")
 PARAMETERS = ("lambda_1", "lambda_2", "C_1", "C_2", "omega2_2", "domega2_12", "delta_ifo")
 _INNER = slice(derivatives.HALF, -derivatives.HALF)  # of what stencils are applied to
-FORCES = slice(1, 5)  # those of the columns that depend on the delays
+FORCES = (slice(3, 5), slice(1, 3))  # those of the columns that depend on the delays, of test masses 1 and 2
 CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
 #: The means of eq. bump and of the torques, as sums of channels; o_phi_12 is the angle of test mass 2 less
 #: that of test mass 1.
@@ -258,19 +258,18 @@ def blank(run: Channels, tau: tuple[float, float]) -> Columns:
 def parts(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
     """Yield the columns in their order, shape (N, G), some at a time: of weeks, all fill the memory."""
     yield derivatives.derivative(run.o_12, run.fs, 2)[:, None]
-    yield from forces(run, tau)
+    yield from (force(run, j, tau) for j in (1, 0))
     yield from (run.o_12[_INNER, None], run.o_1[_INNER, None])
     yield derivatives.derivative(run.o_1, run.fs, 2)[:, None]
     yield from (_moved(run.means, name, run.fs)[:, None] for name in run.parameters[len(PARAMETERS) :])
 
 
-def forces(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
-    """Yield the columns `FORCES`, those of one command after the other, shape (N, 2)."""
-    curve = (LOOP_PERIOD * run.fs) ** 2 / 24
-    for x, shift in ((run.f_x_2, tau[1] * run.fs), (run.f_x_1, tau[0] * run.fs)):
-        still, first, second = (derivatives.stencil(shift, order) for order in (0, 1, 2))
-        # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-        yield derivatives.apply_each(np.stack([still + curve * second, run.fs * first]), x).T
+def force(run: Channels, j: int, tau: tuple[float, float]) -> Array:
+    """Return the columns `FORCES[j]` of one command, shape (N, 2)."""
+    curve, x = (LOOP_PERIOD * run.fs) ** 2 / 24, (run.f_x_1, run.f_x_2)[j]
+    still, first, second = (derivatives.stencil(tau[j] * run.fs, order) for order in (0, 1, 2))
+    # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
+    return derivatives.apply_each(np.stack([still + curve * second, run.fs * first]), x).T
 
 
 def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.model.dynamics import Channels, Columns, blank, forces
+from fit.model.dynamics import Channels, Columns, blank, force
 
 NAMES = ("slope_1", "slope_2", "bend_1", "bend_2")
 _SIGNS = {1: 1.0, 2: -1.0}  # with which the forces enter Delta g, see `dynamics`
@@ -22,7 +22,7 @@ _SIGNS = {1: 1.0, 2: -1.0}  # with which the forces enter Delta g, see `dynamics
 
 def commanded(run: Channels, tau: tuple[float, float]) -> Columns:
     """Return the columns of the commands themselves, and no others, delayed by `tau` [s]."""
-    values = np.concatenate([part[:, :1] for part in forces(run, tau)], axis=1)
+    values = np.concatenate([force(run, j, tau)[:, :1] for j in (1, 0)], axis=1)
     return replace(blank(run, tau), names=tuple(f"f_{j}" for j in (2, 1)), values=values)
 
 
@@ -34,10 +34,10 @@ def columns(found: Columns) -> NDArray[np.float64]:
 def parts(found: Columns) -> Iterator[NDArray[np.float64]]:
     """Yield the same one by one, shape (N, 1)."""
     forces = [(found.values[:, found.names.index(f"f_{j}")], sign) for j, sign in _SIGNS.items()]
-    for force, sign in forces:
-        yield (np.linspace(-0.5 * sign, 0.5 * sign, len(force)) * force)[:, None]
-    for force, sign in forces:
-        size = np.abs(force)
+    for f, sign in forces:
+        yield (np.linspace(-0.5 * sign, 0.5 * sign, len(f)) * f)[:, None]
+    for f, sign in forces:
+        size = np.abs(f)
         size *= sign / (float(np.max(size, where=found.valid, initial=0.0)) or 1.0)
-        size *= force
+        size *= f
         yield size[:, None]

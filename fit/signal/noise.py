@@ -197,7 +197,7 @@ def fit_noise(
         raise FitError("the residual carries no noise whose PSD could weigh the data")
     knots = _knots(f[below:].tobytes())
     basis = _basis(knots.tobytes(), f.tobytes())
-    fisher = basis.products(dof)
+    covariance = np.asarray(np.linalg.inv(basis.products(dof)), dtype=np.float64)
 
     def cost(v: Array) -> tuple[float, Array]:
         """Return the cost and ``power / S``."""
@@ -208,7 +208,7 @@ def fit_noise(
 
     def scored(relative: Array) -> Array:
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.linalg.solve(fisher, basis.summed(relative - dof)), dtype=np.float64)
+            return np.asarray(covariance @ basis.summed(relative - dof), dtype=np.float64)
 
     known = begun is not None and np.array_equal(begun.knots, knots)
     values = begun.values if begun and known else _roughly(basis, power)
@@ -226,7 +226,7 @@ def fit_noise(
             last, relative = cost(values + size * step)
         values = values + size * step
         if abs(previous - last) < 1e-9 * f.size:
-            return NoiseModel(knots, values, np.asarray(np.linalg.inv(fisher)), below)
+            return NoiseModel(knots, values, covariance, below)
         step = scored(relative)
     raise FitError("the smooth PSD of the noise did not converge")
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics, wander
-from fit.signal import Spectra, derivatives, patches, spectra
+from fit.signal import NoiseModel, Spectra, derivatives, patches, spectra
 from fit.telemetry import Telemetry
 from fit.weighing import shapes
 from fit.weighing.shapes import Glitch
@@ -21,6 +21,7 @@ LEAST = 0.3  # share of a run that gaps and their flanks must leave
 # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command; 1e-5 where nothing is
 # injected, and commands are hardly more than the noise they follow
 CLOSE, CLOSE_ENOUGH = 5e-4, 0.3
+UNHEARD = 1e-4  # of the noise in every bin: an expansion that leaves out no more is good enough as well
 LONG = 2**18  # samples of a run, beyond which one copy of its spectra is kept
 
 
@@ -152,8 +153,10 @@ class Run:
         """Return the columns expanded about exactly these delays."""
         return dynamics.columns(self.channels, tau)
 
-    def spectra(self, tau: tuple[float, float]) -> Spectra:
+    def spectra(self, tau: tuple[float, float], noise: NoiseModel | None = None) -> Spectra:
         """Return the spectra for delays close to `tau`; they carry the delays they were made with.
+
+        How close they need be tells the `noise`, where that is known.
 
         Raises
         ------
@@ -167,13 +170,24 @@ class Run:
             last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
             self._first = last if last.window.size <= LONG else replace(last, columns=last.columns[:0].copy())
-        elif _apart(tau, last.tau) > (CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE):
-            # of what does not move, the transforms stay
-            columns, forces = last.columns.copy(), dynamics.forces(self.channels, tau)
-            columns[:, dynamics.FORCES] = spectra.windowed(forces, last.window, self.channels.fs)
-            last = replace(last, columns=columns, tau=tau)
+        else:
+            for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
+                columns, of_force = last.columns.copy(order="K"), dynamics.force(self.channels, j, tau)
+                columns[:, dynamics.FORCES[j]] = spectra.windowed(of_force, last.window, self.channels.fs)
+                moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
+                last = replace(last, columns=columns, tau=moved)
         self._last = last
         return last
+
+    def _far(self, last: Spectra, tau: tuple[float, float], noise: NoiseModel | None) -> list[int]:
+        """Return for which test masses, 0 and 1, spectra are too far from the delays `tau`."""
+        close = CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE
+        far = [j for j in (0, 1) if abs(tau[j] - last.tau[j]) > close]
+        if not (far and noise):
+            return far
+        unheard = UNHEARD * np.sqrt(noise(last.f)) / (2 * np.pi * last.f) ** 2
+        sizes = {j: np.abs(last.columns[:, dynamics.FORCES[j].start]) for j in far}
+        return [j for j in far if np.any(sizes[j] * ((tau[j] - last.tau[j]) ** 2 / 2) > unheard)]
 
     def wander(self, tau: tuple[float, float]) -> Spectra:
         """Return the spectra of `wander.columns`, for delays as close to `tau` as those of `spectra`."""

@@ -82,7 +82,7 @@ def noise_model(
     previous : NoiseModel or None
         Weights of the projection of constant and ramp; None to begin with.
     """
-    own = _left(experiment.sysid, theta, experiment.parameters)
+    own = _left(experiment.sysid, theta, experiment.parameters, previous)
     own = replace(own, taken=(dynamics.gradient(theta, own.terms.tau), covariance))
     if experiment.noise is None:
         return smooth_noise(own, previous)
@@ -122,9 +122,9 @@ class Left:
         return np.stack([np.abs(z[:, 0]) ** 2 * S[:first] / 2, np.maximum(left, 0)])
 
 
-def _left(run: Run, theta: Array, names: Sequence[str]) -> Left:
-    """Return what parameters of these names leave of a run."""
-    terms = run.spectra(dynamics.delays(theta))
+def _left(run: Run, theta: Array, names: Sequence[str], noise: NoiseModel | None = None) -> Left:
+    """Return what parameters of these names leave of a run, and of its noise as far as that is known."""
+    terms = run.spectra(dynamics.delays(theta), noise)
     values = dict(zip(names, theta, strict=True))
     of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
     return Left(terms, dynamics.coefficients(of_run, terms.tau))

@@ -22,6 +22,7 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+HIGHEST = 0.25  # Hz
 GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
 FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
@@ -60,7 +61,7 @@ class Simulation:
         self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
         self._period = scipy.fft.next_fast_len(PERIOD * self._n, real=True)
         f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
-        self._log_f = np.log(f[f < decimation.STOPPED * planning.RATE])  # the rest the low-pass stops
+        self._log_f = np.log(f[f < HIGHEST])
         decade = int(np.floor(self._log_f[0] / np.log(10)))
         self._of_noise = _noise_of(run), decade
         if beside and beside._of_noise == self._of_noise:
@@ -159,7 +160,7 @@ def _noise_of(run: Run) -> Run:
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _low_pass(decade: int, factor: int, fs: float) -> tuple[Array, Array]:
     """Return the knots of the noise [Hz] from a decade on, evenly in log f, and what the low-pass leaves."""
-    low, high = decade * np.log(10), np.log(decimation.STOPPED * planning.RATE)
+    low, high = decade * np.log(10), np.log(HIGHEST)
     n = int(GRID * (high - low) / np.log(10)) + 2
     f = np.exp(np.linspace(low, high, n))
     taps = decimation.taps(factor)
