@@ -1,7 +1,7 @@
 """Window and transform: the spectra of the columns of one run in the fitted band."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,10 +124,17 @@ def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice 
     """Return the transforms of columns, shape (N or more, P) or in parts, under a window, see `Spectra`."""
     scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
     found = [np.empty((0, bins.stop - bins.start), dtype=np.complex128)]
+    rows, filled = np.empty((_together(w.size), w.size)), 0
     for part in [columns] if isinstance(columns, np.ndarray) else columns:
-        for some in _together(part.shape[1], w.size):
-            found.append(scipy.fft.rfft(part[: w.size, some].T * w)[:, bins] * scale)
+        for k in range(part.shape[1]):
+            np.multiply(part[: w.size, k], w, out=rows[filled])
+            filled += 1
+            if filled == len(rows):
+                found.append(scipy.fft.rfft(rows)[:, bins] * scale)
+                filled = 0
         del part  # before there is another one
+    if filled:
+        found.append(scipy.fft.rfft(rows[:filled])[:, bins] * scale)
     return np.concatenate(found).T
 
 
@@ -143,16 +150,16 @@ def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
 def series(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
     found = np.empty((n, columns.shape[1]), order="F")
-    for some in _together(columns.shape[1], n):
+    for some in pieces(columns.shape[1], each=_together(n)):
         padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
         padded[:, first : first + len(columns)] = columns[:, some].T
         found[:, some] = scipy.fft.irfft(padded, n).T
     return found
 
 
-def _together(columns: int, n: int) -> Iterator[slice]:
-    """Yield which of so many columns of n samples to transform together."""
-    return pieces(columns, each=2 if n <= _LONG else 1)
+def _together(n: int) -> int:
+    """Return how many columns of n samples to transform together."""
+    return 2 if n <= _LONG else 1
 
 
 def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:
@@ -179,9 +186,21 @@ def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]
     """
     n, last = window.size, first + len(columns) - 1
     m = min(scipy.fft.next_fast_len(4 * last + 2, real=True), n)  # to twice the last bin, and none beyond
-    w2 = window * window
+    weights = _whole_slow(n, m, TAPER) if window is _tukey(n, TAPER) else _slow(window, m)
+    return series(columns, first, m), weights
+
+
+def _slow(window: Array, m: int) -> Array:
+    """Return the weights of `squared` for a window of a run, shape (m,)."""
+    n, w2 = window.size, window * window
     slow = w2 if m == n else scipy.fft.irfft(scipy.fft.rfft(w2)[: m // 2 + 1], m) * (m / n)
-    return series(columns, first, m), slow * (n * m / 2 / float(w2.sum()))
+    return np.asarray(slow * (n * m / 2 / float(w2.sum())))
+
+
+@kept(8)
+def _whole_slow(n: int, m: int, taper: float) -> Array:
+    """Return the same for a run without masks."""
+    return _slow(_tukey(n, taper), m)
 
 
 def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
