@@ -17,6 +17,7 @@ def one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(function)
     def limited(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        import scipy.linalg  # noqa: F401  SciPy's library: only what is loaded can be limited
         from threadpoolctl import threadpool_limits  # looks for libraries when it is called, not before
 
         with threadpool_limits(limits=1, user_api="blas"):

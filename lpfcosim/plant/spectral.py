@@ -2,8 +2,8 @@
 
 For the linear closed loop this is what the FMUs simulate, in distribution, at a tenth of the samples and
 without a step; glitches and gaps are the same. The noise is stationary, where a simulation starts at the
-equilibrium; commands have no limit, and of the whole spacecraft's quadratic terms there is what is linear
-about the steady turn.
+equilibrium, and ends at 0.25 Hz; commands have no limit, and of the whole spacecraft's quadratic terms there
+is what is linear about the steady turn.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-HIGHEST = 0.25  # Hz
+HIGHEST = 0.25  # Hz, end of the noise: an archive has more, which moves estimates by some 1e-5 sigma
 GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
 FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
