@@ -2,7 +2,8 @@
 
 The paper divides by the previous residual, bin by bin; that leaves the estimates wider than their sigmas. The
 weights here are a smooth PSD, fitted by likelihood to the residual of the adjacent noise run at the previous
-estimate. The delays about which the commands are expanded move along, until nothing moves.
+estimate. The delays about which the commands are expanded move along, as far as noise can tell, until nothing
+moves.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -200,7 +200,9 @@ def _slow(window: Array, m: int) -> Array:
 @kept(8)
 def _whole_slow(n: int, m: int, taper: float) -> Array:
     """Return the same for a run without masks."""
-    return _slow(_tukey(n, taper), m)
+    weights = _slow(_tukey(n, taper), m)
+    weights.setflags(write=False)  # others get the same ones
+    return weights
 
 
 def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:

@@ -21,7 +21,9 @@ LEAST = 0.3  # share of a run that gaps and their flanks must leave
 # s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command; 1e-5 where nothing is
 # injected, and commands are hardly more than the noise they follow
 CLOSE, CLOSE_ENOUGH = 5e-4, 0.3
-UNHEARD = 1e-4  # of the noise in every bin: an expansion that leaves out no more is good enough as well
+# of the noise in every bin, for each test mass: an expansion that leaves out no more is good enough as well;
+# estimates move by some 1e-4 sigma times the root of the number of bins that come near it
+UNHEARD = 1e-4
 LONG = 2**18  # samples of a run, beyond which one copy of its spectra is kept
 
 
@@ -190,7 +192,7 @@ class Run:
         return [j for j in far if np.any(sizes[j] * ((tau[j] - last.tau[j]) ** 2 / 2) > unheard)]
 
     def wander(self, tau: tuple[float, float]) -> Spectra:
-        """Return the spectra of `wander.columns`, for delays as close to `tau` as those of `spectra`."""
+        """Return the spectra of `wander.columns`, for delays within `CLOSE` of `tau`."""
         last = self._wander
         if last is None or _apart(tau, last.tau) > CLOSE:
             terms = wander.commanded(self.channels, tau)
