@@ -123,18 +123,21 @@ def _whole(n: int, fs: float, first: int, end: int) -> Spectrum:
 def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice | None = None) -> Spectrum:
     """Return the transforms of columns, shape (N or more, P) or in parts, under a window, see `Spectra`."""
     scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
-    found = [np.empty((0, bins.stop - bins.start), dtype=np.complex128)]
+    found: list[Spectrum] = []
     rows, filled = np.empty((_together(w.size), w.size)), 0
+
+    def transform_rows() -> None:
+        found.append(scipy.fft.rfft(rows[:filled])[:, bins] * scale)
+
     for part in [columns] if isinstance(columns, np.ndarray) else columns:
         for k in range(part.shape[1]):
             np.multiply(part[: w.size, k], w, out=rows[filled])
             filled += 1
             if filled == len(rows):
-                found.append(scipy.fft.rfft(rows)[:, bins] * scale)
+                transform_rows()
                 filled = 0
         del part  # before there is another one
-    if filled:
-        found.append(scipy.fft.rfft(rows[:filled])[:, bins] * scale)
+    transform_rows()  # none, if they came out even
     return np.concatenate(found).T
 
 

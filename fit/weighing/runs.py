@@ -123,7 +123,7 @@ class Left:
 
 
 def _left(run: Run, theta: Array, names: Sequence[str], noise: NoiseModel | None = None) -> Left:
-    """Return what parameters of these names leave of a run, and of its noise as far as that is known."""
+    """Return what parameters of these names leave of a run; see `Run.spectra` for its noise, if known."""
     terms = run.spectra(dynamics.delays(theta), noise)
     values = dict(zip(names, theta, strict=True))
     of_run = np.array([values.get(name, 0.0) for name in run.channels.parameters])
