@@ -148,9 +148,10 @@ def analysed(
         quiet = valid & ~struck(run.time[seen], masked)
         enough = valid.sum() > quiet.sum() > quiet.size / 2
         asd.add(Estimator(quiet, fs, HIGHEST) if enough else estimator, run.delta_g[seen])
-        for name, term in run.terms.items():
-            terms.setdefault(name, _Mean()).add(estimator, term[seen])
+        for name in run.terms:
+            terms.setdefault(name, _Mean()).add(estimator, run.terms[name][seen])
         stretches += 1
+        del run  # before there is another one
     return Analysis(
         fs,
         (derivatives.stretches_of(missing) / fs + begin - start) / 3600,
@@ -204,7 +205,7 @@ class _Averaged:
         mean = float(known.mean()) if known.size else 0.0
         averages = averaged(np.where(run.valid, x - mean, np.nan), self._length * run.fs, every)
         at = slice(-(-kept.start // every), -(-kept.stop // every))
-        self._time.append(run.time[::every][at])
+        self._time.append(run.time[::every][at].copy())  # else the whole stretch would stay
         self._values.append(averages[at] + mean)
         self._sum, self._count = self._sum + float(known.sum()), self._count + known.size
         self.told = self.told or bool(np.any(known))

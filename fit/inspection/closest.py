@@ -47,7 +47,7 @@ def _placed(view: View, glitch: Glitch) -> Glitch:
     padded = np.zeros(n // 2 + 1, dtype=np.complex128)
     whitened = view.residual.view(np.complex128)
     padded[1 : view.f.size + 1] = glitch.shape.transform(view.f).conj() / np.sqrt(view.S) * whitened
-    begin = float(view.time[0]) + np.arange(n) * (view.duration / n)
+    begin = view.start + np.arange(n) * (view.duration / n)
     near = np.abs(begin - glitch.begin) < NEAR * glitch.shape.tau
     answer = np.where(near, np.abs(scipy.fft.irfft(padded, n)), 0.0)
     return replace(glitch, begin=float(begin[np.argmax(answer)]))

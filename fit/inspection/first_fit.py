@@ -89,7 +89,7 @@ def least(U: Spectrum) -> NDArray[np.float64]:
     rows = linear.stacked(U)
     norms = np.linalg.norm(rows, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    R = np.asarray(np.linalg.qr(rows / scale, mode="r"))  # as good as the rows, and far smaller
+    R = linear.triangle(rows / scale)  # as good as the rows, and far smaller
     rounding = len(rows) * np.finfo(np.float64).eps
     c = np.linalg.lstsq(R[:, 1:], -R[:, 0] * scale[0], rcond=rounding)[0] / scale[1:]
     return np.array([1.0, *c])

@@ -29,7 +29,8 @@ from fit.inspection.first_fit import first, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, spectra
+from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, pages, spectra
+from fit.telemetry import axis_part
 from fit.threads import cached_property
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
@@ -321,15 +322,17 @@ class _Search:
 
     def _view(self, noise: "_Search | None", S: Array, U: Spectrum) -> View:
         """Return the run as the pursuit sees it, whitened by the PSD S of its noise or of its noise run."""
-        terms, inner = self.run.spectra(self._tau), slice(derivatives.HALF, -derivatives.HALF)
+        terms = self.run.spectra(self._tau)
+        transformed = slice(derivatives.HALF, derivatives.HALF + terms.window.size)
         taken = [terms.nuisance * np.sqrt(2 / S)[:, None]]
         if self is not noise:  # the coefficients of a noise run are those of the sysid run
             taken.append(U[:, 1:][:, np.any(U[:, 1:] != 0, axis=0)])
-        beside = np.hstack(taken)
-        Q = np.linalg.qr(linear.stacked(beside / np.linalg.norm(beside, axis=0)))[0]
-        residual = linear.stacked(U @ self._c)
+        beside = pages.room((len(U), sum(part.shape[1] for part in taken)), terms.window.size, np.complex128)
+        np.concatenate(taken, axis=1, out=beside)
+        beside /= np.linalg.norm(beside, axis=0)
+        Q, residual = linear.orthonormal(linear.stacked(beside)), linear.stacked(U @ self._c)
         return View(
-            time=self.run.channels.time[inner],
+            time=axis_part(self.run.channels, transformed),
             fs=self.run.channels.fs,
             f=terms.f,
             S=S,

@@ -98,7 +98,7 @@ def _view(
     Q = np.linalg.qr(beside[:, norms > 0] / norms[norms > 0])[0]
     residual = linear.stacked(U[:, 0])
     return View(
-        time=time,
+        time=time[: terms.window.size],
         fs=fs,
         f=f,
         S=S,

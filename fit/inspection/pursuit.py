@@ -165,7 +165,7 @@ def _strongest(view: View) -> Glitch | None:
         lowest = BESIDE if view.known else _anywhere(view, of.shapes[0])
         if _counted(view, of, ratios.max(axis=1, keepdims=True)).max() <= most * lowest:
             continue
-        begin = float(view.time[0]) + np.arange(n, dtype=np.float64) * (view.duration / n)
+        begin = view.start + np.arange(n, dtype=np.float64) * (view.duration / n)
         excess = _counted(view, of, ratios) / threshold(view, of.shapes[0], begin)
         k, at = divmod(int(np.argmax(excess)), n)
         if excess[k, at] > most:

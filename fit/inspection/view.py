@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.signal import spectra
-from fit.telemetry import pieces
+from fit.signal import pages, spectra
+from fit.telemetry import Row, pieces
 from fit.threads import cached_property
 from fit.weighing import Glitch, shapes
 
@@ -57,14 +57,14 @@ class View:
 
     Attributes
     ----------
-    time : ndarray, shape (N,)
-        Instants [s] of the samples of its columns.
+    time : Row, shape (n,)
+        Instants [s] of the samples that are transformed.
     fs : float
         Sample rate [Hz].
     f, S : ndarray, shape (B,)
         Frequencies [Hz] and PSD of the noise.
     window : ndarray, shape (n,)
-        Of the transform, n <= N.
+        Of the transform.
     residual : ndarray, shape (2 B,)
         Real and imaginary part of every bin of the whitened residual, of variance 1 where there is but noise.
     Q : ndarray, shape (2 B, K)
@@ -75,7 +75,7 @@ class View:
         What has been found in it so far.
     """
 
-    time: Array
+    time: Row
     fs: float
     f: Array
     S: Array
@@ -84,6 +84,11 @@ class View:
     Q: Array
     own: bool
     known: tuple[Glitch, ...]
+
+    @property
+    def start(self) -> float:
+        """The first instant [s]."""
+        return float(self.time[:1][0])
 
     @property
     def duration(self) -> float:
@@ -100,10 +105,10 @@ class View:
         n, spans = self.window.size, [shapes.reach(glitch, self.fs) for glitch in glitches]
         begin, end = min(first for first, _ in spans), max(last for _, last in spans)
         shortest = min(glitch.shape.tau for glitch in glitches)
-        first = max(0, int((begin - self.time[0]) * self.fs))
-        last = min(n, int((end - self.time[0]) * self.fs) + 2)
+        first = max(0, int((begin - self.start) * self.fs))
+        last = min(n, int((end - self.start) * self.fs) + 2)
         # what reaches beyond the ends comes in again at the other one, some tau later
-        inside = begin > self.time[0] - shortest and end < self.time[0] + self.duration + shortest
+        inside = begin > self.start - shortest and end < self.start + self.duration + shortest
         if inside and last - first < NEAR * n:
             return self._near(glitches, slice(first, last))
         left, told = self._columns(glitches)
@@ -114,9 +119,10 @@ class View:
         """Return glitches as columns, shape (G, 2 B), zero where little is left, and where it is enough."""
         n, whole = self.window.size, np.empty((len(glitches), 2 * self.f.size))
         for some in pieces(len(glitches), each=max(1, shapes.TOGETHER // n)):
-            series = shapes.series(glitches[some], self.time[:n], self.fs)
-            series *= self.window
-            whole[some] = (scipy.fft.rfft(series)[:, 1 : self.f.size + 1] * self._scale).view(np.float64)
+            series = shapes.series(glitches[some], self.time, self.fs)
+            of_bins = spectra.lowest(series, self.window, self.f.size + 1)[:, 1:]
+            del series  # before there are others
+            whole[some] = (of_bins * self._scale).view(np.float64)
         left = whole - (whole @ self.Q) @ self.Q.T
         norms = np.linalg.norm(left, axis=1)
         told = norms > LEAST * np.linalg.norm(whole, axis=1)
@@ -169,7 +175,9 @@ class View:
         """Product of whitened impulses, by the samples between them, shape (n,)."""
         n = self.window.size
         squares = np.asarray(1 / self.S, dtype=np.complex128)
-        return np.asarray(spectra.series(squares[:, None], 1, n)[:, 0] * (n / 2))
+        found = spectra.series(squares[:, None], 1, n)[:, 0]
+        found *= n / 2
+        return found
 
     @cached_property
     def _known_weights(self) -> dict[int, Array]:
@@ -188,7 +196,7 @@ class View:
 
     def seen(self, glitch: Glitch) -> float:
         """Return the share of a glitch that the window leaves, from 0 to 1."""
-        series = glitch.series(self.time[: self.window.size], self.fs)
+        series = glitch.series(self.time, self.fs)
         return float(np.linalg.norm(self.window * series) / max(float(np.linalg.norm(series)), 1e-300))
 
     def left_by(self, column: Array) -> Array:
@@ -197,4 +205,7 @@ class View:
 
     def without(self, column: Array) -> "View":
         """Return the run with a further column projected out."""
-        return replace(self, residual=self.left_by(column), Q=np.column_stack([self.Q, column]))
+        rows, K = self.Q.shape
+        Q = pages.room((rows, K + 1), self.window.size)
+        Q[:, :K], Q[:, K] = self.Q, column
+        return replace(self, residual=self.left_by(column), Q=Q)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
-from fit.signal import Spectra, derivatives
+from fit.signal import Spectra, derivatives, pages
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
@@ -173,10 +173,16 @@ def _told(of: Amount) -> str:
 
 
 def _drifting(terms: dynamics.Columns) -> Iterator[Array]:
-    share = terms.time - terms.time.mean()
+    time = terms.time
+    share = time - time.mean()
+    del time
     share /= np.ptp(share)
     at = dict(zip(terms.names, terms.values.T, strict=True))
-    yield from (share * sum(a * at[n] for n, a in of.items()) for _, _, of in DRIFTING)
+    for _, _, of in DRIFTING:
+        x = np.asarray(sum(a * at[n] for n, a in of.items()))
+        x *= share
+        yield x
+        del x  # before there is another one
 
 
 def _bent(experiment: Experiment) -> Array:
@@ -291,7 +297,9 @@ def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.
     """Return the columns that `DRIFTING` and `OF_O_1` name; to delay the commands takes the most time."""
     inner = slice(derivatives.HALF, -derivatives.HALF)
     curve = derivatives.derivative(run.o_1, run.fs, 2)
-    values = np.stack([run.o_12[inner], run.o_1[inner], curve]).T
+    values = pages.room((curve.size, 3), curve.size)
+    values[:, 0], values[:, 1], values[:, 2] = run.o_12[inner], run.o_1[inner], curve
     del curve
+    pages.put_down()
     valid = ~derivatives.reached(~run.valid)
     return dynamics.Columns(tau, ("o_12", "o_1", "ddo_1"), run.fs, run.time[inner], values, valid)

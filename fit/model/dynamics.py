@@ -186,9 +186,6 @@ class Channels:
         return run_parameters(self.means)
 
 
-Channels.time = TimeAxis()  # type: ignore[assignment]
-
-
 def channels(telemetry: Telemetry, *, motion: bool = True) -> Channels:
     """Low-pass and decimate what the equation needs; without `motion` nothing but what Delta g_x does."""
     return _channels(telemetry, *derivatives.low_pass(telemetry.fs), motion=motion)
@@ -242,6 +239,9 @@ class Columns:
     time: Array
     values: Array
     valid: NDArray[np.bool_]
+
+
+Channels.time = Columns.time = TimeAxis()  # type: ignore[assignment]
 
 
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:

@@ -3,7 +3,7 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal import patches
+from fit.signal import pages, patches
 from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds, welch
 from fit.signal.excess import Excess
 from fit.signal.medians import median
@@ -24,6 +24,7 @@ __all__ = [
     "log_psd",
     "log_psds",
     "median",
+    "pages",
     "patches",
     "spectra",
     "welch",

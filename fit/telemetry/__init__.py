@@ -4,7 +4,7 @@ A run is a `Telemetry`. A channel is read from the file when it is used. Another
 elsewhere first, since they may crash a library (`guard`).
 """
 
-from fit.telemetry.axis import TimeAxis
+from fit.telemetry.axis import TimeAxis, axis_part
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
 from fit.telemetry.datasets import MAX_MISSING, check_storage
 from fit.telemetry.pieces import PIECE, Row, pieces
@@ -35,6 +35,7 @@ __all__ = [
     "Writer",
     "XAxis",
     "another_stretch",
+    "axis_part",
     "check_storage",
     "common_x_axis",
     "conversion",

@@ -1,6 +1,6 @@
 """The time axis of a run: where it is even to the bit, three numbers stand for it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ class _Even:
     start: float
     fs: float
     size: int
+    first: int = 0  # that is kept, of those from `start` on
 
     def __getitem__(self, at: slice) -> NDArray[np.float64]:
-        found = np.arange(*at.indices(self.size), dtype=np.float64)
+        begin, end, step = at.indices(self.size)
+        found = np.arange(self.first + begin, self.first + end, step, dtype=np.float64)
         found /= self.fs
         found += self.start
         return found
@@ -37,6 +39,14 @@ class TimeAxis:
 def part(run: Any, at: slice) -> NDArray[np.float64]:
     """Return some of the instants [s] of a run."""
     return np.asarray(row(run)[at])
+
+
+def axis_part(run: Any, at: slice) -> Row:
+    """Return the same as a row: what is not made of an even axis takes no memory."""
+    of_run, (begin, end, step) = row(run), at.indices(size(run))
+    if not isinstance(of_run, _Even) or step != 1:
+        return of_run[at]
+    return replace(of_run, size=max(end - begin, 0), first=of_run.first + begin)
 
 
 def row(run: Any) -> Row:

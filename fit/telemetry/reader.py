@@ -107,7 +107,8 @@ class Telemetry(Displayed):
         """Return some of the samples as a run."""
         found = self.channels
         channels = found.part(at) if isinstance(found, OnDemand) else {n: x[at] for n, x in found.items()}
-        return replace(self, time=self.instants(at), channels=channels)
+        kept: dict[str, Any] = {"time": axis.axis_part(self, at), "channels": channels}
+        return replace(self, **kept)
 
     @property
     def duration(self) -> float:

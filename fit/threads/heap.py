@@ -12,7 +12,13 @@ _R = TypeVar("_R")
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # of mallopt, in malloc.h of glibc
 _LARGE = 3 * 2**20  # bytes, beyond which an array takes its memory from the system, the most there may be
-_CACHES: list[Callable[[], None]] = []
+_FREEING: list[Callable[[], None]] = []
+
+
+def freed_by(function: Callable[[], None]) -> Callable[[], None]:
+    """Have a function free what it knows of before memory is given back."""
+    _FREEING.append(function)
+    return function
 
 
 def kept(most: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
@@ -20,7 +26,7 @@ def kept(most: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
 
     def keeping(function: Callable[_P, _R]) -> Callable[_P, _R]:
         found = lru_cache(maxsize=most)(function)
-        _CACHES.append(found.cache_clear)
+        freed_by(found.cache_clear)
         return cast(Callable[_P, _R], found)
 
     return keeping
@@ -42,11 +48,11 @@ def one_heap() -> None:
 def give_back() -> None:
     """Give back to the system what is free in between, where the C library can be told to.
 
-    Results that were `kept` are freed first, and objects that only hold each other: arrays of a fit are among
+    What is `freed_by` others is freed first, and objects that only hold each other: arrays of a fit are among
     them.
     """
-    for clear in _CACHES:
-        clear()
+    for free in _FREEING:
+        free()
     gc.collect()
     if function := _function("malloc_trim"):
         function(0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectra, Spectrum, spectra
+from fit.signal import NoiseModel, Spectra, Spectrum, pages, spectra
 from fit.telemetry import pieces
 from fit.threads import cached_property
 from fit.weighing.likelihood import Likelihood, Weights, weights
@@ -114,7 +114,10 @@ class Block:
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
         z, w2 = spectra.squared(self._weighed(self.weights.score), self.first, self.window)
-        found = np.sum([z[at].T @ (z[at] * w2[at, None]) for at in pieces(w2.size)], axis=0)
+        found = np.zeros((z.shape[1], z.shape[1]))
+        for at in pieces(w2.size):
+            found += z[at].T @ (z[at] * w2[at, None])
+            pages.put_down()
         return np.asarray((found + found.T) / 2)
 
     def root(self, bins: slice) -> Array:
@@ -122,7 +125,7 @@ class Block:
         return np.asarray(np.linalg.qr(stacked(self.columns[bins]), mode="r"))
 
     def _root(self, factors: Array) -> Array:
-        return np.asarray(np.linalg.qr(stacked(self._weighed(factors)), mode="r"))
+        return triangle(stacked(self._weighed(factors)))
 
     def _weighed(self, factors: Array) -> Spectrum:
         return self.columns if np.all(factors == 1) else self.columns * np.sqrt(factors)[:, None]
@@ -154,14 +157,28 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     """
     scale = np.repeat(np.sqrt(2 / S), 2)
     beside = (stacked(spectra.nuisance).T * scale).T
-    Q = scipy.linalg.qr(beside, True, mode="economic", check_finite=False)[0]  # no copies, as NumPy takes
+    Q = orthonormal(beside)
     columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
-    U = columns[:, given] * scale[given]  # one row for each column, as they lie
+    scaled = scale[given]
+    U = pages.room((scaled.size, len(columns)), spectra.window.size).T  # one row for each column, as they lie
+    np.multiply(columns[:, given], scaled, out=U)
     taken = U @ Q if first is None else columns @ (Q * scale[:, None])
     for at in pieces(U.shape[1]):
         U[:, at] -= taken @ Q[at].T
+    pages.put_down()
     of_bins = Q[given].reshape(U.shape[1] // 2, -1)
     return U.view(np.complex128).T, np.asarray(1 - np.einsum("bi,bi->b", of_bins, of_bins) / 2, np.float64)
+
+
+def orthonormal(rows: Array) -> Array:
+    """Return orthonormal columns that span those of rows, shape (M, K), in their place: without any copy."""
+    return np.asarray(scipy.linalg.qr(rows, True, mode="economic", check_finite=False)[0])
+
+
+def triangle(rows: Array) -> Array:
+    """Return the triangle R of the QR factors of rows, shape (M, K), which come a good many at a time."""
+    found = [np.linalg.qr(rows[at], mode="r") for at in pieces(len(rows), each=pages.LONG // 4)]
+    return np.asarray(found[0] if len(found) == 1 else np.linalg.qr(np.concatenate(found), mode="r"))
 
 
 def stacked(x: Spectrum) -> Array:

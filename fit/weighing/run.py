@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics, wander
-from fit.signal import NoiseModel, Spectra, derivatives, patches, spectra
+from fit.signal import NoiseModel, Spectra, derivatives, pages, patches, spectra
 from fit.telemetry import Telemetry
 from fit.weighing import shapes
 from fit.weighing.shapes import Glitch
@@ -24,7 +24,6 @@ CLOSE, CLOSE_ENOUGH = 5e-4, 0.3
 # of the noise in every bin, for each test mass: an expansion that leaves out no more is good enough as well;
 # estimates move by some 1e-4 sigma times the root of the number of bins that come near it
 UNHEARD = 1e-4
-LONG = 2**18  # samples of a run, beyond which one copy of its spectra is kept
 
 
 class Run:
@@ -166,15 +165,16 @@ class Run:
             If missing samples leave too little of the run.
         """
         last = self._last
-        if self._first and tau == self._first.tau and self._first.columns.size:  # where every fit begins
+        if self._first and tau == self._first.tau:  # where every fit begins
             last = self._first
         elif last is None:
             last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
-            self._first = last if last.window.size <= LONG else replace(last, columns=last.columns[:0].copy())
+            self._first = last
         else:
+            n = last.window.size
             for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
-                columns, of_force = last.columns.copy(order="K"), dynamics.force(self.channels, j, tau)
+                columns, of_force = pages.copied(last.columns, n), dynamics.force(self.channels, j, tau)
                 columns[:, dynamics.FORCES[j]] = spectra.windowed(of_force, last.window, self.channels.fs)
                 moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
                 last = replace(last, columns=columns, tau=moved)

@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.signal import Spectrum, derivatives
-from fit.telemetry import pieces
+from fit.signal import Spectrum, derivatives, pages
+from fit.telemetry import Row, pieces
 from fit.threads import kept
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
 SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
 TOGETHER = 2**19  # samples in transforms that are made at once: of all of them, the memory would be full
-_PART = 4  # of columns, the same
+_PART = 4  # of columns, the same; of long runs one
 
 
 @dataclass(frozen=True)
@@ -82,22 +82,25 @@ class Glitch:
         shape = replace(self.shape.turned(other), tau=self.shape.tau * float(np.exp(longer)))
         return Glitch(shape, self.begin + late * self.shape.tau)
 
-    def series(self, time: Array, fs: float) -> Array:
+    def series(self, time: Row, fs: float) -> Array:
         """Return it at the evenly spaced instants `time` [s], shape (N,), no higher than about 1."""
         return np.asarray(series([self], time, fs)[0])
 
 
-def series(found: Sequence[Glitch], time: Array, fs: float) -> Array:
+def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
     """Return glitches at the evenly spaced instants `time` [s], shape (number of glitches, N)."""
     sizes = [_padded(glitch, time.size, fs) for glitch in found]
-    together = np.empty((len(found), time.size))
+    together, first = np.empty((len(found), time.size)), float(time[:1][0])
     for n in set(sizes):  # transforms of one length go faster together
         which = [i for i, size in enumerate(sizes) if size == n]
         for some in (which[at] for at in pieces(len(which), each=max(1, TOGETHER // n))):
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
-                _fill(spectrum, found[i], n, float(time[0]), fs)
-            together[some] = scipy.fft.irfft(spectra, n)[:, : time.size]
+                _fill(spectrum, found[i], n, first, fs)
+            pages.put_down()
+            of_some = scipy.fft.irfft(spectra, n)
+            del spectra  # they are as large
+            together[some] = of_some[:, : time.size]
     return together
 
 
@@ -119,17 +122,15 @@ def _padded(glitch: Glitch, size: int, fs: float) -> int:
 def _fill(spectrum: Spectrum, glitch: Glitch, n: int, first: float, fs: float) -> None:
     """Fill in the transform of a glitch at n instants from `first` [s] on."""
     f, smooth = _low_pass(n, fs)
-    inside = spectrum[: f.size]
-    inside[:] = glitch.shape.transform(f)
-    inside *= smooth * (fs * glitch.shape.tau)
-    inside *= _turns(2 * np.pi * fs * (first - glitch.begin) / n, f.size)
-
-
-def _turns(angle: float, size: int) -> Spectrum:
-    """Return ``exp(i k angle)`` for k from 0 on, shape (size,), as products of far fewer ones."""
-    width = math.isqrt(size) + 1
+    angle, width = 2 * np.pi * fs * (first - glitch.begin) / n, math.isqrt(f.size) + 1
+    # exp(i k angle) for every bin k, as products of far fewer ones
     fine, coarse = np.exp(1j * angle * np.arange(width)), np.exp(1j * (angle * width) * np.arange(width))
-    return np.asarray(np.multiply.outer(coarse, fine)).reshape(-1)[:size]
+    for rows in pieces(width, each=max(1, pages.LONG // width)):
+        at = slice(rows.start * width, min(rows.stop * width, f.size))
+        inside = spectrum[at]
+        inside[:] = glitch.shape.transform(f[at])
+        inside *= smooth[at] * (fs * glitch.shape.tau)
+        inside *= np.multiply.outer(coarse[rows], fine).reshape(-1)[: inside.size]
 
 
 @kept(2)  # a shape that is moved and turned keeps its length for a while
@@ -138,9 +139,10 @@ def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     f = scipy.fft.rfftfreq(n, 1 / fs)
     smooth = np.exp(-np.square(np.square(f / (2 * min(derivatives.F_MAX, fs / 10)))))
     kept = int(np.count_nonzero(smooth))
+    f, smooth = pages.laid(f[:kept], n), pages.laid(smooth[:kept], n)
     for shared in (f, smooth):
         shared.setflags(write=False)  # others get the same ones
-    return f[:kept], smooth[:kept]
+    return f, smooth
 
 
 def bounds(duration: float) -> tuple[float, float]:
@@ -158,8 +160,13 @@ def bank(duration: float) -> list[Shape]:
 
 def columns(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     """Yield the glitches at the instants `time` [s], shape (N, G), some at a time."""
-    for i in range(0, len(found), _PART):
-        yield series(found[i : i + _PART], time, fs).T
+    for some in pieces(len(found), each=_together(time.size)):
+        yield series(found[some], time, fs).T
+
+
+def _together(size: int) -> int:
+    """Return how many series of so many samples to make at once."""
+    return _PART if size <= pages.LONG else 1
 
 
 def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
@@ -171,8 +178,10 @@ def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     yield from columns(found, time, fs)
     for glitch in found:  # one by one: in long runs all of them fill the memory
         changes = steps(glitch)
-        own, *moved = series([glitch, *(glitch.moved(step) for step in np.diag(changes))], time, fs)
-        yield ((np.array(moved) - own) / changes[:, None]).T
+        for some in pieces(changes.size, each=_together(time.size)):
+            moved = [glitch.moved(step) for step in np.diag(changes)[some]]
+            found_there = series([glitch, *moved], time, fs)
+            yield ((found_there[1:] - found_there[0]) / changes[some, None]).T
 
 
 def steps(glitch: Glitch) -> Array:

@@ -18,7 +18,7 @@ def view():
     Q = np.linalg.qr(rng.standard_normal((2 * f.size, 3)))[0]
     residual = rng.standard_normal(2 * f.size)
     S = 1 + (3e-3 / f) ** 2 + (f / 0.03) ** 4
-    time = 20.0 + np.arange(N + 7) / FS
+    time = 20.0 + np.arange(N) / FS
     return View(time, FS, f, S, window, residual - Q @ (Q.T @ residual), Q, own=False, known=())
 
 

@@ -1,0 +1,110 @@
+"""What is kept of long runs: in a file, whole, and gone in the end."""
+
+import gc
+import os
+import sys
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from fit.pipeline import calibrate
+from fit.signal import pages
+from tests.oracles import thirteen
+from tests.oracles.glitches import Glitch, struck
+
+LONG = pages.LONG + 1
+in_files = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all lies in memory")
+
+
+def files():
+    """How many there are of this process."""
+    gc.collect()
+    return sum("(deleted)" in line for line in Path("/proc/self/maps").read_text().splitlines())
+
+
+def resident():
+    """Bytes of this process that are in memory."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@in_files
+def test_memory_lets_go_of_what_is_put_down_and_has_it_again():
+    found = pages.room((2**20, 4), LONG)
+    assert found.flags.f_contiguous
+    found[:] = np.arange(2**22).reshape(found.shape)
+    before = resident()
+    pages.put_down()
+    assert before - resident() > 0.9 * found.nbytes
+    assert np.array_equal(found, np.arange(2**22).reshape(found.shape))
+
+
+@in_files
+def test_a_file_is_there_as_long_as_part_of_it_is_asked_for():
+    before = files()
+    found = pages.copied(np.arange(6.0).reshape(2, 3), LONG)
+    part = found[1:, ::2]
+    del found
+    assert files() == before + 1
+    pages.put_down()
+    assert part.tolist() == [[3.0, 5.0]]
+    del part
+    assert files() == before
+
+
+def test_what_is_short_stays_where_it_is():
+    x = np.zeros(5)
+    assert pages.laid(x, pages.LONG) is x
+    assert pages.room((2, 0), LONG).shape == (2, 0)
+
+
+@pytest.mark.parametrize("trouble", ["no folder", "no space"])
+def test_without_a_file_it_lies_in_memory(trouble, monkeypatch, tmp_path):
+    if trouble == "no folder":
+        monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
+    else:
+        monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
+    found = pages.copied(np.eye(3), LONG)
+    assert found.base is None
+    assert np.array_equal(found, np.eye(3))
+
+
+def refuse(*_):
+    raise OSError("No space left on device")
+
+
+@in_files
+def test_threads_put_down_what_others_write():
+    rooms, done = [pages.room((2**16,), LONG) for _ in range(4)], []
+
+    def write(k):
+        for n in range(50):
+            rooms[k][:] = k + n
+            pages.put_down()
+            done.append(bool(np.all(rooms[k] == k + n)))
+
+    threads = [Thread(target=write, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(done) == 200 and all(done)
+
+
+def estimates(runs):
+    joint = calibrate(runs).joint
+    return np.array([(e.value, e.sigma) for e in joint.parameters.values()])
+
+
+def test_the_fit_is_the_same_in_files(monkeypatch):
+    runs = list(thirteen.campaign(seed=5, names=("A1", "B2", "D2", "C4")).values())
+    struck_by = [Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
+    runs[0] = struck(thirteen.made("A1", "sysid", 5), struck_by)
+    in_memory = estimates(runs)
+    asked, room = [], pages.room
+    monkeypatch.setattr(pages, "LONG", 2**12)
+    monkeypatch.setattr(pages, "room", lambda *given: asked.append(given) or room(*given))
+    moved = estimates(runs) - in_memory
+    assert len(asked) > 100
+    assert np.abs(moved / in_memory[:, 1:]).max() < 1e-4
