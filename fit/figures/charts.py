@@ -94,6 +94,7 @@ class Curve:
 class Points:
     """Marks with error bars from `low` to `high`, and `names` to tell them by; otherwise as `Curve`.
 
+    Those that would hide each other are drawn `beside` their places by so much, in the unit of x.
     A `mark` is a dot, a ring, or a square; `caps` end the bars.
     """
 
@@ -107,6 +108,12 @@ class Points:
     names: Sequence[str] = ()
     mark: Shape = "dot"
     caps: bool = True
+    beside: Array | None = None
+
+    @property
+    def places(self) -> Array:
+        """Where they belong along x, shape (N,)."""
+        return self.x if self.beside is None else self.x - self.beside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,13 +238,19 @@ def force(j: int) -> Axis:
 
 
 def measured(
-    label: str, x: Array, values: Array, names: Sequence[str], *, mark: Shape = "dot", role: str = "ink"
+    label: str,
+    x: Array,
+    values: Array,
+    names: Sequence[str],
+    *,
+    mark: Shape = "dot",
+    role: str = "ink",
+    beside: Array | None = None,
 ) -> Points:
-    """Return values with their sigmas, shape (N, 2), as marks with error bars."""
-    y, sigma = values.T
-    return Points(
-        name=label, label=label, role=role, x=x, y=y, low=y - sigma, high=y + sigma, names=names, mark=mark
-    )
+    """Return values with their sigmas, shape (N, 2), as marks with error bars `beside` x."""
+    (y, sigma), at = values.T, x if beside is None else x + beside
+    bars = {"low": y - sigma, "high": y + sigma, "names": names, "mark": mark, "beside": beside}
+    return Points(name=label, label=label, role=role, x=at, y=y, **bars)
 
 
 def aside(x: Array, step: float = 0.0) -> Array:

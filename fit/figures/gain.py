@@ -60,10 +60,17 @@ def gain_against_authority(points: Sequence[GainPoint], joint: Estimate | None) 
     """Draw lambda_2 of every experiment against F_max_2, those of equal authority side by side."""
     points = sorted(points, key=lambda p: (p.F_max_2, p.start))
     F = 1e12 * np.array([p.F_max_2 for p in points])
-    return _gains(force(2), F + aside(F), points, joint)
+    return _gains(force(2), F, points, joint, aside(F))
 
 
-def _gains(axis: Axis, x: Array, points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
+def _gains(
+    axis: Axis,
+    x: Array,
+    points: Sequence[GainPoint],
+    joint: Estimate | None,
+    beside: Array | None = None,
+) -> Chart:
+    beside = np.zeros(x.size) if beside is None else beside
     own: list[Mark] = []
     kinds: tuple[tuple[bool, Shape, str], ...] = (
         (False, "dot", "each experiment alone"),
@@ -73,7 +80,8 @@ def _gains(axis: Axis, x: Array, points: Sequence[GainPoint], joint: Estimate | 
         kept = [i for i, p in enumerate(points) if p.leaning == leaning]
         if kept:
             gains = np.array([(points[i].gain.value, points[i].gain.sigma) for i in kept])
-            own.append(measured(label, x[kept], gains, [points[i].name for i in kept], mark=mark))
+            names = [points[i].name for i in kept]
+            own.append(measured(label, x[kept], gains, names, mark=mark, beside=beside[kept]))
     across = limits(axis, own, key="x")
     marks: list[Mark] = []
     alone = [p.gain for p in points if not p.leaning]

@@ -61,7 +61,13 @@ def leakage(
         values = 1e5 * np.array([(v.value, v.sigma) for _, _, v in entries])
         marks.append(
             measured(
-                label, k + beside + aside(k, 0.05), values, [n for n, _, _ in entries], mark=mark, role=role
+                label,
+                k,
+                values,
+                [n for n, _, _ in entries],
+                mark=mark,
+                role=role,
+                beside=beside + aside(k, 0.05),
             )
         )
         rows = ([label] * k.size, [n for n, _, _ in entries], k, *values.T)

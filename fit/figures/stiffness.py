@@ -190,8 +190,9 @@ def _pulls(
     """Return how many sigma each experiment lies off the model, those of equal authority side by side."""
     known = np.array([i for i, pull in enumerate(pulls) if pull is not None], dtype=int)
     y = np.array([pulls[i] for i in known], dtype=float)
+    room = aside(F[known], _ASIDE * across[1])
     stems = Points(
-        name="pull", label="", role="ink", x=F[known] + aside(F[known], _ASIDE * across[1]), y=y,
+        name="pull", label="", role="ink", x=F[known] + room, y=y, beside=room,
         low=np.minimum(y, 0), high=np.maximum(y, 0), names=[names[i] for i in known], caps=False,
     )  # fmt: skip
     shade = Span(low=-1, high=1, role="grid", opacity=0.7, along="y")

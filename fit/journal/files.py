@@ -2,6 +2,7 @@
 
 import csv
 import io
+import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from fit.files import atomic
 from fit.journal import matrix, panels
 from fit.journal.style import style
 from fit.threads import tell
+
+logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph
 
 
 @dataclass(frozen=True)

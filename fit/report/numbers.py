@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from fit.figures import Axis, Curve, Panel, Points
+from fit.figures import Axis, Curve, Panel, Points, Span
 from fit.tables import parameters
 
 Array = NDArray[np.float64]
@@ -58,8 +58,10 @@ def _rows(panel: Panel, lines: Sequence[Curve | Points]) -> list[list[str]]:
 
 def _each(panel: Panel, line: Curve | Points) -> list[list[str]]:
     """Return a row for every point, with the half width of its error bar or band."""
-    rows = []
-    for i, (x, y) in enumerate(zip(line.x, line.y, strict=True)):
+    if isinstance(line, Curve) and np.ptp(line.y) == 0:
+        return [["throughout", _constant(panel, float(line.y[0]))]]
+    rows, places = [], line.places if isinstance(line, Points) else line.x
+    for i, (x, y) in enumerate(zip(places, line.y, strict=True)):
         told = _text(float(y))
         if isinstance(line, Points) and line.caps:
             found = parameters.number(float(y), float(line.high[i] - line.low[i]) / 2)
@@ -67,6 +69,15 @@ def _each(panel: Panel, line: Curve | Points) -> list[list[str]]:
         name = line.names[i] if isinstance(line, Points) and line.names else ""
         rows.append([f"{name} {_place(panel.x, float(x))}".strip(), told])
     return rows
+
+
+def _constant(panel: Panel, y: float) -> str:
+    """Return a value that holds throughout, with its sigma where a band about it is shaded."""
+    for mark in panel.marks:
+        if isinstance(mark, Span) and mark.along == "y" and np.isclose((mark.low + mark.high) / 2, y, 1e-12):
+            found = parameters.number(y, (mark.high - mark.low) / 2)
+            return f"{found.value} ± {found.sigma}"
+    return _text(y)
 
 
 def _place(axis: Axis, x: float) -> str:

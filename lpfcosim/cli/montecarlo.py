@@ -128,7 +128,7 @@ def montecarlo(
                 progress(len(lines))
         asked = {k: line for k, line in sorted(lines.items()) if k < n}
         if not lost or any("estimates" in line for line in asked.values()):
-            _tell(console, directory, plan, header, asked)
+            _tell(console, directory, plan, header, asked, len(lost))
     if lost:
         first, *others = lost.values()
         more = f" and {len(others)} more" if others else ""
@@ -141,8 +141,9 @@ def _tell(
     plan: Campaign,
     header: Mapping[str, object],
     lines: Mapping[int, Line],
+    lost: int,
 ) -> None:
-    """Write and print what the campaigns say together."""
+    """Write and print what the campaigns say together, though some are not done."""
     failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
     drawn = [line["estimates"] for line in lines.values() if "estimates" in line]
     for number, told in failed.items():
@@ -160,7 +161,8 @@ def _tell(
         write(directory / "figures", "pulls", studies.histograms, found, drawn)
     console.document(document)
     console.show(_table(found))
-    console.say(f"{len(drawn)} campaigns, {len(failed)} failed: {directory / 'montecarlo.json'}")
+    not_done = f", {lost} not done" if lost else ""
+    console.say(f"{len(drawn)} campaigns, {len(failed)} failed{not_done}: {directory / 'montecarlo.json'}")
 
 
 class _Done(BaseModel, extra="allow", allow_inf_nan=False):
