@@ -58,7 +58,7 @@ def _rows(panel: Panel, lines: Sequence[Curve | Points]) -> list[list[str]]:
 
 def _each(panel: Panel, line: Curve | Points) -> list[list[str]]:
     """Return a row for every point, with the half width of its error bar or band."""
-    if isinstance(line, Curve) and np.ptp(line.y) == 0:
+    if isinstance(line, Curve) and line.y.size and np.ptp(line.y) == 0:
         return [["throughout", _constant(panel, float(line.y[0]))]]
     rows, places = [], line.places if isinstance(line, Points) else line.x
     for i, (x, y) in enumerate(zip(places, line.y, strict=True)):
@@ -74,7 +74,11 @@ def _each(panel: Panel, line: Curve | Points) -> list[list[str]]:
 def _constant(panel: Panel, y: float) -> str:
     """Return a value that holds throughout, with its sigma where a band about it is shaded."""
     for mark in panel.marks:
-        if isinstance(mark, Span) and mark.along == "y" and np.isclose((mark.low + mark.high) / 2, y, 1e-12):
+        if (
+            isinstance(mark, Span)
+            and mark.along == "y"
+            and np.isclose((mark.low + mark.high) / 2, y, 1e-12, 0)
+        ):
             found = parameters.number(y, (mark.high - mark.low) / 2)
             return f"{found.value} ± {found.sigma}"
     return _text(y)

@@ -75,7 +75,7 @@ def _pages(size: int) -> _Pages | None:
         return None
     try:
         # not in /tmp, which is often memory itself
-        with tempfile.TemporaryFile(dir=os.environ.get("TMPDIR", "/var/tmp")) as file:
+        with tempfile.TemporaryFile(dir=os.environ.get("TMPDIR") or "/var/tmp") as file:
             os.posix_fallocate(file.fileno(), 0, size)  # else a full disk would end the process later
             pages = _Pages(size, file.fileno())
     except OSError:

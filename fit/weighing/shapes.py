@@ -97,7 +97,8 @@ def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
                 _fill(spectrum, found[i], n, first, fs)
-            pages.put_down()
+            if n > pages.LONG:
+                pages.put_down()
             of_some = scipy.fft.irfft(spectra, n)
             del spectra  # they are as large
             together[some] = of_some[:, : time.size]

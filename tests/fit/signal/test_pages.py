@@ -11,8 +11,8 @@ import pytest
 
 from fit.pipeline import calibrate
 from fit.signal import pages
-from tests.oracles import thirteen
-from tests.oracles.glitches import Glitch, struck
+from fit.weighing import Glitch, Shape, shapes
+from tests.oracles import glitches, thirteen
 
 LONG = pages.LONG + 1
 in_files = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all lies in memory")
@@ -99,8 +99,8 @@ def estimates(runs):
 
 def test_the_fit_is_the_same_in_files(monkeypatch):
     runs = list(thirteen.campaign(seed=5, names=("A1", "B2", "D2", "C4")).values())
-    struck_by = [Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
-    runs[0] = struck(thirteen.made("A1", "sysid", 5), struck_by)
+    struck_by = [glitches.Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
+    runs[0] = glitches.struck(thirteen.made("A1", "sysid", 5), struck_by)
     in_memory = estimates(runs)
     asked, room = [], pages.room
     monkeypatch.setattr(pages, "LONG", 2**12)
@@ -108,3 +108,14 @@ def test_the_fit_is_the_same_in_files(monkeypatch):
     moved = estimates(runs) - in_memory
     assert len(asked) > 100
     assert np.abs(moved / in_memory[:, 1:]).max() < 1e-4
+
+
+@pytest.mark.parametrize("long", [7, 333])
+def test_glitches_are_the_same_however_much_is_made_at_once(long, monkeypatch):
+    kinds = [Shape("pushed", 30.0, 0.3), Shape("swinging", 45.0, 1.0), Shape("rising", 200.0)]
+    found, time = [Glitch(shape, 100.3 * k) for k, shape in enumerate(kinds, 1)], np.arange(900) / 2
+    ways = (shapes.columns, shapes.loose)
+    at_once = [np.hstack(list(made(found, time, 2.0))) for made in ways]
+    monkeypatch.setattr(pages, "LONG", long)
+    for made, expected in zip(ways, at_once, strict=True):
+        assert np.array_equal(np.hstack(list(made(found, time, 2.0))), expected)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fit.telemetry import axis_part
 from tests.oracles.synthetic import World, telemetry
 
 
@@ -30,3 +31,11 @@ def test_the_time_axis_comes_back_to_the_bit_whole_and_in_parts(axis):
 def test_an_even_time_axis_takes_no_memory():
     run = replace(telemetry(World(), "A", "sysid", noisy=False), fs=10.0, time=3.0 + np.arange(4000) / 10)
     assert not any(isinstance(kept, np.ndarray) for kept in vars(run).values())
+
+
+def test_a_part_of_a_part_of_an_even_axis_is_that_of_the_whole():
+    axis = 3.0 + np.arange(4000) / 10
+    run = replace(telemetry(World(), "A", "sysid", noisy=False), fs=10.0, time=axis)
+    part = run.part(slice(70, -5))
+    assert np.array_equal(axis_part(part, slice(11, None))[5:50], axis[70:-5][11:][5:50])
+    assert not isinstance(axis_part(part, slice(11, None)), np.ndarray)
