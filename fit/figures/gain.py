@@ -53,7 +53,7 @@ def gain_evolution(points: Sequence[GainPoint], joint: Estimate | None) -> Chart
     axis, when = START, posix([p.start for p in points])
     if np.unique(when).size < when.size:  # dates that nobody cared for
         axis, when = _EXPERIMENT, np.arange(1.0, when.size + 1)
-    return _gains(axis, when, points, joint)
+    return _gains(axis, when, points, joint, np.zeros(when.size))
 
 
 def gain_against_authority(points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
@@ -68,9 +68,8 @@ def _gains(
     x: Array,
     points: Sequence[GainPoint],
     joint: Estimate | None,
-    beside: Array | None = None,
+    beside: Array,
 ) -> Chart:
-    beside = np.zeros(x.size) if beside is None else beside
     own: list[Mark] = []
     kinds: tuple[tuple[bool, Shape, str], ...] = (
         (False, "dot", "each experiment alone"),

@@ -228,8 +228,11 @@ def _slow(window: Array, m: int) -> Array:
         squares, spectrum = float(window @ window), folded.transform(window, window, end)
     else:
         w2 = window * window
-        squares, spectrum = float(w2.sum()), scipy.fft.rfft(w2)[:end]
-    slow = scipy.fft.irfft(spectrum, m) * (m / n) if m < n else w2
+        squares = float(w2.sum())
+        if m == n:
+            return np.asarray(w2 * (n * m / 2 / squares))
+        spectrum = scipy.fft.rfft(w2)[:end]
+    slow = scipy.fft.irfft(spectrum, m) * (m / n)
     return np.asarray(slow * (n * m / 2 / squares))
 
 
