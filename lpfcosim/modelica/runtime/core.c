@@ -152,8 +152,7 @@ static const char *discretise(State *s) {
             }
         memcpy(e, product, sizeof e);
     }
-    for (int i = 0; i < NX; i++)
-        for (int j = 0; j < NZ; j++) s->e[j][i] = e[i * NZ + j];
+    lay_out(s, e);
 #else
     (void)s;
 #endif
@@ -208,7 +207,7 @@ static void runge_kutta(State *s, double t, const double *d, double dt) {
 
 static void move_states(State *s) {
 #if AFFINE
-    double z[NZ], dx[NX];
+    double z[NZ], dx[ROWS];
     for (int i = 0; i < NX; i++) z[i] = states(s)[i];
     model_held(s->v, z + NX);
     for (int j = 0; j < ND; j++) {

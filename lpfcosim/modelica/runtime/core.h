@@ -20,7 +20,21 @@
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1) /* C99 has no arrays of length zero */
 #define DELAY_CAPACITY 128                  /* internal steps that a delay may span */
 
+#if NX < 8
+#define ROWS NX /* of the step matrix */
+#else
+#define ROWS ((NX + 3) / 4 * 4) /* in fours */
+#define PANEL 32                /* of the rows, see multiply.c */
+#define PANELS ((ROWS + PANEL - 1) / PANEL)
+#endif
+
 typedef struct {
+#if AFFINE
+    double e[NZ * ROWS]; /* of the step: x += e [x; held; delayed, before and after its switch; 1]; first, see instance_new */
+#ifdef PANELS
+    int kept[PANELS], column[PANELS][NZ]; /* columns that a panel has */
+#endif
+#endif
     double start_time;
     double h;                                        /* internal step; 0 until the first step */
     double communication_step;                       /* of the last call, and the internal steps it takes */
@@ -31,7 +45,6 @@ typedef struct {
     unsigned long long whole[AT_LEAST_ONE(ND)];      /* delay = whole*h + part, 0 <= part < h */
     double part[AT_LEAST_ONE(ND)];
     unsigned long long period[AT_LEAST_ONE(NC)], wait[AT_LEAST_ONE(NC)]; /* of the clocks, in internal steps */
-    double e[NZ][AT_LEAST_ONE(NX)];                  /* by columns: x += e [x; held; delayed, before and after its switch; 1] */
     int initialized;
     int settled; /* parameters are as the last step took them */
     int fresh; /* the stage up to which v is up to date, see model_stage */
@@ -79,6 +92,7 @@ static void core_tune(State *s);           /* a parameter was set after initiali
 static void core_delayed(const State *s, double *d);
 static void core_refresh(State *s, int to); /* bring up to date all variables of this stage */
 #if AFFINE
+static void lay_out(State *s, const double *e);            /* take the step matrix, shape (NX, NZ) */
 static void multiply(const State *s, const double *z, double *dx); /* dx = e z */
 #endif
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */

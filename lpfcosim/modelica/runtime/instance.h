@@ -11,8 +11,8 @@ typedef enum { INSTANTIATED, INITIALIZATION, STEP, TERMINATED } Mode;
 
 /* Everything that saving and restoring has to keep. */
 typedef struct {
-    char token[37]; /* of the model that the state belongs to */
     State state;
+    char token[37]; /* of the model that the state belongs to */
     Mode mode;
 } Snapshot;
 
@@ -21,6 +21,8 @@ typedef struct {
     void *environment; /* of the importer, handed back to its log */
 } Instance;
 
+static void *instance_new(size_t size); /* NULL: out of memory */
+static void instance_free(void *instance);
 /* Each returns NULL, or what went wrong. */
 static const char *instance_enter(Instance *m, double start);
 static const char *instance_exit(Instance *m);

@@ -1,31 +1,81 @@
 /* The product with the step matrix, half of what the plant of a whole spacecraft computes.
 
-   It is compiled a second time for processors with registers of four numbers. Every sum is made in the same order, and
-   product and sum are rounded apart, so that the bits are the same. */
+   The matrix lies in panels of so many rows that their sums fill half of the registers of four numbers; each panel column
+   by column, without those that are zero there. The product is compiled a second time for processors that have such
+   registers. Every sum is made in the same order, and product and sum are rounded apart, so that the bits are the same. */
 #include "core.h"
 
 #if AFFINE
 
-#if NX >= 8 && defined(__x86_64__) && defined(__GNUC__) /* with fewer states it does not pay */
-#define WIDE __attribute__((target("avx2")))
-#define INSIDE inline __attribute__((always_inline))
-#else
-#define INSIDE
-#endif
+#ifndef PANELS /* a few states: the compiler writes all of it out */
+
+static COLD void lay_out(State *s, const double *e) {
+    for (int j = 0; j < NZ; j++)
+        for (int i = 0; i < NX; i++) s->e[j * NX + i] = e[i * NZ + j];
+}
 
 /* By columns: the sums of all states grow side by side. Each begins as 0 + the first term, for its sign if that is zero. */
-static INSIDE void by_columns(const State *s, const double *z, double *dx) {
+static void multiply(const State *s, const double *z, double *dx) {
     double sum[NX];
-    for (int i = 0; i < NX; i++) sum[i] = 0 + s->e[0][i] * z[0];
+    for (int i = 0; i < NX; i++) sum[i] = 0 + s->e[i] * z[0];
     for (int j = 1; j < NZ; j++)
-        for (int i = 0; i < NX; i++) sum[i] += s->e[j][i] * z[j];
+        for (int i = 0; i < NX; i++) sum[i] += s->e[j * NX + i] * z[j];
     for (int i = 0; i < NX; i++) dx[i] = sum[i];
 }
 
-#ifdef WIDE
-#include <cpuid.h>
+#else
 
-static WIDE APART void by_columns_wide(const State *s, const double *z, double *dx) { by_columns(s, z, dx); }
+#if defined(__GNUC__)
+typedef double Numbers __attribute__((vector_size(32), aligned(8), may_alias));
+#define INSIDE inline __attribute__((always_inline))
+#else
+typedef double Numbers;
+#define INSIDE
+#endif
+#define EACH ((int)(sizeof(Numbers) / sizeof(double)))
+
+static int rows_of(int panel) { return panel < PANELS - 1 ? PANEL : ROWS - panel * PANEL; }
+
+static COLD void lay_out(State *s, const double *e) {
+    double *to = s->e;
+    for (int p = 0; p < PANELS; p++) {
+        const int first = p * PANEL, end = first + rows_of(p) < NX ? first + rows_of(p) : NX;
+        s->kept[p] = 0;
+        for (int j = 0; j < NZ; j++) {
+            int any = 0;
+            for (int i = first; i < end; i++) any |= e[i * NZ + j] != 0;
+            if (!any) continue;
+            s->column[p][s->kept[p]++] = j;
+            for (int i = first; i < first + rows_of(p); i++) *to++ = i < NX ? e[i * NZ + j] : 0;
+        }
+    }
+}
+
+/* By columns: the sums of all rows grow side by side. */
+static INSIDE const double *of_panel(const State *s, int panel, const int rows, const double *e, const double *z,
+                                     double *dx) {
+    const int n = s->kept[panel], *column = s->column[panel];
+    Numbers sum[PANEL / EACH];
+    for (int k = 0; k < rows / EACH; k++) sum[k] = (Numbers){0};
+    for (int j = 0; j < n; j++, e += rows) {
+        const double factor = z[column[j]];
+        for (int k = 0; k < rows / EACH; k++) sum[k] += ((const Numbers *)e)[k] * factor;
+    }
+    for (int k = 0; k < rows / EACH; k++) ((Numbers *)(dx + panel * PANEL))[k] = sum[k];
+    return e;
+}
+
+static INSIDE void of_panels(const State *s, const double *z, double *dx) {
+    const double *e = s->e;
+    for (int p = 0; p < PANELS - 1; p++) e = of_panel(s, p, PANEL, e, z, dx);
+    of_panel(s, PANELS - 1, ROWS - (PANELS - 1) * PANEL, e, z, dx);
+}
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#include <cpuid.h>
+#define WIDE __attribute__((target("avx2")))
+
+static WIDE APART void of_panels_wide(const State *s, const double *z, double *dx) { of_panels(s, z, dx); }
 
 /* Whether the processor has wide registers, and the operating system keeps them. */
 static COLD int has_wide(void) {
@@ -40,10 +90,11 @@ static COLD int has_wide(void) {
 static void multiply(const State *s, const double *z, double *dx) {
     static enum { UNKNOWN, PLAIN, HAS_WIDE } processor;
     if (processor == UNKNOWN) processor = has_wide() ? HAS_WIDE : PLAIN;
-    (processor == HAS_WIDE ? by_columns_wide : by_columns)(s, z, dx);
+    (processor == HAS_WIDE ? of_panels_wide : of_panels)(s, z, dx);
 }
 #else
-static void multiply(const State *s, const double *z, double *dx) { by_columns(s, z, dx); }
+static void multiply(const State *s, const double *z, double *dx) { of_panels(s, z, dx); }
+#endif
 #endif
 
 #endif
