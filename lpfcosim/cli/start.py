@@ -7,7 +7,6 @@ import sys
 from typing import TYPE_CHECKING
 
 import fit.errors
-from fit.threads import one_heap
 from lpfcosim.errors import InputError, LpfcosimError
 
 if TYPE_CHECKING:
@@ -31,11 +30,12 @@ def _status() -> int:
         from lpfcosim.running import nursery
 
         nursery.prepare(*(nursery.FITTING if sys.argv[1] == "montecarlo" else ()))
-    one_heap()
-    import typer  # here, so that an interrupt of the import is told like any other
+    import typer  # here, so that an interrupt of the imports is told like any other
 
+    from fit.threads import one_heap
     from lpfcosim.cli.app import app
 
+    one_heap()
     try:
         status: int = app(prog_name="lpfcosim", standalone_mode=False) or 0
     except typer.TyperException as error:

@@ -174,7 +174,7 @@ class _Worker:
         self._process = context.Process(
             target=_serve, args=(setting, theirs, self.where, scratch, dict(os.environ))
         )
-        with _interrupts_held():
+        with nursery.interrupts_held():
             self._process.start()
         theirs.close()
 
@@ -238,19 +238,6 @@ def _told(code: int | None) -> tuple[str, bool]:
     if name in _CRASHES:
         return f"crashed ({name}, {signal.strsignal(-code)})", True
     return f"was killed ({name}{'; out of memory?' if name == 'SIGKILL' else ''})", False
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while a worker starts, which so never sees it: to end it is up to this process."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 # In a worker -------------------------------------------------------------------------------------------

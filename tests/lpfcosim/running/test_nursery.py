@@ -26,6 +26,26 @@ def test_a_folder_with_a_long_path_for_temporary_files_is_no_hindrance(tmp_path,
     assert made.stdout.strip() == method
 
 
+INTERRUPTED = """
+import os, signal
+from multiprocessing import forkserver
+from lpfcosim.running import nursery
+nursery.prepare()
+server = forkserver._forkserver._forkserver_pid
+os.kill(server, signal.SIGINT)
+child = nursery.context().Process(target=int)
+child.start()
+child.join()
+print(child.exitcode, forkserver._forkserver._forkserver_pid == server)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
+def test_an_interrupt_does_not_reach_the_server_while_it_reads_in():
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("0 True\n", "")
+
+
 @pytest.mark.parametrize("name", [*nursery.LIBRARIES, *nursery.FITTING])
 def test_what_workers_need_is_there(name):
     importlib.import_module(name)  # the server says nothing of what it does not find
