@@ -14,15 +14,21 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
 _WITH_WORKERS = (["run"], ["montecarlo"])  # commands that will want some
+_CONTINUING = (*_WITH_WORKERS, ["mcmc"])  # commands that go on where they were; the others begin anew
 
 
-def main() -> None:
-    """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong."""
+def main(*, told: bool = True) -> None:
+    """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong.
+
+    `told`: an interrupt is told; not where a command is part of another, which tells it.
+    """
     try:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it
         sys.exit(_status())
     except KeyboardInterrupt:
-        _exit("interrupted; what is finished is kept, the same command continues", 1)
+        if told:
+            _exit(_interrupted(), 1)
+        sys.exit(1)
 
 
 def _status() -> int:
@@ -57,6 +63,11 @@ def _told(error: typer.TyperException) -> str:
     text = text.replace(": Value error, ", ": ").replace(": Input should be", ": it should be")
     context = getattr(error, "ctx", None)
     return f"{text[0].lower()}{text[1:]}" + (f" (see {context.command_path} --help)" if context else "")
+
+
+def _interrupted() -> str:
+    kept = "; what is finished is kept, the same command continues"
+    return f"interrupted{kept if sys.argv[1:2] in _CONTINUING else ''}"
 
 
 def _exit(error: object, status: int) -> None:
