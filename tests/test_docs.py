@@ -273,6 +273,11 @@ def test_keys_of_a_campaign_are_those_of_the_schema():
     assert section() in (DOCS / "formats.md").read_text(encoding="utf-8"), "python docs/campaign_keys.py"
 
 
+def test_results_of_the_campaigns_are_not_for_the_repository():
+    ignored = (ROOT / ".gitignore").read_text().splitlines()
+    assert [p.stem for p in (ROOT / "campaigns").glob("*.toml") if f"/{p.stem}/" not in ignored] == []
+
+
 def test_coverage_is_that_of_the_figure():
     with (DOCS / "coverage.csv").open(encoding="utf-8") as file:
         lines = list(csv.DictReader(file))

@@ -19,6 +19,7 @@ _WRITE = {  # what tomllib says, and what to write instead
     "cannot overwrite a value": "; a key and a [table] stand once, a list of tables is written [[name]]",
     "invalid statement": ", expected key = value or [table]",
     "invalid value": ", a text stands in quotes",
+    "unclosed array": ", a list ends with ] and has commas between its values",
 }
 _Content = TypeVar("_Content", bound=BaseModel)
 
@@ -75,6 +76,8 @@ def _toml_problem(message: str) -> str:
     if not match:
         return message[:200]
     what = f"{match[1][0].lower()}{match[1][1:200]}"
+    if (what, match[2]) == ("invalid value", "end of document"):  # in a list or behind an equals sign
+        return "end of document: a value is missing, or the ] of a list"
     return f"{match[2]}: {what}{_WRITE.get(what, '')}"
 
 

@@ -172,7 +172,8 @@ def fit(
     """Fit telemetry files from anywhere; needs no FMU.
 
     Runs with injections (kind sysid) calibrate the dynamics. Noise runs of 12 h or more with torques
-    calibrate the inertial forces.
+    calibrate the inertial forces. Without --out, results go to a folder in the working directory that has
+    the name of the first PATH (NAME-fit where that is the input itself).
     """
     from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console

@@ -76,10 +76,10 @@ def about(campaign: Path) -> Iterator[None]:
         raise InputError(f"{campaign}: {error}") from None
 
 
-def check_folder(directory: Path, inside: str = "") -> None:
+def check_folder(directory: Path, inside: str = "", option: str = "--out") -> None:
     """Refuse a folder for results that is a link, or cannot be made because a file is in its way.
 
-    `inside` is a folder that will be made in it.
+    `inside` is a folder that will be made in it; `option` names another, if the command has one.
     """
     from fit.files import refuse_links
 
@@ -87,4 +87,5 @@ def check_folder(directory: Path, inside: str = "") -> None:
     path = directory / inside
     existing = next(p for p in (path, *path.parents) if p.exists())
     if not existing.is_dir():
-        raise InputError(f"{existing}: is a file, expected a folder for the results; name one with --out")
+        advice = f"; name one with {option}" if option else ""
+        raise InputError(f"{existing}: is a file, expected a folder for the results{advice}")

@@ -17,10 +17,10 @@ from lpfcosim.running import folder, runner, workers
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
     """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
+    check_folder(directory, "figures", option="")
     with console.stage("reading"):
         results, telemetries = earlier.load(directory)
     place = directory / "figures"
-    check_folder(directory, "figures")
     with console.stage("preparation"):
         known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}
     for name in names:

@@ -13,6 +13,9 @@ from lpfcosim.cli.console import Console
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.running import fmus, folder, ledger
 
+#: The command line, but for the word that what an interrupt leaves is kept: here it is not.
+_COMMAND = "from lpfcosim.cli import main; main(told=False)"
+
 
 def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: bool, trusted: bool) -> None:
     """Run the campaign that a folder holds again, elsewhere, by the same command, and compare.
@@ -33,7 +36,7 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
         fmus.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as name:
         again = Path(name) / "again"
-        command = [sys.executable, "-P", "-m", "lpfcosim", "run", str(campaign), "--out", str(again)]
+        command = [sys.executable, "-P", "-c", _COMMAND, "run", str(campaign), "--out", str(again)]
         options = ["--quiet"] * quiet + ["--trust"] * trusted + (["--jobs", str(jobs)] if jobs else [])
         status = subprocess.run([*command, *options], stdout=subprocess.DEVNULL, check=False).returncode
         if status == 2 or not (again / "telemetry").is_dir():

@@ -7,7 +7,6 @@ import sys
 from typing import TYPE_CHECKING
 
 import fit.errors
-from fit.threads import one_heap
 from lpfcosim.errors import InputError, LpfcosimError
 
 if TYPE_CHECKING:
@@ -15,15 +14,21 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
 _WITH_WORKERS = (["run"], ["montecarlo"])  # commands that will want some
+_CONTINUING = (*_WITH_WORKERS, ["mcmc"])  # commands that go on where they were; the others begin anew
 
 
-def main() -> None:
-    """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong."""
+def main(*, told: bool = True) -> None:
+    """Run the command line: exit status 0 done, 1 the work failed, 2 the input was wrong.
+
+    `told`: an interrupt is told; not where a command is part of another, which tells it.
+    """
     try:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it
         sys.exit(_status())
     except KeyboardInterrupt:
-        _exit("interrupted; what is finished is kept, the same command continues", 1)
+        if told:
+            _exit(_interrupted(), 1)
+        sys.exit(1)
 
 
 def _status() -> int:
@@ -31,11 +36,12 @@ def _status() -> int:
         from lpfcosim.running import nursery
 
         nursery.prepare(*(nursery.FITTING if sys.argv[1] == "montecarlo" else ()))
-    one_heap()
-    import typer  # here, so that an interrupt of the import is told like any other
+    import typer  # here, so that an interrupt of the imports is told like any other
 
+    from fit.threads import one_heap
     from lpfcosim.cli.app import app
 
+    one_heap()
     try:
         status: int = app(prog_name="lpfcosim", standalone_mode=False) or 0
     except typer.TyperException as error:
@@ -57,6 +63,11 @@ def _told(error: typer.TyperException) -> str:
     text = text.replace(": Value error, ", ": ").replace(": Input should be", ": it should be")
     context = getattr(error, "ctx", None)
     return f"{text[0].lower()}{text[1:]}" + (f" (see {context.command_path} --help)" if context else "")
+
+
+def _interrupted() -> str:
+    kept = "; what is finished is kept, the same command continues"
+    return f"interrupted{kept if sys.argv[1:2] in _CONTINUING else ''}"
 
 
 def _exit(error: object, status: int) -> None:

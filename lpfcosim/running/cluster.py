@@ -21,8 +21,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fit.files import atomic
 from lpfcosim.errors import InputError, LpfcosimError, RunError
-from lpfcosim.running import ledger, workers
+from lpfcosim.running import workers
+from lpfcosim.running.ledger import Finished
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -149,8 +151,8 @@ def record(
     setting : workers.Setting
         As for `workers.results`.
     items : mapping of str to tuple
-        As there; each begins with a run, the same FMUs by name, and the path of the file that it writes,
-        whose digest is its result.
+        As there; each begins with a run, the same FMUs by name, and the path of the file that it makes;
+        its result is a `ledger.Finished`, here as there.
     time_limit, silence : float
         As there; the time that a task waits for a worker does not count.
 
@@ -179,14 +181,18 @@ def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Pa
         if delivery.log:
             setting.logs.mkdir(parents=True, exist_ok=True)
             setting.log(name).write_bytes(delivery.log)
-    if isinstance(delivery.result, str):
-        if hashlib.sha256(delivery.file).hexdigest() != delivery.result:
-            return RunError(f"run '{name}': what the cluster sent is not what its worker wrote")
-        try:
-            ledger.write(path, delivery.file)
-        except RunError as error:
-            return RunError(f"{name}: {error}")
-    return delivery.result
+    if not isinstance(delivery.result, Finished):
+        return delivery.result
+    if hashlib.sha256(delivery.file).hexdigest() != delivery.result.digest:
+        return RunError(f"run '{name}': what the cluster sent is not what its worker wrote")
+    partial = atomic.temporary(path)
+    try:
+        partial.write_bytes(delivery.file)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
+        return RunError(f"{name}: {path}: cannot be written ({error.strerror or error})")
+    return Finished(partial, delivery.result.digest)
 
 
 def _outcome(future: Future, name: str) -> Any:
@@ -261,13 +267,12 @@ def _there(shared: _Shared, item: tuple[Any, ...], fmus: Mapping[str, Path]) -> 
         setting = workers.Setting(shared.function, folder, folder / "logs")
         task = {run.name: (run, dict(fmus), folder / file, *more)}
         limits: dict[str, Any] = {"time_limit": shared.time_limit, "silence": shared.silence}
-        ((_, result),) = workers.results(setting, task, 1, **limits)
+        found, content = None, b""
+        for _, found in workers.results(setting, task, 1, **limits):
+            if isinstance(found, Finished):  # which goes with the worker that wrote it
+                content = found.partial.read_bytes()
         log = setting.log(run.name)
-        return _Delivery(
-            result,
-            (folder / file).read_bytes() if isinstance(result, str) else b"",
-            log.read_bytes() if log.is_file() else b"",
-        )
+        return _Delivery(found, content, log.read_bytes() if log.is_file() else b"")
 
 
 @contextmanager

@@ -5,6 +5,7 @@ That is the campaign, with whatever it extends, and the FMUs that are not ours.
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 from collections.abc import Iterator, Mapping
@@ -36,9 +37,10 @@ def held(directory: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another process works in the folder, which is named, or it is a file, or a link leads elsewhere.
+        If another process works in the folder, which is named, or it is a file, or a link leads elsewhere, or
+        there can be none of its name.
     RunError
-        If the folder cannot be made or locked.
+        If the folder cannot be locked, or made as the disk is full.
     """
     with ours():
         refuse_links(directory)
@@ -58,6 +60,9 @@ def held(directory: Path) -> Iterator[None]:
         told = f"{directory}: is a file or lies in one, expected a folder for the results"
         raise InputError(told) from None
     except OSError as error:
+        if not directory.is_dir() and error.errno != errno.ENOSPC:
+            told = f"{directory}: cannot be made ({error.strerror}), expected a folder for the results"
+            raise InputError(told) from None
         raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None
     with acquired:
         if inside:

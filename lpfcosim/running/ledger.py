@@ -7,10 +7,11 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from fit.files import atomic
-from lpfcosim.errors import ours
+from lpfcosim.errors import RunError, ours
 
 _SCRATCH = ".lpfcosim-"
 
@@ -49,6 +50,22 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+@dataclass(frozen=True)
+class Finished:
+    """A file that is whole and has yet to get its name.
+
+    Attributes
+    ----------
+    partial : Path
+        Where it is, in the folder where it will stay (`atomic.temporary`).
+    digest : str
+        SHA-256 of it.
+    """
+
+    partial: Path
+    digest: str
+
+
 class Ledger:
     """The digests of finished files, in the format of ``sha256sum``.
 
@@ -74,10 +91,22 @@ class Ledger:
         except OSError:
             return False
 
-    def add(self, file: Path, recorded: str) -> None:
-        """Note that a file is finished, on disk before this returns."""
-        self._digests[self._name(file)] = recorded
+    def add(self, file: Path, finished: Finished) -> None:
+        """Note what a finished file holds, and then give it its name, both on disk before this returns.
+
+        In this order no file has its name and is not known, whoever is killed in between.
+
+        Raises
+        ------
+        RunError
+            If ledger or file cannot be written.
+        """
+        self._digests[self._name(file)] = finished.digest
         self._write()
+        try:
+            atomic.settle(finished.partial, file)
+        except OSError as error:
+            raise RunError(f"{file}: cannot be written ({error.strerror or error})") from None
 
     def forget(self, files: Iterable[Path]) -> None:
         """Take files out."""

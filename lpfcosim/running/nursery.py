@@ -8,9 +8,11 @@ task has touched.
 from __future__ import annotations
 
 import multiprocessing as mp
+import signal
 import sys
-from contextlib import suppress
-from multiprocessing import forkserver
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import ForkServerContext, SpawnContext
 
 #: What workers need that simulate. Nothing of ours: the server may find another version of it.
@@ -40,7 +42,8 @@ def prepare(*more: str) -> None:
     global _prepared
     if sys.platform == "linux" and not _prepared:  # elsewhere libraries do not outlive a fork
         mp.set_forkserver_preload([*LIBRARIES, *more])
-        with suppress(OSError):  # a folder for its socket that is full, or whose path is too long for one
+        # OSError: a folder for its socket that is full, or whose path is too long for one
+        with suppress(OSError), interrupts_held():
             forkserver.ensure_running()
             _prepared = True
 
@@ -48,3 +51,17 @@ def prepare(*more: str) -> None:
 def context() -> ForkServerContext | SpawnContext:
     """Return how workers are to be started; a fork of this process would share the state of its libraries."""
     return mp.get_context("forkserver") if _prepared else mp.get_context("spawn")
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while a process starts, which so never sees it: to end it is up to this process."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # the standard library's; it lets interrupts through once it is started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from fit.files import atomic
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import compiled, master, placement
@@ -17,7 +19,7 @@ from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
 from lpfcosim.plant import saturation
 from lpfcosim.running import cluster, telemetry, workers
-from lpfcosim.running.ledger import Ledger, digest
+from lpfcosim.running.ledger import Finished, Ledger, digest
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -165,14 +167,14 @@ def simulate(
             paths[name].unlink(missing_ok=True)
         common = dict(origin), how.engine
         tasks = {name: (run, dict(fmus), paths[name], *common) for name, run in missing.items()}
-        outcomes = _outcomes(setting, tasks, how, listener)
-        found = _settled(missing, outcomes, ledger, paths, listener.progress, setting)
+        with closing(_outcomes(setting, tasks, how, listener)) as outcomes:
+            found = _settled(missing, outcomes, ledger, paths, listener.progress, setting)
     return Simulated({name: path for name, path in paths.items() if name not in found}, found, origin)
 
 
 def _outcomes(
     setting: workers.Setting, tasks: Mapping[str, tuple[Any, ...]], how: How, listener: Listener
-) -> Iterator[tuple[str, Any]]:
+) -> Generator[tuple[str, Any]]:
     """Have runs done where the user wants it; yield what comes of each."""
     if how.engine == "compiled":
         engine_library()  # once, here, and not in every worker
@@ -186,8 +188,9 @@ def _outcomes(
 
     limits: dict[str, Any] = {"time_limit": how.time_limit, "silence": how.silence}
     if how.scheduler:
-        return cluster.record(how.scheduler, setting, items, **limits)
-    return workers.results(setting, items, how.jobs or processors(), progress=under_way, **limits)
+        yield from cluster.record(how.scheduler, setting, items, **limits)
+    else:
+        yield from workers.results(setting, items, how.jobs or processors(), progress=under_way, **limits)
 
 
 def _settled(
@@ -198,10 +201,10 @@ def _settled(
     progress: Progress,
     setting: workers.Setting,
 ) -> dict[str, RunError]:
-    """Enter what is finished into the ledger as it comes; return why the rest failed."""
+    """Enter what is finished into the ledger as it comes, and name it; return why the rest failed."""
     failures: dict[str, LpfcosimError] = {}
     for name, outcome in outcomes:
-        if isinstance(outcome, str):
+        if isinstance(outcome, Finished):
             ledger.add(paths[name], outcome)
             progress(name, runs[name].n_samples)
             continue
@@ -321,6 +324,11 @@ def processors() -> int:
 
 def _simulate(
     run: Run, fmus: Mapping[str, Path], path: Path, origin: Origin, engine: master.Engine, where: master.Where
-) -> str:
-    record(run, fmus, path, origin, engine, where)
-    return digest(path)
+) -> Finished:
+    """Simulate a run into a file that the main process gives its name."""
+    partial = atomic.temporary(path)
+    try:
+        record(run, fmus, partial, origin, engine, where)
+    except RunError as error:  # which may name the file
+        raise RunError(str(error).replace(partial.name, path.name)) from None
+    return Finished(partial, digest(partial))

@@ -29,6 +29,11 @@ SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
 
 _POLL = 0.2  # s between two looks at the workers
 _MESSAGES = 1000  # of FMUs that a log takes
+_UNKNOWN = 255  # what the standard library says of a process whose server cannot tell any more
+_SERVER_LOST = (
+    "the process that starts the others was killed (out of memory?); what is finished is kept, the same "
+    "command continues"
+)
 _CRASHES = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTRAP")
 
 
@@ -119,6 +124,11 @@ def results(
     ------
     (str, object)
         The object is what the function returned, the `LpfcosimError` it raised, or `Lost`.
+
+    Raises
+    ------
+    RunError
+        If the server of the `nursery` is killed, which takes the workers along.
     """
     waiting = deque(items.items())
     with _team(setting, min(jobs, len(items))) as (team, hire):
@@ -130,9 +140,7 @@ def results(
             # A machine or process group that was stopped meanwhile did not keep anybody waiting.
             passed = min(time.monotonic() - looked, 5 * _POLL)
             looked = time.monotonic()
-            for place, worker in enumerate(team):
-                if not worker.task:
-                    continue
+            for place, worker in [(k, w) for k, w in enumerate(team) if w.task]:
                 task, done = worker.task, worker.look(passed, time_limit, silence)
                 if done is None:
                     progress(task, max(worker.where.sample, 0))
@@ -174,8 +182,11 @@ class _Worker:
         self._process = context.Process(
             target=_serve, args=(setting, theirs, self.where, scratch, dict(os.environ))
         )
-        with _interrupts_held():
-            self._process.start()
+        try:
+            with nursery.interrupts_held():
+                self._process.start()
+        except (EOFError, ConnectionError):
+            raise RunError(_SERVER_LOST) from None
         theirs.close()
 
     @property
@@ -204,6 +215,8 @@ class _Worker:
             self._process.join(1.0)
             died = True
         if died:
+            if self._process.exitcode == _UNKNOWN and not self._gone():
+                raise RunError(_SERVER_LOST)
             return (self._lost(*_told(self._process.exitcode)),)
         seen = (self.where.sample, self.where.slave)
         self._silent = self._silent + passed if seen == self._seen and not self.where.rests else 0.0
@@ -223,9 +236,22 @@ class _Worker:
         """End the process, whatever it does."""
         self._process.kill()
         self._process.join()
+        if self._process.exitcode == _UNKNOWN and self._process.pid and not self._gone():
+            with suppress(ProcessLookupError):
+                os.kill(self._process.pid, signal.SIGKILL)
+            self._gone(wait=1.0)
         self._pipe.close()
         if self._process.pid is not None:
             ledger.discard(self._folder, self._process.pid)
+
+    def _gone(self, wait: float = 0.0) -> bool:
+        """Tell whether the process has ended, within a time [s]: nobody holds its end of the pipe then."""
+        try:
+            while self._pipe.poll(wait):
+                self._pipe.recv()
+        except (EOFError, OSError):
+            return True
+        return False
 
 
 def _told(code: int | None) -> tuple[str, bool]:
@@ -238,19 +264,6 @@ def _told(code: int | None) -> tuple[str, bool]:
     if name in _CRASHES:
         return f"crashed ({name}, {signal.strsignal(-code)})", True
     return f"was killed ({name}{'; out of memory?' if name == 'SIGKILL' else ''})", False
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while a worker starts, which so never sees it: to end it is up to this process."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 # In a worker -------------------------------------------------------------------------------------------

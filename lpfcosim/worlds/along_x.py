@@ -181,6 +181,6 @@ WORLD = World(
     truth=lambda _: {},
     wired=lambda run: {"Actuation": electrodes.inputs(run)},
     signals="Signals",
-    sample_cost=0.35e-6,
-    experiment_cost=1.0,
+    sample_cost=0.3e-6,
+    experiment_cost=0.38,
 )

@@ -282,6 +282,6 @@ WORLD = World(
     truth=truth,
     wired=lambda run: {"WholeActuation": electrodes.inputs(run, electrodes.about_z(run))},
     signals="WholeSignals",
-    sample_cost=3.5e-6,
-    experiment_cost=1.8,
+    sample_cost=2.0e-6,
+    experiment_cost=2.2,
 )

@@ -65,7 +65,7 @@ class World:
         called like the signals, parameters like them with ``_held``.
     sample_cost, experiment_cost : float
         What `lpfcosim run` takes on a processor of 2024 [s]: a sample of 10 Hz with noise and file, the fit
-        and the figures of an experiment.
+        and the figures of an experiment with injections.
     """
 
     name: str

@@ -118,9 +118,13 @@ def test_bad_input_is_one_sentence_with_its_place(file, old, new, sentence):
 
 def test_what_is_no_file_at_all(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "open.toml").write_text("x = [", encoding="utf-8")
+    (tmp_path / "commas.toml").write_text("x = [1 2]", encoding="utf-8")
     (tmp_path / "deep.toml").write_text("x = " + "[" * 100_000, encoding="utf-8")
     for name, words in {
         "absent.toml": "no such file",
+        "open.toml": "end of document: a value is missing, or the ] of a list",
+        "commas.toml": "unclosed array, a list ends with ] and has commas between its values",
         ".": "is a folder",
         "binary.toml": "is not UTF-8",
         "deep.toml": "is nested too deeply",

@@ -27,6 +27,10 @@ def python(code, *arguments, **options):
     )
 
 
+CONTINUING = ("run", "montecarlo", "mcmc")  # after an interrupt; the others begin anew
+CONTINUES = "what is finished is kept, the same command continues"
+
+
 # Start-up -------------------------------------------------------------------------------------------------
 
 
@@ -45,8 +49,17 @@ def test_what_needs_no_numbers_reads_no_heavy_library(arguments, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot interrupt itself")
-@pytest.mark.parametrize(("module", "arguments"), [("typer", ["--help"]), ("scipy", ["margins", "one.toml"])])
-def test_interrupt_while_it_starts_is_one_sentence(module, arguments):
+@pytest.mark.parametrize(
+    ("module", "arguments", "call", "told"),
+    [
+        ("typer", ["--help"], "main()", "interrupted"),
+        ("scipy", ["margins", "one.toml"], "main()", "interrupted"),
+        ("typer", ["figures", "one"], "main()", "interrupted"),
+        *(("typer", [command, "one"], "main()", f"interrupted; {CONTINUES}") for command in CONTINUING),
+        ("typer", ["run", "one"], "main(told=False)", ""),
+    ],
+)
+def test_interrupt_while_it_starts_is_one_sentence(module, arguments, call, told):
     code = f"""
 import os, signal, sys, time
 class Interrupted:
@@ -56,12 +69,11 @@ class Interrupted:
             time.sleep(5)
 sys.meta_path.insert(0, Interrupted())
 from lpfcosim.cli import main
-main()
+{call}
 """
     done = python(code, *arguments)
     assert (done.returncode, done.stdout) == (1, "")
-    sentence = "interrupted; what is finished is kept, the same command continues"
-    assert done.stderr == f"lpfcosim: error: {sentence}\n"
+    assert done.stderr == (f"lpfcosim: error: {told}\n" if told else "")
 
 
 # Help -----------------------------------------------------------------------------------------------------

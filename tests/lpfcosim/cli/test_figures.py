@@ -75,5 +75,5 @@ def test_a_file_in_the_way(lpfcosim, fitted, tmp_path):
     (tmp_path / "figures").touch()
     status, _, err = lpfcosim("figures", tmp_path, "corr")
     assert status == 2
-    assert "is a file, expected a folder" in err
+    assert err.endswith("figures: is a file, expected a folder for the results\n")
     assert json.loads((tmp_path / "results.json").read_text())["joint"]

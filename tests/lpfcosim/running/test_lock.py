@@ -1,9 +1,12 @@
 """One process at a time on a folder; what dead ones left goes, what a living one writes stays."""
 
+import errno
 import os
+import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -87,6 +90,20 @@ def test_what_cannot_be_locked_is_told(tmp_path):
         pytest.raises(InputError, match=r"file: is a file or lies in one"),
         folders.held(tmp_path / "file"),
     ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"), [(errno.EACCES, InputError), (errno.EROFS, InputError), (errno.ENOSPC, RunError)]
+)
+def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
+    tmp_path, monkeypatch, number, kind
+):
+    def refuse(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.held(tmp_path / "out"):
         pass
 
 

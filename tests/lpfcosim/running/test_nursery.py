@@ -26,6 +26,68 @@ def test_a_folder_with_a_long_path_for_temporary_files_is_no_hindrance(tmp_path,
     assert made.stdout.strip() == method
 
 
+INTERRUPTED = """
+import os, signal
+from multiprocessing import forkserver
+from lpfcosim.running import nursery
+nursery.prepare()
+server = forkserver._forkserver._forkserver_pid
+os.kill(server, signal.SIGINT)
+child = nursery.context().Process(target=int)
+child.start()
+child.join()
+print(child.exitcode, forkserver._forkserver._forkserver_pid == server)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
+def test_an_interrupt_does_not_reach_the_server_while_it_reads_in():
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("0 True\n", "")
+
+
+SERVER_KILLED = """
+import os, signal, sys, time
+from multiprocessing import forkserver
+from pathlib import Path
+from lpfcosim.errors import RunError
+from lpfcosim.running import nursery, workers
+
+def work(where):
+    where.rest()
+    (Path(sys.argv[1]) / str(os.getpid())).touch()
+    time.sleep(60)
+
+def kill(*_):
+    if len([p for p in Path(sys.argv[1]).iterdir() if p.name.isdecimal()]) == 2:
+        os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
+
+if __name__ == "__main__":
+    nursery.prepare()
+    place = Path(sys.argv[1])
+    try:
+        setting = workers.Setting(work, place, place / "logs")
+        list(workers.results(setting, dict.fromkeys("abc", ()), 2, progress=kill))
+    except RunError as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no such server elsewhere")
+def test_a_server_that_is_killed_is_one_sentence_and_takes_its_workers_along(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "killed.py").write_text(SERVER_KILLED)
+    command = [sys.executable, "killed.py", "out"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=30, check=True)
+    assert done.stderr == ""
+    assert done.stdout.startswith("the process that starts the others was killed (out of memory?); what is")
+    assert done.stdout.count("\n") == 1
+    (one, two) = (tmp_path / "out").iterdir()
+    for worker in (one.name, two.name):
+        state = Path(f"/proc/{worker}/stat")
+        assert not state.exists() or ") Z " in state.read_text()  # nobody may have asked how it ended
+
+
 @pytest.mark.parametrize("name", [*nursery.LIBRARIES, *nursery.FITTING])
 def test_what_workers_need_is_there(name):
     importlib.import_module(name)  # the server says nothing of what it does not find

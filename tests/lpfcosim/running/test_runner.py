@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import pytest
 
+from fit.files import atomic
 from lpfcosim.errors import InputError
 from lpfcosim.running import runner
 from lpfcosim.spacecraft.run import Authority, Sine
@@ -263,6 +264,26 @@ def test_an_interrupt_leaves_what_is_finished_and_nothing_else(fmus, long, tmp_p
     short = replace(long, experiments=(replace(long.experiments[0], n_samples=0),))
     with pytest.raises(InputError, match="when the campaign said something else"):
         runner.simulate(short, noise.parent, fmus, listener=runner.Listener(kept=kept.append))
+
+
+def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp_path, monkeypatch):
+    settle = atomic.settle
+    folder, told = tmp_path / "telemetry", []
+    for kind in (".sha256", ".h5"):  # as its line is written, and as it gets its name
+
+        def interrupted(partial, path, kind=kind):
+            if path.suffix == kind and (kind == ".h5" or b"one" in partial.read_bytes()):
+                raise KeyboardInterrupt
+            settle(partial, path)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(atomic, "settle", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                runner.simulate(plan, folder, fmus, runner.How(jobs=1))
+        assert mp.active_children() == []
+        assert folder_of(folder) == []
+    done = runner.simulate(plan, folder, fmus, runner.How(jobs=1), runner.Listener(told=told.append))
+    assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
 
 
 ORPHANS = """
