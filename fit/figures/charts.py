@@ -75,6 +75,8 @@ class Curve:
         ``"-"``, ``"--"`` or ``":"``.
     dots : bool
         Whether its points are marked.
+    again : bool
+        Whether another panel tells the same, on another scale.
     """
 
     name: str
@@ -88,6 +90,7 @@ class Curve:
     opacity: float = 1.0
     dash: Dash = "-"
     dots: bool = False
+    again: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +112,7 @@ class Points:
     mark: Shape = "dot"
     caps: bool = True
     beside: Array | None = None
+    again: bool = False
 
     @property
     def places(self) -> Array:

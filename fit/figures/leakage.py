@@ -72,7 +72,7 @@ def leakage(
         )
         rows = ([label] * k.size, [n for n, _, _ in entries], k, *values.T)
         told = {head: [*column, *row] for (head, column), row in zip(told.items(), rows, strict=True)}
-    above = (*allowed, *(replace(mark, label="") for mark in marks))
+    above = (*allowed, *(replace(mark, label="", again=True) for mark in marks))
     panels = (
         Panel(_EPOCH, _LEAKAGE, above, across, limits(_LEAKAGE, above), 1.3),
         Panel(_EPOCH, _LEAKAGE, tuple(marks), across, limits(_LEAKAGE, marks), 1.6),

@@ -208,9 +208,10 @@ def _signal(found: Analysis, across: Limits) -> list[Panel]:
         return []
     (x, y), (at, residual) = found.signal, found.fast
     name = f"ddo_12 averaged over {FAST:g} s"
+    small = _smooth("residual on the same scale", "residual", "orange", (at, 1e-3 * residual), 0.9)
     curves = (
         _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
-        _smooth("residual on the same scale", "residual", "orange", (at, 1e-3 * residual), 0.9),
+        replace(small, again=True),  # the panel below has it magnified
     )
     quiet = [_beside(series, found.masked) for series in ((x, 1e-3 * y), (at, 1e-3 * residual))]
     return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, quiet), 1.15)]

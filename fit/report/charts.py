@@ -39,7 +39,7 @@ def _chart(chart: Chart, description: str) -> Markup:
     told = {"beside": chart.beside, "panels": panels, "arrays": arrays.told}
     # in a script, only this could end it
     data = json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    tables = Markup().join(map(numbers.table, chart.panels))
+    tables = numbers.tables(chart)
     return Markup(
         '<div class="chart{}" role="group" aria-label="{}" style="--shape:{:.3f}">'
         '<script type="application/json">{}</script></div>\n<noscript>{}</noscript>'

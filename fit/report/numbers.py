@@ -1,127 +1,266 @@
-"""The numbers of a figure in a table of a few lines, for readers whose browser runs no scripts."""
+"""The numbers of a figure in tables of a few lines, for readers whose browser runs no scripts."""
 
 import datetime as dt
+import math
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby, pairwise
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from fit.figures import Axis, Curve, Panel, Points, Span
+from fit.figures import Axis, Chart, Curve, Note, Panel, Points, Span
 from fit.tables import parameters
 
 Array = NDArray[np.float64]
+_Row = tuple[str, list[str]]
 
-_ALL = 40  # values of a curve at most, to list every one
-_ROWS = 10  # otherwise
-_DIGITS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_ROWS = 10  # stretches of an axis that is not logarithmic
+_PLACES = 7  # of panels beside each other, at most
+_NONE = "–"
 
 
-def table(panel: Panel) -> Markup:
-    """Return a table of what stands in a panel: measured points and short curves whole, long curves thinned.
+@dataclass(frozen=True)
+class _Group:
+    """What panels show of one quantity, each mark once, and what their y axis shows."""
+
+    title: str
+    y: Axis
+    up: tuple[float, float]
+    marks: list[Curve | Points | Span | Note]
+
+    @property
+    def points(self) -> list[Points]:
+        return [mark for mark in self.marks if isinstance(mark, Points)]
+
+    @property
+    def curves(self) -> list[Curve]:
+        """Those that the legend names."""
+        return [mark for mark in self.marks if isinstance(mark, Curve) and mark.label]
+
+    @property
+    def columns(self) -> list[Points | Curve]:
+        """What has a column of its own: beside points, a curve that is level has not."""
+        return [*self.points, *(c for c in self.curves if not (self.points and _level(c)))]
+
+    @cached_property
+    def power(self) -> int:
+        """The power of ten, of thousands, in which curves over decades have short numbers."""
+        if not self.y.log or self.points:
+            return 0
+        values = np.concatenate([curve.y[curve.y > 0] for curve in self.curves])
+        return 3 * math.floor(math.log10(np.median(values)) / 3) if values.size else 0
+
+
+def tables(chart: Chart) -> Markup:
+    """Return what a figure shows: measured points whole, curves thinned, and nothing twice.
 
     A logarithmic axis is told at three places of each decade, any other in ten stretches, of which least and
-    largest are told.
+    largest are told. Panels beside each other have a line each.
     """
-    lines = [
-        mark for mark in panel.lines if mark.label or isinstance(mark, Points) or mark.name == panel.title
-    ]
+    first = chart.panels[0]
+    if any(line.name == first.title for line in first.lines):
+        return _beside(chart.panels)
+    groups = _groups(chart.panels)
     parts = []
-    for own in _together(lines):
-        rows = _rows(panel, own)
-        if rows:
-            parts.append(_written(panel, own, rows))
+    for pointed in (False, True):
+        own = [group for group in groups if bool(group.points) == pointed and group.columns]
+        if own:
+            rows = _points(first.x, own) if pointed else _thinned(first, own)
+            parts.append(_written(first.x, own, rows))
     return Markup("\n").join(parts)
 
 
-def _together(lines: Sequence[Curve | Points]) -> list[list[Curve | Points]]:
-    """Return which lines share a table: the long ones, and each of the others alone."""
-    long = [line for line in lines if line.x.size > _ALL]
-    return ([long] if long else []) + [[line] for line in lines if line.x.size <= _ALL]
+def _groups(panels: Sequence[Panel]) -> list[_Group]:
+    found: dict[tuple[str, Axis], _Group] = {}
+    for panel in panels:
+        group = found.setdefault((panel.title, panel.y), _Group(panel.title, panel.y, panel.up, []))
+        group.marks.extend(m for m in panel.marks if not (isinstance(m, Curve | Points) and m.again))
+    return list(found.values())
 
 
-def _rows(panel: Panel, lines: Sequence[Curve | Points]) -> list[list[str]]:
-    if lines[0].x.size <= _ALL:
-        return _each(panel, lines[0])
+def _level(curve: Curve) -> bool:
+    return bool(curve.y.size and np.ptp(curve.y) == 0)
+
+
+def _thinned(panel: Panel, groups: Sequence[_Group]) -> list[_Row]:
+    """Return lines of curves, at some places or of some stretches."""
     low, high = panel.across
+    told = [(group, curve) for group in groups for curve in group.curves]
     if panel.x.log:
         places = [m * 10.0**e for e in range(-12, 12) for m in (1, 2, 5)]
-        return [
-            [_text(x), *(_at(line, x) for line in lines)] for x in places if low * 0.999 <= x <= high * 1.001
-        ]
+        shown = [x for x in places if low * 0.999 <= x <= high * 1.001]
+        return [(_text(x), [_at(group, curve, x) for group, curve in told]) for x in shown]
     edges = np.linspace(low, high, _ROWS + 1)
     return [
-        [f"{_text(a)} … {_text(b)}", *(_extremes(line, a, b) for line in lines)] for a, b in pairwise(edges)
+        (f"{_text(a)} … {_text(b)}", [_extremes(curve, a, b) for _, curve in told])
+        for a, b in pairwise(edges)
     ]
 
 
-def _each(panel: Panel, line: Curve | Points) -> list[list[str]]:
-    """Return a row for every point, with the half width of its error bar or band."""
-    if isinstance(line, Curve) and line.y.size and np.ptp(line.y) == 0:
-        return [["throughout", _constant(panel, float(line.y[0]))]]
-    rows, places = [], line.places if isinstance(line, Points) else line.x
-    for i, (x, y) in enumerate(zip(places, line.y, strict=True)):
-        told = _text(float(y))
-        if isinstance(line, Points) and line.caps:
-            found = parameters.number(float(y), float(line.high[i] - line.low[i]) / 2)
-            told = f"{found.value} ± {found.sigma}"
-        name = line.names[i] if isinstance(line, Points) and line.names else ""
-        rows.append([f"{name} {_place(panel.x, float(x))}".strip(), told])
-    return rows
+def _at(group: _Group, curve: Curve, x: float) -> str:
+    """Return the value next to a place, with its band, if there is one within a tenth of a decade."""
+    near = int(np.argmin(np.abs(np.log(curve.x / x)))) if curve.x.size else -1
+    if near < 0 or not 0.8 < curve.x[near] / x < 1.25:
+        return _NONE
+    factor, least = 10.0**-group.power, group.up[0] if group.y.log else -math.inf
+    if curve.y[near] < least:
+        return f"< {_text(least * factor)}"
+    told = _text(float(curve.y[near]) * factor)
+    if curve.low is None or curve.high is None:
+        return told
+    low, high = (_text(float(bound[near]) * factor) for bound in (curve.low, curve.high))
+    return Markup("{} <small>({} to {})</small>").format(told, low, high)
 
 
-def _constant(panel: Panel, y: float) -> str:
-    """Return a value that holds throughout, with its sigma where a band about it is shaded."""
-    for mark in panel.marks:
-        if (
-            isinstance(mark, Span)
-            and mark.along == "y"
-            and np.isclose((mark.low + mark.high) / 2, y, 1e-12, 0)
-        ):
-            found = parameters.number(y, (mark.high - mark.low) / 2)
+def _extremes(curve: Curve, low: float, high: float) -> str:
+    inside = curve.y[(curve.x >= low) & (curve.x <= high) & np.isfinite(curve.y)]
+    if not inside.size:
+        return _NONE
+    least, largest = _text(float(inside.min())), _text(float(inside.max()))
+    return least if least == largest else f"{least} … {largest}"
+
+
+def _points(x: Axis, groups: Sequence[_Group]) -> list[_Row]:
+    """Return a line for every name and place, then those of what is level throughout."""
+    columns = [(group, mark) for group in groups for mark in group.columns]
+    order, cells = dict[str, float](), [dict[str, str]() for _ in columns]
+    for (_, mark), column in zip(columns, cells, strict=True):
+        if isinstance(mark, Points):
+            for i, place in enumerate(mark.places.tolist()):
+                head = _head(x, place, mark.names[i] if mark.names else "", mark.label)
+                order.setdefault(head, float(f"{place:.12g}"))  # without what moved marks aside and back
+                column[head] = _measured(mark, i)
+    for (_, mark), column in zip(columns, cells, strict=True):
+        if isinstance(mark, Curve):
+            column |= {h: _text(float(np.interp(at, mark.x, mark.y))) for h, at in order.items()}
+    heads = sorted(order, key=lambda head: order[head])
+    return [(head, [column.get(head, "") for column in cells]) for head in heads]
+
+
+def _head(axis: Axis, x: float, name: str, label: str) -> str:
+    """Return name and place of a point, without a name that the column or the place has."""
+    place = _place(axis, x)
+    return f"{name}, {place}" if name and name != label and not place.startswith(name) else place
+
+
+def _measured(mark: Points, i: int) -> str:
+    """Return a point, with the half width of its error bar."""
+    if not mark.caps:
+        return _text(float(mark.y[i]))
+    found = parameters.number(float(mark.y[i]), float(mark.high[i] - mark.low[i]) / 2)
+    return f"{found.value} ± {found.sigma}"
+
+
+def _levels(group: _Group) -> dict[str, str]:
+    """Return what holds throughout, by label: a value with the sigma shaded about it, limits, or a range."""
+    spans = [mark for mark in group.marks if isinstance(mark, Span) and mark.along == "y"]
+    told = {s.label: f"{_text(s.low)} … {_text(s.high)}" for s in spans if s.label}
+    curves = [mark for mark in group.marks if isinstance(mark, Curve) and _level(mark)]
+    # of two limits that are drawn alike, the legend names one
+    for _, alike in groupby(curves, key=lambda curve: (curve.role, curve.dash)):
+        first, *others = alike
+        if first.label:
+            told[first.label] = " and ".join(_constant(spans, float(c.y[0])) for c in (first, *others))
+    return told
+
+
+def _constant(spans: Sequence[Span], y: float) -> str:
+    for span in spans:
+        if np.isclose((span.low + span.high) / 2, y, 1e-12, 0):
+            found = parameters.number(y, (span.high - span.low) / 2)
             return f"{found.value} ± {found.sigma}"
     return _text(y)
 
 
+def _beside(panels: Sequence[Panel]) -> Markup:
+    """Return a table with a line for every panel: values at some places, and half of the band about zero."""
+    x = panels[0].lines[0].x
+    step = -(-x.size // _PLACES)
+    shown = range((x.size - 1) % step // 2, x.size, step)
+    lines = []
+    for panel in panels:
+        curve = next(line for line in panel.lines if line.name == panel.title)
+        band = next((c for c in panel.lines if c.name != panel.title and c.low is not None), curve)
+        cells = [_within(float(curve.y[i]), band, i) for i in shown]
+        lines.append(_line(panel.title, _cells("td", cells)))
+    axes = f"{panels[0].y.title}, by {panels[0].x.title}"
+    names = [line.name for line in panels[0].lines if line.name != panels[0].title]
+    caption = f"{axes} (±: {', '.join(names)})" if names else axes
+    places = _cells("th", list(map(_text, x[list(shown)].tolist())), scope="col")
+    return _table(caption, [Markup("<td></td>{}").format(places)], lines)
+
+
+def _within(y: float, band: Curve | Points, i: int) -> str:
+    if band.low is None or band.high is None:
+        return _text(y)
+    found = parameters.number(y, float(band.high[i] - band.low[i]) / 2)
+    return Markup("{} <small>(±{})</small>").format(found.value, found.sigma)
+
+
+def _written(x: Axis, groups: Sequence[_Group], rows: Sequence[_Row]) -> Markup:
+    """Return a table: of one quantity the caption says which, of more a line above their columns."""
+    columns = [mark for group in groups for mark in group.columns]
+    heads = [_cells("th", [mark.label.replace("_", " ") or mark.name for mark in columns], scope="col")]
+    widths = [len(group.columns) for group in groups]
+    if len(groups) > 1:
+        heads.insert(0, _cells("th", list(map(_titled, groups)), widths, scope="colgroup"))
+    head = [
+        Markup('<th scope="col" rowspan="{}">{}</th>{}').format(len(heads), x.title, heads[0]),
+        *heads[1:],
+    ]
+    levels = [_levels(group) if group.points else {} for group in groups]
+    body = [_line(first, _cells("td", others)) for first, others in rows]
+    for name in dict.fromkeys(name for told in levels for name in told):
+        body.append(_line(name, _cells("td", [told.get(name, "") for told in levels], widths)))
+    return _table(_titled(groups[0]) if len(groups) == 1 else "", head, body)
+
+
+def _titled(group: _Group) -> str:
+    """Return what a group measures, in the power of ten of its numbers."""
+    power = group.power
+    unit = f"{parameters.unit_text('1', power)} {group.y.unit}".strip() if power else group.y.unit
+    title = f"{group.y.label}  [{unit}]" if unit else group.y.label
+    return f"{group.title}: {title}" if group.title else title
+
+
+def _line(first: str, cells: Markup) -> Markup:
+    return Markup('<th scope="row">{}</th>{}').format(first, cells)
+
+
+def _cells(tag: str, texts: Sequence[str], widths: Sequence[int] = (), **attributes: str) -> Markup:
+    """Return cells, so many columns wide."""
+    found = []
+    for text, width in zip(texts, widths or [1] * len(texts), strict=True):
+        told = attributes | ({"colspan": str(width)} if width > 1 else {})
+        inside = Markup().join(Markup(' {}="{}"').format(*item) for item in told.items())
+        found.append(Markup("<{0}{1}>{2}</{0}>").format(tag, inside, text))
+    return Markup().join(found)
+
+
+def _table(caption: str, head: Sequence[Markup], body: Sequence[Markup]) -> Markup:
+    told = Markup("<caption>{}</caption>").format(caption) if caption else ""
+    head, body = ([Markup("<tr>{}</tr>").format(line) for line in part] for part in (head, body))
+    return Markup(
+        '<div class="scroll" tabindex="0"><table class="numbers">{}<thead>{}</thead><tbody>\n{}\n</tbody>'
+        "</table></div>"
+    ).format(told, Markup().join(head), Markup("\n").join(body))
+
+
 def _place(axis: Axis, x: float) -> str:
     if axis.dates:
-        return dt.datetime.fromtimestamp(x, dt.UTC).strftime("%Y-%m-%d %H:%M")
+        return f"{dt.datetime.fromtimestamp(x, dt.UTC):%Y-%m-%d}"
     return _text(x)
 
 
-def _at(line: Curve | Points, x: float) -> str:
-    """Return the value next to a place, if there is one within a tenth of a decade."""
-    near = int(np.argmin(np.abs(np.log(line.x / x))))
-    return _text(float(line.y[near])) if 0.8 < line.x[near] / x < 1.25 else "–"
-
-
-def _extremes(line: Curve | Points, low: float, high: float) -> str:
-    inside = line.y[(line.x >= low) & (line.x <= high) & np.isfinite(line.y)]
-    return f"{_text(float(inside.min()))} … {_text(float(inside.max()))}" if inside.size else "–"
-
-
 def _text(value: float) -> str:
-    """Return a number in print, ``1.2·10⁻¹⁴``."""
-    if not np.isfinite(value):
-        return "–"
-    value += 0.0  # no negative zero
-    text = f"{value:.3g}" if abs(value) < 1e5 else f"{value:.2e}"
+    """Return a number in print with three digits, ``1.2·10⁻¹⁴``."""
+    value = float(f"{value:.3g}") + 0.0  # no negative zero
+    if not math.isfinite(value):
+        return _NONE
+    text = f"{value:.0f}" if 1e3 <= abs(value) < 1e5 else f"{value:.3g}"
     mantissa, _, exponent = text.partition("e")
-    told = f"{mantissa}·10{str(int(exponent)).translate(_DIGITS)}" if exponent else mantissa
+    told = f"{mantissa}·{parameters.unit_text('1', int(exponent))}" if exponent else mantissa
     return told.replace("-", "−")
-
-
-def _written(panel: Panel, lines: Sequence[Curve | Points], rows: Sequence[Sequence[str]]) -> Markup:
-    heads = [panel.x.title, *(line.label.replace("_", " ") or line.name for line in lines)]
-    head = Markup().join(Markup('<th scope="col">{}</th>').format(text) for text in heads)
-    cells = Markup("<td>{}</td>")
-    body = [
-        Markup('<tr><th scope="row">{}</th>{}</tr>').format(first, Markup().join(map(cells.format, others)))
-        for first, *others in rows
-    ]
-    title = f"{panel.title}: {panel.y.title}" if panel.title else panel.y.title
-    return Markup(
-        '<div class="scroll" tabindex="0"><table class="numbers"><caption>{}</caption><thead><tr>{}</tr>'
-        "</thead><tbody>\n{}\n</tbody></table></div>"
-    ).format(title, head, Markup("\n").join(body))

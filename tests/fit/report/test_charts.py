@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
 from fit.figures.charts import ASD, FREQUENCY, TIME
+from fit.figures.leakage import leakage
 from fit.report import charts, numbers
 from fit.report.parts import Drawing
+from fit.results import Estimate
 
 F = np.geomspace(1e-4, 1, 200)
 DATES = Axis("start of run", "UTC", "start", dates=True)
@@ -116,33 +118,109 @@ def cells(table):
     return [[re.sub("<[^>]*>", "", c) for c in re.findall(r"<t[hd][^>]*>.*?</t[hd]>", row)] for row in rows]
 
 
-def test_the_table_of_a_spectrum_has_three_lines_a_decade():
-    panel = Panel(
-        FREQUENCY, ASD, (line(F, 1e-15 / F), line(F[:50], F[:50])), (1e-4, 1.0), (1e-16, 1e-10), 2.2
-    )
-    head, *rows = cells(numbers.table(panel))
+def caption(table):
+    (found,) = re.findall("<caption>(.*?)</caption>", table)
+    return found
+
+
+def test_the_table_of_a_spectrum_has_three_lines_a_decade_with_their_bands():
+    y = 1e-15 / F
+    spectra = line(F, y, low=0.9 * y, high=2 * y)
+    panel = Panel(FREQUENCY, ASD, (spectra, line(F[:50], F[:50] * 1e-12)), (1e-4, 1.0), (1e-16, 1e-10), 2.2)
+    table = numbers.tables(Chart((panel,), {}))
+    assert caption(table) == "ASD  [10⁻¹⁵ m s⁻²/√Hz]"
+    head, *rows = cells(table)
     assert head == ["frequency  [Hz]", "Δg x", "Δg x"]
     assert [row[0] for row in rows] == [f"{m * 10.0**e:.1g}" for e in range(-4, 0) for m in (1, 2, 5)] + ["1"]
     near = F[np.argmin(np.abs(np.log(F / 0.01)))]
-    mantissa, exponent = f"{1e-15 / near:.2e}".split("e-")
-    assert rows[6][1] == f"{float(mantissa):g}·10⁻{''.join('⁰¹²³⁴⁵⁶⁷⁸⁹'[int(c)] for c in exponent)}"
+    told, low, high = (f"{factor / near:.3g}" for factor in (1, 0.9, 2))
+    assert rows[6][1] == f"{told} ({low} to {high})"
+    assert rows[0][1] == "10000 (9000 to 20000)"
     assert rows[-1][2] == "–"  # the second curve ends before
 
 
-def test_the_table_of_a_time_series_has_least_and_largest():
+def test_what_lies_below_a_panel_is_told_so():
+    curves = (line(F, np.full(F.size, 3e-15)), line(F, 1e-17 * F, label="small"), line(F[:0], F[:0]))
+    panel = Panel(FREQUENCY, ASD, curves, (1e-4, 1.0), (1e-16, 1e-10), 2.2)
+    _, *rows = cells(numbers.tables(Chart((panel,), {})))
+    assert {row[2] for row in rows} == {"&lt; 0.1"}
+    assert {row[1] for row in rows} == {"3"}
+    assert {row[3] for row in rows} == {"–"}
+
+
+def test_time_series_share_a_table_of_least_and_largest():
     t = np.linspace(0, 10, 2001)
-    _, *rows = cells(numbers.table(Panel(TIME, TIME, (line(t, -t),), (0, 10), (-10, 0), 1.0)))
+    other = Axis("o₁", "nm", "value")
+    above = Panel(TIME, TIME, (line(t, -t), line(t, 0 * t, label="still")), (0, 10), (-10, 0), 1.0)
+    below = Panel(TIME, other, (line(t, t), line(t, -t, again=True)), (0, 10), (0, 10), 1.0, "loop")
+    over, head, *rows = cells(numbers.tables(Chart((above, below), {})))
+    assert over == ["time since start of run  [h]", "time since start of run  [h]", "loop: o₁  [nm]"]
+    assert head == ["Δg x", "still", "Δg x"]
     assert len(rows) == 10
-    assert rows[0] == ["0 … 1", "−1 … 0"]
+    assert rows[0] == ["0 … 1", "−1 … 0", "0", "0 … 1"]
 
 
-def test_the_table_of_points_has_every_one():
-    dots = Points(
-        name="p", label="alone", role="ink", x=np.array([1460808000.0]), y=np.array([1.0776]),
-        low=np.array([1.0773]), high=np.array([1.0779]), names=("A1",),
-    )  # fmt: skip
-    table = numbers.table(Panel(DATES, GAIN, (dots,), (1.46e9, 1.47e9), (1.0, 2.0), 2.0))
-    assert cells(table)[1] == ["A1 2016-04-16 12:00", "1.0776 ± 0.0003"]
+def dots(label, x, y, names=(), **more):
+    x, y = np.array(x), np.array(y)
+    return Points(
+        name="p", label=label, role="ink", x=x, y=y, low=y - 0.0003, high=y + 0.0003, names=names, **more
+    )
+
+
+def test_points_share_a_table_that_has_every_one_once():
+    places = [1460808000.0, 1460808000.0 + 86400]
+    ends = np.array([1.46e9, 1.47e9])
+    marks = (
+        dots("alone", places, [1.0776, 1.0779], ("A1", "B1"), beside=np.array([0.1, -0.1])),
+        dots("tone", places[:1], [1.0775], ("A1",)),
+        Span(low=1.07758, high=1.07762, role="blue", opacity=0.2, along="y"),
+        line(ends, np.full(2, 1.0776), label="joint"),
+        line(ends, np.array([1.0, 2.0]), label="law"),
+        line(ends, np.full(2, 0.5), label="limits", dash="--"),
+        line(ends, np.full(2, -0.5), label="", dash="--"),
+    )
+    again = tuple(dots("", places, [1.0776, 1.0779], ("A1", "B1"), again=True) for _ in range(2))
+    panels = (
+        Panel(DATES, GAIN, again, (1.46e9, 1.47e9), (0.0, 9.0), 2.0),
+        Panel(DATES, GAIN, marks, (1.46e9, 1.47e9), (1.0, 2.0), 2.0),
+    )
+    assert cells(numbers.tables(Chart(panels, {}))) == [
+        ["start of run  [UTC]", "alone", "tone", "law"],
+        ["A1, 2016-04-16", "1.0776 ± 0.0003", "1.0775 ± 0.0003", "1.08"],
+        ["B1, 2016-04-17", "1.0779 ± 0.0003", "", "1.09"],
+        ["joint", "1.07760 ± 0.00002"],
+        ["limits", "0.5 and −0.5"],
+    ]
+
+
+def test_panels_beside_each_other_have_a_line_each():
+    x = np.arange(-3.25, 3.3, 0.25)
+    panels = []
+    for name in ("A", "B"):
+        band = line(x, 0 * x, name="95 % band", label="", low=0 * x - 0.2, high=0 * x + 0.2)
+        own = line(x, 0.1 * x, name=name, label="")
+        panels.append(Panel(GAIN, TIME, (band, own), (-3.5, 3.5), (-1, 1), 1.0, name))
+    for kept in (panels, panels[:1]):
+        table = numbers.tables(Chart(tuple(kept), {}, beside=len(kept)))
+        head, *rows = cells(table)
+        assert head == ["", "−3", "−2", "−1", "0", "1", "2", "3"]
+        assert [row[0] for row in rows] == ["A", "B"][: len(kept)]
+        assert rows[0][1] == "−0.3 (±0.2)"
+        assert caption(table).endswith("(±: 95 % band)")
+
+
+def test_what_a_figure_magnifies_is_told_once():
+    found = Estimate(-2.2e-5, 3e-7, "1")
+    chart = leakage({1: found}, [("A", 1, found)], {1: found})
+    table = numbers.tables(chart)
+    assert table.count("<table") == 1
+    assert cells(table) == [
+        ["alignment epoch", "flight", "each experiment alone", "joint fit"],
+        ["1", "−2.20 ± 0.03", "", "−2.20 ± 0.03"],
+        ["A, 1", "", "−2.20 ± 0.03", ""],
+        ["design, rms", "−6.3 … 6.3"],
+        ["limits of the design", "17 and −17"],
+    ]
 
 
 def test_a_matrix_is_a_table_in_colours():

@@ -40,6 +40,9 @@ OVERFLOW = """[...document.querySelectorAll("main, main *:not(.uplot *)")].filte
   return box.right > innerWidth + 1 || box.left < -1
     || (!scrolls && getComputedStyle(e).display !== "inline" && e.scrollWidth > e.clientWidth + 1);
 }).map(e => `${e.tagName} ${e.className}: ${e.textContent.slice(0, 40)}`)"""
+#: Tables of numbers that are wider than their place.
+SCROLLING = """[...document.querySelectorAll(".scroll:has(> .numbers)")]
+  .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.textContent.slice(0, 80))"""
 #: Text whose contrast with what is behind it is below WCAG AA.
 CONTRAST = """(() => {
   const canvas = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
@@ -170,6 +173,8 @@ def test_everything_is_drawn_and_nothing_asked_for(report):
 def test_without_scripts_tables_stand_in_their_places(report):
     with Page(report, scripts=False) as page:
         in_order(page, report.read_text(encoding="utf-8").count("<figure>"), scripts=False)
+        page.resize(WIDTHS[0])
+        assert page.evaluate(SCROLLING) == []
         page.evaluate("document.querySelectorAll('details').forEach(d => d.open = false)")
         shown = "[...document.querySelectorAll('details figure')].filter(e => e.checkVisibility()).length"
         assert page.evaluate(shown) == 0
