@@ -34,7 +34,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
         "calibration_sha256": ledger.digest(calibration),
     }
     for name, path in outputs.items():
-        with folder.held(directory), console.stage(str(path)):
+        with folder.held(directory, "--out"), console.stage(str(path)):
             notes = write_delta_g(path, directory / name, results, {**origin, "source": path.name})
         for note in notes:
             console.note(f"warning: {note}")

@@ -89,7 +89,7 @@ def calibrated(
         ),
     )
     results = told(results)
-    with folders.held(directory):
+    with folders.held(directory, "--out"):
         document = write(results, directory / "results.json")
         with console.stage("report"):
             report = page.write_report(directory, results, telemetries)

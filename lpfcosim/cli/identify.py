@@ -65,7 +65,7 @@ def identify_files(
     with console.stage("reading"):
         results, telemetries = earlier.load(directory)
     check(plan, telemetries)
-    with folder.held(directory), ExitStack() as stack:
+    with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
         found = _identified(plan, campaign, held, results, telemetries, directory, console)

@@ -102,7 +102,7 @@ def montecarlo(
         _check_spectra(plan, campaign)
     if fmus or plan.replacements:
         archives = cli_fmu.fmus(plan, console)
-    with folder.held(directory), ExitStack() as stack:
+    with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(fmu_archives.held(plan, archives, directory, trusted=trusted))
         header = {

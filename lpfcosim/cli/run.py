@@ -51,7 +51,7 @@ def run(
     with about(campaign):
         found = placement.interfaces(plan.runs[0], fmus)  # the other runs have the same
     how = runner.How(jobs, scheduler, engine, rerun, time_limit)
-    with folder.held(directory), ExitStack() as stack:
+    with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
         for line in _told_of_replacements(plan, found):

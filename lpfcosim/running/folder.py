@@ -27,12 +27,13 @@ _FOLDERS = ("telemetry", "figures", _FMUS)
 
 
 @contextmanager
-def held(directory: Path) -> Iterator[None]:
+def held(directory: Path, option: str = "") -> Iterator[None]:
     """Make a folder of results if need be, keep other processes out of it, and clear what dead ones left.
 
     The operating system lets go of the lock when its holder ends, however it ends. Files that a process did
     not finish have a name of their own (`atomic.temporary`); once the lock is held, nobody alive writes them.
-    Within a process it may be held again while it is held.
+    Within a process it may be held again while it is held. `option` names another folder, if the command has
+    one.
 
     Raises
     ------
@@ -54,8 +55,8 @@ def held(directory: Path) -> Iterator[None]:
         who = ""
         with suppress(OSError):
             who = f" ({holder.read_text(encoding='utf-8').strip()})"
-        told = f"{directory}: another process works in it{who}; wait for it or choose another --out"
-        raise InputError(told) from None
+        advice = f"wait for it or choose another {option}" if option else "wait for it"
+        raise InputError(f"{directory}: another process works in it{who}; {advice}") from None
     except (FileExistsError, NotADirectoryError):
         told = f"{directory}: is a file or lies in one, expected a folder for the results"
         raise InputError(told) from None

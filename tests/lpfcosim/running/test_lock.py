@@ -6,11 +6,18 @@ import re
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from fit.estimate import earlier
 from fit.files import atomic
+from fit.report import page
+from lpfcosim.cli.console import Console
+from lpfcosim.cli.figures import figures
+from lpfcosim.cli.mcmc import mcmc
+from lpfcosim.cli.report import report
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger as files
@@ -53,13 +60,25 @@ def names(folder):
 
 def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
     before = names(tmp_path / "out")
-    with pytest.raises(InputError) as refusal, folders.held(tmp_path / "out"):
+    with pytest.raises(InputError) as refusal, folders.held(tmp_path / "out", "--out"):
         pass
     told = str(refusal.value)
     assert told.startswith(f"{tmp_path / 'out'}: another process works in it (process {other.pid} on ")
     assert told.endswith("; wait for it or choose another --out")
     assert names(tmp_path / "out") == before
     assert len(before) == 6
+
+
+@pytest.mark.parametrize(
+    "command",
+    [report, partial(figures, names=(), jobs=1), partial(mcmc, steps=1, seed=1)],
+    ids=["report", "figures", "mcmc"],
+)
+def test_a_command_without_a_folder_to_choose_is_told_to_wait(command, other, tmp_path, monkeypatch):
+    monkeypatch.setattr(earlier, "load", lambda _: (None, []))
+    monkeypatch.setattr(page, "drawings", lambda *_: [])
+    with pytest.raises(InputError, match=rf"\(process {other.pid} on .*\); wait for it$"):
+        command(tmp_path / "out", console=Console(quiet=True))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
