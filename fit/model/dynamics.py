@@ -25,7 +25,7 @@ torques leak along x. It is fitted along, lest it count as noise, and not report
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from itertools import chain
 
@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.signal import derivatives
-from fit.telemetry import MAX_MISSING, Telemetry, TimeAxis
+from fit.telemetry import MAX_MISSING, Telemetry, TimeAxis, axis_part
 
 Array = NDArray[np.float64]
 
@@ -246,13 +246,14 @@ Channels.time = Columns.time = TimeAxis()  # type: ignore[assignment]
 
 def columns(run: Channels, tau: tuple[float, float]) -> Columns:
     """Differentiate and delay."""
-    return replace(blank(run, tau), values=np.concatenate(list(parts(run, tau)), axis=1))
+    return blank(run, tau, np.concatenate(list(parts(run, tau)), axis=1))
 
 
-def blank(run: Channels, tau: tuple[float, float]) -> Columns:
-    """Return the columns without their values, shape (N, 0)."""
+def blank(run: Channels, tau: tuple[float, float], values: Array | None = None) -> Columns:
+    """Return the columns without their values, shape (N, 0), unless these are given."""
     valid, names = ~derivatives.reached(~run.valid), (*COLUMNS, *run.parameters[len(PARAMETERS) :])
-    return Columns(tau, names, run.fs, run.time[_INNER], np.empty((valid.size, 0)), valid)
+    time, values = axis_part(run, _INNER), np.empty((valid.size, 0)) if values is None else values
+    return Columns(tau, names, run.fs, time, values, valid)  # type: ignore[arg-type]  # see TimeAxis
 
 
 def parts(run: Channels, tau: tuple[float, float]) -> Iterator[Array]:
