@@ -1,7 +1,8 @@
 """Room for the long arrays of long runs: in a file, of which memory holds what is worked on.
 
 What a fit keeps of a run grows with its length, and most of it waits. Beyond `LONG` samples it lies in a
-file without a name, where the system is Linux and the file can be had; else in memory, as all the rest.
+file without a name, where the system is Linux and its file system reserves room; else in memory, as all the
+rest.
 """
 
 import ctypes
@@ -76,7 +77,10 @@ def _pages(size: int) -> _Pages | None:
     try:
         # not in /tmp, which is often memory itself
         with tempfile.TemporaryFile(dir=os.environ.get("TMPDIR") or "/var/tmp") as file:
-            os.posix_fallocate(file.fileno(), 0, size)  # else a full disk would end the process later
+            # else a full disk would end the process later; that of POSIX would write a byte to every block
+            # where the file system cannot, which takes its time, and reserves nothing if that is compressed
+            if _LIBRARY.fallocate(file.fileno(), 0, 0, size):
+                return None
             pages = _Pages(size, file.fileno())
     except OSError:
         return None
@@ -89,9 +93,10 @@ def _library() -> Any:
     if sys.platform != "linux":
         return None
     library = ctypes.CDLL(None)
-    pointer, size, number = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
+    pointer, size, number, offset = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_long
     library.mmap.restype = pointer
-    library.mmap.argtypes = [pointer, size, number, number, number, ctypes.c_long]
+    library.mmap.argtypes = [pointer, size, number, number, number, offset]
+    library.fallocate.argtypes = [number, number, offset, offset]
     library.munmap.argtypes, library.madvise.argtypes = [pointer, size], [pointer, size, number]
     return library
 
