@@ -23,9 +23,12 @@ def refuse_links(folder: Path) -> None:
         Names the link.
     """
     inside = [folder / name for name in (*_FOLDERS, *_FILES)]
-    for path in (folder, *inside, *sorted((folder / "logs").glob("*.log"))):
-        if path.is_symlink():
-            raise InputError(
-                f"{path}: is a symbolic link, expected a file or folder of its own for the results; remove "
-                "it or choose another folder"
-            )
+    try:
+        links = [p for p in (folder, *inside, *sorted((folder / "logs").glob("*.log"))) if p.is_symlink()]
+    except OSError:  # what may not be looked into is not written to either
+        return
+    if links:
+        raise InputError(
+            f"{links[0]}: is a symbolic link, expected a file or folder of its own for the results; remove "
+            "it or choose another folder"
+        )

@@ -127,7 +127,7 @@ class _Shared:
 
 @dataclass(frozen=True)
 class _Delivery:
-    """What comes back of a task: its result, and the file and the log it left."""
+    """What comes back of a task: its result, and the file and the log it left; of a file its digest."""
 
     result: Any
     file: bytes
@@ -181,9 +181,9 @@ def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Pa
         if delivery.log:
             setting.logs.mkdir(parents=True, exist_ok=True)
             setting.log(name).write_bytes(delivery.log)
-    if not isinstance(delivery.result, Finished):
+    if not isinstance(delivery.result, str):
         return delivery.result
-    if hashlib.sha256(delivery.file).hexdigest() != delivery.result.digest:
+    if hashlib.sha256(delivery.file).hexdigest() != delivery.result:
         return RunError(f"run '{name}': what the cluster sent is not what its worker wrote")
     partial = atomic.temporary(path)
     try:
@@ -192,7 +192,7 @@ def _received(delivery: _Delivery, setting: workers.Setting, name: str, path: Pa
         with suppress(OSError):
             partial.unlink()
         return RunError(f"{name}: {path}: cannot be written ({error.strerror or error})")
-    return Finished(partial, delivery.result.digest)
+    return Finished(partial, delivery.result)
 
 
 def _outcome(future: Future, name: str) -> Any:
@@ -267,12 +267,13 @@ def _there(shared: _Shared, item: tuple[Any, ...], fmus: Mapping[str, Path]) -> 
         setting = workers.Setting(shared.function, folder, folder / "logs")
         task = {run.name: (run, dict(fmus), folder / file, *more)}
         limits: dict[str, Any] = {"time_limit": shared.time_limit, "silence": shared.silence}
-        found, content = None, b""
-        for _, found in workers.results(setting, task, 1, **limits):
-            if isinstance(found, Finished):  # which goes with the worker that wrote it
-                content = found.partial.read_bytes()
+        result, content = None, b""
+        for _, result in workers.results(setting, task, 1, **limits):
+            if isinstance(result, Finished):  # the file goes with the worker that wrote it
+                content = result.partial.read_bytes()
         log = setting.log(run.name)
-        return _Delivery(found, content, log.read_bytes() if log.is_file() else b"")
+        told = result.digest if isinstance(result, Finished) else result
+        return _Delivery(told, content, log.read_bytes() if log.is_file() else b"")
 
 
 @contextmanager

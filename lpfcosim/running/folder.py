@@ -61,7 +61,7 @@ def held(directory: Path, option: str = "") -> Iterator[None]:
         told = f"{directory}: is a file or lies in one, expected a folder for the results"
         raise InputError(told) from None
     except OSError as error:
-        if not directory.is_dir() and error.errno != errno.ENOSPC:
+        if not os.path.isdir(directory) and error.errno not in (errno.ENOSPC, errno.EDQUOT):  # noqa: PTH112
             told = f"{directory}: cannot be made ({error.strerror}), expected a folder for the results"
             raise InputError(told) from None
         raise RunError(f"{directory}: cannot be locked: {error.strerror or error}") from None

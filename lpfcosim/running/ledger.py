@@ -102,11 +102,14 @@ class Ledger:
             If ledger or file cannot be written.
         """
         self._digests[self._name(file)] = finished.digest
-        self._write()
         try:
+            self._write()
             atomic.settle(finished.partial, file)
         except OSError as error:
             raise RunError(f"{file}: cannot be written ({error.strerror or error})") from None
+        finally:
+            with suppress(OSError):
+                finished.partial.unlink(missing_ok=True)
 
     def forget(self, files: Iterable[Path]) -> None:
         """Take files out."""

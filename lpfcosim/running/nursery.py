@@ -10,10 +10,13 @@ from __future__ import annotations
 import multiprocessing as mp
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import forkserver, resource_tracker
-from multiprocessing.context import ForkServerContext, SpawnContext
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # Windows lacks one of them
+    from multiprocessing.context import ForkServerContext, SpawnContext
 
 #: What workers need that simulate. Nothing of ours: the server may find another version of it.
 LIBRARIES = (
@@ -41,6 +44,8 @@ def prepare(*more: str) -> None:
     """Begin to read in `LIBRARIES` and `more`, in a process that ends with this one, if there can be one."""
     global _prepared
     if sys.platform == "linux" and not _prepared:  # elsewhere libraries do not outlive a fork
+        from multiprocessing import forkserver
+
         mp.set_forkserver_preload([*LIBRARIES, *more])
         # OSError: a folder for its socket that is full, or whose path is too long for one
         with suppress(OSError), interrupts_held():
@@ -55,13 +60,27 @@ def context() -> ForkServerContext | SpawnContext:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while a process starts, which so never sees it: to end it is up to this process."""
+    """Hold Ctrl-C back while a process starts, which so never sees it: to end it is up to this process.
+
+    Here it is told afterwards, as is SIGTERM: half a start would leave a process that nobody knows of.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    from multiprocessing import resource_tracker
+
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # another thread may be the one that is told
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handlers[number] = signal.signal(number, lambda number, _frame: came.append(number))
     resource_tracker.ensure_running()  # the standard library's; it lets interrupts through once it is started
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+        if came:
+            signal.raise_signal(came[0])

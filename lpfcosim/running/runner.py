@@ -205,7 +205,8 @@ def _settled(
     failures: dict[str, LpfcosimError] = {}
     for name, outcome in outcomes:
         if isinstance(outcome, Finished):
-            ledger.add(paths[name], outcome)
+            outcome = _entered(ledger, paths[name], outcome)
+        if outcome is None:
             progress(name, runs[name].n_samples)
             continue
         failures[name] = _lost(runs[name], outcome) if isinstance(outcome, workers.Lost) else outcome
@@ -217,6 +218,14 @@ def _settled(
         if name not in failures and not paths[name].is_file():
             failures[name] = RunError(f"run '{name}': was not simulated")
     return {name: RunError(str(failures[name])) for name in runs if name in failures}
+
+
+def _entered(ledger: Ledger, path: Path, finished: Finished) -> RunError | None:
+    try:
+        ledger.add(path, finished)
+    except RunError as error:
+        return error
+    return None
 
 
 def culprit(run: Run, lost: workers.Lost) -> str:

@@ -30,10 +30,7 @@ SILENCE = 60.0  # s without a step, after which an FMU is taken to hang
 _POLL = 0.2  # s between two looks at the workers
 _MESSAGES = 1000  # of FMUs that a log takes
 _UNKNOWN = 255  # what the standard library says of a process whose server cannot tell any more
-_SERVER_LOST = (
-    "the process that starts the others was killed (out of memory?); what is finished is kept, the same "
-    "command continues"
-)
+_SERVER_LOST = "the process that starts the others was killed (out of memory?)"
 _CRASHES = ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTRAP")
 
 
@@ -161,8 +158,9 @@ def _team(setting: Setting, n: int) -> Iterator[tuple[list[_Worker], Callable[[]
     with ledger.scratch(setting.folder) as scratch:
         with suppress(OSError):  # a worker without a log says less
             setting.logs.mkdir(parents=True, exist_ok=True)
-        team = [_Worker(setting, scratch) for _ in range(n)]
+        team: list[_Worker] = []
         try:
+            team.extend(_Worker(setting, scratch) for _ in range(n))
             yield team, lambda: _Worker(setting, scratch)
         finally:
             for worker in team:
@@ -186,7 +184,7 @@ class _Worker:
             with nursery.interrupts_held():
                 self._process.start()
         except (EOFError, ConnectionError):
-            raise RunError(_SERVER_LOST) from None
+            raise RunError("a process cannot be started (out of memory?)") from None
         theirs.close()
 
     @property

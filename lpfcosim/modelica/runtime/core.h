@@ -93,6 +93,9 @@ static void core_delayed(const State *s, double *d);
 static void core_refresh(State *s, int to); /* bring up to date all variables of this stage */
 #if AFFINE
 static void lay_out(State *s, const double *e);            /* take the step matrix, shape (NX, NZ) */
+#ifdef PANELS
+static int laid_out(const State *s);
+#endif
 static void multiply(const State *s, const double *z, double *dx); /* dx = e z */
 #endif
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */

@@ -103,10 +103,18 @@ static const char *snapshot_write(const void *state, void *bytes, size_t size) {
 }
 
 static const char *snapshot_read(const void *bytes, size_t size, void **state) {
-    if (size != sizeof(Snapshot) || strcmp(((const Snapshot *)bytes)->token, model_token))
-        return "these bytes are not a state of this FMU";
-    if (!*state) *state = malloc(sizeof(Snapshot));
-    if (!*state) return "out of memory";
-    memcpy(*state, bytes, sizeof(Snapshot));
+    const char *problem = "these bytes are not a state of this FMU";
+    const char *token = (const char *)bytes + offsetof(Snapshot, token); /* the bytes may begin anywhere */
+    if (size != sizeof(Snapshot) || memcmp(token, model_token, strlen(model_token) + 1)) return problem;
+    Snapshot *read = *state ? *state : malloc(sizeof *read);
+    if (!read) return "out of memory";
+    memcpy(read, bytes, sizeof *read);
+#ifdef PANELS
+    if (!laid_out(&read->state)) {
+        if (!*state) free(read);
+        return problem;
+    }
+#endif
+    *state = read;
     return NULL;
 }

@@ -26,13 +26,10 @@ static void multiply(const State *s, const double *z, double *dx) {
 #else
 
 #if defined(__GNUC__)
-typedef double Numbers __attribute__((vector_size(32), aligned(8), may_alias));
 #define INSIDE inline __attribute__((always_inline))
 #else
-typedef double Numbers;
 #define INSIDE
 #endif
-#define EACH ((int)(sizeof(Numbers) / sizeof(double)))
 
 static int rows_of(int panel) { return panel < PANELS - 1 ? PANEL : ROWS - panel * PANEL; }
 
@@ -51,31 +48,53 @@ static COLD void lay_out(State *s, const double *e) {
     }
 }
 
-/* By columns: the sums of all rows grow side by side. */
-static INSIDE const double *of_panel(const State *s, int panel, const int rows, const double *e, const double *z,
-                                     double *dx) {
-    const int n = s->kept[panel], *column = s->column[panel];
-    Numbers sum[PANEL / EACH];
-    for (int k = 0; k < rows / EACH; k++) sum[k] = (Numbers){0};
-    for (int j = 0; j < n; j++, e += rows) {
-        const double factor = z[column[j]];
-        for (int k = 0; k < rows / EACH; k++) sum[k] += ((const Numbers *)e)[k] * factor;
+/* Whether the panels of a state from outside can be followed. */
+static COLD int laid_out(const State *s) {
+    for (int p = 0; p < PANELS; p++) {
+        if (s->kept[p] < 0 || s->kept[p] > NZ) return 0;
+        for (int j = 0; j < s->kept[p]; j++)
+            if (s->column[p][j] < 0 || s->column[p][j] >= NZ) return 0;
     }
-    for (int k = 0; k < rows / EACH; k++) ((Numbers *)(dx + panel * PANEL))[k] = sum[k];
-    return e;
+    return 1;
 }
 
-static INSIDE void of_panels(const State *s, const double *z, double *dx) {
-    const double *e = s->e;
-    for (int p = 0; p < PANELS - 1; p++) e = of_panel(s, p, PANEL, e, z, dx);
-    of_panel(s, PANELS - 1, ROWS - (PANELS - 1) * PANEL, e, z, dx);
-}
+/* By columns: the sums of all rows of a panel grow side by side, several numbers in a register. */
+#define PRODUCT(NAME, NUMBERS)                                                                                         \
+    static INSIDE const double *NAME##_panel(const State *s, int panel, const int rows, const double *e,               \
+                                             const double *z, double *dx) {                                            \
+        enum { EACH = sizeof(NUMBERS) / sizeof(double) };                                                              \
+        const int n = s->kept[panel], *column = s->column[panel];                                                      \
+        NUMBERS sum[PANEL / EACH];                                                                                     \
+        for (int k = 0; k < rows / EACH; k++) sum[k] = (NUMBERS){0};                                                   \
+        for (int j = 0; j < n; j++, e += rows) {                                                                       \
+            const double factor = z[column[j]];                                                                        \
+            for (int k = 0; k < rows / EACH; k++) sum[k] += ((const NUMBERS *)e)[k] * factor;                          \
+        }                                                                                                              \
+        for (int k = 0; k < rows / EACH; k++) ((NUMBERS *)(dx + panel * PANEL))[k] = sum[k];                           \
+        return e;                                                                                                      \
+    }                                                                                                                  \
+                                                                                                                       \
+    static INSIDE void NAME(const State *s, const double *z, double *dx) {                                             \
+        const double *e = s->e;                                                                                        \
+        for (int p = 0; p < PANELS - 1; p++) e = NAME##_panel(s, p, PANEL, e, z, dx);                                  \
+        NAME##_panel(s, PANELS - 1, ROWS - (PANELS - 1) * PANEL, e, z, dx);                                            \
+    }
+
+#if defined(__GNUC__)
+typedef double Two __attribute__((vector_size(16), aligned(8), may_alias));
+PRODUCT(by_two, Two)
+#else
+PRODUCT(by_two, double)
+#endif
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <cpuid.h>
 #define WIDE __attribute__((target("avx2")))
 
-static WIDE APART void of_panels_wide(const State *s, const double *z, double *dx) { of_panels(s, z, dx); }
+typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
+PRODUCT(by_four, Four)
+
+static WIDE APART void by_four_wide(const State *s, const double *z, double *dx) { by_four(s, z, dx); }
 
 /* Whether the processor has wide registers, and the operating system keeps them. */
 static COLD int has_wide(void) {
@@ -90,10 +109,10 @@ static COLD int has_wide(void) {
 static void multiply(const State *s, const double *z, double *dx) {
     static enum { UNKNOWN, PLAIN, HAS_WIDE } processor;
     if (processor == UNKNOWN) processor = has_wide() ? HAS_WIDE : PLAIN;
-    (processor == HAS_WIDE ? of_panels_wide : of_panels)(s, z, dx);
+    (processor == HAS_WIDE ? by_four_wide : by_two)(s, z, dx);
 }
 #else
-static void multiply(const State *s, const double *z, double *dx) { of_panels(s, z, dx); }
+static void multiply(const State *s, const double *z, double *dx) { by_two(s, z, dx); }
 #endif
 #endif
 

@@ -320,6 +320,22 @@ def test_foreign_bytes_are_no_state(fmus, instantiate):
         plant.deserializeFMUState(bytes(size))
 
 
+def test_bytes_that_only_seem_to_be_a_state_are_none(instantiate):
+    archive = build.build(["WholePlant"])["WholePlant"]  # whose step matrix has places in it
+    plant = instantiate(archive)
+    state = plant.getFMUState()
+    blob = plant.serializeFMUState(state)
+    plant.freeFMUState(state)
+    token = fmpy.read_model_description(str(archive)).guid.encode()
+    before, found, after = blob.partition(token)
+    assert found == token
+    with pytest.raises(FMICallException):
+        plant.deserializeFMUState(b"\x7f" * len(before) + token + after)
+    shifted = plant.deserializeFMUState(blob)
+    plant.setFMUState(shifted)
+    plant.freeFMUState(shifted)
+
+
 def test_clocks_of_different_rate(tmp_path):
     archive = fmu(
         tmp_path,

@@ -14,6 +14,7 @@ import pytest
 from fit.estimate import earlier
 from fit.files import atomic
 from fit.report import page
+from lpfcosim.cli import common
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.figures import figures
 from lpfcosim.cli.mcmc import mcmc
@@ -123,6 +124,15 @@ def test_a_folder_that_cannot_be_made_is_wrong_input_but_a_full_disk_is_not(
 
     monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(kind, match=re.escape(os.strerror(number))), folders.held(tmp_path / "out"):
+        pass
+
+
+@pytest.mark.parametrize("inside", ["", "logs"])
+def test_a_folder_whose_name_is_too_long_is_wrong_input(tmp_path, inside):
+    """As is one where another may not look; a name has 255 bytes at most."""
+    folder = tmp_path / ("n" * 300)
+    common.check_folder(folder, inside)  # nothing is in the way
+    with pytest.raises(InputError, match="cannot be made"), folders.held(folder):
         pass
 
 

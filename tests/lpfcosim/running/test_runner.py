@@ -1,5 +1,6 @@
 """Runs on several processes: all there, once, resumed, and honest about failure."""
 
+import errno
 import multiprocessing as mp
 import os
 import re
@@ -284,6 +285,22 @@ def test_an_interrupt_before_the_ledger_knows_a_file_leaves_none(fmus, plan, tmp
         assert folder_of(folder) == []
     done = runner.simulate(plan, folder, fmus, runner.How(jobs=1), runner.Listener(told=told.append))
     assert (told, folder_of(folder)) == ([], sorted(path.name for path in done.files.values()))
+
+
+def test_a_file_that_cannot_get_its_name_fails_its_run_alone(fmus, plan, tmp_path, monkeypatch):
+    settle, folder = atomic.settle, tmp_path / "telemetry"
+
+    def full(partial, path):
+        if path.name == "one.h5":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        settle(partial, path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "settle", full)
+        done = runner.simulate(plan, folder, fmus, runner.How(jobs=1))
+    assert list(done.failures) == ["one"]
+    assert "one.h5: cannot be written (No space left on device)" in str(done.failures["one"])
+    assert sorted(path.name for path in folder.iterdir()) == sorted(p.name for p in done.files.values())
 
 
 ORPHANS = """
