@@ -276,14 +276,19 @@ def _serve(
     tempfile.tempdir = str(scratch)
     with suppress(OSError):  # Linux: when memory runs out, this process goes first
         Path("/proc/self/oom_score_adj").write_text("1000")
-    threading.Thread(target=_end_with_parent, args=(setting, scratch), daemon=True).start()
-    with suppress(EOFError):
+    end = threading.Thread(target=_end_with_parent, args=(setting, scratch), daemon=True)
+    end.start()
+    try:
         while True:
             name, item = pipe.recv()
             where.reset()
             with _logged(setting.log(name)):
                 result = _done(setting, name, item, where)
             pipe.send(result)
+    except EOFError:
+        return
+    except OSError:  # the parent is gone, and so shall be what it did not take
+        end.join()
 
 
 def _done(setting: Setting, name: str, item: tuple[Any, ...], where: Where) -> Any:
