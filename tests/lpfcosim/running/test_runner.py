@@ -338,7 +338,7 @@ def test_workers_end_with_a_main_process_that_is_killed(tmp_path, scratch):
         process.communicate(timeout=5)
         killed = time.monotonic()
         while [*(tmp_path / "telemetry").iterdir(), *scratch.iterdir()]:
-            assert time.monotonic() - killed < 5
+            assert time.monotonic() - killed < 30  # of which a busy machine takes some
             time.sleep(0.05)
     finally:
         with suppress(ProcessLookupError):
