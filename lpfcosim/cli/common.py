@@ -85,8 +85,8 @@ def check_folder(directory: Path, inside: str = "", option: str = "--out") -> No
 
     refuse_links(directory)
     path = directory / inside
-    existing = next((p for p in (path, *path.parents) if _seen(p)), path.parent)
-    if _seen(existing) and not existing.is_dir():
+    existing = next((p for p in (path, *path.parents) if _seen(p)), None)
+    if existing and not existing.is_dir():
         advice = f"; name one with {option}" if option else ""
         raise InputError(f"{existing}: is a file, expected a folder for the results{advice}")
 

@@ -106,15 +106,19 @@ static const char *snapshot_read(const void *bytes, size_t size, void **state) {
     const char *problem = "these bytes are not a state of this FMU";
     const char *token = (const char *)bytes + offsetof(Snapshot, token); /* the bytes may begin anywhere */
     if (size != sizeof(Snapshot) || memcmp(token, model_token, strlen(model_token) + 1)) return problem;
-    Snapshot *read = *state ? *state : malloc(sizeof *read);
+    Snapshot *read = malloc(sizeof *read); /* a state that is there stays as it is if these are refused */
     if (!read) return "out of memory";
     memcpy(read, bytes, sizeof *read);
 #ifdef PANELS
     if (!laid_out(&read->state)) {
-        if (!*state) free(read);
+        free(read);
         return problem;
     }
 #endif
-    *state = read;
+    if (*state) {
+        memcpy(*state, read, sizeof *read);
+        free(read);
+    } else
+        *state = read;
     return NULL;
 }

@@ -1,5 +1,6 @@
 """The built FMUs: valid archives, right numbers under plain FMPy, honest state handling."""
 
+import ctypes
 import shutil
 import subprocess
 import sys
@@ -329,11 +330,16 @@ def test_bytes_that_only_seem_to_be_a_state_are_none(instantiate):
     token = fmpy.read_model_description(str(archive)).guid.encode()
     before, found, after = blob.partition(token)
     assert found == token
+    wrong = b"\x7f" * len(before) + token + after
     with pytest.raises(FMICallException):
-        plant.deserializeFMUState(b"\x7f" * len(before) + token + after)
-    shifted = plant.deserializeFMUState(blob)
-    plant.setFMUState(shifted)
-    plant.freeFMUState(shifted)
+        plant.deserializeFMUState(wrong)
+    kept = plant.deserializeFMUState(blob)
+    raw = (ctypes.c_uint8 * len(wrong)).from_buffer_copy(wrong)
+    with pytest.raises(FMICallException):
+        plant.fmi3DeserializeFMUState(plant.component, raw, len(wrong), ctypes.byref(kept))
+    assert plant.serializeFMUState(kept) == blob
+    plant.setFMUState(kept)
+    plant.freeFMUState(kept)
 
 
 def test_clocks_of_different_rate(tmp_path):
