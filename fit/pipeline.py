@@ -19,7 +19,7 @@ from fit.estimate import (
     steadiness,
     verdict,
 )
-from fit.inspection import LeftOut, Prepared, admission, leftout, prepare_each, searches
+from fit.inspection import LeftOut, Prepared, Ready, admission, prepare_each, searches
 from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation
 from fit.results import Fit, Provenance, Results, check_frame
@@ -44,7 +44,8 @@ def calibrate(
     chosen : Settings, optional
         What the user chose, the default otherwise.
     drawn : bool
-        Whether for a Monte Carlo: free of faults of an archive then, and nobody reads its `Diagnostics`.
+        Whether for a Monte Carlo: what only faults of an archive could cause is not looked for then, and
+        nobody reads what experiments yield by themselves.
 
     Raises
     ------
@@ -124,69 +125,6 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
 
 
 @dataclass(frozen=True)
-class _Ready:
-    """The experiments, prepared, and what becomes of each.
-
-    Attributes
-    ----------
-    prepared : mapping of str to Prepared
-        All of them by name.
-    taking_part, short, excluded : tuple of Experiment
-        Those in the joint fit, and those that are not: for being short, by the settings.
-    left_out : tuple of LeftOut
-        Those that are not because something is wrong with them; some cannot even be prepared.
-    notes : tuple of FitWarning
-        What is odd about many of them.
-    """
-
-    prepared: Mapping[str, Prepared]
-    taking_part: tuple[Experiment, ...]
-    short: tuple[Experiment, ...]
-    excluded: tuple[Experiment, ...]
-    left_out: tuple[LeftOut, ...] = ()
-    notes: tuple[FitWarning, ...] = ()
-
-    @property
-    def experiments(self) -> list[Experiment]:
-        """All of them."""
-        return [p.experiment for p in self.prepared.values()]
-
-    def without(self, found: Sequence[LeftOut]) -> "_Ready":
-        """Return the same with more experiments left out.
-
-        Raises
-        ------
-        InputError
-            If that leaves nothing for the joint fit of what there was.
-        """
-        names = {f.experiment for f in found}
-        staying = tuple(e for e in self.taking_part if e.name not in names)
-        if found and not staying and (self.taking_part or not self.prepared):
-            raise InputError(leftout.told((*self.left_out, *found)))
-        return replace(self, taking_part=staying, left_out=(*self.left_out, *found))
-
-    @property
-    def trusted(self) -> list[Experiment]:
-        """Those that nothing is wrong with, taking part or not: others tell nothing of them."""
-        out = {f.experiment for f in self.left_out}
-        return [e for e in self.experiments if e.name not in out]
-
-    def noted(self, said: Mapping[str, tuple[FitWarning, Experiment]]) -> "_Ready":
-        """Return the same with what is said of experiments, and these as they are to be fitted now."""
-        prepared = {n: p.said(*said[n]) if n in said else p for n, p in self.prepared.items()}
-
-        def anew(of: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
-            return tuple(prepared[e.name].experiment if e.name in prepared else e for e in of)
-
-        taking_part, short, excluded = map(anew, (self.taking_part, self.short, self.excluded))
-        return replace(self, prepared=prepared, taking_part=taking_part, short=short, excluded=excluded)
-
-    def said_of(self, name: str) -> tuple[FitWarning, ...]:
-        """Return what keeps an experiment out of the joint fit, as warnings of its own fit."""
-        return tuple(w for f in self.left_out if f.experiment == name for w in f.of_own)
-
-
-@dataclass(frozen=True)
 class _Together:
     """The joint fit as it comes out, who was left out of it, and what the others say beside each other."""
 
@@ -214,7 +152,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
     upto(0.95)
-    together = _together(ready, alone, chosen, misfits)
+    together = _together(ready, alone, chosen, misfits, drawn)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
     joint, own = _judged(ready, alone, together, chosen, drawn)
@@ -222,7 +160,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -
     return Results(joint, own, cross_talk, {}, _provenance(ready, together, chosen))
 
 
-def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> _Ready:
+def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     upto(0.25)
     first = admission.faults([e for e in found if not drawn and e.name not in chosen.exclude])
@@ -236,8 +174,8 @@ def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> _Re
     left_out += [LeftOut(name, str(error)) for name, error in refused.items()]
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
-    ready = _Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
-    then = admission.changes(ready.taking_part if searches(chosen) else ())  # glitches pass for changes
+    ready = Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
+    then = admission.changes(_that_may_change(ready, chosen, drawn))
     ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.left_out)
     spoilt = [e for e in ready.taking_part if prepared[e.name].spoilt]
     if len(spoilt) == len(ready.taking_part):
@@ -245,9 +183,16 @@ def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> _Re
     return ready.without([LeftOut(e.name, prepared[e.name].spoilt, "excluded", "", "cause") for e in spoilt])
 
 
+def _that_may_change(ready: Ready, chosen: Settings, drawn: bool) -> tuple[Experiment, ...]:
+    """Return the experiments whose parts may obey different equations, all or none."""
+    struck = any(e.sysid.masks or e.sysid.glitches for e in ready.taking_part)
+    searched = searches(chosen)  # else glitches pass for changes
+    return ready.taking_part if searched and (struck or not drawn) else ()
+
+
 def _noises(
-    ready: _Ready, alone: dict[str, Outcome | FitError], chosen: Settings
-) -> tuple[_Ready, dict[str, Outcome | FitError]]:
+    ready: Ready, alone: dict[str, Outcome | FitError], chosen: Settings
+) -> tuple[Ready, dict[str, Outcome | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
     ready = ready.noted(levels.judged(of_levels, alone, chosen))
@@ -272,12 +217,16 @@ def _alone(
 
 
 def _together(
-    ready: _Ready, alone: Mapping[str, Outcome | FitError], chosen: Settings, misfits: Mapping[str, str]
+    ready: Ready,
+    alone: Mapping[str, Outcome | FitError],
+    chosen: Settings,
+    misfits: Mapping[str, str],
+    drawn: bool,
 ) -> _Together | None:
     """Fit what takes part jointly, as far as it agrees."""
     if not ready.taking_part:
         return None
-    agreed = jury.convene(ready.taking_part, alone, chosen, misfits)
+    agreed = jury.convene(ready.taking_part, alone, chosen, misfits, drawn)
     fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
     left_out = explained(
         (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
@@ -286,7 +235,7 @@ def _together(
 
 
 def _judged(
-    ready: _Ready,
+    ready: Ready,
     alone: Mapping[str, Outcome | FitError],
     together: _Together | None,
     chosen: Settings,
@@ -331,7 +280,7 @@ def _judged(
 
 def _of_experiment(
     experiment: Experiment,
-    ready: _Ready,
+    ready: Ready,
     own: Outcome | FitError,
     together: _Together | None,
     chosen: Settings,
@@ -339,14 +288,15 @@ def _of_experiment(
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
     known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared)) if together else None
-    if known and (isinstance(own, FitError) or own.tone):  # a single tone needs what others know
+    # a single tone needs what others know
+    if known and (isinstance(own, FitError) or (own.tone and not drawn)):
         own = _alone(experiment, chosen, known, own)
     if isinstance(own, FitError):
         if together is None:
             raise own
         # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("not_fitted_alone", (), str(own))
-    fit = verdict.as_fit(own, [experiment], from_joint=bool(known and own.tone))
+    fit = verdict.as_fit(own, [experiment], from_joint=bool(known and own.tone and not drawn))
     more = (
         *ready.said_of(experiment.name),
         *ready.prepared[experiment.name].warnings,
@@ -357,7 +307,7 @@ def _of_experiment(
 
 
 def _cross_talk(
-    ready: _Ready, together: _Together | None, judged: Fit | None, chosen: Settings
+    ready: Ready, together: _Together | None, judged: Fit | None, chosen: Settings
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
     if not (together and judged and any(e.sysid.channels.means for e in ready.taking_part)):
@@ -379,7 +329,7 @@ def _doubted(fit: Fit, joint: Fit | None) -> Fit:
     return _warned(fit, joint.unsound if joint else ())
 
 
-def _provenance(ready: _Ready, together: _Together | None, chosen: Settings) -> Provenance:
+def _provenance(ready: Ready, together: _Together | None, chosen: Settings) -> Provenance:
     periods: dict[str, set[str]] = {}
     for run in (e.sysid.telemetry for e in ready.taking_part):
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))

@@ -6,13 +6,14 @@ against the whole of it; saturation is masked, glitches are masked or taken out.
 
 from fit.inspection.leftout import LeftOut, Tells, told
 from fit.inspection.masks import Prepared, prepare_each, searches
+from fit.inspection.ready import Ready
 
 __all__ = [
     "LeftOut",
     "Prepared",
+    "Ready",
     "Tells",
     "admission",
-    "leftout",
     "long_noise",
     "prepare_each",
     "samples",

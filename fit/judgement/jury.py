@@ -41,6 +41,7 @@ def convene(
     alone: Mapping[str, Outcome | FitError],
     chosen: Settings,
     misfits: Mapping[str, str],
+    drawn: bool,
 ) -> Agreed:
     """Fit those experiments jointly that can be.
 
@@ -54,6 +55,8 @@ def convene(
         Of the fit.
     misfits : mapping of str to str
         Experiments that do not follow the equation by themselves, and what is said of them.
+    drawn : bool
+        Whether for a Monte Carlo: o_1 is not late then, and nothing but what is drawn lasts in all runs.
 
     Raises
     ------
@@ -62,8 +65,7 @@ def convene(
     FitError
         If no trustworthy estimate comes out.
     """
-    left_out = _wrong(experiments, alone)
-    left_out = (*left_out, *_misfits(_without(experiments, left_out), misfits, alone))
+    left_out = _by_themselves(experiments, alone, misfits, drawn)
     outcome, kept, failed = _settled(_without(experiments, left_out), alone, chosen)
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
@@ -90,12 +92,10 @@ def convene(
                 return Agreed(outcome, tuple(kept), left_out, (_contradiction(voices, kept),), voices)
             break
         out = of_odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
-        left_out = (*left_out, *out)
-        kept = _without(kept, out)
+        left_out, kept = (*left_out, *out), _without(kept, out)
         outcome = fit_joint(kept, chosen, alone)
-    # what determines a gain only together
-    verdict.check_gains({e.name: outcome for e in kept}, kept)
-    return Agreed(outcome, tuple(kept), left_out, _told(voices, outcome, kept), voices)
+    verdict.check_gains({e.name: outcome for e in kept}, kept)  # what determines a gain only together
+    return Agreed(outcome, tuple(kept), left_out, _told(voices, outcome, kept, drawn), voices)
 
 
 def _unjudged(chosen: Settings) -> FitWarning:
@@ -116,6 +116,25 @@ def _plainly(outcome: Outcome, experiments: Sequence[Experiment], chosen: Settin
 def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
     names = {f.experiment for f in left_out}
     return [e for e in experiments if e.name not in names]
+
+
+def _by_themselves(
+    experiments: Sequence[Experiment],
+    alone: Mapping[str, Outcome | FitError],
+    misfits: Mapping[str, str],
+    drawn: bool,
+) -> tuple[LeftOut, ...]:
+    """Return the experiments that are left out for what each is by itself.
+
+    Raises
+    ------
+    InputError
+        If every experiment has a wrong sign or unit.
+    """
+    wrong = _wrong(experiments, alone)
+    odd = _misfits(_without(experiments, wrong), misfits)
+    late = () if drawn else _late(_without(experiments, (*wrong, *odd)), alone)
+    return (*wrong, *odd, *late)
 
 
 def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]) -> tuple[LeftOut, ...]:
@@ -140,30 +159,31 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
     return tuple(found)
 
 
-def _misfits(
-    experiments: Sequence[Experiment], said: Mapping[str, str], alone: Mapping[str, Outcome | FitError]
-) -> tuple[LeftOut, ...]:
-    """Return the experiments that do not follow the equation, then those whose o_1 is late by themselves.
-
-    What most have in common is a matter of the equation, or of how all were archived: that is not returned.
-    """
+def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tuple[LeftOut, ...]:
+    """Return the experiments that do not follow the equation, as `_fewer` does."""
     found = [LeftOut(e.name, said[e.name], own="", tells="misfit") for e in experiments if e.name in said]
-    odd = _fewer(found, experiments)
-    rest = _without(experiments, odd)
-    own = each(lambda e: _late(e, alone, len(rest)), rest)
-    late = [LeftOut(e.name, why, tells="guess") for e, why in zip(rest, own, strict=True) if why]
-    return (*odd, *_fewer(late, rest))
+    return _fewer(found, experiments)
+
+
+def _late(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]) -> tuple[LeftOut, ...]:
+    """Return the experiments whose o_1 is late by themselves, as `_fewer` does."""
+    lags = each(lambda e: _lag(e, alone, len(experiments)), experiments)
+    named = [(e, lag) for e, lag in zip(experiments, lags, strict=True) if lag]
+    late = [LeftOut(e.name, f"{e.sysid.telemetry.path}: {lag}", tells="guess") for e, lag in named]
+    return _fewer(late, experiments)
+
+
+def _lag(e: Experiment, alone: Mapping[str, Outcome | FitError], among: int) -> str:
+    own = alone[e.name]
+    return own_lag(e, own, among) if isinstance(own, Outcome) else ""
 
 
 def _fewer(found: Sequence[LeftOut], experiments: Sequence[Experiment]) -> tuple[LeftOut, ...]:
-    """Return them if they are half of the experiments at most, and not all."""
+    """Return them if they are half of the experiments at most, and not all.
+
+    What most have in common is a matter of the equation, or of how all were archived.
+    """
     return tuple(found) if 2 * len(found) <= len(experiments) and len(found) < len(experiments) else ()
-
-
-def _late(e: Experiment, alone: Mapping[str, Outcome | FitError], among: int) -> str:
-    own = alone[e.name]
-    why = own_lag(e, own, among) if isinstance(own, Outcome) else ""
-    return why and f"{e.sysid.telemetry.path}: {why}"
 
 
 def _settled(
@@ -285,9 +305,12 @@ def said(experiments: Sequence[Experiment], outcome: Outcome) -> list[FitWarning
     return _leaning(voices, outcome) if agreed else [_contradiction(voices, experiments)]
 
 
-def _told(voices: Regression, outcome: Outcome, experiments: Sequence[Experiment]) -> tuple[FitWarning, ...]:
+def _told(
+    voices: Regression, outcome: Outcome, experiments: Sequence[Experiment], drawn: bool
+) -> tuple[FitWarning, ...]:
     """Return what is to be said of runs that agree."""
-    return (*_leaning(voices, outcome), *verdict.acausal(outcome), *in_common(experiments, outcome))
+    lasting = () if drawn else in_common(experiments, outcome)
+    return (*_leaning(voices, outcome), *verdict.acausal(outcome), *lasting)
 
 
 def _leaning(voices: Regression, outcome: Outcome) -> list[FitWarning]:

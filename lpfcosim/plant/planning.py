@@ -94,11 +94,14 @@ class _Loop:
     """Steps ``state+ = A state + push``, many stretches of a run side by side, and looks at ``C state``."""
 
     def __init__(self, A: Array, C: Array) -> None:
-        self._A, self._C, self._over = A, C, np.linalg.matrix_power(A, STRETCH)
+        self._A, self._C = A, C
         later = [C]
         for _ in range(STRETCH - 1):
             later.append(later[-1] @ A)
         self._later = np.concatenate(later)
+        self._over = [np.linalg.matrix_power(A, STRETCH)]  # then that of two stretches, of four ...
+        while 2 ** len(self._over) <= STRETCH:
+            self._over.append(self._over[-1] @ self._over[-1])
 
     def track(self, state: Array, push: Array) -> tuple[Array, Array]:
         """Return what is seen before each of n pushes, shape (n, S), and the state a whole BLOCK later."""
@@ -111,14 +114,12 @@ class _Loop:
         for pushed, now, then in zip(pushes, resting[:-1], resting[1:], strict=True):
             np.dot(self._A, now, out=then)
             then += pushed
-        begun = np.empty((rows, size))
-        for row, end in zip(begun, resting[-1].T, strict=True):
-            row[:] = state
-            state = self._over @ state + end
-        seen = (self._C @ resting[:-1]).transpose(2, 0, 1) + (begun @ self._later.T).reshape(
-            rows, STRETCH, -1
-        )
-        return seen.reshape(rows * STRETCH, -1)[:n], state
+        begun = np.concatenate([state[:, None], resting[-1]], axis=1)
+        for k, over in enumerate(self._over):  # now each holds what the 2^k stretches before it made
+            begun[:, 2**k :] += over @ begun[:, : -(2**k)]
+        seen = self._C @ resting[:-1]
+        seen += (self._later @ begun[:, :-1]).reshape(seen.shape)
+        return seen.transpose(2, 0, 1).reshape(rows * STRETCH, -1)[:n], begun[:, -1]
 
 
 def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Complex:

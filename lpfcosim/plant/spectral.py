@@ -50,10 +50,12 @@ class Simulation:
         struck = any(isinstance(injection, Pulse) for injection in run.injections) or events.glitches(run)
         silent = replace(run, noise=Noise(), actuation=Actuation())
         glitches = drive.stream(silent) if struck else None  # the same in every draw
-        responses = planning.response(run, glitches)
-        self._mean = {name: responses[name] for name in channels}
+        self._n = run.n_samples // round(run.fs / planning.RATE)
+        self._mean = dict.fromkeys(channels, np.zeros(self._n))
+        if run.injections or struck:
+            responses = planning.response(run, glitches)
+            self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
-        self._n = self._mean["f_x_2"].size
         for set_point, rate in world_of(run).turns(run).items():
             follows = set_point.replace("attitude", "ast")
             if follows in self._mean:
