@@ -150,7 +150,7 @@ def _chance(free: _Free, parameters: Sequence[str]) -> float:
     chances = []
     for run in range(int(free.runs.max()) + 1):
         total, rank = free.given(free.runs == run).gain(which & (free.runs != run))
-        chances.append(float(scipy.stats.chi2.sf(total, rank)) if rank > 1 else 1.0)
+        chances.append(float(scipy.special.chdtrc(rank, total)) if rank > 1 else 1.0)
     return max(chances)
 
 
@@ -175,4 +175,4 @@ def _explained(
         seen = values > 1e-10 * values[-1]
         left += float(np.sum((vectors[:, seen].T @ (b / size)) ** 2 / values[seen]))
         rank += int(seen.sum())
-    return bool(scipy.stats.chi2.sf(left / UNSURE, max(rank, 1)) > UNEXPLAINED)
+    return bool(scipy.special.chdtrc(max(rank, 1), left / UNSURE) > UNEXPLAINED)

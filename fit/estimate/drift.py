@@ -105,7 +105,7 @@ def between(values: Array, covariance: Array) -> Drift | None:
         left = values - ones @ np.linalg.solve(total, values) / (ones @ np.linalg.solve(total, ones))
         return float(left @ np.linalg.solve(total, left)) - dof
 
-    if scipy.stats.chi2.sf(excess(0.0) + dof, dof) > CHANCE:
+    if scipy.special.chdtrc(dof, excess(0.0) + dof) > CHANCE:
         return None
     # chi^2 falls with the width, and is below dof where all that the values differ by is width
     variance = float(scipy.optimize.brentq(excess, 0.0, 10 * np.var(values, ddof=1), xtol=1e-30, rtol=1e-6))

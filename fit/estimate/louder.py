@@ -96,7 +96,7 @@ def judged(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, tup
 def told(experiment: Experiment) -> str:
     """Say of an experiment that its o_1 is louder; empty if it is not."""
     ratio, sigma = measure(experiment)
-    least = float(scipy.stats.norm.isf(CHANCE))
+    least = -float(scipy.special.ndtri(CHANCE))
     if ratio - 1 <= least * sigma / ratio:  # the scatter of equal powers
         return ""
     return (

@@ -123,10 +123,15 @@ def judge(left: Residual, taken: int) -> Diagnostics:
         chi2_red=float(values @ values) / (values.size - taken),
         chi2_red_sigma=math.sqrt(max(float(covariance[-1, -1]), 0.0)) / power.size,
         whiteness=_whiteness(power, ends, covariance),
-        kurtosis=float(scipy.stats.kurtosis(values)),
+        kurtosis=_kurtosis(values),
         kurtosis_sigma=float(np.sqrt(24 / values.size)),
-        quantiles=np.quantile(values, scipy.stats.norm.cdf(SCORES)).tolist(),
+        quantiles=np.quantile(values, scipy.special.ndtr(SCORES)).tolist(),
     )
+
+
+def _kurtosis(x: Array) -> float:
+    squares = (x - x.mean()) ** 2
+    return float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
 
 
 def _whiteness(power: Array, ends: NDArray[np.intp], covariance: Array) -> float:
@@ -242,7 +247,7 @@ def about_mean(estimates: Sequence[Estimate]) -> Stationarity:
         mean=value,
         sigma=float(np.sqrt(squared)),
         chi2_red=chi2(0.0) / dof,
-        p_value=float(scipy.stats.chi2.sf(chi2(0.0), dof)),
+        p_value=float(scipy.special.chdtrc(dof, chi2(0.0))),
         scatter=float(np.sqrt(extra)),
         sigma_with_scatter=float(np.sqrt(mean(extra)[1])),
         dof=dof,

@@ -27,8 +27,8 @@ def quantiles(diagnostics: Mapping[str, Diagnostics], sizes: Mapping[str, int]) 
     sizes : mapping of str to int
         Number of residuals, which sets the band that 95 % of normal samples keep to at every quantile.
     """
-    tail = scipy.stats.norm.cdf(-np.abs(SCORES))
-    density = scipy.stats.norm.pdf(SCORES)
+    tail = scipy.special.ndtr(-np.abs(SCORES))
+    density = np.exp(-(SCORES**2) / 2) / np.sqrt(2 * np.pi)
     spreads = [1.96 * np.sqrt(tail * (1 - tail) / sizes[name]) / density for name in diagnostics]
     departures = [np.array(found.quantiles) - SCORES for found in diagnostics.values()]
     reach = max(0.6, *(1.1 * float(np.max(np.abs(departure))) for departure in departures))

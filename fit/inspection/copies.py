@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.signal import median
+from fit.signal import median, windows
 from fit.threads import each, kept
 from fit.weighing import Run
 
@@ -128,7 +128,7 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
 
 @kept(8)  # the runs of a campaign have few lengths
 def _window(size: int) -> Array:
-    return np.asarray(scipy.signal.windows.tukey(size, 0.1), dtype=np.float64)
+    return np.asarray(windows.tukey(size, 0.1), dtype=np.float64)
 
 
 def _match(a: _Print, b: _Print, channel: str) -> Match | None:

@@ -216,7 +216,7 @@ def _repeated(x: Row, fs: float) -> Iterator[Oddity]:
     for start, part in ((edge + piece.start, x[edge + piece.start : edge + piece.stop]) for piece in at):
         same.append(start + np.flatnonzero(part[1:] == part[:-1]) + 1)
     again = np.concatenate([np.zeros(0, dtype=np.intp), *same])
-    if not again.size or scipy.stats.poisson.sf(again.size - 1, _coincidences(x[:])) > COINCIDENCE:
+    if not again.size or scipy.special.pdtrc(again.size - 1, _coincidences(x[:])) > COINCIDENCE:
         return
     zero = x[:][again] == 0
     for which, what in ((again[zero], "is exactly 0"), (again[~zero], "repeats a sample")):

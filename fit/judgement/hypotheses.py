@@ -294,7 +294,7 @@ def _drift(trial: Trial) -> Hypothesis:
 def _stretches(trial: Trial) -> Iterator[Hypothesis]:
     """Leave out stretches in which something else acts, with what lies beside them."""
     seen = trial.as_it_is
-    most = float(scipy.stats.chi2.isf(LOUD, seen.freedom)) / seen.freedom
+    most = float(scipy.special.chdtri(seen.freedom, LOUD)) / seen.freedom
     loud = np.flatnonzero(seen.blocks > most * max(1.0, float(np.median(seen.blocks))))
     if not loud.size or loud.size * BLOCK > MOST_LEFT_OUT * np.ptp(seen.terms.time):
         return

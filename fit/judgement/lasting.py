@@ -70,7 +70,7 @@ class Amount:
 
     def stands_out(self, among: int) -> bool:
         """Return whether neither chance makes one of so many amounts as large, nor one run."""
-        return bool(among * 2 * scipy.stats.norm.sf(self.z) < ALARM and self.least > COMMON)
+        return bool(among * 2 * scipy.special.ndtr(-self.z) < ALARM and self.least > COMMON)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class Left:
     def fits(self) -> bool:
         """Whether it is noise."""
         told = (self.chi2 - self.free) / max(self.level, 1.0)
-        agrees = float(scipy.stats.chi2.sf(told, self.directions)) > POSSIBLE
+        agrees = float(scipy.special.chdtrc(self.directions, told)) > POSSIBLE
         return agrees and self.even and 1 / FITS**2 < self.level < FITS
 
 
@@ -303,7 +303,7 @@ class _Seen:
         free = float(r @ r - np.sum((u.T @ r) ** 2))
         level = max(1.0, float(np.median(self.blocks)))
         worst = float(self.blocks.max()) / level * self.freedom
-        even = float(scipy.stats.chi2.sf(worst, self.freedom)) * self.blocks.size > UNEVEN
+        even = float(scipy.special.chdtrc(self.freedom, worst)) * self.blocks.size > UNEVEN
         return Left(float(self.rest @ self.rest), free, len(self.U), u.shape[1], even)
 
 

@@ -3,7 +3,7 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal import pages, patches
+from fit.signal import pages, patches, windows
 from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds, welch
 from fit.signal.excess import Excess
 from fit.signal.medians import median
@@ -28,4 +28,5 @@ __all__ = [
     "patches",
     "spectra",
     "welch",
+    "windows",
 ]

@@ -20,6 +20,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from fit.signal import windows
 from fit.signal.spectra import window
 from fit.threads import each
 
@@ -105,7 +106,7 @@ class Estimator:
         count = np.diff(starts, append=power.size)
         mean = np.add.reduceat(power, starts) / count
         dof = self._degrees_of_freedom(count) * stretches
-        low, high = (np.sqrt(mean * dof / scipy.stats.chi2.ppf(p, dof)) for p in ONE_SIGMA)
+        low, high = (np.sqrt(mean * dof / scipy.special.chdtri(dof, 1 - p)) for p in ONE_SIGMA)
         return Binned(np.add.reduceat(self._f, starts) / count, np.sqrt(mean), low, high)
 
     def level(self, values: Array, band: tuple[float, float]) -> Level:
@@ -120,7 +121,7 @@ class Estimator:
         if not power.size:
             raise ValueError(f"no ordinate between {band[0]:g} and {band[1]:g} Hz")
         mean, dof = float(power.mean()), float(self._degrees_of_freedom(np.array([power.size]))[0])
-        low, high = (float(np.sqrt(mean * dof / scipy.stats.chi2.ppf(p, dof))) for p in ONE_SIGMA)
+        low, high = (float(np.sqrt(mean * dof / scipy.special.chdtri(dof, 1 - p))) for p in ONE_SIGMA)
         return Level(math.sqrt(mean), low, high)
 
     def power(self, values: Array) -> Array:
@@ -212,7 +213,7 @@ def log_psds(quantities: Sequence[Sequence[Array]], fs: float) -> list[LogSpectr
 
 
 def _with_bounds(f: Array, psd: Array, averages: Array) -> LogSpectrum:
-    low, high = (psd * 2 * averages / scipy.stats.chi2.ppf(p, 2 * averages) for p in ONE_SIGMA)
+    low, high = (psd * 2 * averages / scipy.special.chdtri(2 * averages, 1 - p) for p in ONE_SIGMA)
     return LogSpectrum(f, psd, low, high, averages)
 
 
@@ -221,7 +222,7 @@ def welch(x: Array, fs: float, size: int) -> tuple[Array, Array]:
 
     But for 0 and the highest frequency that of `scipy.signal.welch`, which takes one segment after the other.
     """
-    w = scipy.signal.windows.hann(size, sym=False)
+    w = windows.hann(size)
     segments = sliding_window_view(x, size)[:: size - size // 2]
     found = scipy.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * w, axis=1)
     power = np.mean(found.real**2 + found.imag**2, axis=0) * (2 / (fs * float(w @ w)))
@@ -233,7 +234,7 @@ def _kernel(cycles: float, size: int) -> tuple[NDArray[np.complex128], float]:
 
     To take the straight line out of the kernel is to take it out of every segment.
     """
-    w = scipy.signal.windows.hann(size, sym=False)
+    w = windows.hann(size)
     n = np.arange(size)
     kernel = w * np.exp(-2j * np.pi * cycles * n)
     line = np.linalg.qr(np.stack([np.ones(size), n - n.mean()], axis=1))[0]

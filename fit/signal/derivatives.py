@@ -13,7 +13,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from fit.signal import pages
+from fit.signal import pages, windows
 from fit.telemetry import PIECE, Row, pieces
 
 Array = NDArray[np.float64]
@@ -141,8 +141,7 @@ def low_pass(fs: float, f_max: float = F_MAX, rate: float = RATE) -> tuple[Array
     width = fs / factor - 2 * f_max  # from f_max to where aliases would reach f_max
     half = (RIPPLE - 7.95) / (2.285 * 2 * math.pi * width / fs) / 2
     half = factor * math.ceil(half / factor)
-    window = ("kaiser", scipy.signal.kaiser_beta(RIPPLE))
-    taps = np.asarray(scipy.signal.firwin(2 * half + 1, f_max + width / 2, window=window, fs=fs), np.float64)
+    taps = windows.low_pass(2 * half + 1, (f_max + width / 2) / fs, RIPPLE)
     taps.flags.writeable = False  # others get the same ones
     return taps, factor
 
@@ -155,8 +154,16 @@ def decimate(x: Array, taps: Array, factor: int) -> Array:
     if factor == 1:
         return x
     lost = taps.size - 1  # a multiple of factor
-    kept = scipy.signal.upfirdn(taps, x, down=factor)[lost // factor : (x.size - 1) // factor + 1]
-    return np.asarray(kept, dtype=np.float64)
+    n = (x.size - 1 - lost) // factor + 1
+    if n < 1:
+        return np.empty(0)
+    # an output is a sum of products of `factor` samples in a row with as many taps: one product of matrices
+    rows = x[: (n - 1) * factor + lost].reshape(-1, factor)
+    of_rows = taps[:0:-1].reshape(-1, factor) @ rows.T
+    found: Array = taps[0] * x[lost::factor][:n]
+    for k, row in enumerate(of_rows):
+        found += row[k : k + n]
+    return found
 
 
 def decimated(x: Row, taps: Array, factor: int) -> Array:

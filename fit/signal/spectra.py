@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.signal import folded, pages, patches
+from fit.signal import folded, pages, patches, windows
 from fit.signal.derivatives import F_MAX, stretches
 from fit.telemetry import pieces
 from fit.threads import kept
@@ -33,7 +33,7 @@ def window(valid: NDArray[np.bool_], fs: float) -> Array:
 
 @kept(8)  # the runs of a campaign have few lengths
 def _tukey(n: int, taper: float) -> Array:
-    w = pages.laid(scipy.signal.windows.tukey(n + 2, taper)[1:-1], n)
+    w = pages.laid(windows.tukey(n + 2, taper)[1:-1], n)
     w.setflags(write=False)  # others get the same one
     return w
 
