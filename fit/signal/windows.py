@@ -1,10 +1,6 @@
-"""Windows and the low-pass that they make.
-
-They have the bits of `scipy.signal`, which takes longer to read in than many a command takes.
-"""
+"""Windows, and a low-pass that one of them makes, as `scipy.signal` has them: that takes long to read in."""
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -31,9 +27,6 @@ def tukey(size: int, taper: float) -> Array:
 
 def low_pass(size: int, cut: float, attenuation: float) -> Array:
     """Return the taps of a low-pass by a Kaiser window: `cut` in units of the sample rate, 50 dB or more."""
-    cut *= 2  # of half the sample rate
-    middle, beta = 0.5 * (size - 1), 0.1102 * (attenuation - 8.7)
-    n = np.arange(size) - middle
-    kaiser = scipy.special.i0(beta * np.sqrt(1 - (n / middle) ** 2)) / scipy.special.i0(beta)
-    found = cut * np.sinc(cut * n) * kaiser
-    return np.asarray(found / found.sum())
+    n = np.arange(size) - 0.5 * (size - 1)
+    found = np.sinc(2 * cut * n) * np.kaiser(size, 0.1102 * (attenuation - 8.7))
+    return np.asarray(found / found.sum(), dtype=np.float64)
