@@ -105,7 +105,7 @@ class Expected(linear.Block):
     def R(self) -> Array:
         """As that of `linear.Block`."""
         rows = linear.rooted(self.jitter * np.mean(self.weights.fit))
-        return np.asarray(np.linalg.qr(np.concatenate([super().R, rows]), mode="r"))
+        return linear.triangle(np.concatenate([super().R, rows]))
 
     @cached_property
     def H(self) -> Array:

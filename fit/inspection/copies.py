@@ -128,7 +128,7 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
 
 @kept(8)  # the runs of a campaign have few lengths
 def _window(size: int) -> Array:
-    return np.asarray(windows.tukey(size, 0.1), dtype=np.float64)
+    return windows.tukey(size, 0.1)
 
 
 def _match(a: _Print, b: _Print, channel: str) -> Match | None:

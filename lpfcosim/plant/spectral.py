@@ -51,10 +51,9 @@ class Simulation:
         silent = replace(run, noise=Noise(), actuation=Actuation())
         glitches = drive.stream(silent) if struck else None  # the same in every draw
         self._n = run.n_samples // round(run.fs / planning.RATE)
-        self._mean = dict.fromkeys(channels, np.zeros(self._n))
-        if run.injections or struck:
-            responses = planning.response(run, glitches)
-            self._mean = {name: responses[name] for name in channels}
+        driven = run.injections or struck
+        responses = planning.response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
+        self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
         for set_point, rate in world_of(run).turns(run).items():
             follows = set_point.replace("attitude", "ast")
