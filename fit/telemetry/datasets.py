@@ -5,6 +5,7 @@ Every function raises `fit.errors.InputError`; its message names the file, the p
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -124,11 +125,43 @@ def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
 def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
     """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
     dataset = file[name]
-    values = _values(dataset, path, part)
-    _check_missing_value(dataset, values, f"{path}: channel {key(name)}", part.start or 0)
-    check_values(
-        f"{path}: channel {key(name)}", values, fs, part.start or 0, known=expected_unit(name) is not None
-    )
+    return _checked(_values(dataset, path, part), _fills(dataset), path, name, part, fs)
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A channel that lies in its file as it is, in one piece: it can be read without HDF5.
+
+    Attributes
+    ----------
+    begin, size : int
+        Its first byte, and its number of samples.
+    fills : mapping of str to object
+        Attributes by which a number stands for missing samples.
+    """
+
+    begin: int
+    size: int
+    fills: Mapping[str, object]
+
+    def read(self, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
+        """Return a part as `read_channel` does."""
+        return _checked(_stored(path, self.begin, self.size, part), self.fills, path, name, part, fs)
+
+
+def lying(file: h5py.File, name: str) -> Plain | None:
+    """Return where a channel lies in its file; None where HDF5 has to make it of what lies there."""
+    dataset = file[name]
+    begin = _begin(dataset)
+    return None if begin is None else Plain(begin, dataset.size, _fills(dataset))
+
+
+def _checked(
+    values: NDArray[np.float64], fills: Mapping[str, object], path: Path, name: str, part: slice, fs: float
+) -> NDArray[np.float64]:
+    place, start = f"{path}: channel {key(name)}", part.start or 0
+    _check_missing_value(fills, values, place, start)
+    check_values(place, values, fs, start, known=expected_unit(name) is not None)
     return values
 
 
@@ -159,13 +192,23 @@ def _values(dataset: h5py.Dataset, path: Path, part: slice) -> NDArray[np.float6
 
     HDF5 serves one thread at a time. What lies in the file as it is, in one piece, is read without it.
     """
-    begin = dataset.id.get_offset()
-    if begin is None or dataset.dtype != np.dtype("=f8"):
+    begin = _begin(dataset)
+    if begin is None:
         return np.asarray(dataset[part], dtype=np.float64)
-    first, end, _ = part.indices(dataset.size)
-    size = max(end - first, 0)
-    found = np.fromfile(path, dtype=np.float64, count=size, offset=begin + 8 * first)
-    if found.size < size:
+    return _stored(path, begin, dataset.size, part)
+
+
+def _begin(dataset: h5py.Dataset) -> int | None:
+    """Return the first byte of what lies in the file as it is, in one piece, else None."""
+    begin: int | None = dataset.id.get_offset()
+    return begin if dataset.dtype == np.dtype("=f8") else None
+
+
+def _stored(path: Path, begin: int, size: int, part: slice) -> NDArray[np.float64]:
+    first, end, _ = part.indices(size)
+    count = max(end - first, 0)
+    found = np.fromfile(path, dtype=np.float64, count=count, offset=begin + 8 * first)
+    if found.size < count:
         raise OSError(f"{path} ends before its datasets")
     return found
 
@@ -238,12 +281,17 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
             )
 
 
-def _check_missing_value(dataset: h5py.Dataset, values: NDArray[np.float64], place: str, start: int) -> None:
+def _fills(dataset: h5py.Dataset) -> Mapping[str, object]:
+    """Return the attributes by which something else than NaN stands for missing samples."""
+    told = {name: plain(dataset.attrs.get(name, math.nan)) for name in _MISSING}
+    return {name: fill for name, fill in told.items() if not (isinstance(fill, float) and math.isnan(fill))}
+
+
+def _check_missing_value(
+    fills: Mapping[str, object], values: NDArray[np.float64], place: str, start: int
+) -> None:
     """Refuse a number that stands for missing samples, if there are any."""
-    for name in _MISSING:
-        fill = plain(dataset.attrs.get(name, math.nan))
-        if isinstance(fill, float) and math.isnan(fill):
-            continue
+    for name, fill in fills.items():
         hit = np.isin(values, np.asarray(fill, dtype=np.float64)) if isinstance(fill, float | int) else True
         if np.any(hit):
             raise InputError(

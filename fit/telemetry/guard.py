@@ -10,9 +10,11 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from importlib import import_module
+from itertools import compress
 from pathlib import Path
 
 from fit.errors import InputError
@@ -26,7 +28,13 @@ Look = Callable[..., object]
 
 
 def check(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> None:
-    """Refuse files that cannot be read, or not within the limits.
+    """Refuse files that cannot be read, or not within the limits, as `passed`."""
+    for _ in passed(look, paths, more):
+        pass
+
+
+def passed(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> Iterator[Path]:
+    """Yield files as the other process gets through them.
 
     Parameters
     ----------
@@ -41,43 +49,61 @@ def check(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None 
     Raises
     ------
     InputError
-        For the first that is at fault.
+        For the first that cannot be read, or not within the limits.
     """
-    for refused in refusals(look, [path for path in paths if is_file(path)], more):
-        if refused is not None:
-            raise InputError(refused)
+    tried = [is_file(path) for path in paths]
+    with closing(refusals(look, [*compress(paths, tried)], more)) as said:
+        for path, seen in zip(paths, tried, strict=True):
+            refused = next(said) if seen else None
+            if refused is not None:
+                raise InputError(refused)
+            yield path
 
 
 def refusals(
     look: Look, files: Sequence[Path], more: Mapping[Path, object] | None = None
-) -> list[str | None]:
-    """Return why files are refused, None for sound ones, as far as the first that ends the process."""
+) -> Generator[str | None]:
+    """Yield why files are refused, None for sound ones, as far as the first that ends the process."""
     if not files:
-        return []
+        return
     allowance = PATIENCE + sum(path.stat().st_size for path in files) / _PACE
     calls = [[str(path), *([] if more is None else [more[path]])] for path in files]
-    with subprocess.Popen(
+    task = {"module": look.__module__, "name": look.__name__, "memory": MEMORY, "calls": calls}
+    told, late = 0, threading.Event()
+    with _process() as process:
+        assert process.stdin is not None and process.stdout is not None
+
+        def is_late() -> None:
+            late.set()
+            process.kill()
+
+        end = threading.Timer(allowance, is_late)
+        end.daemon = True
+        end.start()
+        try:
+            with suppress(BrokenPipeError), process.stdin as its:
+                its.write(json.dumps(task).encode())
+            for line in process.stdout:
+                if line.endswith((b"}\n", b"}\r\n")):
+                    yield json.loads(line)["refused"]
+                    told += 1
+            code = process.wait()
+        finally:
+            end.cancel()
+            process.kill()  # if nobody listens any more
+    if told < len(files):
+        how = f"is not done with in {allowance:.0f} s" if late.is_set() else _end(code)
+        yield f"{files[told]}: damaged: {how}, expected a file that can be read"
+
+
+def _process() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
         [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env=_environment(),
-    ) as process:
-        task = {"module": look.__module__, "name": look.__name__, "memory": MEMORY, "calls": calls}
-        try:
-            said, _ = process.communicate(json.dumps(task).encode(), timeout=allowance)
-            how = _end(process.returncode)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            said, _ = process.communicate()
-            how = f"is not done with in {allowance:.0f} s"
-        except BaseException:
-            process.kill()
-            raise
-    found = [json.loads(line)["refused"] for line in said.decode().splitlines() if line.endswith("}")]
-    if len(found) < len(files):
-        found.append(f"{files[len(found)]}: damaged: {how}, expected a file that can be read")
-    return found
+    )
 
 
 def _environment() -> Mapping[str, str]:

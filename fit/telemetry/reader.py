@@ -257,10 +257,10 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
         If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
     """
     found = files(paths)
-    if not own:
-        check(found)
+    # Files are read while the other process is at the next one.
+    read_ones = each(partial(read, own=True), found) if own else map(read, guard.passed(look, found))
     runs: dict[str, Telemetry] = {}
-    for telemetry in each(partial(read, own=own), found):
+    for telemetry in read_ones:
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(

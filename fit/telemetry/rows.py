@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.telemetry.contract import SCHEMA
-from fit.telemetry.datasets import Stored, in_parts, read_channel
+from fit.telemetry.datasets import Plain, Stored, in_parts, lying, read_channel
 from fit.telemetry.pieces import Row
 
 _WHOLE = 2**19  # samples; a channel of no more is read at once
+_State = tuple[int, int, int]  # of a file: inode, bytes, time it was written
 
 
 class OnDemand(Mapping[str, NDArray[np.float64]]):
@@ -23,12 +24,12 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
 
     def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
         self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
+        self._lying: dict[str, tuple[_State, Plain | None]] = {}
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         if name not in self._names:
             raise KeyError(name)
-        with opened(self._path) as file:
-            return read_channel(file, self._path, name, self._part, self._fs)
+        return self._read(name, self._part)
 
     def __contains__(self, name: object) -> bool:
         return name in self._names
@@ -43,16 +44,50 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
         """Return some of the samples of all of them."""
         first, last, _ = at.indices(sys.maxsize)
         begin, end, _ = self._part.indices(sys.maxsize)
-        return OnDemand(self._path, list(self), slice(begin + first, min(begin + last, end)), self._fs)
+        found = OnDemand(self._path, list(self), slice(begin + first, min(begin + last, end)), self._fs)
+        found._lying = self._lying
+        return found
 
     def row(self, name: str) -> Row:
         """Return a channel; a long one is read when parts of it are asked for."""
+        known = self._known(name)
+        if known is not None:
+            there = range(*self._part.indices(known.size))
+            whole = len(there) <= _WHOLE
+            return self._read(name, self._part) if whole else Stored(partial(self._read, name), there)
         with opened(self._path) as file:
             there = range(*self._part.indices(file[name].size))
             if len(there) <= _WHOLE or not in_parts(file[name]):
                 return read_channel(file, self._path, name, self._part, self._fs)
             kept = h5py.File(self._path, "r")  # while parts are asked for: to open it takes as long as one
         return Stored(partial(_read, kept, self._path, name, self._fs), there)
+
+    def _read(self, name: str, part: slice) -> NDArray[np.float64]:
+        known = self._known(name)
+        if known is None:
+            with opened(self._path) as file:
+                return read_channel(file, self._path, name, part, self._fs)
+        with _told(self._path):
+            return known.read(self._path, name, part, self._fs)
+
+    def _known(self, name: str) -> Plain | None:
+        """Return where a channel lies in the file as it is now; HDF5 is asked for it once."""
+        try:
+            state = _state(self._path)
+        except OSError:  # is told by who opens it
+            return None
+        before, known = self._lying.get(name, (None, None))
+        if before != state:
+            with opened(self._path) as file:
+                known = lying(file, name)
+            self._lying[name] = state, known
+        return known
+
+
+def _state(path: Path) -> _State:
+    """Return what tells that a file is another one, or was written again."""
+    found = path.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _read(file: h5py.File, path: Path, name: str, fs: float, part: slice) -> NDArray[np.float64]:

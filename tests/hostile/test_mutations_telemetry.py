@@ -66,7 +66,7 @@ def all_refusals(look: probe.Look, files: list[Path], *more: dict[Path, None]) -
     """Look at many files, with as few processes as they leave."""
     found: dict[Path, str | None] = {}
     while files:
-        said = refusals(look, files, *more)
+        said = list(refusals(look, files, *more))
         found.update(zip(files, said, strict=False))
         files = files[len(said) :]
     return found
@@ -412,5 +412,5 @@ def test_own_files_are_not_tried(file, monkeypatch):
 
 
 def test_json_of_the_other_process_is_one_line_a_file(file):
-    assert refusals(telemetry.look, [file, file]) == [None, None]
+    assert [*refusals(telemetry.look, [file, file])] == [None, None]
     assert json.dumps({"refused": None}).endswith("}")
