@@ -143,13 +143,17 @@ class Estimator:
 def _starts(f: Array, power: Array) -> NDArray[np.intp]:
     """Return the first ordinate of every bin."""
     starts = np.flatnonzero(np.diff(np.floor(BINS_PER_DECADE * np.log10(f)), prepend=-np.inf))
+    ends = np.append(starts[1:], f.size)
+    n = ends - starts
+    # noise has exponentially distributed ordinates, whose median knows nothing of a few large ones
+    limits = np.maximum.reduceat(power, starts) * math.log(2) / np.log(n / CHANCE)
+    small = np.add.reduceat(power < np.repeat(limits, n), starts, dtype=np.intp)
     more: list[int] = []
-    for begin, end in zip(starts, [*starts[1:], f.size], strict=True):
-        ordinates, n = power[begin:end], end - begin
-        # noise has exponentially distributed ordinates, whose median knows nothing of a few large ones
-        if n > 4 * BESIDE and ordinates.max() > np.median(ordinates) / math.log(2) * math.log(n / CHANCE):
-            peak = begin + int(np.argmax(ordinates))
-            more += range(max(begin, peak - BESIDE), min(end, peak + BESIDE + 2))
+    for i in np.flatnonzero((n > 4 * BESIDE) & (2 * small >= n)):
+        ordinates = power[starts[i] : ends[i]]
+        if np.median(ordinates) < limits[i]:
+            peak = starts[i] + int(np.argmax(ordinates))
+            more += range(max(starts[i], peak - BESIDE), min(ends[i], peak + BESIDE + 2))
     return np.union1d(starts, np.array([s for s in more if s < f.size], dtype=starts.dtype))
 
 

@@ -39,6 +39,8 @@ class Writer:
         Refuse values that are not.
     alphabetical : bool
         Of a channel, write what it is before its unit; the order is part of the bytes.
+    settled : bool
+        Have the file on disk before it has its name. To wait for the disk is no use where it gets another.
 
     Raises
     ------
@@ -57,8 +59,9 @@ class Writer:
         truths: Mapping[str, tuple[Array, str]] | None = None,
         finite: bool = False,
         alphabetical: bool = False,
+        settled: bool = True,
     ) -> None:
-        self._path = path
+        self._path, self._settled = path, settled
         self._partial = atomic.temporary(path)
         self._size, self._done, self._finite = size, 0, finite
         self._channels: dict[str, h5py.Dataset] = {}
@@ -124,7 +127,7 @@ class Writer:
                 if kind is None:
                     if self._done != self._size:
                         raise FitError(f"{self._done} samples came, expected {self._size}")
-                    atomic.settle(self._partial, self._path)
+                    (atomic.settle if self._settled else Path.replace)(self._partial, self._path)
         finally:
             self._discard()
 

@@ -5,12 +5,14 @@ the same bits.
 """
 
 from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.master import Engine, Where
 from lpfcosim.cosim.placement import driver, interfaces
 
 __all__ = [
     "Engine",
     "Interface",
+    "Shelf",
     "Where",
     "archive",
     "checks",

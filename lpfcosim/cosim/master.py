@@ -17,6 +17,7 @@ from fmpy.fmi1 import FMICallException
 
 from lpfcosim.cosim import compiled
 from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.errors import RunError
 from lpfcosim.network import Component
@@ -71,7 +72,11 @@ class Where(ctypes.Structure):
 
 
 def blocks(
-    run: Run, found: Sequence[Interface], engine: Engine = "compiled", where: Where | None = None
+    run: Run,
+    found: Sequence[Interface],
+    engine: Engine = "compiled",
+    where: Where | None = None,
+    shelf: Shelf | None = None,
 ) -> Iterator[dict[str, Array]]:
     """Co-simulate one run, a block of at most `BLOCK` samples at a time.
 
@@ -85,6 +90,8 @@ def blocks(
         Which loop steps the FMUs.
     where : Where, optional
         Kept up to date.
+    shelf : Shelf, optional
+        Where the libraries of our own FMUs come from and go to.
 
     Yields
     ------
@@ -101,7 +108,7 @@ def blocks(
     where = where or Where()
     where.reset()
     with contextlib.ExitStack() as stack:
-        slaves = start(stack, run, found, where)
+        slaves = start(stack, run, found, where, shelf)
         with refusing(run.name, slaves):
             yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
 
@@ -117,23 +124,20 @@ def refusing(run: str, slaves: Iterable[Slave]) -> Iterator[None]:
 
 
 def start(
-    stack: contextlib.ExitStack, run: Run, found: Iterable[Interface], where: Where | None = None
+    stack: contextlib.ExitStack,
+    run: Run,
+    found: Iterable[Interface],
+    where: Where | None = None,
+    shelf: Shelf | None = None,
 ) -> list[Slave]:
     """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
     where = where or Where()
     values = world_of(run).parameters(run)
     slaves = []
     for where.slave, i in enumerate(found):
-        slave = Slave(
-            stack,
-            i.archive,
-            i.model,
-            i.parameters(values[i.model]),
-            i.inputs,
-            i.outputs,
-            guarded=i.replacement is not None,
-        )
-        slaves.append(slave)
+        its = i.archive, i.model, i.parameters(values[i.model]), i.inputs, i.outputs
+        theirs = i.replacement is not None
+        slaves.append(Slave(stack, *its, guarded=theirs, shelf=None if theirs else shelf))
     return slaves
 
 

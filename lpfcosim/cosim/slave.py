@@ -6,19 +6,16 @@ import contextlib
 import ctypes
 import logging
 import math
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import fmpy
 from fmpy import fmi2
 from fmpy.fmi1 import FMICallException, printLogMessage
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
 
 from fit.errors import quote
+from lpfcosim.cosim import loaded
 from lpfcosim.cosim.interface import describe, resolve, size
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.messages import line
@@ -26,8 +23,6 @@ from lpfcosim.messages import line
 _messages = logging.getLogger(__name__)
 
 _MOST = 10_000  # elements of an array
-# Of an archive, what is for people and tools: an instance is told of its resources alone.
-_UNUSED = ("sources/", "documentation/", "extra/", "terminalsAndIcons/")
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
 
@@ -69,6 +64,8 @@ class Slave:
 
     guarded : bool
         Look at every output of a step: it must be finite.
+    shelf : Shelf, optional
+        Where libraries come from and go to.
 
     Attributes
     ----------
@@ -94,6 +91,7 @@ class Slave:
         outputs: Sequence[str],
         *,
         guarded: bool = False,
+        shelf: loaded.Shelf | None = None,
     ) -> None:
         self.name = name
         self.guarded = guarded
@@ -102,25 +100,16 @@ class Slave:
         description = describe(archive)
         if description.coSimulation is None:
             raise InputError(f"{archive}: expected an FMU for co-simulation")
-        folder = _unpack(stack, archive)
         self.version = int(description.fmiVersion[0])
         self._variables = {v.name: v for v in description.modelVariables}
         self.inputs, self.outputs = self._port(inputs), self._port(outputs)
         settings = self._settings(parameters)
-        kind = FMU2Slave if self.version == 2 else FMU3Slave
+        self.fmu = (shelf.library if shelf else loaded.anew)(stack, archive, description, name)
         try:
-            with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load
-                self.fmu = kind(
-                    instanceName=name,
-                    guid=description.guid,
-                    unzipDirectory=folder,
-                    modelIdentifier=description.coSimulation.modelIdentifier,
-                )
-            stack.callback(self.fmu.freeLibrary)
             self._instantiate(stack)
             stack.callback(self._free)
-        except Exception as error:  # likewise bare
-            why = line(error).replace(folder, str(archive))
+        except Exception as error:  # as bare as FMPy has it
+            why = line(error).replace(self.fmu.unzipDirectory, str(archive))
             raise InputError(f"{archive}: cannot be loaded: {why}{self.reason}") from None
         try:
             self._initialize(settings)
@@ -241,19 +230,6 @@ class Slave:
             self.fmu.fmi2GetReal(self.fmu.component, port.references, n, port.values)
         else:
             self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, len(port.values))
-
-
-def _unpack(stack: contextlib.ExitStack, archive: Path) -> str:
-    """Extract an archive to a folder that goes with ``stack``."""
-    try:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-        fmpy.extract(str(archive), folder, include=lambda name: not name.startswith(_UNUSED))
-    except OSError as error:
-        place = f"{archive}: cannot be unpacked in {tempfile.gettempdir()}"
-        raise RunError(f"{place}: {error.strerror or error}") from None
-    except Exception as error:  # FMPy and zipfile
-        raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
-    return folder
 
 
 _listening: dict[int, Slave] = {}  # FMI 2.0 instances by what they pass to the logger

@@ -14,7 +14,7 @@ from typing import Any
 from fit.files import atomic
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import compiled, master, placement
+from lpfcosim.cosim import Shelf, compiled, master, placement
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.modelica import engine_library
 from lpfcosim.plant import saturation
@@ -293,8 +293,9 @@ def record(
     origin: Mapping[str, str | int | float],
     engine: master.Engine = "compiled",
     where: master.Where | None = None,
+    shelf: Shelf | None = None,
 ) -> None:
-    """Simulate one run into a telemetry file, block by block.
+    """Simulate one run into a telemetry file, block by block; to have it settled is left to who keeps it.
 
     The attribute ``saturated_samples`` counts the samples with a command at its limit, if there are any.
     """
@@ -302,11 +303,11 @@ def record(
     world = world_of(run)
     found = placement.interfaces(run, fmus)
     untold = world.untold(run, placement.ignored(found))
-    with telemetry.writer(path, run, world.record, origin, untold) as writer:
+    with telemetry.writer(path, run, world.record, origin, untold, settled=False) as writer:
 
         def told() -> Iterator[Mapping[str, master.Array]]:
             nonlocal saturated
-            for block in master.blocks(run, found, engine, where):
+            for block in master.blocks(run, found, engine, where, shelf):
                 saturated += saturation.count(run, block)
                 yield block
 
@@ -330,6 +331,8 @@ def processors() -> int:
 
 # In a worker -------------------------------------------------------------------------------------------
 
+_SHELF = Shelf()
+
 
 def _simulate(
     run: Run, fmus: Mapping[str, Path], path: Path, origin: Origin, engine: master.Engine, where: master.Where
@@ -337,7 +340,7 @@ def _simulate(
     """Simulate a run into a file that the main process gives its name."""
     partial = atomic.temporary(path)
     try:
-        record(run, fmus, partial, origin, engine, where)
+        record(run, fmus, partial, origin, engine, where, _SHELF)
     except RunError as error:  # which may name the file
         raise RunError(str(error).replace(partial.name, path.name)) from None
     return Finished(partial, digest(partial))

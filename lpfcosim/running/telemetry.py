@@ -42,6 +42,8 @@ def writer(
     names: Collection[str],
     provenance: Mapping[str, str | int | float],
     untold: Container[str] = (),
+    *,
+    settled: bool = True,
 ) -> Iterator[Recording]:
     """Write a run's telemetry, in memory that does not grow with the run.
 
@@ -59,6 +61,8 @@ def writer(
         Further root attributes: version, digests, seed.
     untold : container of str
         Parameters of which the run's truth is not what was simulated; they stay out of /truth.
+    settled : bool
+        As of `Writer`.
 
     Raises
     ------
@@ -84,6 +88,7 @@ def writer(
             truths=events.truths(run),
             finite=True,
             alphabetical=True,
+            settled=settled,
         ) as file,
     ):
         yield Recording(file, run, grid)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.errors import InputError
-from fit.telemetry import rows
+from fit.telemetry import reader, rows
 from fit.telemetry.reader import read, read_all, read_stretch, read_truth
 from tests.oracles.contract_file import UNITS, write_contract_file
 
@@ -415,3 +415,36 @@ def test_a_long_channel_is_read_part_by_part_as_it_is_read_whole(tmp_path, monke
         assert np.array_equal(some.channels["o_1"], found[10:120])
         assert np.array_equal(some.time, (begin + np.arange(10, 120)) / 10)
     assert np.array_equal(read(path).row("time")[10:20], np.arange(10, 20) / 10)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_file_that_was_written_again_is_read_as_it_is_now(tmp_path, monkeypatch, whole):
+    """Where a channel lies is remembered, but of the file that was looked at."""
+    monkeypatch.setattr(rows, "_WHOLE", N if whole else 50)
+    path = write_contract_file(tmp_path / "A1.h5", samples=N, channels={"o_1": (np.arange(N) / 8, "m")})
+    run = read(path)
+    assert np.array_equal(run.row("o_1")[:], np.arange(N) / 8)
+    another = write_contract_file(
+        tmp_path / "other.h5",
+        samples=N,
+        channels={"before": (np.zeros(N), "1"), "o_1": (-np.arange(N) / 8, "m")},
+    )
+    another.replace(path)
+    assert np.array_equal(run.row("o_1")[:], -np.arange(N) / 8)
+    assert np.array_equal(run.channels["o_1"], -np.arange(N) / 8)
+    with path.open("rb+") as file:
+        file.truncate(path.stat().st_size // 2)
+    for ask in (lambda: run.row("o_1")[:], lambda: run.channels["o_1"]):
+        with pytest.raises(InputError, match="damaged"):
+            ask()
+
+
+def test_files_are_read_while_the_other_process_tries_the_next(tmp_path, monkeypatch):
+    """What is wrong with a file is told once all before it were read, whichever process finds it."""
+    good, bad = (write_contract_file(tmp_path / f"{name}.h5", samples=N) for name in ("A1", "A2"))
+    bad.write_bytes(b"no telemetry")
+    seen = []
+    monkeypatch.setattr(reader, "read", lambda path, **_: seen.append(path) or read(path))
+    with pytest.raises(InputError, match=r"A2\.h5: not HDF5"):
+        reader.read_all([good, bad, tmp_path / "none.h5"])
+    assert seen == [good]

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import tempfile
 import zipfile
 
 import fmpy
@@ -93,7 +94,7 @@ def test_only_what_an_instance_can_reach_is_unpacked(tmp_path, monkeypatch, fmi)
         more.writestr("extra/org.example/table.csv", "1\n")
     folder = tmp_path / "unpacked"
     folder.mkdir()
-    monkeypatch.setattr(slave.tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
     with contextlib.ExitStack() as stack:
         slave.Slave(stack, path, MODEL, {"delta_ifo": 0.0}, ["x_1"], ["o_1"])
         files = {file.relative_to(folder).parts[1] for file in folder.rglob("*") if file.is_file()}

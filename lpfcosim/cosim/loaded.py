@@ -1,0 +1,99 @@
+"""An FMU's library, unpacked and loaded by FMPy: anew for every instance, or one after the other."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from pathlib import Path
+from typing import Any, Self
+
+import fmpy
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.messages import line
+
+# Of an archive, what is for people and tools: an instance is told of its resources alone.
+_UNUSED = ("sources/", "documentation/", "extra/", "terminalsAndIcons/")
+
+
+def anew(stack: contextlib.ExitStack, archive: Path, description: Any, name: str) -> Any:
+    """Unpack and load an FMU for an instance of this name; ``stack`` frees it.
+
+    Whatever an earlier instance left behind in its library or its folder is gone.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or loaded.
+    RunError
+        If there is no room to unpack it.
+    """
+    folder = _unpack(stack, archive)
+    kind = FMU2Slave if description.fmiVersion.startswith("2") else FMU3Slave
+    try:
+        with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load
+            library = kind(
+                instanceName=name,
+                guid=description.guid,
+                unzipDirectory=folder,
+                modelIdentifier=description.coSimulation.modelIdentifier,
+            )
+    except Exception as error:  # as bare as FMPy has it
+        why = line(error).replace(folder, str(archive))
+        raise InputError(f"{archive}: cannot be loaded: {why}") from None
+    stack.callback(library.freeLibrary)
+    return library
+
+
+class Shelf:
+    """Libraries of our own FMUs between an instance and the next, for a process that simulates many runs.
+
+    To unpack and load one takes as long as an hour of simulation, and ours remember nothing of an instance.
+    At the end of a ``with`` statement they are freed; of a process that is killed, another one removes the
+    temporary files.
+    """
+
+    def __init__(self) -> None:
+        self._idle: dict[tuple[Path, int, int, str], list[tuple[Any, contextlib.ExitStack]]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for idle in self._idle.values():
+            while idle:
+                idle.pop()[1].close()
+
+    def library(self, stack: contextlib.ExitStack, archive: Path, description: Any, name: str) -> Any:
+        """Do as `anew`, but take what a finished instance of the same archive had, if there is one."""
+        status = archive.stat()
+        idle = self._idle.setdefault((archive, status.st_mtime_ns, status.st_size, name), [])
+        if idle:
+            library, its = idle.pop()
+        else:
+            its = contextlib.ExitStack()
+            library = anew(its, archive, description, name)
+
+        def finished(failed: type[BaseException] | None, *_: object) -> None:
+            if failed is None:
+                idle.append((library, its))
+            else:
+                its.close()
+
+        stack.push(finished)
+        return library
+
+
+def _unpack(stack: contextlib.ExitStack, archive: Path) -> str:
+    """Extract an archive to a folder that goes with ``stack``."""
+    try:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+        fmpy.extract(str(archive), folder, include=lambda name: not name.startswith(_UNUSED))
+    except OSError as error:
+        place = f"{archive}: cannot be unpacked in {tempfile.gettempdir()}"
+        raise RunError(f"{place}: {error.strerror or error}") from None
+    except Exception as error:  # FMPy and zipfile
+        raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
+    return folder

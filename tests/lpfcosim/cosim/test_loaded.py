@@ -1,0 +1,84 @@
+"""Libraries that one run leaves to the next."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lpfcosim.cosim import Shelf, interfaces, master
+from lpfcosim.errors import RunError
+from lpfcosim.modelica import build
+from lpfcosim.spacecraft import Replacement
+from lpfcosim.spacecraft.run import Authority
+from tests.lpfcosim.cosim import in_memory
+
+pytestmark = pytest.mark.fmu
+
+LOOP = 5  # FMUs along x
+
+
+@pytest.fixture(params=["2.0", "3.0"])
+def fmus(request):
+    return build.build(fmi=request.param)
+
+
+@pytest.fixture
+def folders(tmp_path, monkeypatch):
+    """Count the folders of unpacked FMUs."""
+    place = tmp_path / "unpacked"
+    place.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(place))
+    return lambda: len(os.listdir(place))  # noqa: PTH208
+
+
+@pytest.fixture
+def shelf():
+    with Shelf() as found:
+        yield found
+
+
+def simulate(run, fmus, shelf):
+    return list(master.blocks(run, interfaces(run, fmus), shelf=shelf))
+
+
+def test_a_run_is_the_same_whoever_had_the_libraries_before(fmus, make_run, folders, shelf):
+    first, second = (make_run(n_samples=2500, seed=seed) for seed in (1, 2))
+    simulate(first, fmus, shelf)
+    assert folders() == LOOP
+    again = simulate(second, fmus, shelf)
+    assert folders() == LOOP
+    for name, expected in in_memory.simulate(second, fmus).items():
+        assert np.array_equal(np.concatenate([block[name] for block in again]), expected), name
+
+
+def test_two_runs_at_once_have_libraries_of_their_own(fmus, make_run, folders, shelf):
+    run = make_run(n_samples=2500)
+    one, other = (master.blocks(run, interfaces(run, fmus), shelf=shelf) for _ in range(2))
+    for block, beside in zip(one, other, strict=True):
+        assert all(np.array_equal(block[name], beside[name]) for name in block)
+    assert folders() == 2 * LOOP
+
+
+def test_what_a_run_failed_with_is_not_used_again(fmus, make_run, folders, shelf):
+    failing = make_run(n_samples=6000, dc=1e-9, authority=Authority("low", 0, 50e-12, 1e-12, 1e-12))
+    simulate(make_run(n_samples=10), fmus, shelf)
+    with pytest.raises(RunError):
+        simulate(failing, fmus, shelf)
+    assert folders() == 0
+
+
+def test_an_archive_that_was_built_anew_is_loaded_anew(make_run, folders, shelf, tmp_path):
+    fmus = {model: Path(shutil.copy(path, tmp_path)) for model, path in build.build().items()}
+    run = make_run(n_samples=10)
+    simulate(run, fmus, shelf)
+    os.utime(fmus["Plant"], ns=(1, 1))
+    simulate(run, fmus, shelf)
+    assert folders() == LOOP + 1
+
+
+def test_an_fmu_of_somebody_else_is_never_used_twice(fmus, make_run, folders, shelf):
+    run = make_run(n_samples=10, replacements=(Replacement("Plant", fmus["Plant"]),))
+    simulate(run, fmus, shelf)
+    assert folders() == LOOP - 1
