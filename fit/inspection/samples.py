@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit.inspection import authority
@@ -297,10 +298,19 @@ def _sizes(x: Row, weights: Array, reached: NDArray[np.bool_] | None) -> _Sizes:
     """Return what a stencil finds in a channel, zero where it is `reached` by what is missing."""
 
     def found(at: slice) -> Array:
-        size = np.correlate(x[at.start : at.stop + weights.size - 1], weights, mode="valid")
+        size = _correlated(x[at.start : at.stop + weights.size - 1], weights)
         return size if reached is None else np.where(reached[at], 0.0, size)
 
     return found
+
+
+def _correlated(x: Array, weights: Array) -> Array:
+    """Return the valid part of a correlation, as `numpy.correlate` in four times the time."""
+    m = weights.size + 1
+    rows = x[: x.size // m * m].reshape(-1, m)
+    band = sliding_window_view(np.pad(weights, (m - 1, m + 1)), m)[:, ::-1]  # of two rows, shape (2 m, m)
+    found = (rows[:-1] @ band[:m] + rows[1:] @ band[m:]).ravel()
+    return np.concatenate([found, np.correlate(x[found.size :], weights, mode="valid")])
 
 
 def _largest(size: _Sizes, n: int, limit: float) -> int | None:

@@ -283,7 +283,7 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
 
 def _fills(dataset: h5py.Dataset) -> Mapping[str, object]:
     """Return the attributes by which something else than NaN stands for missing samples."""
-    told = {name: plain(dataset.attrs.get(name, math.nan)) for name in _MISSING}
+    told = {name: plain(dataset.attrs[name]) for name in _MISSING if name in dataset.attrs}
     return {name: fill for name, fill in told.items() if not (isinstance(fill, float) and math.isnan(fill))}
 
 

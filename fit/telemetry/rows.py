@@ -71,17 +71,15 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
             return known.read(self._path, name, part, self._fs)
 
     def _known(self, name: str) -> Plain | None:
-        """Return where a channel lies in the file as it is now; HDF5 is asked for it once."""
+        """Return where a channel lies in the file as it is now; HDF5 is asked once, for all of them."""
         try:
             state = _state(self._path)
         except OSError:  # is told by who opens it
             return None
-        before, known = self._lying.get(name, (None, None))
-        if before != state:
+        if self._lying.get(name, (None, None))[0] != state:
             with opened(self._path) as file:
-                known = lying(file, name)
-            self._lying[name] = state, known
-        return known
+                self._lying.update({n: (state, lying(file, n)) for n in self._names})
+        return self._lying[name][1]
 
 
 def _state(path: Path) -> _State:

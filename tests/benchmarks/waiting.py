@@ -43,9 +43,11 @@ COMMANDS = {
     "start": ("--version",),
 }
 OF_COMMANDS = "mission-x"
-PAUSE = 0.02  # s between two looks at the processes
+PAUSE = 0.05  # s between two looks at the processes
+SHARED = 10  # looks, of which one tells pages that are shared: that stops a process for milliseconds
 BEGIN, END = "<!-- from waiting.py -->", "<!-- end of waiting.py -->"
 TICK = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+PAGE = os.sysconf("SC_PAGE_SIZE") / 2**20 if hasattr(os, "sysconf") else 2**-8  # MB
 Figures = dict[str, dict[str, float]]  # by stage: s, cpu, mb, mb_all
 
 
@@ -67,20 +69,22 @@ class Watched:
     peak: float = 0.0
     peak_all: float = 0.0
     _cpu: dict[int, float] = field(default_factory=dict)
+    _looks: int = 0
 
     @property
     def cpu(self) -> float:
         return sum(self._cpu.values())
 
     def look(self) -> None:
-        sizes, share = [], 0.0
+        sizes, share, shares = [], 0.0, self._looks % SHARED == 0
+        self._looks += 1
         for pid in _family(self.pid):
             with suppress(OSError, ValueError, IndexError):  # of one that has just ended
                 fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
                 self._cpu[pid] = (int(fields[11]) + int(fields[12])) / TICK
-                said = Path(f"/proc/{pid}/smaps_rollup").read_text()
-                sizes.append(_kilobytes("Rss", said) / 1024)
-                share += _kilobytes("Pss", said) / 1024
+                sizes.append(int(fields[21]) * PAGE)
+                if shares:
+                    share += _kilobytes("Pss", Path(f"/proc/{pid}/smaps_rollup").read_text()) / 1024
         self.peak, self.peak_all = max(self.peak, *sizes, 0.0), max(self.peak_all, share)
 
     def turned(self) -> tuple[float, float]:

@@ -248,3 +248,11 @@ def test_samples_that_are_interpolated_in_most_runs_spoil_the_fit():
     assert fault.experiment == "D"
     assert "D-sysid.h5: f_x_2 is interpolated: one sample in every 12" in fault.reason
     assert not [n for n in found.notes if n.code == "interpolated"]
+
+
+@pytest.mark.parametrize("size", [31, 32, 63, 64, 65, 1000, 4097])
+def test_a_correlation_by_products_of_matrices(size):
+    rng = np.random.default_rng(size)
+    x, weights = rng.standard_normal(size), rng.standard_normal(31)
+    wanted = np.correlate(x, weights, mode="valid")
+    np.testing.assert_allclose(samples._correlated(x, weights), wanted, rtol=0, atol=1e-13)
