@@ -305,10 +305,10 @@ def _sizes(x: Row, weights: Array, reached: NDArray[np.bool_] | None) -> _Sizes:
 
 
 def _correlated(x: Array, weights: Array) -> Array:
-    """Return the valid part of a correlation, as `numpy.correlate` in four times the time."""
+    """Return the valid part of a correlation of finite values; `numpy.correlate` takes four times as long."""
     m = weights.size + 1
     rows = x[: x.size // m * m].reshape(-1, m)
-    band = sliding_window_view(np.pad(weights, (m - 1, m + 1)), m)[:, ::-1]  # of two rows, shape (2 m, m)
+    band = sliding_window_view(np.pad(weights, (m - 1, m + 1)), m)[:, ::-1].copy()  # of two rows: (2 m, m)
     found = (rows[:-1] @ band[:m] + rows[1:] @ band[m:]).ravel()
     return np.concatenate([found, np.correlate(x[found.size :], weights, mode="valid")])
 

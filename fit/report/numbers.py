@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import groupby, pairwise
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from fit.figures import Axis, Chart, Curve, Note, Panel, Points, Span
@@ -235,9 +235,9 @@ def _cells(tag: str, texts: Sequence[str], widths: Sequence[int] = (), **attribu
     found = []
     for text, width in zip(texts, widths or [1] * len(texts), strict=True):
         told = attributes | ({"colspan": str(width)} if width > 1 else {})
-        inside = Markup().join(Markup(' {}="{}"').format(*item) for item in told.items())
-        found.append(Markup("<{0}{1}>{2}</{0}>").format(tag, inside, text))
-    return Markup().join(found)
+        inside = "".join(f' {name}="{escape(value)}"' for name, value in told.items())
+        found.append(f"<{tag}{inside}>{escape(text)}</{tag}>")
+    return Markup("".join(found))
 
 
 def _table(caption: str, head: Sequence[Markup], body: Sequence[Markup]) -> Markup:

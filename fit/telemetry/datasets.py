@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import h5py
 import numpy as np
@@ -144,16 +145,19 @@ class Plain:
     size: int
     fills: Mapping[str, object]
 
-    def read(self, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
+    def read(self, file: BinaryIO, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
         """Return a part as `read_channel` does."""
-        return _checked(_stored(path, self.begin, self.size, part), self.fills, path, name, part, fs)
+        return _checked(_stored(file, path, self.begin, self.size, part), self.fills, path, name, part, fs)
 
 
-def lying(file: h5py.File, name: str) -> Plain | None:
-    """Return where a channel lies in its file; None where HDF5 has to make it of what lies there."""
-    dataset = file[name]
-    begin = _begin(dataset)
-    return None if begin is None else Plain(begin, dataset.size, _fills(dataset))
+def lying(file: h5py.File, channels: Iterable[str]) -> dict[str, Plain | None]:
+    """Return where channels lie in their file; None where HDF5 has to make one of what lies there."""
+    found = dict[str, Plain | None]()
+    for name in channels:
+        dataset = file[name]
+        begin = _begin(dataset)
+        found[name] = None if begin is None else Plain(begin, dataset.size, _fills(dataset))
+    return found
 
 
 def _checked(
@@ -195,7 +199,8 @@ def _values(dataset: h5py.Dataset, path: Path, part: slice) -> NDArray[np.float6
     begin = _begin(dataset)
     if begin is None:
         return np.asarray(dataset[part], dtype=np.float64)
-    return _stored(path, begin, dataset.size, part)
+    with path.open("rb") as file:
+        return _stored(file, path, begin, dataset.size, part)
 
 
 def _begin(dataset: h5py.Dataset) -> int | None:
@@ -204,10 +209,10 @@ def _begin(dataset: h5py.Dataset) -> int | None:
     return begin if dataset.dtype == np.dtype("=f8") else None
 
 
-def _stored(path: Path, begin: int, size: int, part: slice) -> NDArray[np.float64]:
+def _stored(file: BinaryIO, path: Path, begin: int, size: int, part: slice) -> NDArray[np.float64]:
     first, end, _ = part.indices(size)
     count = max(end - first, 0)
-    found = np.fromfile(path, dtype=np.float64, count=count, offset=begin + 8 * first)
+    found = np.fromfile(file, dtype=np.float64, count=count, offset=begin + 8 * first)
     if found.size < count:
         raise OSError(f"{path} ends before its datasets")
     return found

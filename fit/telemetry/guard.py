@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, suppress
 from importlib import import_module
 from itertools import compress
@@ -33,7 +33,7 @@ def check(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None 
         pass
 
 
-def passed(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> Iterator[Path]:
+def passed(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> Generator[Path]:
     """Yield files as the other process gets through them.
 
     Parameters
@@ -74,14 +74,15 @@ def refusals(
         assert process.stdin is not None and process.stdout is not None
 
         def is_late() -> None:
-            late.set()
-            process.kill()
+            if process.poll() is None:
+                late.set()
+                process.kill()
 
         end = threading.Timer(allowance, is_late)
         end.daemon = True
         end.start()
         try:
-            with suppress(BrokenPipeError), process.stdin as its:
+            with suppress(OSError), process.stdin as its:
                 its.write(json.dumps(task).encode())
             for line in process.stdout:
                 if line.endswith((b"}\n", b"}\r\n")):

@@ -5,6 +5,7 @@ Sample n holds the read-outs at ``time[n]`` and the commands computed from them 
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -19,10 +20,10 @@ from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
-from fit.telemetry.datasets import channel_names, channel_units, check_missing, plain, read_time
+from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
 from fit.telemetry.pieces import Row, pieces
 from fit.telemetry.rows import OnDemand, opened
-from fit.threads import each
+from fit.threads import each, tell
 
 if TYPE_CHECKING:
     import xarray
@@ -201,7 +202,12 @@ def another_stretch(telemetry: Telemetry, start: int, stop: int | None) -> Telem
     part = slice(start, stop)
     with opened(telemetry.path) as file:
         time = read_time(file, telemetry.path, telemetry.fs, part)
-        channels = OnDemand(telemetry.path, list(telemetry.units), part, telemetry.fs)
+        of_file = telemetry.channels
+        channels = (
+            of_file.stretch(part)
+            if isinstance(of_file, OnDemand)
+            else OnDemand(telemetry.path, lying(file, telemetry.units), part, telemetry.fs)
+        )
         return replace(telemetry, time=time, channels=channels)  # type: ignore[arg-type]  # see TimeAxis
 
 
@@ -257,10 +263,8 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
         If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
     """
     found = files(paths)
-    # Files are read while the other process is at the next one.
-    read_ones = each(partial(read, own=True), found) if own else map(read, guard.passed(look, found))
     runs: dict[str, Telemetry] = {}
-    for telemetry in read_ones:
+    for telemetry in each(partial(read, own=True), found) if own else _tried(found):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -268,6 +272,14 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
                 "expected unique names"
             )
     return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
+
+
+def _tried(found: Sequence[Path]) -> Iterator[Telemetry]:
+    """Read files while another process tries the next."""
+    with closing(guard.passed(look, found)) as sound:
+        for n, path in enumerate(sound, 1):
+            yield read(path)
+            tell(n / len(found))
 
 
 def inertial_period(telemetry: Telemetry) -> str:
@@ -380,7 +392,7 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
         path=path,
         **root.model_dump(include=set(Root.model_fields)),
         time=time,  # type: ignore[arg-type]  # see TimeAxis
-        channels=OnDemand(path, list(units), part, root.fs),
+        channels=OnDemand(path, lying(file, units), part, root.fs),
         units=units,
         attributes=dict(root.model_extra or {}),
         long_names=channel_names(file, units),

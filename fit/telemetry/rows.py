@@ -1,7 +1,8 @@
 """Channels of a file, read when they are asked for, and part by part: of weeks, one fills the memory."""
 
+import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -12,50 +13,69 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.telemetry.contract import SCHEMA
-from fit.telemetry.datasets import Plain, Stored, in_parts, lying, read_channel
+from fit.telemetry.datasets import Plain, Stored, in_parts, read_channel
 from fit.telemetry.pieces import Row
 
 _WHOLE = 2**19  # samples; a channel of no more is read at once
-_State = tuple[int, int, int]  # of a file: inode, bytes, time it was written
+State = tuple[int, int, int]  # of a file: inode, bytes, time it was written
 
 
 class OnDemand(Mapping[str, NDArray[np.float64]]):
-    """A part of the channels of a file, each read anew whenever it is asked for."""
+    """A part of the channels of a file, each read anew whenever it is asked for.
 
-    def __init__(self, path: Path, names: Sequence[str], part: slice, fs: float) -> None:
-        self._path, self._names, self._part, self._fs = path, dict.fromkeys(names), part, fs
-        self._lying: dict[str, tuple[_State, Plain | None]] = {}
+    That the file is still the one of the beginning is made sure of: parts of two would look like one.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    places : mapping of str to Plain or None
+        Where its channels lie, see `datasets.lying`.
+    part : slice
+        Of their samples.
+    fs : float
+        Sample rate [Hz].
+    of : tuple, optional
+        The state of the file that is meant; by default what it is now.
+    """
+
+    def __init__(
+        self, path: Path, places: Mapping[str, Plain | None], part: slice, fs: float, of: State | None = None
+    ) -> None:
+        self._path, self._places, self._part, self._fs = path, places, part, fs
+        self._state = of or _state(path.stat())
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
-        if name not in self._names:
-            raise KeyError(name)
         return self._read(name, self._part)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._names
+        return name in self._places
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(self._places)
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self._places)
 
     def part(self, at: slice) -> "OnDemand":
         """Return some of the samples of all of them."""
         first, last, _ = at.indices(sys.maxsize)
         begin, end, _ = self._part.indices(sys.maxsize)
-        found = OnDemand(self._path, list(self), slice(begin + first, min(begin + last, end)), self._fs)
-        found._lying = self._lying
-        return found
+        return self.stretch(slice(begin + first, min(begin + last, end)))
+
+    def stretch(self, of_file: slice) -> "OnDemand":
+        """Return other samples of the file."""
+        return OnDemand(self._path, self._places, of_file, self._fs, self._state)
 
     def row(self, name: str) -> Row:
         """Return a channel; a long one is read when parts of it are asked for."""
-        known = self._known(name)
+        known = self._places[name]
         if known is not None:
             there = range(*self._part.indices(known.size))
             whole = len(there) <= _WHOLE
             return self._read(name, self._part) if whole else Stored(partial(self._read, name), there)
         with opened(self._path) as file:
+            self._check(self._path.stat())
             there = range(*self._part.indices(file[name].size))
             if len(there) <= _WHOLE or not in_parts(file[name]):
                 return read_channel(file, self._path, name, self._part, self._fs)
@@ -63,28 +83,25 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
         return Stored(partial(_read, kept, self._path, name, self._fs), there)
 
     def _read(self, name: str, part: slice) -> NDArray[np.float64]:
-        known = self._known(name)
+        known = self._places[name]
         if known is None:
             with opened(self._path) as file:
+                self._check(self._path.stat())
                 return read_channel(file, self._path, name, part, self._fs)
-        with _told(self._path):
-            return known.read(self._path, name, part, self._fs)
+        _check_there(self._path)
+        with _told(self._path), self._path.open("rb") as plain:
+            self._check(os.fstat(plain.fileno()))
+            return known.read(plain, self._path, name, part, self._fs)
 
-    def _known(self, name: str) -> Plain | None:
-        """Return where a channel lies in the file as it is now; HDF5 is asked once, for all of them."""
-        try:
-            state = _state(self._path)
-        except OSError:  # is told by who opens it
-            return None
-        if self._lying.get(name, (None, None))[0] != state:
-            with opened(self._path) as file:
-                self._lying.update({n: (state, lying(file, n)) for n in self._names})
-        return self._lying[name][1]
+    def _check(self, now: os.stat_result) -> None:
+        if _state(now) != self._state:
+            raise InputError(
+                f"{self._path}: was written again meanwhile, expected the file that was read first"
+            )
 
 
-def _state(path: Path) -> _State:
+def _state(found: os.stat_result) -> State:
     """Return what tells that a file is another one, or was written again."""
-    found = path.stat()
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
@@ -102,10 +119,14 @@ def opened(path: Path) -> Iterator[h5py.File]:
     InputError
         If it is none, or what is done with it meets a damage.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+    _check_there(path)
     with _told(path), h5py.File(path, "r") as file:
         yield file
+
+
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
 
 
 @contextmanager

@@ -73,8 +73,9 @@ class Shelf:
         if idle:
             library, its = idle.pop()
         else:
-            its = contextlib.ExitStack()
-            library = anew(its, archive, description, name)
+            with contextlib.ExitStack() as new:
+                library = anew(new, archive, description, name)
+                its = new.pop_all()
 
         def finished(failed: type[BaseException] | None, *_: object) -> None:
             if failed is None:

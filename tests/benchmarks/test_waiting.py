@@ -11,6 +11,7 @@ TOLD = {
     "machine": "2 processors",
     "campaigns": {"quickstart": STAGES, "mission-x": {**STAGES, "total": {**TOOK, "s": 12.34}}},
     "commands": {"fit": {"total": TOOK}},
+    "loaded": "quickstart",
     "load": {"one_processor_s": 5.0, "one_thread_ratio": 1.11, "default_ratio": 1.22},
     "ratios": {"quickstart": {"total": 3.0, "cpu": 2.5}},
 }

@@ -44,7 +44,7 @@ COMMANDS = {
 }
 OF_COMMANDS = "mission-x"
 PAUSE = 0.05  # s between two looks at the processes
-SHARED = 10  # looks, of which one tells pages that are shared: that stops a process for milliseconds
+SHARED = 10  # looks, of which one tells what is shared: that stops a process for milliseconds
 BEGIN, END = "<!-- from waiting.py -->", "<!-- end of waiting.py -->"
 TICK = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 PAGE = os.sysconf("SC_PAGE_SIZE") / 2**20 if hasattr(os, "sysconf") else 2**-8  # MB
@@ -70,27 +70,32 @@ class Watched:
     peak_all: float = 0.0
     _cpu: dict[int, float] = field(default_factory=dict)
     _looks: int = 0
+    _most: float = 0.0
 
     @property
     def cpu(self) -> float:
         return sum(self._cpu.values())
 
     def look(self) -> None:
-        sizes, share, shares = [], 0.0, self._looks % SHARED == 0
-        self._looks += 1
+        sizes = {}
         for pid in _family(self.pid):
             with suppress(OSError, ValueError, IndexError):  # of one that has just ended
                 fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
                 self._cpu[pid] = (int(fields[11]) + int(fields[12])) / TICK
-                sizes.append(int(fields[21]) * PAGE)
-                if shares:
+                sizes[pid] = int(fields[21]) * PAGE
+        self.peak = max(self.peak, *sizes.values(), 0.0)
+        if self._looks % SHARED == 0 or sum(sizes.values()) > 1.02 * self._most:
+            self._most, share = max(self._most, sum(sizes.values())), 0.0
+            for pid in sizes:
+                with suppress(OSError):
                     share += _kilobytes("Pss", Path(f"/proc/{pid}/smaps_rollup").read_text()) / 1024
-        self.peak, self.peak_all = max(self.peak, *sizes, 0.0), max(self.peak_all, share)
+            self.peak_all = max(self.peak_all, share)
+        self._looks += 1
 
     def turned(self) -> tuple[float, float]:
         """Return both peaks, and begin anew."""
         peaks = self.peak, self.peak_all
-        self.peak = self.peak_all = 0.0
+        self.peak = self.peak_all = self._most = 0.0
         return peaks
 
 
@@ -238,8 +243,8 @@ def tables(told: Mapping[str, object]) -> str:
         lines += [f"| `{name}` | {of['total']:.1f} | {of['cpu']:.1f} |" for name, of in ratios.items()]
     load: dict[str, float] = told["load"]  # type: ignore[assignment]
     lines.append(
-        f"\nThe fit of `{OF_COMMANDS}` takes {load['one_processor_s']:.1f} s alone on one processor. Beside "
-        "as many busy processes as there are processors it takes "
+        f"\nThe fit of `{told['loaded']}` takes {load['one_processor_s']:.1f} s alone on one processor. "
+        "Beside as many busy processes as there are processors it takes "
         f"{load['default_ratio']:.2f} times as long, with OPENBLAS_NUM_THREADS=1 "
         f"{load['one_thread_ratio']:.2f} times."
     )
@@ -293,13 +298,14 @@ def found(given: argparse.Namespace) -> dict[str, object]:
         runs = {name: ("run", str(plans / f"{name}.toml")) for name in given.campaigns}
         others = COMMANDS if OF_COMMANDS in runs else {"start": COMMANDS["start"]}
         took = measured({**runs, **others}, folders, plans / f"{OF_COMMANDS}.toml", given.rounds)
-        telemetry = folders[ROOT] / [OF_COMMANDS, *runs][OF_COMMANDS not in runs] / "telemetry"
-        load = under_load(telemetry, given.rounds)
+        loaded = OF_COMMANDS if OF_COMMANDS in runs else next(iter(runs))
+        load = under_load(folders[ROOT] / loaded / "telemetry", given.rounds)
     now = {name: by[str(ROOT)] for name, by in took.items()}
     told: dict[str, object] = {
         "machine": machine(),
         "campaigns": {name: now[name] for name in runs},
         "commands": {name: now[name] for name in others},
+        "loaded": loaded,
         "load": load,
     }
     if given.before:

@@ -417,26 +417,36 @@ def test_a_long_channel_is_read_part_by_part_as_it_is_read_whole(tmp_path, monke
     assert np.array_equal(read(path).row("time")[10:20], np.arange(10, 20) / 10)
 
 
-@pytest.mark.parametrize("whole", [True, False])
-def test_a_file_that_was_written_again_is_read_as_it_is_now(tmp_path, monkeypatch, whole):
-    """Where a channel lies is remembered, but of the file that was looked at."""
-    monkeypatch.setattr(rows, "_WHOLE", N if whole else 50)
+@pytest.mark.parametrize("long", [False, True])
+@pytest.mark.parametrize("chunks", [None, (64,)])
+@pytest.mark.parametrize("how", ["replaced", "in place"])
+def test_a_file_that_was_written_again_is_refused(tmp_path, monkeypatch, long, chunks, how):
+    """Half of a run from before and half from now would look like one."""
+    monkeypatch.setattr(rows, "_WHOLE", 50 if long else N)
     path = write_contract_file(tmp_path / "A1.h5", samples=N, channels={"o_1": (np.arange(N) / 8, "m")})
+    with h5py.File(path, "a") as file:
+        del file["o_1"]
+        file.create_dataset("o_1", data=np.arange(N) / 8, chunks=chunks).attrs["units"] = "m"
     run = read(path)
+    part = run.part(slice(10, 120))
     assert np.array_equal(run.row("o_1")[:], np.arange(N) / 8)
-    another = write_contract_file(
-        tmp_path / "other.h5",
-        samples=N,
-        channels={"before": (np.zeros(N), "1"), "o_1": (-np.arange(N) / 8, "m")},
-    )
-    another.replace(path)
-    assert np.array_equal(run.row("o_1")[:], -np.arange(N) / 8)
-    assert np.array_equal(run.channels["o_1"], -np.arange(N) / 8)
-    with path.open("rb+") as file:
-        file.truncate(path.stat().st_size // 2)
-    for ask in (lambda: run.row("o_1")[:], lambda: run.channels["o_1"]):
-        with pytest.raises(InputError, match="damaged"):
+    assert np.array_equal(part.channels["o_1"], np.arange(10, 120) / 8)
+    if how == "in place":
+        with h5py.File(path, "a") as file:
+            file["o_1"][3] = 0.5
+    else:
+        write_contract_file(tmp_path / "other.h5", samples=N).replace(path)
+    for ask in (
+        lambda: run.row("o_1")[:],
+        lambda: run.channels["o_1"],
+        lambda: part.channels["o_1"],
+        lambda: reader.another_stretch(run, 5, 20).channels["o_1"],
+    ):
+        with pytest.raises(InputError, match=r"A1\.h5: was written again meanwhile"):
             ask()
+    path.unlink()
+    with pytest.raises(InputError, match=r"A1\.h5: no such file"):
+        run.row("o_1")[:]
 
 
 def test_files_are_read_while_the_other_process_tries_the_next(tmp_path, monkeypatch):
