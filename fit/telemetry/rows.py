@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import h5py
 import numpy as np
@@ -43,7 +44,7 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
         self, path: Path, places: Mapping[str, Plain | None], part: slice, fs: float, of: State | None = None
     ) -> None:
         self._path, self._places, self._part, self._fs = path, places, part, fs
-        self._state = of or _state(path.stat())
+        self._state = of or _state(path)
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._read(name, self._part)
@@ -75,7 +76,7 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
             whole = len(there) <= _WHOLE
             return self._read(name, self._part) if whole else Stored(partial(self._read, name), there)
         with opened(self._path) as file:
-            self._check(self._path.stat())
+            self._check(_state(self._path))
             there = range(*self._part.indices(file[name].size))
             if len(there) <= _WHOLE or not in_parts(file[name]):
                 return read_channel(file, self._path, name, self._part, self._fs)
@@ -86,22 +87,26 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
         known = self._places[name]
         if known is None:
             with opened(self._path) as file:
-                self._check(self._path.stat())
+                self._check(_state(self._path))
                 return read_channel(file, self._path, name, part, self._fs)
         _check_there(self._path)
         with _told(self._path), self._path.open("rb") as plain:
-            self._check(os.fstat(plain.fileno()))
+            self._check(_state_of(plain))
             return known.read(plain, self._path, name, part, self._fs)
 
-    def _check(self, now: os.stat_result) -> None:
-        if _state(now) != self._state:
-            raise InputError(
-                f"{self._path}: was written again meanwhile, expected the file that was read first"
-            )
+    def _check(self, now: State) -> None:
+        if now != self._state:
+            raise InputError(f"{self._path}: was written again meanwhile, expected the file as it was first")
 
 
-def _state(found: os.stat_result) -> State:
+def _state(path: Path) -> State:
+    with path.open("rb") as file:
+        return _state_of(file)
+
+
+def _state_of(file: BinaryIO) -> State:
     """Return what tells that a file is another one, or was written again."""
+    found = os.fstat(file.fileno())  # always so: on Windows, asked by its path, a file may tell another time
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
