@@ -127,7 +127,10 @@ class Writer:
                 if kind is None:
                     if self._done != self._size:
                         raise FitError(f"{self._done} samples came, expected {self._size}")
-                    (atomic.settle if self._settled else Path.replace)(self._partial, self._path)
+                    if self._settled:
+                        atomic.settle(self._partial, self._path)
+                    else:
+                        self._partial.replace(self._path)
         finally:
             self._discard()
 

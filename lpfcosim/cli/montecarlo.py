@@ -31,7 +31,7 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.begun import begun
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.planned import in_memory
-from lpfcosim.cosim import Where
+from lpfcosim.cosim import Shelf, Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.plant import spectral, stability
 from lpfcosim.running import cluster, folder, ledger, runner, telemetry, workers
@@ -274,9 +274,10 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
 
 def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], where: Where) -> Results:
     with tempfile.TemporaryDirectory(prefix="lpfcosim-") as folder:
-        for run in plan.runs:
-            runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where)
-            where.rest()
+        with Shelf() as shelf:
+            for run in plan.runs:
+                runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where, shelf=shelf)
+                where.rest()
         telemetries = read_all([Path(folder)], own=True)
         return pulls.with_truth(calibrate(telemetries, chosen), telemetries)
 
