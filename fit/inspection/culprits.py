@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.inspection.first_fit import least
-from fit.signal import NoiseModel, Spectra, spectra
+from fit.inspection.instants import Stretch, whitened
+from fit.signal import NoiseModel, spectra
 from fit.weighing import Run, linear
 
 Array = NDArray[np.float64]
 
 FITS = 1.3  # chi2 over its degrees of freedom; beyond it something else is wrong
-SCANS = (60.0, 10.0, 1.0)  # s between the instants that are tried, finer and finer
-AROUND = 10  # instants on either side
+AROUND = 600.0  # s on either side in which the instant is looked for
 ENOUGH = 0.8  # share of what a change of everything gains
 TOLD = 5.0  # standard deviations from which a part of a change is told
 LATEST = 5.0  # s: a linear delay that is longer stands for something else
@@ -40,8 +40,7 @@ class _Search:
 
     def __init__(self, run: Run, S: NoiseModel, tau: tuple[float, float], when: float) -> None:
         found, terms = run.columns(tau), run.spectra(tau)
-        self.run, self.fs, self.tau = run, found.fs, tau
-        self.time, self.valid = found.time, found.valid
+        self.run, self.terms, self.time, fs = run, terms, found.time, found.fs
         self.S = S.expected(terms.f)
         U = linear.stacked(linear.whiten(terms, self.S)[0])
         norms = np.linalg.norm(U, axis=0)
@@ -49,46 +48,37 @@ class _Search:
         self.Q = np.linalg.qr(U[:, kept] / norms[kept])[0]
         self.rest = U[:, 0] - self.Q @ (self.Q.T @ U[:, 0])
         self.dof = len(U) - len(kept)
+        low, high = np.searchsorted(self.time[: terms.window.size], (when - AROUND, when + AROUND))
+        self.near = slice(max(1, int(low)), int(high))
+        self.stretch = Stretch(terms, self.S, self.Q, self.rest, self.near)
         names = dict(zip(found.names, found.values.T, strict=True))
         self.from_after = bool(when < found.time[found.time.size // 2])  # the longer part tells
-        part = self.valid & ((found.time >= when) == self.from_after)
-        c = least(linear.whiten(self._transformed(found.values, part), self.S)[0])
+        part = found.valid & ((found.time >= when) == self.from_after)
+        impulses = run.impulses(found.time, fs)
+        c = least(linear.whiten(spectra.transform(found.values, part, fs, impulses=impulses), self.S)[0])
         self.c = dict(zip(found.names, c.tolist(), strict=True))
         acting = found.values[:, 1:] @ c[1:] - self.c["o_12"] * names["o_12"]
         one = np.ones(found.time.size)
         self.columns = {
             "f_x_2": np.stack([names["f_2"], names["df_2"], one, np.gradient(names["df_2"])]),
             "f_x_1": np.stack([names["f_1"], names["df_1"], one, np.gradient(names["df_1"])]),
-            "o_12": np.stack([acting, moved := np.gradient(acting) * found.fs, np.gradient(moved)]),
+            "o_12": np.stack([acting, moved := np.gradient(acting) * fs, np.gradient(moved)]),
             "o_1": np.stack([names["o_1"], names["ddo_1"]]),
         }
         if not np.any(names["f_1"]):
             del self.columns["f_x_1"]
 
-    def _transformed(self, values: Array, valid: NDArray[np.bool_]) -> Spectra:
-        impulses = self.run.impulses(self.time, self.fs)
-        return spectra.transform(values, valid, self.fs, impulses=impulses)
-
-    def attempt(self, channel: str, when: float) -> _Try:
-        """Let a channel change at an instant."""
-        more = self.columns[channel] * (self.time >= when)
-        E = linear.stacked(linear.whiten(self._transformed(more.T, self.valid), self.S)[0])
-        E -= self.Q @ (self.Q.T @ E)
+    def best(self, channel: str) -> _Try:
+        """Let a channel change at the best instant."""
+        columns = self.columns[channel]
+        when = float(self.time[self.near][np.argmax(self.stretch.gains(columns))])
+        E = whitened(self.terms, self.S, self.Q, columns * (self.time >= when))
         norms = np.where(np.any(E, axis=0), np.linalg.norm(E, axis=0), 1.0)
         q, R = np.linalg.qr(E / norms)
         inverse = np.linalg.pinv(R, rcond=1e-8) / norms[:, None]
         b = q.T @ self.rest
         left = float(self.rest @ self.rest - b @ b)
         return _Try(channel, when, left, -inverse @ b, np.linalg.norm(inverse, axis=1))
-
-    def best(self, channel: str, when: float) -> _Try:
-        """Let a channel change at the best instant about one."""
-        found = self.attempt(channel, when)
-        for step in SCANS:
-            times = found.when + step * np.arange(-AROUND, AROUND + 1)
-            times = times[(times > self.time[0]) & (times < self.time[-1])]
-            found = min((found, *(self.attempt(channel, float(t)) for t in times)), key=lambda t: t.left)
-        return found
 
 
 def culprit(run: Run, S: NoiseModel, tau: tuple[float, float], when: float, gain: float) -> str | None:
@@ -108,7 +98,7 @@ def culprit(run: Run, S: NoiseModel, tau: tuple[float, float], when: float, gain
         What chi2 gains where everything may change at that instant.
     """
     search = _Search(run, S, tau, when)
-    tries = sorted((search.best(channel, when) for channel in search.columns), key=lambda t: t.left)
+    tries = sorted((search.best(channel) for channel in search.columns), key=lambda t: t.left)
     best = tries[0]
     scale = best.left / search.dof
     if scale > FITS or float(search.rest @ search.rest) - best.left < ENOUGH * gain:

@@ -155,9 +155,7 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     left : ndarray, shape (B,)
         The fraction of the power that the projection leaves, from 0 to 1.
     """
-    scale = np.repeat(np.sqrt(2 / S), 2)
-    beside = (stacked(spectra.nuisance).T * scale).T
-    Q = orthonormal(beside)
+    scale, Q = np.repeat(np.sqrt(2 / S), 2), projected_out(spectra, S)
     columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
     scaled = scale[given]
     U = pages.room((scaled.size, len(columns)), spectra.window.size).T  # one row for each column, as they lie
@@ -168,6 +166,11 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     pages.put_down()
     of_bins = Q[given].reshape(U.shape[1] // 2, -1)
     return U.view(np.complex128).T, np.asarray(1 - np.einsum("bi,bi->b", of_bins, of_bins) / 2, np.float64)
+
+
+def projected_out(spectra: Spectra, S: Array) -> Array:
+    """Return orthonormal columns, shape (2 B, G), that span what `whiten` projects out."""
+    return orthonormal((stacked(spectra.nuisance).T * np.repeat(np.sqrt(2 / S), 2)).T)
 
 
 def orthonormal(rows: Array) -> Array:
