@@ -58,9 +58,11 @@ def _climbed(view: View, glitch: Glitch) -> tuple[Glitch, float]:
     amplitude, damped = float(view.traces([glitch]).amplitudes[0]), DAMPED
     for _ in range(STEPS):
         right, H = _normal(view, glitch)
-        scale = np.diag(np.diag(H) + 1e-12)
+        free = _free(view, glitch, right)
+        right, H, by = right[free], H[np.ix_(free, free)], np.zeros(free.size)
+        scale, begun = np.diag(np.diag(H) + 1e-12), damped
         while damped < STUCK:
-            by = np.asarray(np.linalg.solve(H + damped * scale, right), dtype=np.float64)
+            by[free] = np.linalg.solve(H + damped * scale, right)
             moved = _moved(view, glitch, by)
             taken = float(view.traces([moved]).amplitudes[0])
             if abs(taken) > abs(amplitude):
@@ -69,7 +71,9 @@ def _climbed(view: View, glitch: Glitch) -> tuple[Glitch, float]:
         else:
             break
         gained = taken**2 - amplitude**2
-        glitch, amplitude, damped = moved, taken, damped / 10
+        glitch, amplitude = moved, taken
+        if damped == begun:  # else less would have been too little
+            damped /= 10
         if gained < GAINED:
             break
     return glitch, abs(amplitude)
@@ -86,6 +90,12 @@ def _normal(view: View, glitch: Glitch) -> tuple[Array, Array]:
     sums[0, 0], sums[1:, 0], sums[1:, 1:] = 1.0, -rates, np.diag(rates)
     products = found.products(sums)
     return rates * np.nan_to_num(moved - amplitude) - amplitude * products[1:, 0], products[1:, 1:]
+
+
+def _free(view: View, glitch: Glitch, by: Array) -> NDArray[np.bool_]:
+    """Tell which of begin, tau and other time are not at an end beyond which a move would take them."""
+    moved = _moved(view, glitch, shapes.STEP * np.sign(by)).shape
+    return np.array([True, moved.tau != glitch.shape.tau, moved.other != glitch.shape.other])
 
 
 def _moved(view: View, glitch: Glitch, by: Array) -> Glitch:

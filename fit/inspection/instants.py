@@ -46,7 +46,7 @@ class Stretch:
         self._of_free = self._seen(free)
 
     def gains(self, columns: Array) -> Array:
-        """Return by how much chi2 falls if columns, shape (C, N), join from each of the instants on, shape (M,)."""
+        """Return by how much chi2 falls if columns, shape (C, N), begin at each instant, shape (M,)."""
         at, terms = self._samples, self._terms
         later = columns.copy()
         later[:, : at.stop] = 0
@@ -63,7 +63,7 @@ class Stretch:
         return np.asarray(np.einsum("mk,mkl,ml->m", b, inverse, b))
 
     def _seen(self, whitened: Array) -> Array:
-        """Return how much samples of the stretch, under the window, have of J whitened series, shape (M, J)."""
+        """Return the products of J whitened series with an impulse at each of the samples, shape (M, J)."""
         n, terms = self._terms.window.size, self._terms
         found = np.empty((self._kernel.size, whitened.shape[1]))
         for k, column in enumerate(whitened.T):

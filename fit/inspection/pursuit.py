@@ -10,7 +10,7 @@ What is clearly one is subtracted as the shape, of any kind, that comes closest 
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 import scipy
@@ -33,7 +33,7 @@ BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
 LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
 KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
 LONG = 2**14  # bins, beyond which what the bank looks like there is not kept
-FINEST = 1e-3  # of tau, to which begin and times are sought
+STEPS = (0.4, 0.1, 1e-3)  # of tau, by which begin and times are sought: at first, coarsely, finely
 
 
 @dataclass(frozen=True)
@@ -71,16 +71,10 @@ def pursue(view: View) -> list[Found]:
     left, taken = view, []
     for _ in range(MOST):
         pointed_at = _strongest(left)
-        found = _fitted(left, pointed_at) if pointed_at else None
+        found = _taken(left, pointed_at) if pointed_at else None
         if not found:
             break
         glitch, column = found
-        amplitude = abs(float(column @ left.residual))
-        if _significance(left, left.left_by(column), column, amplitude) > _least(view, glitch):
-            nearer = closest(left, glitch)
-            its_own = left.column(nearer)
-            if its_own is not None:
-                glitch, column = nearer, its_own
         taken.append((glitch, column, abs(float(column @ left.residual))))
         left = left.without(column)
     return [
@@ -88,6 +82,25 @@ def pursue(view: View) -> list[Found]:
         for glitch, column, amplitude in taken
         if _significance(left, left.residual, column, amplitude) > _least(view, glitch)
     ]
+
+
+def _taken(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
+    """Return the glitch that takes most where one is pointed at, and its column; None if that is too little.
+
+    Once there clearly is one, its shape is sought in place of the finest begin and times of this one.
+    """
+    glitch = start
+    for coarse, fine in pairwise(STEPS):
+        found = _fitted(view, glitch, coarse, fine)
+        if not found:
+            return None
+        glitch, column = found
+        amplitude = abs(float(column @ view.residual))
+        if _significance(view, view.left_by(column), column, amplitude) > _least(view, glitch):
+            nearer = closest(view, glitch)
+            its_own = view.column(nearer)
+            return found if its_own is None else (nearer, its_own)
+    return found
 
 
 def _least(view: View, glitch: Glitch) -> float:
@@ -180,17 +193,17 @@ def _counted(view: View, of: _Filters, ratios: Array) -> Array:
     return np.asarray(np.sqrt(-of.dof * np.log(np.maximum(1 - ratios**2 / of.dof, 1e-9))))
 
 
-def _fitted(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
-    """Move begin and times of a glitch to where it takes most; None if that is too little."""
+def _fitted(view: View, start: Glitch, step: float, finest: float) -> tuple[Glitch, Array] | None:
+    """Move begin and times of a glitch to where it takes most, by steps in tau; None if it is too little."""
     best, column = start, view.column(start)
     if column is None:
         return None
-    most, step = abs(float(column @ view.residual)), 0.4
+    most = abs(float(column @ view.residual))
     shortest, longest = shapes.bounds(view.duration)
     likely = _significance(view, view.left_by(column), column, most)
     if likely < SUSPECT * _least(view, start):
         return None
-    while step > max(1 / most**2, FINEST) and most > 1:
+    while step > max(1 / most**2, finest) and most > 1:
         tau = best.shape.tau
         near = [
             *(replace(best, begin=best.begin + s * step * tau) for s in (-1, 1)),

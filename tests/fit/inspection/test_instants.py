@@ -13,7 +13,7 @@ def series(count, n, seed):
 
 
 def by_trial(valid, fs, S, known, series, begins):
-    """Return what each begin gains, by spectra of numpy and its least squares: no code of ours but the window."""
+    """Return what each begin gains, by spectra and least squares of numpy: of ours is only the window."""
     n = valid.size
     w = spectra.window(valid, fs)
     bins = slice(S.first, S.first + S.f.size)

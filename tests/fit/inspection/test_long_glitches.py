@@ -81,7 +81,7 @@ def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
 @pytest.mark.parametrize(
     ("name", "glitch", "seed"),
     [
-        pytest.param("E3", Glitch(1143.0, 519.0, 970.1, "both", -180.4, 2), 12, marks=pytest.mark.slow),
+        pytest.param("E3", Glitch(1143.0, 519.0, 970.1, "both", -180.4, 2), 13, marks=pytest.mark.slow),
         pytest.param("C4", Glitch(1861.0, 678.7, 2404.1, "one", -108.1, 2), 2, marks=pytest.mark.slow),
         ("D2", Glitch(15417.0, 331.3, 1058.3, "both", -20.7, 1), 17),
         ("B2", Glitch(17306.0, 519.3, 2251.3, "none", -102.2, 1), 17),
