@@ -59,8 +59,8 @@ def _climbed(view: View, glitch: Glitch) -> tuple[Glitch, float]:
     for _ in range(STEPS):
         right, H = _normal(view, glitch)
         free = _free(view, glitch, right)
-        right, H, by = right[free], H[np.ix_(free, free)], np.zeros(free.size)
-        scale, begun = np.diag(np.diag(H) + 1e-12), damped
+        right, H = right[free], H[np.ix_(free, free)]
+        by, scale, begun = np.zeros(free.size), np.diag(np.diag(H) + 1e-12), damped
         while damped < STUCK:
             by[free] = np.linalg.solve(H + damped * scale, right)
             moved = _moved(view, glitch, by)
@@ -72,10 +72,10 @@ def _climbed(view: View, glitch: Glitch) -> tuple[Glitch, float]:
             break
         gained = taken**2 - amplitude**2
         glitch, amplitude = moved, taken
-        if damped == begun:  # else less would have been too little
-            damped /= 10
         if gained < GAINED:
             break
+        if damped == begun:  # a first trial that failed says that less is too little
+            damped /= 10
     return glitch, abs(amplitude)
 
 
@@ -92,9 +92,9 @@ def _normal(view: View, glitch: Glitch) -> tuple[Array, Array]:
     return rates * np.nan_to_num(moved - amplitude) - amplitude * products[1:, 0], products[1:, 1:]
 
 
-def _free(view: View, glitch: Glitch, by: Array) -> NDArray[np.bool_]:
-    """Tell which of begin, tau and other time are not at an end beyond which a move would take them."""
-    moved = _moved(view, glitch, shapes.STEP * np.sign(by)).shape
+def _free(view: View, glitch: Glitch, uphill: Array) -> NDArray[np.bool_]:
+    """Tell which of begin, tau and other time go on where more is taken, and are not at their end there."""
+    moved = _moved(view, glitch, shapes.STEP * np.sign(uphill)).shape
     return np.array([True, moved.tau != glitch.shape.tau, moved.other != glitch.shape.other])
 
 

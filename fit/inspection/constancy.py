@@ -84,7 +84,7 @@ def change(experiment: Experiment) -> str | None:
     alone = apart > changed
     when = (worst if alone else at + 1) * blocks.length
     gain = float(gained[worst]) if alone else whole - float(split[at])
-    named = culprits.culprit(experiment.sysid, noise, tau, when, gain)
+    named = culprits.culprit(experiment.sysid, noise, tau, when, blocks.length, gain)
     if named:
         return named
     if alone:

@@ -17,7 +17,7 @@ from fit.weighing import Run, linear
 Array = NDArray[np.float64]
 
 FITS = 1.3  # chi2 over its degrees of freedom; beyond it something else is wrong
-AROUND = 600.0  # s on either side in which the instant is looked for
+AROUND = 600.0  # s on either side, at least, in which the instant is looked for
 ENOUGH = 0.8  # share of what a change of everything gains
 TOLD = 5.0  # standard deviations from which a part of a change is told
 LATEST = 5.0  # s: a linear delay that is longer stands for something else
@@ -38,7 +38,7 @@ class _Try:
 class _Search:
     """Everything about a run that does not depend on the instant."""
 
-    def __init__(self, run: Run, S: NoiseModel, tau: tuple[float, float], when: float) -> None:
+    def __init__(self, run: Run, S: NoiseModel, tau: tuple[float, float], when: float, around: float) -> None:
         found, terms = run.columns(tau), run.spectra(tau)
         self.run, self.terms, self.time, fs = run, terms, found.time, found.fs
         self.S = S.expected(terms.f)
@@ -48,7 +48,7 @@ class _Search:
         self.Q = np.linalg.qr(U[:, kept] / norms[kept])[0]
         self.rest = U[:, 0] - self.Q @ (self.Q.T @ U[:, 0])
         self.dof = len(U) - len(kept)
-        low, high = np.searchsorted(self.time[: terms.window.size], (when - AROUND, when + AROUND))
+        low, high = np.searchsorted(self.time[: terms.window.size], (when - around, when + around))
         self.near = slice(max(1, int(low)), int(high))
         self.stretch = Stretch(terms, self.S, self.Q, self.rest, self.near)
         names = dict(zip(found.names, found.values.T, strict=True))
@@ -81,7 +81,9 @@ class _Search:
         return _Try(channel, when, left, -inverse @ b, np.linalg.norm(inverse, axis=1))
 
 
-def culprit(run: Run, S: NoiseModel, tau: tuple[float, float], when: float, gain: float) -> str | None:
+def culprit(
+    run: Run, S: NoiseModel, tau: tuple[float, float], when: float, about: float, gain: float
+) -> str | None:
     """Return which channel changes about `when` [s], and how; None if no channel alone explains it.
 
     Parameters
@@ -94,10 +96,12 @@ def culprit(run: Run, S: NoiseModel, tau: tuple[float, float], when: float, gain
         Delays [s] about which its columns are expanded.
     when : float
         About which instant to look [s].
+    about : float
+        How well that is known [s].
     gain : float
         What chi2 gains where everything may change at that instant.
     """
-    search = _Search(run, S, tau, when)
+    search = _Search(run, S, tau, when, max(AROUND, about))
     tries = sorted((search.best(channel) for channel in search.columns), key=lambda t: t.left)
     best = tries[0]
     scale = best.left / search.dof

@@ -15,7 +15,7 @@ from fit.weighing import linear
 
 Array = NDArray[np.float64]
 
-ALIKE = 1e-12  # least eigenvalue over the largest, of columns that tell something else than the others
+ALIKE = 1e-12  # least eigenvalue over the largest: products of columns that tell no more than this are noise
 
 
 class Stretch:
@@ -42,8 +42,7 @@ class Stretch:
         length = samples.stop - samples.start
         self._kernel = n / 2 * spectra.series((self._scale**2 + 0j)[:, None], terms.first, n)[:length, 0]
         self._of_rest = self._seen(rest[:, None])
-        free = np.hstack([linear.projected_out(terms, S), known])
-        self._of_free = self._seen(free)
+        self._of_free = self._seen(np.linalg.qr(np.hstack([linear.projected_out(terms, S), known]))[0])
 
     def gains(self, columns: Array) -> Array:
         """Return by how much chi2 falls if columns, shape (C, N), begin at each instant, shape (M,)."""
@@ -62,11 +61,11 @@ class Stretch:
         inverse = np.linalg.pinv(G / (norms[:, :, None] * norms[:, None, :]), ALIKE, hermitian=True)
         return np.asarray(np.einsum("mk,mkl,ml->m", b, inverse, b))
 
-    def _seen(self, whitened: Array) -> Array:
+    def _seen(self, series: Array) -> Array:
         """Return the products of J whitened series with an impulse at each of the samples, shape (M, J)."""
         n, terms = self._terms.window.size, self._terms
-        found = np.empty((self._kernel.size, whitened.shape[1]))
-        for k, column in enumerate(whitened.T):
+        found = np.empty((self._kernel.size, series.shape[1]))
+        for k, column in enumerate(series.T):
             bins = np.ascontiguousarray(column).view(np.complex128) * self._scale
             found[:, k] = n / 2 * spectra.series(bins[:, None], terms.first, n)[self._samples, 0]
         return found

@@ -33,7 +33,7 @@ BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
 LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
 KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
 LONG = 2**14  # bins, beyond which what the bank looks like there is not kept
-STEPS = (0.4, 0.1, 1e-3)  # of tau, by which begin and times are sought: at first, coarsely, finely
+SOUGHT_BY = (0.4, 0.1, 1e-3)  # of tau, by which begin and times are sought: at first, coarsely, finely
 
 
 @dataclass(frozen=True)
@@ -89,18 +89,24 @@ def _taken(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
 
     Once there clearly is one, its shape is sought in place of the finest begin and times of this one.
     """
-    glitch = start
-    for coarse, fine in pairwise(STEPS):
-        found = _fitted(view, glitch, coarse, fine)
-        if not found:
-            return None
-        glitch, column = found
-        amplitude = abs(float(column @ view.residual))
-        if _significance(view, view.left_by(column), column, amplitude) > _least(view, glitch):
-            nearer = closest(view, glitch)
+    column = view.column(start)
+    if column is None or _clearly(view, start, column) < SUSPECT:
+        return None
+    found = start, column
+    for coarse, fine in pairwise(SOUGHT_BY):
+        found = _fitted(view, *found, coarse, fine)
+        if _clearly(view, *found) > 1:
+            nearer = closest(view, found[0])
             its_own = view.column(nearer)
-            return found if its_own is None else (nearer, its_own)
+            if its_own is not None:
+                return nearer, its_own
     return found
+
+
+def _clearly(view: View, glitch: Glitch, column: Array) -> float:
+    """Return the significance of a glitch that takes what its column does, over the threshold."""
+    amplitude = abs(float(column @ view.residual))
+    return _significance(view, view.left_by(column), column, amplitude) / _least(view, glitch)
 
 
 def _least(view: View, glitch: Glitch) -> float:
@@ -193,16 +199,10 @@ def _counted(view: View, of: _Filters, ratios: Array) -> Array:
     return np.asarray(np.sqrt(-of.dof * np.log(np.maximum(1 - ratios**2 / of.dof, 1e-9))))
 
 
-def _fitted(view: View, start: Glitch, step: float, finest: float) -> tuple[Glitch, Array] | None:
-    """Move begin and times of a glitch to where it takes most, by steps in tau; None if it is too little."""
-    best, column = start, view.column(start)
-    if column is None:
-        return None
-    most = abs(float(column @ view.residual))
+def _fitted(view: View, start: Glitch, column: Array, step: float, finest: float) -> tuple[Glitch, Array]:
+    """Move begin and times of a glitch to where it takes most, by steps in tau."""
+    best, most = start, abs(float(column @ view.residual))
     shortest, longest = shapes.bounds(view.duration)
-    likely = _significance(view, view.left_by(column), column, most)
-    if likely < SUSPECT * _least(view, start):
-        return None
     while step > max(1 / most**2, finest) and most > 1:
         tau = best.shape.tau
         near = [
@@ -216,8 +216,8 @@ def _fitted(view: View, start: Glitch, step: float, finest: float) -> tuple[Glit
             most, best = float(amplitudes.max()), near[int(np.argmax(amplitudes))]
         else:
             step /= 2
-    column = view.column(best)
-    return None if column is None else (best, column)
+    its_own = view.column(best)
+    return (start, column) if its_own is None else (best, its_own)
 
 
 def _significance(view: View, left: Array, column: Array, amplitude: float) -> float:

@@ -33,7 +33,7 @@ KINDS: Mapping[str, Callable[[Spectrum, float], Spectrum]] = {
 SOUGHT = (("pushed", 0.0), ("pushed", 1.0), ("swinging", 1.0), ("rising", 0.0), ("pushed", -1.0))
 LEAST = {"swinging": 0.02}  # q; -1 where nothing is said
 LASTS = 4.0  # tau after the begin until which a glitch is said to last
-GONE = 21.0  # tau after the begin, from where on 1e-9 of it is left
+GONE = 25.0  # tau after the begin, from where on less than 1e-9 of its height is left
 BLURRED = 3.0  # periods of the highest frequency of the band, over which the low-pass spreads an instant
 STEP = 1e-3  # of begin in tau, of the logarithm of tau, of the other time: for derivatives
 PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
@@ -106,7 +106,7 @@ def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
 
 
 def reach(glitch: Glitch, fs: float) -> tuple[float, float]:
-    """Return begin and end [s] beyond which less than 1e-9 of a glitch of sample rate fs is left."""
+    """Return begin and end [s] beyond which less than 1e-9 of the height of a glitch is left."""
     first, last = glitch.span
     beside = BLURRED / min(derivatives.F_MAX, fs / 10)
     return (

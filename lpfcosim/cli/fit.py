@@ -74,7 +74,7 @@ def calibrated(
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
     api, page = import_module(_API), import_module(_PAGE)
-    gc.freeze()  # what there is by now stays, and need not be looked through whenever memory is given back
+    gc.freeze()  # what reading left stays, and need not be looked through whenever memory is given back
     admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:

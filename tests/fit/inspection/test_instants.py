@@ -4,36 +4,14 @@ import numpy as np
 import pytest
 
 from fit.inspection.instants import Stretch
-from fit.signal import spectra
+from fit.signal import pages, spectra
 from fit.weighing import linear
 
-
-def series(count, n, seed):
-    return np.cumsum(np.random.default_rng(seed).standard_normal((count, n)), axis=1)
+N = 8000
 
 
-def by_trial(valid, fs, S, known, series, begins):
-    """Return what each begin gains, by spectra and least squares of numpy: of ours is only the window."""
-    n = valid.size
-    w = spectra.window(valid, fs)
-    bins = slice(S.first, S.first + S.f.size)
-
-    def whitened(x):
-        X = np.fft.rfft(x * w)[bins] / np.sqrt(S.density)
-        return np.concatenate([X.real, X.imag])
-
-    always = [whitened(np.ones(n)), whitened(np.arange(n)), *map(whitened, known)]
-    y = whitened(series[0])
-
-    def left(columns):
-        A = np.stack(columns, axis=1)
-        A /= np.linalg.norm(A, axis=0)
-        r = y - A @ np.linalg.lstsq(A, y)[0]
-        return r @ r
-
-    scale = 4 / (fs * (w @ w))
-    new = [[whitened(x * (np.arange(n) >= i)) for x in series[1:]] for i in begins]
-    return np.array([scale * (left(always) - left([*always, *more])) for more in new])
+def walks(count, seed):
+    return np.cumsum(np.random.default_rng(seed).standard_normal((count, N)), axis=1)
 
 
 class Density:
@@ -44,20 +22,51 @@ class Density:
         self.density = 1e-3 * (1 + (2e-3 / terms.f) ** 2)
 
 
-@pytest.mark.parametrize("gap", [None, (3000, 3100)], ids=["whole", "gap"])
-def test_gains_are_those_of_trial(gap):
-    n, fs = 8000, 1.0
-    valid = np.ones(n, dtype=bool)
+def by_trial(valid, fs, S, known, columns, begins):
+    """Return what each begin gains, by spectra and least squares of numpy: of ours is only the window."""
+    w = spectra.window(valid, fs)
+    bins = slice(S.first, S.first + S.f.size)
+
+    def whitened(x):
+        X = np.fft.rfft(x * w)[bins] / np.sqrt(S.density)
+        return np.concatenate([X.real, X.imag])
+
+    always = [whitened(np.ones(N)), whitened(np.arange(N)), *map(whitened, known)]
+    y = whitened(columns[0])
+
+    def left(more):
+        A = np.stack(more, axis=1)
+        A /= np.linalg.norm(A, axis=0)
+        r = y - A @ np.linalg.lstsq(A, y)[0]
+        return r @ r
+
+    new = [[whitened(x * (np.arange(N) >= i)) for x in columns[1:]] for i in begins]
+    return 4 / (fs * (w @ w)) * np.array([left(always) - left([*always, *more]) for more in new])
+
+
+@pytest.mark.parametrize(
+    ("fs", "gap", "stretch", "long"),
+    [
+        (1.0, None, (2900, 3400), False),
+        (2.0, (3000, 3100), (2900, 3400), False),
+        (1.0, None, (7300, N), False),
+        (1.0, (3000, 3100), (2900, 3400), True),
+    ],
+    ids=["whole", "gap at 2 Hz", "at the end", "in files"],
+)
+def test_gains_are_those_of_trial(fs, gap, stretch, long, monkeypatch):
+    monkeypatch.setattr(pages, "LONG", N // 2 if long else pages.LONG)
+    valid = np.ones(N, dtype=bool)
     if gap:
         valid[slice(*gap)] = False
-    x, known = series(3, n, 1), series(2, n, 2)
-    terms = spectra.transform(np.stack([x[0], *known], axis=1), valid, fs)
-    assert terms.window.size == n
+    x, known, glitch = walks(3, 1), walks(2, 2), np.exp(-np.clip(np.arange(N) - 5000, 0, None) / 80)
+    terms = spectra.transform(np.stack([x[0], *known], axis=1), valid, fs, beside=[glitch[:, None]])
+    assert terms.window.size == N
     S = Density(terms)
     U = linear.stacked(linear.whiten(terms, S.density)[0])
     Q = np.linalg.qr(U[:, 1:])[0]
-    stretch = slice(2900, 3400)
-    found = Stretch(terms, S.density, Q, U[:, 0] - Q @ (Q.T @ U[:, 0]), stretch).gains(x[1:])
-    begins = [2900, 2950, 3050, 3200, 3399]
-    expected = by_trial(valid, fs, S, known, x, begins)
-    np.testing.assert_allclose(found[np.array(begins) - stretch.start], expected, rtol=1e-9)
+    found = Stretch(terms, S.density, Q, U[:, 0] - Q @ (Q.T @ U[:, 0]), slice(*stretch)).gains(x[1:])
+    first, last = stretch
+    begins = np.array([first, first + 50, first + 150, (first + last) // 2, last - 100])
+    expected = by_trial(valid, fs, S, [*known, glitch], x, begins)
+    np.testing.assert_allclose(found[begins - first], expected, rtol=1e-8)

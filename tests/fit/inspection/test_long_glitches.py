@@ -78,6 +78,7 @@ def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
     assert np.max(np.abs(shifts(found, before))) < 0.2
 
 
+# In 94 of 100 draws; in the others noise beside the glitch passes for more of it.
 @pytest.mark.parametrize(
     ("name", "glitch", "seed"),
     [
