@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 ELSEWHERE = DOCS / "python.md"  # its blocks are run by tests/fit/test_api.py
-LONG_PAGES = (DOCS / "own-plant.md",)  # a plant in Python is stepped by the minute
+SLOW = (DOCS / "own-plant.md",)  # a plant in Python is stepped by the minute
 FIRST = (ROOT / "README.md", DOCS / "first-hour.md", DOCS / "flight-telemetry.md")  # one leads to the next
 NOT_RUN = {
     "dask",
@@ -182,7 +182,7 @@ def test_first_pages(runner):
 
 
 @pytest.mark.parametrize(
-    "page", [p for p in PAGES if p not in (*FIRST, *LONG_PAGES, ELSEWHERE)], ids=lambda p: p.stem
+    "page", [p for p in PAGES if p not in (*FIRST, *SLOW, ELSEWHERE)], ids=lambda p: p.stem
 )
 def test_page(page, runner):
     for block in blocks(page):
@@ -190,9 +190,9 @@ def test_page(page, runner):
 
 
 @pytest.mark.fmu
-@pytest.mark.long
-@pytest.mark.parametrize("page", LONG_PAGES, ids=lambda p: p.stem)
-def test_long_page(page, runner):
+@pytest.mark.slow
+@pytest.mark.parametrize("page", SLOW, ids=lambda p: p.stem)
+def test_slow_page(page, runner):
     for block in blocks(page):
         runner.run(block)
 

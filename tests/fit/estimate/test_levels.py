@@ -40,8 +40,7 @@ def test_on_clean_data_the_noise_run_tells_the_level():
     assert results.provenance.levels == []
     assert "levels" not in codes(results.joint)
     for name, estimate in plain.joint.parameters.items():
-        found = results.joint.parameters[name]
-        assert (found.value, found.sigma) == pytest.approx((estimate.value, estimate.sigma), rel=1e-12)
+        assert results.joint.parameters[name] == estimate
 
 
 @pytest.mark.parametrize("changes", [{"plateau": 8e-15, "tail": 3e-14}, {"tail": 5e-14}, {"plateau": 1e-15}])
