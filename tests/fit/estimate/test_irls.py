@@ -39,24 +39,20 @@ def flat(level):
     return NoiseModel(knots, np.full(3, np.log(level)), np.zeros((3, 3)))
 
 
-def white_block(n=20000, taper=0.1, monkeypatch=None):
-    monkeypatch.setattr(spectra, "TAPER", taper)
-    columns = np.random.default_rng(3).standard_normal((n, 8))
-    run = spectra.transform(columns, np.ones(n, bool), 1.0, (0.1, 0.1))
-    return linear.block(run, flat(2.0), np.eye(7))
-
-
 @pytest.mark.parametrize(("taper", "ratio"), [(0.0, 1.0), (0.1, 1.027), (1.0, 1.39)])
-def test_sigma_accounts_for_the_window(taper, ratio, monkeypatch):
+def test_sigma_accounts_for_the_window(taper, ratio, changed):
     # White noise of unit variance (PSD 2 at 1 Hz), stationary columns: var = <w^4>/<w^2>^2 x naive.
-    block = white_block(taper=taper, monkeypatch=monkeypatch)
+    changed(spectra, "TAPER", taper)
+    columns = np.random.default_rng(3).standard_normal((20000, 8))
+    run = spectra.transform(columns, np.ones(20000, bool), 1.0, (0.1, 0.1))
+    block = linear.block(run, flat(2.0), np.eye(7))
     naive = np.linalg.inv(block.R.T @ block.R)
     true = naive @ block.M @ naive
     measured = np.sqrt(np.diag(true) / np.diag(naive)).mean()
     assert measured == pytest.approx(ratio, rel=0.01)
 
 
-def test_compression_keeps_chi2(monkeypatch):
+def test_compression_keeps_chi2():
     columns = np.random.default_rng(4).standard_normal((5000, 8))
     run = spectra.transform(columns, np.ones(5000, bool), 1.0)
     block = linear.block(run, flat(2.0), np.eye(7))

@@ -54,8 +54,8 @@ def by_trial(valid, fs, S, known, columns, begins):
     ],
     ids=["whole", "gap at 2 Hz", "at the end", "in files"],
 )
-def test_gains_are_those_of_trial(fs, gap, stretch, long, monkeypatch):
-    monkeypatch.setattr(pages, "LONG", N // 2 if long else pages.LONG)
+def test_gains_are_those_of_trial(fs, gap, stretch, long, changed):
+    changed(pages, "LONG", N // 2 if long else pages.LONG)
     valid = np.ones(N, dtype=bool)
     if gap:
         valid[slice(*gap)] = False

@@ -112,13 +112,13 @@ def estimates(runs):
     return np.array([(e.value, e.sigma) for e in joint.parameters.values()])
 
 
-def test_the_fit_is_the_same_in_files(monkeypatch):
+def test_the_fit_is_the_same_in_files(monkeypatch, changed):
     runs = list(thirteen.campaign(seed=5, names=("A1", "B2", "D2", "C4")).values())
     struck_by = [glitches.Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
     runs[0] = glitches.struck(thirteen.made("A1", "sysid", 5), struck_by)
     in_memory = estimates(runs)
     asked, room = [], pages.room
-    monkeypatch.setattr(pages, "LONG", 2**12)
+    changed(pages, "LONG", 2**12)
     monkeypatch.setattr(pages, "room", lambda *given: asked.append(given) or room(*given))
     moved = estimates(runs) - in_memory
     assert len(asked) > 100
@@ -126,11 +126,11 @@ def test_the_fit_is_the_same_in_files(monkeypatch):
 
 
 @pytest.mark.parametrize("long", [7, 333])
-def test_glitches_are_the_same_however_much_is_made_at_once(long, monkeypatch):
+def test_glitches_are_the_same_however_much_is_made_at_once(long, changed):
     kinds = [Shape("pushed", 30.0, 0.3), Shape("swinging", 45.0, 1.0), Shape("rising", 200.0)]
     found, time = [Glitch(shape, 100.3 * k) for k, shape in enumerate(kinds, 1)], np.arange(900) / 2
     ways = (shapes.columns, shapes.loose)
     at_once = [np.hstack(list(made(found, time, 2.0))) for made in ways]
-    monkeypatch.setattr(pages, "LONG", long)
+    changed(pages, "LONG", long)
     for made, expected in zip(ways, at_once, strict=True):
         assert np.array_equal(np.hstack(list(made(found, time, 2.0))), expected)
