@@ -14,6 +14,7 @@ from fit import results as fit_results
 from fit.errors import FitError
 from fit.estimate import pulls
 from fit.files import refuse_links
+from fit.lean import later
 from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
@@ -25,7 +26,8 @@ PathLike = str | os.PathLike[str]
 
 def read_in() -> None:
     """Read in libraries now that a calibration would wait for when it comes to them."""
-    import_module("scipy.signal")
+    with later("scipy.stats"):  # of which it has one function, which takes longer than all the rest
+        import_module("scipy.signal")
     minimiser()
 
 

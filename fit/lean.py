@@ -1,11 +1,17 @@
-"""Imports without what a package reads in only because it is there."""
+"""Imports without what a package reads in, or does, only because it is there."""
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from threading import RLock
+from types import ModuleType
+from typing import Any
 
 _IMPORTING = RLock()  # what one thread keeps out, another would not put back
+_NOTING = "scipy._lib._array_api"
 
 
 @contextmanager
@@ -19,3 +25,86 @@ def without(unasked: Iterable[str], package: str) -> Iterator[None]:
         finally:
             for name in kept_out:
                 del sys.modules[name]
+
+
+@contextmanager
+def later(module: str) -> Iterator[None]:
+    """Have what is imported take names of a module that is read in when the first of them is used."""
+    with _IMPORTING:
+        if module in sys.modules:
+            yield
+            return
+        sys.modules[module] = _Later(module)
+        try:
+            yield
+        finally:
+            del sys.modules[module]
+
+
+class _Later(ModuleType):
+    """Stands for a module."""
+
+    def __getattr__(self, name: str) -> "_Name":
+        if name.startswith("__"):  # what Python asks a module for
+            raise AttributeError(name)
+        return _Name(self.__name__, name)
+
+
+class _Name:
+    """Stands for what a module has under a name."""
+
+    def __init__(self, module: str, name: str) -> None:
+        self._where = module, name
+
+    def _itself(self) -> Any:
+        module, name = self._where
+        return getattr(import_module(module), name)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._itself(), name)
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        return self._itself()(*given, **named)
+
+
+def without_notes() -> None:
+    """Have SciPy leave its docstrings alone when it is imported, a quarter of the time that takes.
+
+    From 1.16 on it takes hundreds of them to pieces, to note in each with which array libraries it works.
+    """
+    if _NOTING not in sys.modules:
+        sys.meta_path.insert(0, _Finder())
+
+
+class _Finder:
+    """Finds the module that notes, once."""
+
+    def find_spec(self, name: str, _path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
+        if name != _NOTING:
+            return None
+        sys.meta_path.remove(self)
+        found = find_spec(name)
+        if found and found.loader:
+            execute = found.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                execute(module)
+                if kind := getattr(module, "FunctionDoc", None):
+                    module.FunctionDoc = _untouched(kind)  # type: ignore[attr-defined]
+
+            found.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return found
+
+
+def _untouched(kind: Any) -> Any:
+    """Return SciPy's class of a docstring in sections, but one that has none and ends as it was."""
+
+    class Untouched(kind):  # type: ignore[misc]
+        def __init__(self, function: Any) -> None:
+            super().__init__(function, doc="")
+            self._as_it_was = function.__doc__ or ""
+
+        def __str__(self) -> str:
+            return f"\n{self._as_it_was}"
+
+    return Untouched

@@ -2,7 +2,7 @@
 
 from fit.threads.heap import freed_by, give_back, kept, one_heap
 from fit.threads.once import cached_property
-from fit.threads.parts import alone, each
+from fit.threads.parts import alone, each, processors
 from fit.threads.progress import following, tell, upto, within
 from fit.threads.single import one_thread
 
@@ -16,6 +16,7 @@ __all__ = [
     "kept",
     "one_heap",
     "one_thread",
+    "processors",
     "tell",
     "upto",
     "within",

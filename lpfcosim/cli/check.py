@@ -8,6 +8,7 @@ from fit import settings as fit_settings
 from fit.estimate import angles, forecast
 from fit.results import Fit
 from fit.tables import Lines
+from fit.threads import processors
 from fit.weighing import SHORTEST
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
@@ -16,7 +17,6 @@ from lpfcosim.cli.forecast import left_out, messages, table
 from lpfcosim.cli.planned import planned, turning
 from lpfcosim.errors import InputError
 from lpfcosim.plant import margins, stability
-from lpfcosim.running import fmus, runner
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
@@ -38,6 +38,8 @@ def check(campaign: Path, console: Console) -> None:
         _check_durations(plan)
         if plan.replacements:
             warnings.append("FMUs of other origin: no margins and no forecast, which would be those of ours")
+            from lpfcosim.running import fmus  # takes its time, and few campaigns need it
+
             warnings += fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
         else:
             stability.check(*plan.runs)
@@ -53,7 +55,7 @@ def check(campaign: Path, console: Console) -> None:
             warnings += [left_out(name) for name in plan.truth.living]
     except (InputError, fit.errors.InputError) as error:
         raise InputError(f"{campaign}: {error}") from None
-    jobs = runner.processors()
+    jobs = processors()
     seconds = wall_time(plan, jobs)
     warnings += messages(expected, periods) if expected else []
     told = {

@@ -8,11 +8,12 @@ from fit.errors import InputError
 from fit.estimate import earlier
 from fit.figures import Figure
 from fit.report import page
+from fit.threads import processors
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Where
 from lpfcosim.errors import LpfcosimError, RunError
-from lpfcosim.running import folder, runner, workers
+from lpfcosim.running import folder, workers
 
 
 def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: int | None) -> None:
@@ -37,7 +38,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
         setting = workers.Setting(_written, directory, directory / "logs", "figure '{}'")
         with (
             console.counted("figures", len(items)) as progress,
-            closing(workers.results(setting, items, jobs or runner.processors())) as drawn,
+            closing(workers.results(setting, items, jobs or processors())) as drawn,
         ):
             for done, (name, outcome) in enumerate(drawn, start=1):
                 if isinstance(outcome, workers.Lost):

@@ -1,7 +1,10 @@
-"""Imports without what is not asked for, in several threads."""
+"""Imports without what is not asked for, in several threads, and what is left of what they leave out."""
 
+import subprocess
 import sys
 from threading import Event, Thread
+
+import pytest
 
 from fit import lean
 
@@ -21,3 +24,49 @@ def test_threads_import_one_after_the_other():
     thread.join()
     assert inside.is_set()
     assert other not in sys.modules
+
+
+def said(code):
+    """What a fresh interpreter prints."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_what_is_for_later_is_there_when_it_is_used():
+    code = """
+import sys
+import fit.api
+fit.api.read_in()
+print("scipy.stats" in sys.modules)
+import lmfit
+from scipy.signal import find_peaks_cwt
+import scipy.stats
+p = lmfit.Parameters()
+p.add("a", 1.0)
+found = lmfit.minimize(lambda p: [p["a"].value - k for k in (1.0, 2.0, 4.0)], p)
+print(lmfit.confidence.f.cdf(1.0, 2, 3) == scipy.stats.f.cdf(1.0, 2, 3))
+print(lmfit.minimizer.norm_dist.pdf(0.5) == scipy.stats.norm.pdf(0.5))
+print(scipy.signal._peak_finding.scoreatpercentile([1.0, 2.0, 4.0], 50))
+print(scipy.stats is sys.modules["scipy.stats"], scipy.stats.norm.__class__.__name__)
+"""
+    assert said(code).split() == ["False", "True", "True", "2.0", "True", "norm_gen"]
+
+
+def test_what_is_there_is_not_for_later():
+    before = sys.modules["pytest"]
+    with lean.later("pytest"):
+        assert sys.modules["pytest"] is before is pytest
+
+
+def test_docstrings_without_notes_are_otherwise_the_same():
+    of_some = """
+import inspect
+import scipy.signal
+import scipy.special
+for function in (scipy.signal.firwin, scipy.signal.welch, scipy.special.erf, scipy.special.logsumexp):
+    print(inspect.getdoc(function))
+"""
+    noted, plain = said(of_some), said(f"from fit import lean\nlean.without_notes(){of_some}")
+    assert plain.split()[:40] == noted.split()[:40]
+    assert "FIR filter design using the window method." in plain
+    assert "Array API" not in plain
