@@ -66,7 +66,21 @@ import scipy.special
 for function in (scipy.signal.firwin, scipy.signal.welch, scipy.special.erf, scipy.special.logsumexp):
     print(inspect.getdoc(function))
 """
-    noted, plain = said(of_some), said(f"from fit import lean\nlean.without_notes(){of_some}")
+    noted, plain = said(of_some), said(f"from fit import lean\nlean.lean_scipy(){of_some}")
     assert plain.split()[:40] == noted.split()[:40]
     assert "FIR filter design using the window method." in plain
     assert "Array API" not in plain
+
+
+def test_parts_of_numpy_are_there_when_they_are_used():
+    code = """
+from fit import lean
+lean.lean_scipy()
+import sys
+import scipy.linalg
+print("numpy.testing" in sys.modules, "numpy.f2py" in sys.modules)
+import numpy
+numpy.testing.assert_array_equal([1.0], [1.0])
+print(numpy.testing is sys.modules["numpy.testing"], numpy.f2py is sys.modules["numpy.f2py"])
+"""
+    assert said(code).split() == ["False", "False", "True", "True"]
