@@ -106,7 +106,7 @@ def calibrated(
 def read_in() -> None:
     """Read in what a fit and its report take, for who has to wait for something else."""
     import_module(_API).read_in()
-    import_module(_PAGE)
+    import_module(_PAGE).template()
 
 
 def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
