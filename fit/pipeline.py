@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 from fit.errors import FitError, InputError
 from fit.estimate import (
+    ROUGH,
+    TOLERANCE,
     Known,
     Outcome,
     attenuation,
@@ -147,8 +149,8 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -
     ready = _prepared(found, chosen, drawn).without(admission.mislabelled(found, telemetries))
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
-    alone = _each_alone(ready.experiments, chosen)
-    ready, alone = _noises(ready, alone, chosen)
+    alone = _each_alone(ready.experiments, chosen, drawn)
+    ready, alone = _noises(ready, alone, chosen, drawn)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
     upto(0.95)
@@ -191,27 +193,34 @@ def _that_may_change(ready: Ready, chosen: Settings, drawn: bool) -> tuple[Exper
 
 
 def _noises(
-    ready: Ready, alone: dict[str, Outcome | FitError], chosen: Settings
+    ready: Ready, alone: dict[str, Outcome | FitError], chosen: Settings, drawn: bool
 ) -> tuple[Ready, dict[str, Outcome | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
     ready = ready.noted(levels.judged(of_levels, alone, chosen))
-    alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen)
+    alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen, drawn)
     ready = ready.noted(steadiness.judged(ready.trusted, alone))
-    return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen)
+    return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen, drawn)
 
 
-def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
-    fits = each(lambda e: _alone(e, chosen), experiments, Experiment.samples)
+def _each_alone(
+    experiments: Sequence[Experiment], chosen: Settings, drawn: bool
+) -> dict[str, Outcome | FitError]:
+    near = ROUGH if drawn else TOLERANCE
+    fits = each(lambda e: _alone(e, chosen, tolerance=near), experiments, Experiment.samples)
     return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 
 def _alone(
-    e: Experiment, chosen: Settings, known: Known | None = None, begun: Outcome | FitError | None = None
+    e: Experiment,
+    chosen: Settings,
+    known: Known | None = None,
+    begun: Outcome | FitError | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Outcome | FitError:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
     try:
-        return fit_experiment(e, known, chosen.estimator, begun)
+        return fit_experiment(e, known, chosen.estimator, begun, tolerance)
     except FitError as error:
         return error
 

@@ -288,7 +288,11 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     telemetries = [
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
-    results = calibrate(telemetries, work.chosen, drawn=True)
+    chosen = work.chosen
+    if chosen.scatter == ["auto"] and not plan.truth.lambda_scatter:
+        # all runs have the same gains: data would ask for others in one of 10^6 campaigns
+        chosen = chosen.model_copy(update={"scatter": []})
+    results = calibrate(telemetries, chosen, drawn=True)
     return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 
