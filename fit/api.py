@@ -25,10 +25,10 @@ PathLike = str | os.PathLike[str]
 
 
 def read_in() -> None:
-    """Read in libraries now that a calibration would wait for when it comes to them."""
-    with later("scipy.stats"):  # of which it has one function, which takes longer than all the rest
+    """Read in libraries now that a calibration would wait for when it comes to them, see `lean.later`."""
+    with later("scipy.stats"):  # which takes longer than all the rest, and of which these use five names
         import_module("scipy.signal")
-    minimiser()
+        minimiser()
 
 
 def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -> list[Telemetry]:

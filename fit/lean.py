@@ -30,7 +30,11 @@ def without(unasked: Iterable[str], package: str) -> Iterator[None]:
 
 @contextmanager
 def later(module: str) -> Iterator[None]:
-    """Have what is imported take names of a module that is read in when the first of them is used."""
+    """Have what is imported take names of a module that is read in when the first of them is used.
+
+    All threads see that, so that only a program whose other threads do not import the module may ask for it.
+    What stands for a name can be called and has its attributes, but is no class of its own.
+    """
     with _IMPORTING, _stood_for(module):
         yield
 
@@ -47,8 +51,10 @@ def _stood_for(module: str) -> Iterator[None]:
     try:
         yield
     finally:
-        del sys.modules[module]
-        delattr(parent, name)
+        if sys.modules.get(module) is stand_in:
+            del sys.modules[module]
+        if vars(parent).get(name) is stand_in:
+            delattr(parent, name)
 
 
 class _Later(ModuleType):
@@ -68,9 +74,14 @@ class _Name:
 
     def _itself(self) -> Any:
         module, name = self._where
-        return getattr(import_module(module), name)
+        found = import_module(module)
+        if isinstance(found, _Later):
+            raise ImportError(f"{module}.{name} is used while what it is for is read in")  # noqa: TRY004
+        return getattr(found, name)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # what Python asks an object for that is copied
+            raise AttributeError(name)
         return getattr(self._itself(), name)
 
     def __call__(self, *given: Any, **named: Any) -> Any:
@@ -83,7 +94,7 @@ def lean_scipy() -> None:
     From 1.16 on it takes hundreds of docstrings to pieces, to note in each with which array libraries the
     function works. That and the parts of NumPy are a quarter of the time that the import takes.
     """
-    if _NOTING not in sys.modules:
+    if _NOTING not in sys.modules and not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())
 
 
@@ -111,7 +122,7 @@ class _Finder:
 
 
 def _untouched(kind: Any) -> Any:
-    """Return SciPy's class of a docstring in sections, but one that has none and ends as it was."""
+    """Return what makes a docstring in sections as SciPy's class does, but with none, and unchanged."""
 
     class Untouched(kind):  # type: ignore[misc]
         def __init__(self, function: Any) -> None:
@@ -121,4 +132,10 @@ def _untouched(kind: Any) -> Any:
         def __str__(self) -> str:
             return f"\n{self._as_it_was}"
 
-    return Untouched
+    def made(function: Any, *more: Any, **named: Any) -> Any:
+        try:
+            return kind(function, *more, **named) if more or named else Untouched(function)
+        except TypeError:  # of another version
+            return kind(function, *more, **named)
+
+    return made

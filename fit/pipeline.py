@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 
 from fit.errors import FitError, InputError
 from fit.estimate import (
-    ROUGH,
-    TOLERANCE,
     Known,
     Outcome,
     attenuation,
@@ -35,7 +33,11 @@ from fit.weighing import Experiment, divide, pair
 
 @one_thread
 def calibrate(
-    telemetries: Sequence[Telemetry], chosen: Settings | None = None, *, drawn: bool = False
+    telemetries: Sequence[Telemetry],
+    chosen: Settings | None = None,
+    *,
+    drawn: bool = False,
+    constant: bool = False,
 ) -> Results:
     """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
@@ -48,6 +50,8 @@ def calibrate(
     drawn : bool
         Whether for a Monte Carlo: what only faults of an archive could cause is not looked for then, and
         nobody reads what experiments yield by themselves.
+    constant : bool
+        Whether gains are known to be: which of them depart is asked only once experiments disagree.
 
     Raises
     ------
@@ -57,7 +61,7 @@ def calibrate(
     FitError
         If no trustworthy estimate comes out.
     """
-    return _with_inertial(_dynamics(telemetries, chosen or settings(), drawn), telemetries)
+    return _with_inertial(_dynamics(telemetries, chosen or settings(), drawn, constant), telemetries)
 
 
 @one_thread
@@ -136,7 +140,7 @@ class _Together:
     agreement: dict[str, dict[str, float]] | None
 
 
-def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -> Results:
+def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, constant: bool) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     upto(0.1)  # as the shares below, about what it takes of the time
     found = pair(telemetries)
@@ -149,12 +153,12 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool) -
     ready = _prepared(found, chosen, drawn).without(admission.mislabelled(found, telemetries))
     upto(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
-    alone = _each_alone(ready.experiments, chosen, drawn)
-    ready, alone = _noises(ready, alone, chosen, drawn)
+    alone = _each_alone(ready.experiments, chosen)
+    ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
     upto(0.95)
-    together = _together(ready, alone, chosen, misfits, drawn)
+    together = _together(ready, alone, chosen, misfits, drawn, constant)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
     joint, own = _judged(ready, alone, together, chosen, drawn)
@@ -193,34 +197,27 @@ def _that_may_change(ready: Ready, chosen: Settings, drawn: bool) -> tuple[Exper
 
 
 def _noises(
-    ready: Ready, alone: dict[str, Outcome | FitError], chosen: Settings, drawn: bool
+    ready: Ready, alone: dict[str, Outcome | FitError], chosen: Settings
 ) -> tuple[Ready, dict[str, Outcome | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
     ready = ready.noted(levels.judged(of_levels, alone, chosen))
-    alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen, drawn)
+    alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen)
     ready = ready.noted(steadiness.judged(ready.trusted, alone))
-    return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen, drawn)
+    return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen)
 
 
-def _each_alone(
-    experiments: Sequence[Experiment], chosen: Settings, drawn: bool
-) -> dict[str, Outcome | FitError]:
-    near = ROUGH if drawn else TOLERANCE
-    fits = each(lambda e: _alone(e, chosen, tolerance=near), experiments, Experiment.samples)
+def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
+    fits = each(lambda e: _alone(e, chosen), experiments, Experiment.samples)
     return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 
 def _alone(
-    e: Experiment,
-    chosen: Settings,
-    known: Known | None = None,
-    begun: Outcome | FitError | None = None,
-    tolerance: float = TOLERANCE,
+    e: Experiment, chosen: Settings, known: Known | None = None, begun: Outcome | FitError | None = None
 ) -> Outcome | FitError:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
     try:
-        return fit_experiment(e, known, chosen.estimator, begun, tolerance)
+        return fit_experiment(e, known, chosen.estimator, begun)
     except FitError as error:
         return error
 
@@ -231,11 +228,12 @@ def _together(
     chosen: Settings,
     misfits: Mapping[str, str],
     drawn: bool,
+    constant: bool,
 ) -> _Together | None:
     """Fit what takes part jointly, as far as it agrees."""
     if not ready.taking_part:
         return None
-    agreed = jury.convene(ready.taking_part, alone, chosen, misfits, drawn)
+    agreed = jury.convene(ready.taking_part, alone, chosen, misfits, drawn, constant)
     fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
     left_out = explained(
         (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)

@@ -6,16 +6,14 @@ the sigmas hold. Forecasts, samples of the posterior and the pulls of many campa
 
 from fit.estimate.angles import PlannedTurn
 from fit.estimate.forecast import Planned
-from fit.estimate.irls import ROUGH, TOLERANCE, Known, Outcome
+from fit.estimate.irls import Known, Outcome
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
 from fit.estimate.posterior import Posterior
 from fit.estimate.pulls import Pulls
 from fit.estimate.residuals import SCORES
 
 __all__ = [
-    "ROUGH",
     "SCORES",
-    "TOLERANCE",
     "Known",
     "Outcome",
     "Planned",

@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
-ROUGH = 0.05  # sigma, least move that counts where another fit begins and nobody reads this one
 FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
 FASTER = 0.8  # of the iterations that are left, about, when one is done
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
@@ -169,7 +168,6 @@ def reweight(
     estimator: Estimator = "gaussian",
     departing: Sequence[Width] = (),
     begun: Mapping[str, linear.Block] | None = None,
-    tolerance: float = TOLERANCE,
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -189,8 +187,6 @@ def reweight(
         Departures of experiments, held so weakly here that the data tell them.
     begun : mapping of str to linear.Block, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
-    tolerance : float
-        Least move [sigma] that counts.
 
     Raises
     ------
@@ -210,8 +206,7 @@ def reweight(
         return replace(found, prior=prior, lost=lost)
 
     try:
-        rule = Rule(MAX_ITERATIONS, tolerance, HARMLESS)
-        return iterate(weighings, parameters, held, rule, departing)
+        return iterate(weighings, parameters, held, departing=departing)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error

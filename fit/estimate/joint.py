@@ -7,7 +7,7 @@ import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.estimate import choice, departures
-from fit.estimate.irls import TOLERANCE, Known, Outcome, reweight
+from fit.estimate.irls import Known, Outcome, reweight
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, Settings
@@ -19,7 +19,6 @@ def fit_experiment(
     known: Known | None = None,
     estimator: Estimator = "gaussian",
     alone: Outcome | FitError | None = None,
-    tolerance: float = TOLERANCE,
 ) -> Outcome:
     """Fit one experiment on its own.
 
@@ -33,8 +32,6 @@ def fit_experiment(
         See `irls.reweight`.
     alone : Outcome or FitError, optional
         What it yields without what is known, as for `fit_joint`.
-    tolerance : float
-        See `irls.reweight`.
 
     Raises
     ------
@@ -47,9 +44,7 @@ def fit_experiment(
     parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     begun = _weighed({experiment.name: alone})
-    return reweight(
-        [experiment], [share], parameters, known, estimator=estimator, begun=begun, tolerance=tolerance
-    )
+    return reweight([experiment], [share], parameters, known, estimator=estimator, begun=begun)
 
 
 def fit_joint(

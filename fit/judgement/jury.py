@@ -42,6 +42,7 @@ def convene(
     chosen: Settings,
     misfits: Mapping[str, str],
     drawn: bool,
+    constant: bool = False,
 ) -> Agreed:
     """Fit those experiments jointly that can be.
 
@@ -57,6 +58,8 @@ def convene(
         Experiments that do not follow the equation by themselves, and what is said of them.
     drawn : bool
         Whether for a Monte Carlo: o_1 is not late then, and nothing but what is drawn lasts in all runs.
+    constant : bool
+        Whether gains are known to be: which of them depart is asked only once experiments disagree.
 
     Raises
     ------
@@ -66,12 +69,13 @@ def convene(
         If no trustworthy estimate comes out.
     """
     left_out = _by_themselves(experiments, alone, misfits, drawn)
-    outcome, kept, failed = _settled(_without(experiments, left_out), alone, chosen)
+    auto = chosen.scatter == ["auto"]
+    first = chosen.model_copy(update={"scatter": []}) if auto and constant else chosen
+    outcome, kept, failed = _settled(_without(experiments, left_out), alone, first)
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
         verdict.check_gains({e.name: outcome for e in kept}, kept)
         return Agreed(outcome, tuple(kept), left_out, (_unjudged(chosen),))
-    auto = chosen.scatter == ["auto"]
     while True:
         # a few that are wrong must not pass for gains that scatter; scatter without alarm is looked for too
         plain = _plainly(outcome, kept, chosen)

@@ -69,7 +69,7 @@ def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, 
 
 def minimiser() -> Any:
     """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
-    with lean.without(_UNASKED, "lmfit"), lean.later("scipy.stats"):  # of which it has two distributions
+    with lean.without(_UNASKED, "lmfit"):
         return import_module("lmfit")
 
 

@@ -288,11 +288,8 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     telemetries = [
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
-    chosen = work.chosen
-    if chosen.scatter == ["auto"] and not plan.truth.lambda_scatter:
-        # all runs have the same gains: data would ask for others in one of 10^6 campaigns
-        chosen = chosen.model_copy(update={"scatter": []})
-    results = calibrate(telemetries, chosen, drawn=True)
+    constant = not plan.truth.lambda_scatter
+    results = calibrate(telemetries, work.chosen, drawn=True, constant=constant)
     return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 

@@ -63,13 +63,37 @@ def test_docstrings_without_notes_are_otherwise_the_same():
 import inspect
 import scipy.signal
 import scipy.special
-for function in (scipy.signal.firwin, scipy.signal.welch, scipy.special.erf, scipy.special.logsumexp):
-    print(inspect.getdoc(function))
+for function in (scipy.signal.firwin, scipy.signal.welch, scipy.special.logsumexp, scipy.special.softmax):
+    print(inspect.getdoc(function), end="\\0")
 """
-    noted, plain = said(of_some), said(f"from fit import lean\nlean.lean_scipy(){of_some}")
-    assert plain.split()[:40] == noted.split()[:40]
-    assert "FIR filter design using the window method." in plain
-    assert "Array API" not in plain
+    # twice is once, as where a command is run by another
+    without = f"from fit import lean\nlean.lean_scipy()\nlean.lean_scipy(){of_some}"
+    for noted, plain in zip(said(of_some).split("\0"), said(without).split("\0"), strict=True):
+        assert plain.split("Returns")[0].split() == noted.split("Returns")[0].split()
+        assert "Array API" not in plain
+    assert "FIR filter design" in said(without)
+
+
+def test_what_is_for_later_can_be_copied():
+    code = """
+import copy, pickle
+import fit.api
+fit.api.read_in()
+import lmfit
+for made in (copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))):
+    print(made(lmfit.minimizer.norm_dist).pdf(0.0) == lmfit.minimizer.norm_dist.pdf(0.0))
+"""
+    assert said(code).split() == ["True"] * 3
+
+
+def test_what_is_for_later_and_used_at_once_is_told():
+    with lean.later("json.tool") if "json.tool" not in sys.modules else pytest.skip("is there"):
+        from json.tool import main
+
+        with pytest.raises(ImportError, match=r"json\.tool\.main is used while"):
+            main()
+    assert callable(main)
+    assert main.__class__.__name__ == "_Name"
 
 
 def test_parts_of_numpy_are_there_when_they_are_used():

@@ -92,6 +92,30 @@ def test_of_what_is_drawn_the_joint_fit_is_the_same(struck):
     assert drawn.joint.warnings == told.joint.warnings
 
 
+def test_of_constant_gains_which_depart_is_not_asked(monkeypatch):
+    runs = campaign_of(OFF)
+    told = calibrate(runs, drawn=True)
+    monkeypatch.setattr("fit.estimate.choice.departing", lambda *_: pytest.fail("asked"))
+    found = calibrate(runs, drawn=True, constant=True)
+    assert found.joint.parameters == told.joint.parameters
+    assert found.joint.warnings == told.joint.warnings
+
+
+def test_gains_that_are_not_as_constant_as_they_should_be_depart_once_experiments_disagree():
+    worlds = [replace(OFF, lambda_2=OFF.lambda_2 * (1 + by)) for by in (-2e-3, 1e-3, 3e-3, -1e-3)]
+    runs = [
+        run
+        for world, (name, epoch) in zip(worlds, SETS, strict=True)
+        for run in pair(world, name, epoch=epoch)
+    ]
+    asked, constant = (calibrate(runs, drawn=True, constant=constant) for constant in (False, True))
+    assert "lambda_2" in asked.provenance.scatter
+    assert constant.provenance.scatter.keys() == asked.provenance.scatter.keys()
+    for name, of in asked.joint.parameters.items():
+        assert constant.joint.parameters[name].value == pytest.approx(of.value, abs=1e-3 * of.sigma)
+        assert constant.joint.parameters[name].sigma == pytest.approx(of.sigma, rel=1e-3)
+
+
 def test_order_of_the_files_does_not_matter():
     runs = campaign_of(World())
     forth, back = calibrate(runs).joint, calibrate(runs[::-1]).joint
