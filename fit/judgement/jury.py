@@ -59,7 +59,7 @@ def convene(
     drawn : bool
         Whether for a Monte Carlo: o_1 is not late then, and nothing but what is drawn lasts in all runs.
     constant : bool
-        Whether gains are known to be: which of them depart is asked only once experiments disagree.
+        Whether gains are known to be: which depart is asked once experiments disagree.
 
     Raises
     ------
@@ -69,13 +69,25 @@ def convene(
         If no trustworthy estimate comes out.
     """
     left_out = _by_themselves(experiments, alone, misfits, drawn)
-    auto = chosen.scatter == ["auto"]
-    first = chosen.model_copy(update={"scatter": []}) if auto and constant else chosen
+    first = _without_scatter(chosen) if constant and chosen.scatter == ["auto"] else chosen
     outcome, kept, failed = _settled(_without(experiments, left_out), alone, first)
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
         verdict.check_gains({e.name: outcome for e in kept}, kept)
         return Agreed(outcome, tuple(kept), left_out, (_unjudged(chosen),))
+    return _agreed(outcome, kept, left_out, alone, chosen, drawn)
+
+
+def _agreed(
+    outcome: Outcome,
+    kept: list[Experiment],
+    left_out: tuple[LeftOut, ...],
+    alone: Mapping[str, Outcome | FitError],
+    chosen: Settings,
+    drawn: bool,
+) -> Agreed:
+    """Leave out what contradicts the others until the rest agrees."""
+    auto = chosen.scatter == ["auto"]
     while True:
         # a few that are wrong must not pass for gains that scatter; scatter without alarm is looked for too
         plain = _plainly(outcome, kept, chosen)
@@ -114,7 +126,11 @@ def _plainly(outcome: Outcome, experiments: Sequence[Experiment], chosen: Settin
     """Return the fit without departures that the data chose; as it is if there are none."""
     if not outcome.by_data:
         return outcome
-    return fit_joint(experiments, chosen.model_copy(update={"scatter": []}))
+    return fit_joint(experiments, _without_scatter(chosen))
+
+
+def _without_scatter(chosen: Settings) -> Settings:
+    return chosen.model_copy(update={"scatter": []})
 
 
 def _without(experiments: Sequence[Experiment], left_out: Iterable[LeftOut]) -> list[Experiment]:
