@@ -33,6 +33,11 @@ DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below w
 PERIOD = 2
 
 
+def struck(run: Run) -> bool:
+    """Tell whether there are glitches in a run."""
+    return any(isinstance(injection, Pulse) for injection in run.injections) or bool(events.glitches(run))
+
+
 class Simulation:
     """A run that is to be drawn many times.
 
@@ -47,11 +52,10 @@ class Simulation:
     """
 
     def __init__(self, run: Run, channels: Sequence[str], beside: "Simulation | None" = None) -> None:
-        struck = any(isinstance(injection, Pulse) for injection in run.injections) or events.glitches(run)
         silent = replace(run, noise=Noise(), actuation=Actuation())
-        glitches = drive.stream(silent) if struck else None  # the same in every draw
+        glitches = drive.stream(silent) if struck(run) else None  # the same in every draw
         self._n = run.n_samples // round(run.fs / planning.RATE)
-        driven = run.injections or struck
+        driven = run.injections or glitches
         responses = planning.response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
         self._mean = {name: responses[name] for name in channels}
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
