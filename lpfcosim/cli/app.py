@@ -264,11 +264,11 @@ def montecarlo(
     """Repeat a campaign with new noise; tell pulls and coverage.
 
     Telemetry is drawn at 1 Hz from the spectra of the linear closed loop, which needs no FMU. The fit is
-    that of `lpfcosim fit`, but looks for no faults of archives, nor, before experiments disagree, for
-    gains that change where those of the campaign do not. Of the whole spacecraft, only the channels of
-    the joint fit are drawn; with --fmus the inertial calibration takes part too. The folder holds
-    montecarlo.json, campaigns.jsonl and figures/pulls.*. If it is interrupted, the same command
-    continues; N may be larger then.
+    that of `lpfcosim fit`, but looks for no faults of archives, and for no glitches, and no gains that
+    change, where the campaign has none. Of the whole spacecraft, only the channels of the joint fit are
+    drawn; with --fmus the inertial calibration takes part too. The folder holds montecarlo.json,
+    campaigns.jsonl and figures/pulls.*. If it is interrupted, the same command continues; N may be larger
+    then.
     """
     from lpfcosim.cli import montecarlo as cli_montecarlo
     from lpfcosim.cli.console import Console
