@@ -290,7 +290,7 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     ]
     chosen, constant = work.chosen, not plan.truth.lambda_scatter
     if not any(map(spectral.struck, plan.runs)):
-        chosen = chosen.model_copy(update={"glitches": False})  # noise passes for one in 1 of 10^3 campaigns
+        chosen = chosen.model_copy(update={"glitches": False})  # noise passes for one in 1 of 100 campaigns
     results = calibrate(telemetries, chosen, drawn=True, constant=constant)
     return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
