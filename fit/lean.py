@@ -99,12 +99,15 @@ def lean_scipy() -> None:
 
 
 class _Finder:
-    """Finds the module that notes, once."""
+    """Finds the module that notes, once; it stays, as other threads may be going through all finders."""
+
+    def __init__(self) -> None:
+        self._asked = False
 
     def find_spec(self, name: str, _path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
-        if name != _NOTING:
+        if name != _NOTING or self._asked:
             return None
-        sys.meta_path.remove(self)
+        self._asked = True
         found = find_spec(name)
         if found and found.loader:
             execute = found.loader.exec_module
