@@ -42,7 +42,7 @@ def convene(
     chosen: Settings,
     misfits: Mapping[str, str],
     drawn: bool,
-    constant: bool = False,
+    constant: bool,
 ) -> Agreed:
     """Fit those experiments jointly that can be.
 

@@ -24,7 +24,7 @@ from fit.results import Results
 from fit.settings import Settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from fit.threads import alone, one_heap, one_thread
+from fit.threads import alone, one_heap, one_thread, processors
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
@@ -227,7 +227,7 @@ def _outcomes(
             yield from connection.results(trial, work, items, fmus)
         return
     tasks = {name: (number, fmus) for name, number in items.items()}
-    yield from workers.results(setting, tasks, jobs or runner.processors())
+    yield from workers.results(setting, tasks, jobs or processors())
 
 
 def _table(found: Mapping[str, pulls.Pulls]) -> Lines:

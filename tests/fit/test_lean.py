@@ -86,8 +86,9 @@ for made in (copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))):
     assert said(code).split() == ["True"] * 3
 
 
-def test_what_is_for_later_and_used_at_once_is_told():
-    with lean.later("json.tool") if "json.tool" not in sys.modules else pytest.skip("is there"):
+def test_what_is_for_later_and_used_at_once_is_told(monkeypatch):
+    monkeypatch.delitem(sys.modules, "json.tool", raising=False)
+    with lean.later("json.tool"):
         from json.tool import main
 
         with pytest.raises(ImportError, match=r"json\.tool\.main is used while"):
