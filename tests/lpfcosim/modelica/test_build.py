@@ -1,0 +1,145 @@
+"""Building FMUs: archives that no checker faults, the same bytes again, the cache, other compilers."""
+
+import shutil
+import subprocess
+import sys
+import zipfile
+
+import fmpy
+import numpy as np
+import pytest
+
+from lpfcosim.cosim import checks
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.modelica import build
+from lpfcosim.modelica import compiler as compiling
+from lpfcosim.modelica.compiler import compiler
+from tests.lpfcosim.modelica.modelica_source import write
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.mark.parametrize("model", build.MODELS)
+def test_no_checker_finds_a_fault(fmus, model):
+    assert checks.problems(fmus[model]) == []
+
+
+def test_checker_finds_a_fault_in_a_broken_description(fmus, tmp_path):
+    broken = tmp_path / "Plant.fmu"
+    with zipfile.ZipFile(fmus["Plant"]) as source, zipfile.ZipFile(broken, "w") as target:
+        for item in source.infolist():
+            data = source.read(item)
+            if item.filename == "modelDescription.xml":
+                data = data.replace(b'variability="fixed"', b'variability="continuous"', 1)
+            target.writestr(item, data)
+    assert checks.problems(broken)
+
+
+@pytest.mark.parametrize("model", build.MODELS)
+def test_archive_carries_sources_that_compile_without_a_warning(fmus, model, tmp_path):
+    if not compiler().command[0].endswith(("cc", "gcc", "clang")):
+        pytest.skip("the warning flags are those of gcc and clang")
+    with zipfile.ZipFile(fmus[model]) as archive:
+        archive.extractall(tmp_path)
+    sources = sorted((tmp_path / "sources").glob("*.c"))
+    names = ("all", "model", "core", "multiply", "instance", "derivatives", "fmi3")
+    assert {f"{name}.c" for name in names} == {p.name for p in sources}
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-fsyntax-only"]
+    done = subprocess.run(
+        [*compiler().command, *flags, str(tmp_path / "sources" / "all.c")], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("model", build.MODELS)
+def test_every_variable_is_documented(fmus, model):
+    for v in fmpy.read_model_description(str(fmus[model])).modelVariables:
+        assert v.description, v.name
+        assert v.unit, v.name
+        if v.unit == "m" and v.causality in ("input", "output", "local"):  # motion, not geometry
+            assert float(v.nominal) <= 1e-9, v.name
+
+
+def test_same_sources_give_the_same_bytes(tmp_path):
+    first, second = tmp_path / "1" / "Plant.fmu", tmp_path / "2" / "Plant.fmu"
+    for archive in (first, second):
+        build.build_one(build.PACKAGE, "LISAPathfinder.Plant", archive)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_changed_equation_changes_the_simulation(tmp_path):
+    package = tmp_path / "LISAPathfinder"
+    shutil.copytree(build.PACKAGE, package)
+    before = build.digest(package)
+
+    def moved(archive):
+        return fmpy.simulate_fmu(
+            str(archive), stop_time=10, output_interval=0.1, start_values={"g_1": 1e-12}
+        )["x_1"][-1]
+
+    build.build_one(package, "LISAPathfinder.Plant", tmp_path / "before.fmu")
+    file = package / "TestMass.mo"
+    text = file.read_text()
+    assert "der(v) = F/m_tm - a_SC;" in text
+    file.write_text(text.replace("der(v) = F/m_tm - a_SC;", "der(v) = 3*F/m_tm - a_SC;"))
+    assert build.digest(package) != before
+    build.build_one(package, "LISAPathfinder.Plant", tmp_path / "after.fmu")
+    # x = g t^2/2 in both, but for stiffness and back-reaction of order 1e-2
+    assert moved(tmp_path / "after.fmu") == pytest.approx(3 * moved(tmp_path / "before.fmu"), rel=0.02)
+
+
+def test_cache_is_used_and_refreshed(tmp_path, monkeypatch):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path))
+    archive = build.build(["OpticalMetrology"])["OpticalMetrology"]
+    stamp = archive.stat().st_mtime_ns
+    assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_mtime_ns == stamp
+    archive.write_bytes(archive.read_bytes()[:5000])
+    assert build.build(["OpticalMetrology"])["OpticalMetrology"].stat().st_size > 5000
+    stamp = archive.stat().st_mtime_ns
+    assert build.build(["OpticalMetrology"], force=True)["OpticalMetrology"].stat().st_mtime_ns != stamp
+
+
+def test_missing_compiler_is_one_sentence_with_the_remedy(monkeypatch):
+    compiler.cache_clear()
+    monkeypatch.setenv("CC", "no-such-compiler")
+    try:
+        with pytest.raises(InputError, match=r"'no-such-compiler', is not there; .*pip install ziglang"):
+            compiler()
+    finally:
+        compiler.cache_clear()
+
+
+def test_generated_c_is_refused_if_it_does_not_compile(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "FLAGS", (*compiling.FLAGS, "--no-such-flag"))
+    with pytest.raises(RunError, match="does not compile"):
+        build.build_one(
+            write(tmp_path, "model M output Real x; equation x = 1; end M;"), "M", tmp_path / "M.fmu"
+        )
+    assert not (tmp_path / "M.fmu").exists()
+
+
+@pytest.mark.slow
+def test_ziglang_gives_the_same_bits(fmus, tmp_path, monkeypatch):
+    pytest.importorskip("ziglang")
+    monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
+    compiler.cache_clear()
+    try:
+        build.build_one(build.PACKAGE, "LISAPathfinder.Plant", tmp_path / "Plant.fmu")
+    finally:
+        monkeypatch.undo()
+        compiler.cache_clear()
+    signal = np.zeros(
+        2000, dtype=[("time", float), ("f_applied_1", float), ("F_x_sc", float), ("g_2", float)]
+    )
+    rng = np.random.default_rng(1)
+    signal["time"] = np.arange(2000) * 0.1
+    for name, size in (("f_applied_1", 1e-12), ("F_x_sc", 1e-7), ("g_2", 1e-14)):
+        signal[name] = size * rng.standard_normal(2000)
+    runs = [
+        fmpy.simulate_fmu(
+            str(a), stop_time=199, output_interval=0.1, input=signal, output=["x_1", "x_2", "a_SC"]
+        )
+        for a in (fmus["Plant"], tmp_path / "Plant.fmu")
+    ]
+    for channel in ("x_1", "x_2", "a_SC"):
+        np.testing.assert_array_equal(runs[0][channel], runs[1][channel])

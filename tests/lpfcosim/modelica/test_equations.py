@@ -1,0 +1,180 @@
+"""Equations as FMUs, stepped by plain FMPy, against their solutions."""
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from scipy.integrate import solve_ivp
+
+from tests.lpfcosim.modelica.modelica_source import fmu
+
+pytestmark = pytest.mark.fmu
+
+
+def test_harmonic_oscillator_against_its_solution(tmp_path):
+    archive = fmu(
+        tmp_path,
+        """model M
+          parameter Real k = 0.04; input Real u;
+          output Real x(start = 1e-9, fixed = true, nominal = 1e-9);
+          Real v(start = 0, fixed = true, nominal = 1e-9);
+        equation
+          der(x) = v; der(v) = -k*x + u;
+        end M;""",
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=21600, output_interval=0.1, start_values={"u": 2e-11})
+    t = result["time"]
+    expected = 2e-11 / 0.04 + (1e-9 - 2e-11 / 0.04) * np.cos(0.2 * t)
+    assert len(t) == 216001
+    assert np.abs(result["x"] - expected).max() < 1e-10 * 1e-9
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.12345, 0.25, 0.3])
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_delayed_force_switches_inside_the_step(tmp_path, delay, nonlinear):
+    # A unit step of the command at t = 1: x = (t - 1 - delay)^2 / 2 afterwards, exactly.
+    # A term that vanishes, but is not linear, sends the second model down the Runge-Kutta path.
+    archive = fmu(
+        tmp_path,
+        f"""model M
+          input Real u; output Real x(start = 0, fixed = true); Real v(start = 0, fixed = true);
+          parameter Real d = 0.2; parameter Real zero = 0;
+        equation
+          der(x) = v; der(v) = delay(u, d){" + zero*x*x" if nonlinear else ""};
+        end M;""",
+    )
+    signal = np.array([(0.0, 0.0), (0.9, 0.0), (1.0, 1.0), (3.0, 1.0)], dtype=[("time", float), ("u", float)])
+    result = fmpy.simulate_fmu(
+        str(archive), stop_time=3, output_interval=0.1, input=signal, start_values={"d": delay}
+    )
+    # the input is held: the value at t_n counts from t_n on
+    expected = 0.5 * np.clip(result["time"] - 1 - delay, 0, None) ** 2
+    np.testing.assert_allclose(result["x"], expected, atol=1e-14)
+
+
+def test_nonlinear_system_against_a_high_order_integrator(tmp_path):
+    archive = fmu(
+        tmp_path,
+        """model M
+          parameter Real k = 1; input Real u;
+          output Real x(start = 1, fixed = true); Real v(start = 0, fixed = true);
+        equation
+          der(x) = v; der(v) = -k*sin(x) - 0.1*v*v*v + u*cos(time/3);
+        end M;""",
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=20, output_interval=0.1, start_values={"u": 0.3})
+    exact = solve_ivp(
+        lambda t, y: [y[1], -np.sin(y[0]) - 0.1 * y[1] ** 3 + 0.3 * np.cos(t / 3)],
+        (0, 20), [1, 0], method="DOP853", rtol=1e-12, atol=1e-14, t_eval=result["time"],
+    )  # fmt: skip
+    error = np.abs(result["x"] - exact.y[0]).max()
+    assert 1e-9 < error < 1e-5  # classical Runge-Kutta at h = 0.1: of order h^4, and not better by accident
+
+
+SWITCHES = {
+    "input": ("der(x) = if u > 1 then 3 else 5;", 3.0),
+    "if equation": ("if u > 1 then der(x) = 3; else der(x) = 5; end if;", 3.0),
+    "algebraic": ("der(x) = g; g = if u > 1 then 3 else 5;", 3.0),
+    "maximum": ("der(x) = max(u, 1.5);", 2.0),
+    "Runge-Kutta": ("der(x) = (if u > 1 then 3 else 5) + zero*x*x;", 3.0),
+    "delayed": ("der(x) = if delay(u, 0.25) > 1 then 3 else 5;", 3.0),
+    "sampled": ("der(x) = if n > 5.5 then 1 else 0; when sample(0, 0.1) then n = pre(n) + 1; end when;", 0.5),
+}
+
+
+@pytest.mark.parametrize("switch", SWITCHES)
+def test_switch_on_a_held_signal_in_a_derivative(tmp_path, switch):
+    equations, expected = SWITCHES[switch]
+    extra = ("Real g;" if switch == "algebraic" else "") + (
+        "discrete Real n(start = 0, fixed = true);" if switch == "sampled" else ""
+    )
+    archive = fmu(
+        tmp_path,
+        f"model M input Real u(start = 2); output Real x(start = 0, fixed = true); "
+        f"parameter Real zero = 0; {extra} equation {equations} end M;",
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=0.1)
+    assert result["x"][-1] == pytest.approx(expected, rel=1e-12)
+
+
+def test_names_of_the_user_do_not_meet_those_of_the_generator(tmp_path):
+    text = """model M
+      output Real NAME = 7; Real x(start = 0.5, fixed = true); Real v(start = 0.5, fixed = true);
+    equation
+      der(x) = sin(x*v + 1); der(v) = sin(x*v + 1)*x - v;
+    end M;"""
+    ends = []
+    for name in ("common_0", "common", "other"):
+        archive = fmu(tmp_path, text.replace("NAME", name))
+        ends.append(fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=0.1, output=["x"])["x"][-1])
+    assert ends[0] == ends[1] == ends[2]
+
+
+def test_constants_of_mathematics(tmp_path):
+    archive = fmu(
+        tmp_path, "model M output Real y[3]; equation y = {4*atan(1.0), exp(1.0), log10(1000.0)}; end M;"
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=0.1, output_interval=0.1)
+    np.testing.assert_allclose(result["y"][-1], [np.pi, np.e, 3], rtol=1e-15)
+
+
+def test_long_communication_step_is_divided(tmp_path):
+    archive = fmu(
+        tmp_path,
+        "model M Real v(start = 0, fixed = true); output Real x(start = 1, fixed = true); "
+        "equation der(x) = v; der(v) = -sin(x); end M;",
+    )
+    ends = [
+        fmpy.simulate_fmu(str(archive), stop_time=33.3, output_interval=h)["x"][-1] for h in (0.1, 3.33, 0.37)
+    ]
+    np.testing.assert_allclose(ends, ends[0], atol=1e-4)
+
+
+def test_shorter_and_longer_communication_steps(tmp_path):
+    text = """model M
+      input Real u; output Real x(start = 1, fixed = true); discrete output Real n(start = 0, fixed = true);
+    equation
+      der(x) = -x + u;
+      when sample(0, 0.1) then n = pre(n) + 1; end when;
+    end M;"""
+    archive = fmu(tmp_path, text)
+    for step in (0.01, 0.05, 0.1, 0.5):
+        result = fmpy.simulate_fmu(str(archive), stop_time=1, output_interval=step)
+        np.testing.assert_allclose(result["x"], np.exp(-result["time"]), rtol=1e-14)
+        assert result["n"][-1] == 10
+    with pytest.raises(FMICallException):
+        fmpy.simulate_fmu(str(archive), stop_time=0.9, output_interval=0.03)
+
+
+def test_start_time_other_than_zero(tmp_path):
+    archive = fmu(
+        tmp_path,
+        """model M
+          input Real u(start = 1); output Real x(start = 0, fixed = true); output Real t;
+          discrete output Real n(start = 0, fixed = true);
+        equation
+          der(x) = delay(u, 0.25); t = time;
+          when sample(0, 0.2) then n = pre(n) + 1; end when;
+        end M;""",
+    )
+    result = fmpy.simulate_fmu(str(archive), start_time=5.1, stop_time=6.1, output_interval=0.1)
+    np.testing.assert_allclose(result["t"], result["time"], rtol=1e-15)
+    assert result["x"][-1] == pytest.approx(1.0, rel=1e-12)
+    assert result["n"][-1] == 5  # at 5.2, 5.4, 5.6, 5.8, 6.0
+
+
+def test_clocks_of_different_rate(tmp_path):
+    archive = fmu(
+        tmp_path,
+        """model M
+          input Real u; discrete output Real fast(start = 0, fixed = true);
+          discrete output Real slow(start = 0, fixed = true);
+        equation
+          when sample(0, 0.1) then fast = pre(fast) + 1; end when;
+          when sample(0.2, 0.3) then slow = pre(slow) + 1; end when;
+        end M;""",
+    )
+    result = fmpy.simulate_fmu(str(archive), stop_time=1.2, output_interval=0.1)
+    np.testing.assert_array_equal(result["fast"], np.arange(13))
+    # samples at 0.2, 0.5, 0.8, 1.1, seen from the end of the step that begins there
+    np.testing.assert_array_equal(result["slow"], [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4])

@@ -1,0 +1,144 @@
+"""Instances of built FMUs: what may be set, and honest state handling."""
+
+import ctypes
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi3 import FMU3Slave
+
+from lpfcosim.modelica import build
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.fixture
+def instantiate(tmp_path):
+    """Make initialised FMU3Slaves; freed at the end."""
+    made = []
+
+    def make(archive, name="instance", **values):
+        description = fmpy.read_model_description(str(archive))
+        folder = fmpy.extract(str(archive), str(tmp_path / name))
+        slave = FMU3Slave(
+            instanceName=name, guid=description.guid, unzipDirectory=folder,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        slave.instantiate(logMessage=lambda *_: None)
+        made.append(slave)
+        slave.vr = {v.name: v.valueReference for v in description.modelVariables}
+        initialise(slave, **values)
+        return slave
+
+    yield make
+    for slave in made:
+        slave.fmi3FreeInstance(slave.component)
+        slave.freeLibrary()
+
+
+def initialise(slave, **values):
+    slave.enterInitializationMode(startTime=0.0)
+    slave.setFloat64([slave.vr[n] for n in values], list(values.values()))
+    slave.exitInitializationMode()
+
+
+def get(slave, name):
+    return slave.getFloat64([slave.vr[name]])[0]
+
+
+def drive(slave, n, first=0):
+    out = []
+    for i in range(first, first + n):
+        slave.setFloat64(
+            [slave.vr["F_x_sc"], slave.vr["f_applied_2"]], [1e-7 * np.sin(i), 1e-12 * np.cos(0.3 * i)]
+        )
+        slave.doStep(i * 0.1, 0.1)
+        out.append((get(slave, "x_1"), get(slave, "x_2")))
+    return out
+
+
+def test_outputs_follow_the_inputs_without_a_step(fmus, instantiate):
+    metrology = instantiate(fmus["OpticalMetrology"])
+    for value in (1e-9, 2e-9):
+        metrology.setFloat64([metrology.vr["x_1"]], [value])
+        assert get(metrology, "o_1") == value
+
+
+def test_calculated_parameters_follow_what_is_set(fmus, instantiate):
+    plant = instantiate(
+        fmus["Plant"], F_max_1=1e-9, N_max_1=5e-12, omega2_1_0=-1e-7, alpha_x_1=-300, alpha_phi_1=-2e4
+    )
+    assert get(plant, "testMass_1.omega2") == pytest.approx(-1e-7 - 300 * 1e-9 - 2e4 * 5e-12, rel=1e-15)
+
+
+def test_variables_that_cannot_be_set_are_refused(fmus, instantiate):
+    plant = instantiate(fmus["Plant"])
+    for name in ("x_1", "tau_1", "testMass_1.omega2", "time"):
+        with pytest.raises(FMICallException):
+            plant.setFloat64([plant.vr[name]], [1.0])
+
+
+def test_singular_parameters_are_an_error_and_not_a_hang(fmus, instantiate):
+    plant = instantiate(fmus["Plant"], T_sc=0.0)
+    with pytest.raises(FMICallException):
+        plant.doStep(0.0, 0.1)
+
+
+def test_saved_state_gives_the_same_bits(fmus, instantiate):
+    plant = instantiate(fmus["Plant"])
+    drive(plant, 50)
+    state = plant.getFMUState()
+    onward = drive(plant, 50, first=50)
+    plant.setFMUState(state)
+    assert drive(plant, 50, first=50) == onward
+    blob = plant.serializeFMUState(state)
+    other = instantiate(fmus["Plant"], name="other")
+    restored = other.deserializeFMUState(blob)
+    other.setFMUState(restored)
+    assert drive(other, 50, first=50) == onward
+    plant.freeFMUState(state)
+    other.freeFMUState(restored)
+
+
+def test_foreign_bytes_are_no_state(fmus, instantiate):
+    plant = instantiate(fmus["Plant"])
+    state = plant.getFMUState()
+    size = len(plant.serializeFMUState(state))
+    plant.freeFMUState(state)
+    with pytest.raises(FMICallException):
+        plant.deserializeFMUState(bytes(size))
+
+
+def test_bytes_that_only_seem_to_be_a_state_are_none(instantiate):
+    archive = build.build(["WholePlant"])["WholePlant"]  # whose step matrix has places in it
+    plant = instantiate(archive)
+    state = plant.getFMUState()
+    blob = plant.serializeFMUState(state)
+    plant.freeFMUState(state)
+    token = fmpy.read_model_description(str(archive)).guid.encode()
+    before, found, after = blob.partition(token)
+    assert found == token
+    wrong = b"\x7f" * len(before) + token + after
+    with pytest.raises(FMICallException):
+        plant.deserializeFMUState(wrong)
+    kept = plant.deserializeFMUState(blob)
+    raw = (ctypes.c_uint8 * len(wrong)).from_buffer_copy(wrong)
+    with pytest.raises(FMICallException):
+        plant.fmi3DeserializeFMUState(plant.component, raw, len(wrong), ctypes.byref(kept))
+    assert plant.serializeFMUState(kept) == blob
+    plant.setFMUState(kept)
+    plant.freeFMUState(kept)
+
+
+def test_reset_starts_anew_and_instances_do_not_touch_each_other(fmus, instantiate):
+    one, two = instantiate(fmus["Plant"], "one"), instantiate(fmus["Plant"], "two", m_sc=100.0)
+    alone = drive(one, 40)
+    one.reset()
+    initialise(one)
+    mixed = []
+    for i in range(40):
+        mixed += drive(one, 1, first=i)
+        drive(two, 1, first=i)
+    assert mixed == alone
+    assert drive(two, 1, first=40) != drive(one, 1, first=40)
