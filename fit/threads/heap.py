@@ -11,7 +11,9 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8  # of mallopt, in malloc.h of glibc
-_LARGE = 3 * 2**20  # bytes, beyond which an array takes its memory from the system, the most there may be
+# Bytes beyond which an array takes its memory from the system, which clears every page of it. Two series of
+# 65 h at 1 Hz side by side, as they are transformed, have 3.7 MB.
+_LARGE = 4 * 2**20
 _FREEING: list[Callable[[], None]] = []
 
 

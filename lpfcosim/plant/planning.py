@@ -4,9 +4,10 @@ Both are those of the linear closed loop, with no command at its limit. Of what 
 the whole spacecraft there is what is linear about its steady turn: a rate that adds to it pulls along x.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,8 @@ Complex = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
 _ENTERS = {"F_x_1": "f_x_1", "f_x_1_jitter": "f_x_1"}  # where what drives enters, if not under its own name
-STRETCH = 60  # s, stepped side by side
-BLOCK = STRETCH**2  # s, held in memory
+STRETCH = 30  # s, stepped side by side
+BLOCK = 3600  # s, held in memory
 KEPT = 128  # blocks of commands, at 10 Hz of 0.3 MB for each signal; runs of a campaign share most of them
 
 
@@ -51,12 +52,12 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
     columns = {name: i for i, name in enumerate(s.inputs) if name in driving}
     if not columns:
         return {name: np.zeros(n) for name in s.channels}
-    found = np.zeros((n, len(s.channels)))
+    found = np.empty((len(s.channels), n))
     # the samples of injections from one to the next together
     ahead = [s.B]
     for _ in range(stride - 1):
         ahead.append(s.A @ ahead[-1])
-    pushes = np.stack(ahead[::-1])
+    pushes = np.stack(ahead[::-1], axis=1)
     loop = _Loop(np.linalg.matrix_power(s.A, stride), s.C)
     state = np.zeros(len(s.A))
     for begin in range(0, n, BLOCK):
@@ -68,22 +69,22 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
             drawn = noise.take((end - begin) * stride)
             drawn["g_2"] -= run.dc  # the equilibrium holds it
             injected["f_x_1"] = injected.get("f_x_1", 0.0) + drawn["f_x_1_jitter"]
-            injected |= drawn
-        push = np.zeros((end - begin, len(s.A)))
-        for name, i in columns.items():
-            if name in injected and injected[name].any():  # most is over, or is yet to come
-                each = injected[name].reshape(-1, stride)
-                push += each @ pushes[:, :, i]
-                for k in np.flatnonzero(s.D[:, i]):
-                    found[begin:end, k] += each[:, 0] * s.D[k, i]
-        seen, state = loop.track(state, push)
-        found[begin:end] += seen
-    return dict(zip(s.channels, found.T.copy(), strict=True))
+            injected |= {name: x for name, x in drawn.items() if x.any()}
+        felt = {i: injected[name] for name, i in columns.items() if name in injected}
+        seen, state = loop.track(state, end - begin, ((pushes[:, :, i], x) for i, x in felt.items()))
+        found[:, begin:end] = seen
+        for i, x in felt.items():
+            for k in np.flatnonzero(s.D[:, i]):
+                found[k, begin:end] += x[::stride] * s.D[k, i]
+    return dict(zip(s.channels, found, strict=True))
 
 
 @lru_cache(maxsize=KEPT)
 def _commanded(injections: tuple[Injection, ...], fs: float, start: int, stop: int) -> dict[str, Array]:
-    """Return `signals.commanded`, those that are not zero; runs of other truths ask for the same ones."""
+    """Return `signals.commanded`, those that are not zero: most is over, or is yet to come.
+
+    Runs of other truths ask for the same ones.
+    """
     found = {name: x for name, x in commanded(injections, fs, start, stop).items() if x.any()}
     for x in found.values():
         x.setflags(write=False)
@@ -100,26 +101,29 @@ class _Loop:
             later.append(later[-1] @ A)
         self._later = np.concatenate(later)
         self._over = [np.linalg.matrix_power(A, STRETCH)]  # then that of two stretches, of four ...
-        while 2 ** len(self._over) <= STRETCH:
+        while 2 ** len(self._over) <= BLOCK // STRETCH:
             self._over.append(self._over[-1] @ self._over[-1])
 
-    def track(self, state: Array, push: Array) -> tuple[Array, Array]:
-        """Return what is seen before each of n pushes, shape (n, S), and the state a whole BLOCK later."""
-        n, size = push.shape
+    def track(self, state: Array, n: int, pushes: Iterable[tuple[Array, Array]]) -> tuple[Array, Array]:
+        """Return what is seen before each of n pushes, shape (S, n), and the state a whole BLOCK later.
+
+        A push is the sum of what every signal makes of m samples, the product of its matrix, shape
+        (states, m), with them. `pushes` has the matrices, and the samples of all pushes, shape (n m,).
+        """
         rows = -(-n // STRETCH)
-        pushes = np.zeros((rows, STRETCH, size))
-        pushes.reshape(-1, size)[:n] = push
-        pushes = pushes.transpose(1, 2, 0).copy()  # a state of all stretches in one piece
-        resting = np.zeros((STRETCH + 1, size, rows))  # every stretch as if it began at rest
-        for pushed, now, then in zip(pushes, resting[:-1], resting[1:], strict=True):
-            np.dot(self._A, now, out=then)
-            then += pushed
-        begun = np.concatenate([state[:, None], resting[-1]], axis=1)
+        states = np.zeros((STRETCH, len(self._A), rows))  # after each push, of all stretches side by side
+        for into, samples in pushes:
+            each = np.zeros((rows, STRETCH, into.shape[1]))
+            each.reshape(-1)[: samples.size] = samples
+            states += into @ each.transpose(1, 2, 0)
+        for before, after in pairwise(states):  # every stretch as if it began at rest
+            after += self._A @ before
+        begun = np.concatenate([state[:, None], states[-1]], axis=1)
         for k, over in enumerate(self._over):  # now each holds what the 2^k stretches before it made
             begun[:, 2**k :] += over @ begun[:, : -(2**k)]
-        seen = self._C @ resting[:-1]
-        seen += (self._later @ begun[:, :-1]).reshape(seen.shape)
-        return seen.transpose(2, 0, 1).reshape(rows * STRETCH, -1)[:n], begun[:, -1]
+        seen = (self._later @ begun[:, :-1]).reshape(STRETCH, -1, rows)
+        seen[1:] += self._C @ states[:-1]
+        return seen.transpose(1, 2, 0).reshape(-1, rows * STRETCH)[:, :n], begun[:, -1]
 
 
 def cross_spectra(run: Run, channels: Sequence[str], frequency: Array) -> Complex:

@@ -22,15 +22,17 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-HIGHEST = 0.25  # Hz, end of the noise: an archive has more, which moves estimates by some 1e-5 sigma
+# Hz, end of the noise, half of what telemetry at 1 Hz could hold; more moves estimates by some 1e-5 sigma.
+HIGHEST = 0.25
 GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
 FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
-TOGETHER = 4  # channels that are transformed at a time
+TOGETHER = 2  # channels that are transformed at a time
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
 # Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the
 # lowest bin of the run has its power to 2e-3 then, and every other one to 5e-4.
 PERIOD = 2
+LENGTHS = 8  # that the runs of a campaign have, at most, for what these share to be at hand
 
 
 def struck(run: Run) -> bool:
@@ -52,8 +54,9 @@ class Simulation:
     """
 
     def __init__(self, run: Run, channels: Sequence[str], beside: "Simulation | None" = None) -> None:
-        silent = replace(run, noise=Noise(), actuation=Actuation())
-        glitches = drive.stream(silent) if struck(run) else None  # the same in every draw
+        glitches = None
+        if struck(run):  # the same in every draw
+            glitches = drive.stream(replace(run, noise=Noise(), actuation=Actuation()))
         self._n = run.n_samples // round(run.fs / planning.RATE)
         driven = run.injections or glitches
         responses = planning.response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
@@ -64,9 +67,7 @@ class Simulation:
             if follows in self._mean:
                 self._mean[follows] = self._mean[follows] + rate * np.arange(self._n) / planning.RATE
         self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
-        self._period = scipy.fft.next_fast_len(PERIOD * self._n, real=True)
-        f = np.arange(1, self._period // 2 + 1) * planning.RATE / self._period
-        self._log_f = np.log(f[f < HIGHEST])
+        self._period, self._log_f, self._later = _bins(self._n)
         decade = int(np.floor(self._log_f[0] / np.log(10)))
         self._of_noise = _noise_of(run), decade
         if beside and beside._of_noise == self._of_noise:
@@ -83,7 +84,7 @@ class Simulation:
             The channels, SI.
         """
         C, order, independent = len(self._mean), self._factor.order, self._factor.independent
-        spectrum = np.zeros((C, self._period // 2 + 1), dtype=np.complex128)
+        spectrum = np.zeros((C, self._period // 4 + 1), dtype=np.complex128)
         inside = spectrum[:, 1 : self._log_f.size + 1]
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
@@ -92,10 +93,15 @@ class Simulation:
             for (i, j), of_bins in zip(_lower(C, independent), L, strict=True):
                 of_bins *= drawn[j]
                 inside[order[i], block] += of_bins
-        spectrum *= np.sqrt(self._period * planning.RATE) / 2
+        spectrum *= np.sqrt(self._period * planning.RATE) / 4
         series = np.empty((C, self._n))
+        # As nothing lies above HIGHEST, every second sample is a series by itself. What is shorter is faster.
+        half, even = self._period // 2, -(-self._n // 2)
         for i in range(0, C, TOGETHER):  # faster than one by one
-            series[i : i + TOGETHER] = scipy.fft.irfft(spectrum[i : i + TOGETHER], self._period)[:, : self._n]
+            rows = spectrum[i : i + TOGETHER]
+            series[i : i + TOGETHER, ::2] = scipy.fft.irfft(rows, half)[:, :even]
+            rows *= self._later
+            series[i : i + TOGETHER, 1::2] = scipy.fft.irfft(rows, half)[:, : self._n - even]
         for x, mean in zip(series, self._mean.values(), strict=True):
             x += mean
         series[:, self._lost] = np.nan
@@ -162,7 +168,18 @@ def _noise_of(run: Run) -> Run:
     return replace(alone, injections=(), n_samples=1)
 
 
-@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
+@lru_cache(maxsize=LENGTHS)
+def _bins(n: int) -> tuple[int, Array, Complex]:
+    """Return in how many samples the noise of a run of n repeats, log f of its bins, and what a sample turns.
+
+    The last are factors of the bins, that of the constant first.
+    """
+    period = 2 * scipy.fft.next_fast_len(-(-PERIOD * n // 2), real=True)
+    f = np.arange(period // 4 + 1) / period
+    return period, np.log(planning.RATE * f[1:][f[1:] < HIGHEST / planning.RATE]), np.exp(2j * np.pi * f)
+
+
+@lru_cache(maxsize=LENGTHS)
 def _low_pass(decade: int, factor: int, fs: float) -> tuple[Array, Array]:
     """Return the knots of the noise [Hz] from a decade on, evenly in log f, and what the low-pass leaves."""
     low, high = decade * np.log(10), np.log(HIGHEST)
