@@ -21,8 +21,8 @@ Complex = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, of the response; nothing of it lies above half of that
 _ENTERS = {"F_x_1": "f_x_1", "f_x_1_jitter": "f_x_1"}  # where what drives enters, if not under its own name
-STRETCH = 30  # s, stepped side by side
-BLOCK = 3600  # s, held in memory
+STRETCH = 30  # samples of what is returned, stepped side by side
+BLOCK = 120 * STRETCH  # samples, held in memory: stretches that are whole
 KEPT = 128  # blocks of commands, at 10 Hz of 0.3 MB for each signal; runs of a campaign share most of them
 
 
@@ -69,8 +69,8 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
             drawn = noise.take((end - begin) * stride)
             drawn["g_2"] -= run.dc  # the equilibrium holds it
             injected["f_x_1"] = injected.get("f_x_1", 0.0) + drawn["f_x_1_jitter"]
-            injected |= {name: x for name, x in drawn.items() if x.any()}
-        felt = {i: injected[name] for name, i in columns.items() if name in injected}
+            injected |= drawn
+        felt = {i: injected[name] for name, i in columns.items() if name in injected and injected[name].any()}
         seen, state = loop.track(state, end - begin, ((pushes[:, :, i], x) for i, x in felt.items()))
         found[:, begin:end] = seen
         for i, x in felt.items():

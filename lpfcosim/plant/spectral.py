@@ -22,12 +22,14 @@ from lpfcosim.worlds import drive, world_of
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Hz, end of the noise, half of what telemetry at 1 Hz could hold; more moves estimates by some 1e-5 sigma.
-HIGHEST = 0.25
+# Hz, end of the noise, and no more than this quarter, see `record`. An archive has noise beyond it, which
+# moves estimates by some 1e-5 sigma.
+HIGHEST = planning.RATE / 4
 GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
 FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
-TOGETHER = 2  # channels that are transformed at a time
+# Channels that are transformed at a time: of 65 h, two still have room in the heap, see `fit.threads.heap`.
+TOGETHER = 2
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
 # Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the
 # lowest bin of the run has its power to 2e-3 then, and every other one to 5e-4.
@@ -60,7 +62,7 @@ class Simulation:
         self._n = run.n_samples // round(run.fs / planning.RATE)
         driven = run.injections or glitches
         responses = planning.response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
-        self._mean = {name: responses[name] for name in channels}
+        self._mean = {name: responses[name].copy() for name in channels}  # those of the others go
         self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
         for set_point, rate in world_of(run).turns(run).items():
             follows = set_point.replace("attitude", "ast")
@@ -84,7 +86,7 @@ class Simulation:
             The channels, SI.
         """
         C, order, independent = len(self._mean), self._factor.order, self._factor.independent
-        spectrum = np.zeros((C, self._period // 4 + 1), dtype=np.complex128)
+        spectrum = np.zeros((C, self._later.size), dtype=np.complex128)
         inside = spectrum[:, 1 : self._log_f.size + 1]
         for begin in range(0, self._log_f.size, BLOCK):
             block = slice(begin, begin + BLOCK)
@@ -95,7 +97,7 @@ class Simulation:
                 inside[order[i], block] += of_bins
         spectrum *= np.sqrt(self._period * planning.RATE) / 4
         series = np.empty((C, self._n))
-        # As nothing lies above HIGHEST, every second sample is a series by itself. What is shorter is faster.
+        # As nothing lies above HIGHEST, every second sample is a series by itself; long ones are faster so.
         half, even = self._period // 2, -(-self._n // 2)
         for i in range(0, C, TOGETHER):  # faster than one by one
             rows = spectrum[i : i + TOGETHER]
@@ -170,13 +172,16 @@ def _noise_of(run: Run) -> Run:
 
 @lru_cache(maxsize=LENGTHS)
 def _bins(n: int) -> tuple[int, Array, Complex]:
-    """Return in how many samples the noise of a run of n repeats, log f of its bins, and what a sample turns.
+    """Return in how many samples the noise of a run of n repeats, log f of its bins, and how they turn.
 
-    The last are factors of the bins, that of the constant first.
+    The last are factors from one sample to the next, that of the constant first.
     """
-    period = 2 * scipy.fft.next_fast_len(-(-PERIOD * n // 2), real=True)
-    f = np.arange(period // 4 + 1) / period
-    return period, np.log(planning.RATE * f[1:][f[1:] < HIGHEST / planning.RATE]), np.exp(2j * np.pi * f)
+    half = scipy.fft.next_fast_len(PERIOD * n // 2, real=True)
+    f = np.arange(half // 2 + 1) * planning.RATE / (2 * half)
+    log_f, later = np.log(f[(f > 0) & (f < HIGHEST)]), np.exp(2j * np.pi * f / planning.RATE)
+    for shared in (log_f, later):
+        shared.setflags(write=False)
+    return 2 * half, log_f, later
 
 
 @lru_cache(maxsize=LENGTHS)

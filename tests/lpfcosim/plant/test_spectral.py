@@ -55,6 +55,15 @@ def test_without_noise_there_is_the_response(sysid):
         assert np.array_equal(drawn[name], expected[name])
 
 
+@pytest.mark.parametrize("samples", [3600, 3601, 1125, 1124])  # at 1 Hz
+def test_noise_ends_at_a_quarter_of_a_hertz(sysid, samples):
+    run = replace(sysid, n_samples=10 * samples, injections=())
+    drawn = spectral.Simulation(run, CHANNELS).record(np.random.default_rng(1))
+    for name in CHANNELS:  # of which every second sample is made by itself
+        f, S = signal.welch(drawn[name], 1.0, window=("kaiser", 20), nperseg=512, detrend="linear")
+        assert S[f > 0.28].max() < 1e-6 * S[(f > 0.15) & (f < 0.235)].mean(), name
+
+
 def test_glitches_are_there_too(sysid):
     glitches = (Pulse("g_2", 1e-11, 4000.0, 20.0), Pulse("g_1", -3e-12, 5000.5, 7.0))
     glitchy = replace(sysid, noise=Noise(), injections=(*sysid.injections, *glitches), dc=8e-12)
