@@ -194,7 +194,7 @@ def expected_fit(
         If the fit would come to nothing.
     """
     chosen = chosen or settings()
-    with within(0.0, 0.8):
+    with within(0.0, 0.2):
         everyone = each(lambda p: Expectation(p, chosen), planned)
     chosen_ones = divide([e.experiment for e in everyone], chosen)[0]
     taking_part = [e for e in everyone if e.experiment in chosen_ones]
@@ -216,7 +216,7 @@ def expected_fit(
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
         return weakly_held(blocks, theta, parameters, taking_part[0].share, more)
 
-    with within(0.8, 1.0):
+    with within(0.2, 1.0):
         found = iterate(taking_part, begun, held, RULE, widths)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
