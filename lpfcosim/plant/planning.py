@@ -69,8 +69,8 @@ def response(run: Run, noise: Noise | None = None, rate: float = RATE) -> dict[s
             drawn = noise.take((end - begin) * stride)
             drawn["g_2"] -= run.dc  # the equilibrium holds it
             injected["f_x_1"] = injected.get("f_x_1", 0.0) + drawn["f_x_1_jitter"]
-            injected |= drawn
-        felt = {i: injected[name] for name, i in columns.items() if name in injected and injected[name].any()}
+            injected = {name: x for name, x in (injected | drawn).items() if x.any()}
+        felt = {i: injected[name] for name, i in columns.items() if name in injected}
         seen, state = loop.track(state, end - begin, ((pushes[:, :, i], x) for i, x in felt.items()))
         found[:, begin:end] = seen
         for i, x in felt.items():

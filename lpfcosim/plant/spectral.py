@@ -63,13 +63,13 @@ class Simulation:
         driven = run.injections or glitches
         responses = planning.response(run, glitches) if driven else dict.fromkeys(channels, np.zeros(self._n))
         self._mean = {name: responses[name].copy() for name in channels}  # those of the others go
-        self._mean["f_x_2"] = self._mean["f_x_2"] + run.f_x_2_start
+        self._mean["f_x_2"] += run.f_x_2_start
         for set_point, rate in world_of(run).turns(run).items():
             follows = set_point.replace("attitude", "ast")
             if follows in self._mean:
-                self._mean[follows] = self._mean[follows] + rate * np.arange(self._n) / planning.RATE
+                self._mean[follows] += rate * np.arange(self._n) / planning.RATE
         self._lost = events.missing(run, np.arange(self._n) / planning.RATE)
-        self._period, self._log_f, self._later = _bins(self._n)
+        self._half, self._log_f, self._later = _bins(self._n)
         decade = int(np.floor(self._log_f[0] / np.log(10)))
         self._of_noise = _noise_of(run), decade
         if beside and beside._of_noise == self._of_noise:
@@ -95,15 +95,15 @@ class Simulation:
             for (i, j), of_bins in zip(_lower(C, independent), L, strict=True):
                 of_bins *= drawn[j]
                 inside[order[i], block] += of_bins
-        spectrum *= np.sqrt(self._period * planning.RATE) / 4
+        spectrum *= np.sqrt(2 * self._half * planning.RATE) / 4
         series = np.empty((C, self._n))
         # As nothing lies above HIGHEST, every second sample is a series by itself; long ones are faster so.
-        half, even = self._period // 2, -(-self._n // 2)
+        even = -(-self._n // 2)
         for i in range(0, C, TOGETHER):  # faster than one by one
             rows = spectrum[i : i + TOGETHER]
-            series[i : i + TOGETHER, ::2] = scipy.fft.irfft(rows, half)[:, :even]
+            series[i : i + TOGETHER, ::2] = scipy.fft.irfft(rows, self._half)[:, :even]
             rows *= self._later
-            series[i : i + TOGETHER, 1::2] = scipy.fft.irfft(rows, half)[:, : self._n - even]
+            series[i : i + TOGETHER, 1::2] = scipy.fft.irfft(rows, self._half)[:, : self._n - even]
         for x, mean in zip(series, self._mean.values(), strict=True):
             x += mean
         series[:, self._lost] = np.nan
@@ -172,7 +172,7 @@ def _noise_of(run: Run) -> Run:
 
 @lru_cache(maxsize=LENGTHS)
 def _bins(n: int) -> tuple[int, Array, Complex]:
-    """Return in how many samples the noise of a run of n repeats, log f of its bins, and how they turn.
+    """Return half of the samples in which noise of a run of n repeats, log f of its bins, and how they turn.
 
     The last are factors from one sample to the next, that of the constant first.
     """
@@ -181,7 +181,7 @@ def _bins(n: int) -> tuple[int, Array, Complex]:
     log_f, later = np.log(f[(f > 0) & (f < HIGHEST)]), np.exp(2j * np.pi * f / planning.RATE)
     for shared in (log_f, later):
         shared.setflags(write=False)
-    return 2 * half, log_f, later
+    return half, log_f, later
 
 
 @lru_cache(maxsize=LENGTHS)

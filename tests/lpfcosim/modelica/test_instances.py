@@ -1,82 +1,60 @@
 """Instances of built FMUs: what may be set, and honest state handling."""
 
 import ctypes
+from contextlib import ExitStack
 
 import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi3 import FMU3Slave
 
 from lpfcosim.modelica import build
+from tests.lpfcosim.modelica.slaves import slave
 
 pytestmark = pytest.mark.fmu
 
 
 @pytest.fixture
-def instantiate(tmp_path):
-    """Make initialised FMU3Slaves; freed at the end."""
-    made = []
+def instantiate():
+    """Make initialised slaves; freed at the end."""
+    with ExitStack() as stack:
 
-    def make(archive, name="instance", **values):
-        description = fmpy.read_model_description(str(archive))
-        folder = fmpy.extract(str(archive), str(tmp_path / name))
-        slave = FMU3Slave(
-            instanceName=name, guid=description.guid, unzipDirectory=folder,
-            modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
-        slave.instantiate(logMessage=lambda *_: None)
-        made.append(slave)
-        slave.vr = {v.name: v.valueReference for v in description.modelVariables}
-        initialise(slave, **values)
-        return slave
+        def make(archive, **values):
+            made = stack.enter_context(slave(archive, **values))
+            made.exitInitializationMode()
+            return made
 
-    yield make
-    for slave in made:
-        slave.fmi3FreeInstance(slave.component)
-        slave.freeLibrary()
+        yield make
 
 
-def initialise(slave, **values):
-    slave.enterInitializationMode(startTime=0.0)
-    slave.setFloat64([slave.vr[n] for n in values], list(values.values()))
-    slave.exitInitializationMode()
-
-
-def get(slave, name):
-    return slave.getFloat64([slave.vr[name]])[0]
-
-
-def drive(slave, n, first=0):
+def drive(plant, n, first=0):
     out = []
     for i in range(first, first + n):
-        slave.setFloat64(
-            [slave.vr["F_x_sc"], slave.vr["f_applied_2"]], [1e-7 * np.sin(i), 1e-12 * np.cos(0.3 * i)]
-        )
-        slave.doStep(i * 0.1, 0.1)
-        out.append((get(slave, "x_1"), get(slave, "x_2")))
+        plant.set(["F_x_sc", "f_applied_2"], [1e-7 * np.sin(i), 1e-12 * np.cos(0.3 * i)])
+        plant.doStep(i * 0.1, 0.1)
+        out.append(tuple(plant.get(["x_1", "x_2"])))
     return out
 
 
 def test_outputs_follow_the_inputs_without_a_step(fmus, instantiate):
     metrology = instantiate(fmus["OpticalMetrology"])
     for value in (1e-9, 2e-9):
-        metrology.setFloat64([metrology.vr["x_1"]], [value])
-        assert get(metrology, "o_1") == value
+        metrology.set(["x_1"], [value])
+        assert metrology.get(["o_1"]) == [value]
 
 
 def test_calculated_parameters_follow_what_is_set(fmus, instantiate):
     plant = instantiate(
         fmus["Plant"], F_max_1=1e-9, N_max_1=5e-12, omega2_1_0=-1e-7, alpha_x_1=-300, alpha_phi_1=-2e4
     )
-    assert get(plant, "testMass_1.omega2") == pytest.approx(-1e-7 - 300 * 1e-9 - 2e4 * 5e-12, rel=1e-15)
+    assert plant.get(["testMass_1.omega2"])[0] == pytest.approx(-1e-7 - 300 * 1e-9 - 2e4 * 5e-12, rel=1e-15)
 
 
 def test_variables_that_cannot_be_set_are_refused(fmus, instantiate):
     plant = instantiate(fmus["Plant"])
     for name in ("x_1", "tau_1", "testMass_1.omega2", "time"):
         with pytest.raises(FMICallException):
-            plant.setFloat64([plant.vr[name]], [1.0])
+            plant.set([name], [1.0])
 
 
 def test_singular_parameters_are_an_error_and_not_a_hang(fmus, instantiate):
@@ -93,7 +71,7 @@ def test_saved_state_gives_the_same_bits(fmus, instantiate):
     plant.setFMUState(state)
     assert drive(plant, 50, first=50) == onward
     blob = plant.serializeFMUState(state)
-    other = instantiate(fmus["Plant"], name="other")
+    other = instantiate(fmus["Plant"])
     restored = other.deserializeFMUState(blob)
     other.setFMUState(restored)
     assert drive(other, 50, first=50) == onward
@@ -132,10 +110,11 @@ def test_bytes_that_only_seem_to_be_a_state_are_none(instantiate):
 
 
 def test_reset_starts_anew_and_instances_do_not_touch_each_other(fmus, instantiate):
-    one, two = instantiate(fmus["Plant"], "one"), instantiate(fmus["Plant"], "two", m_sc=100.0)
+    one, two = instantiate(fmus["Plant"]), instantiate(fmus["Plant"], m_sc=100.0)
     alone = drive(one, 40)
     one.reset()
-    initialise(one)
+    one.enterInitializationMode()
+    one.exitInitializationMode()
     mixed = []
     for i in range(40):
         mixed += drive(one, 1, first=i)
