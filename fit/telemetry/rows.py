@@ -131,7 +131,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 def _check_there(path: Path) -> None:
     if not path.is_file():
-        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+        known = "is a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: {known}, expected telemetry of schema {SCHEMA!r}")
 
 
 @contextmanager
