@@ -6,6 +6,7 @@ paths go by these rules.
 """
 
 import os
+import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -26,19 +27,20 @@ def results_file(path: Path) -> Path:
     Raises
     ------
     InputError
-        If there is no such path, or the folder has no results.
+        If there is no such path, it cannot be read, or the folder has no results.
     """
-    if is_file(path):
+    mode = _mode(path)
+    if not mode:
+        raise InputError(
+            f"{_named(path)}: no file or folder, expected results (lpf-results/1) or their folder"
+        )
+    if not stat.S_ISDIR(mode):
         return path
-    if not _is_folder(path):
-        what = "no file or folder" if not _exists(path) else "is neither a file nor a folder"
-        raise InputError(f"{_named(path)}: {what}, expected a file of results, or a folder that has one")
-    file = path / RESULTS
-    if not _exists(file):
-        outer = path.parent / RESULTS
-        hint = f"; did you mean {path.parent}?" if path.name == TELEMETRY and is_file(outer) else ""
+    if not _mode(path / RESULTS):
+        outer = path.parent
+        hint = f"; did you mean {outer}?" if path.name == TELEMETRY and is_file(outer / RESULTS) else ""
         raise InputError(f"{path}: no {RESULTS} in it, expected the folder of an earlier run or fit{hint}")
-    return file
+    return path / RESULTS
 
 
 def results_folder(path: Path) -> Path:
@@ -47,19 +49,35 @@ def results_folder(path: Path) -> Path:
     Raises
     ------
     InputError
-        If it is a file, or has no results.
+        If there is none, it is a file, or it has no results.
     """
-    if is_file(path):
-        hint = f"; did you mean {path.parent}?" if path.name == RESULTS else ""
-        raise InputError(f"{path}: is a file, expected the folder of an earlier run or fit{hint}")
+    if not stat.S_ISDIR(mode := _mode(path)):
+        what = "is a file" if mode else "no such folder"
+        hint = f"; did you mean {path.parent}?" if mode and path.name == RESULTS else ""
+        raise InputError(f"{_named(path)}: {what}, expected the folder of an earlier run or fit{hint}")
     return results_file(path).parent
 
 
-def results_beside(path: Path) -> Path | None:
-    """Return ``results.json`` of the folder of results that a path of telemetry is or lies in, if any."""
-    folder = path if _is_folder(path) else path.parent
-    places = (folder, folder.resolve().parent) if folder.resolve().name == TELEMETRY else (folder,)
-    return next((place / RESULTS for place in places if is_file(place / RESULTS)), None)
+def results_beside(path: Path) -> Path:
+    """Return ``results.json`` of the folder of results that a path of telemetry is or lies in.
+
+    Raises
+    ------
+    InputError
+        If there is no such path, or no results.
+    """
+    mode = _mode(path)
+    if not mode:
+        raise InputError(f"{_named(path)}: no such file or folder, expected telemetry")
+    folder = path if stat.S_ISDIR(mode) else path.parent
+    outer = folder.parent if folder.name == TELEMETRY else folder.resolve().parent
+    places = (folder, outer) if folder.resolve().name == TELEMETRY else (folder,)
+    for place in places:
+        if is_file(place / RESULTS):
+            return place / RESULTS
+    raise InputError(
+        f"{path}: no {RESULTS} in its folder, expected telemetry in the folder of an earlier fit"
+    )
 
 
 def telemetry_of(results: Results, file: Path) -> list[Path]:
@@ -110,13 +128,11 @@ def telemetry_files(paths: Iterable[Path]) -> list[Path]:
     """
     unique: dict[Path, Path] = {}
     for path in paths:
-        try:
-            for file in _of_folder(path) if path.is_dir() else [path]:
-                unique.setdefault(file.resolve(), file)
-        except PermissionError:
-            raise InputError(f"{path}: cannot be read (no permission), expected telemetry") from None
-        except (OSError, ValueError):
-            raise InputError(f"{_named(path)}: no file can have this name, expected telemetry") from None
+        mode = _mode(path)
+        if path.name == RESULTS and mode:
+            raise InputError(f"{path}: is a file of results, expected telemetry; did you mean {path.parent}?")
+        for file in _of_folder(path) if stat.S_ISDIR(mode) else [path]:
+            unique.setdefault(file.resolve(), file)
     return list(unique.values())
 
 
@@ -128,8 +144,8 @@ def _of_folder(folder: Path) -> list[Path]:
         files = _hdf5(inner) or ([] if is_file(file) else here)
         if not files:
             raise InputError(
-                f"{inner}: no files *.h5 in it, expected telemetry; if lpfcosim run was interrupted, the same "
-                "command continues it"
+                f"{inner}: no files *.h5 in it, expected telemetry; if lpfcosim run was interrupted, the "
+                "same command continues it"
             )
     elif recorded or (is_file(file) and not here):
         files = telemetry_of(results or load(file), file)
@@ -157,9 +173,7 @@ def _beside(file: Path, name: str) -> Path:
 def _check_alone(folder: Path, here: Sequence[Path], files: Sequence[Path]) -> None:
     """Refuse a folder that has telemetry directly in it which its results are not of."""
     known = {path.resolve() for path in files}
-    others = [
-        path for path in here if path.resolve() not in known and not any(map(path.match, _PRODUCTS))
-    ]
+    others = [path for path in here if path.resolve() not in known and not any(map(path.match, _PRODUCTS))]
     refusals = guard.refusals(reader.look, others)
     telemetry = [path.name for path, refused in zip(others, refusals, strict=False) if refused is None]
     if telemetry:
@@ -171,22 +185,32 @@ def _check_alone(folder: Path, here: Sequence[Path], files: Sequence[Path]) -> N
 
 def _hdf5(folder: Path) -> list[Path]:
     """Return the files ``*.h5`` in a folder, without hidden ones, which systems leave beside others."""
-    with os.scandir(folder) as entries:  # glob is silent about what may not be read
-        names = sorted(entry.name for entry in entries)
+    try:
+        with os.scandir(folder) as entries:  # glob is silent about what may not be read
+            names = sorted(entry.name for entry in entries)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}), expected telemetry") from None
     return [folder / name for name in names if name.endswith(".h5") and not name.startswith(".")]
 
 
 def _instead(folder: Path) -> str:
     """Say what to name instead of a folder without telemetry, if something in it suggests that."""
-    for path in sorted(folder.iterdir()):
-        if path.suffix == ".toml" and _schema(path).startswith(_MAP):
-            return f"; {path} is a map of archives: name it instead of the folder"
-    for path in sorted(folder.iterdir()):
-        if path.is_dir() and (is_file(path / RESULTS) or (path / TELEMETRY).is_dir()):
-            return f"; did you mean {path}?"
-        if path.suffix.lower() in _ARCHIVES:
-            return f"; {path.name} may be an archive, which a map describes: name the map"
+    paths = sorted(folder.iterdir())
+    maps = [path for path in paths if path.suffix == ".toml" and _schema(path).startswith(_MAP)]
+    if maps:
+        return f"; {maps[0]} is a map of archives: name it instead of the folder"
+    inner = [path for path in paths if is_file(path / RESULTS) or _hdf5_of_run(path)]
+    if inner:
+        return f"; did you mean {', '.join(map(str, inner[:3]))}{' ...' if len(inner) > 3 else ''}?"
+    archives = [path.name for path in paths if path.suffix.lower() in _ARCHIVES]
+    if archives:
+        return f"; archives such as {archives[0]} are read through a map: name the map"
     return ""
+
+
+def _hdf5_of_run(folder: Path) -> bool:
+    """Return whether a folder is that of a run with telemetry."""
+    return any((folder / TELEMETRY).glob("*.h5"))
 
 
 def _schema(path: Path) -> str:
@@ -196,20 +220,18 @@ def _schema(path: Path) -> str:
         return ""
 
 
-def _is_folder(path: Path) -> bool:
+def _mode(path: Path) -> int:
+    """Return the mode of a file or folder, 0 if there is none."""
     try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # the last: a name with a NUL
+        return 0
+    except OSError as error:
+        raise InputError(
+            f"{_named(path)}: cannot be read ({error.strerror}), expected a file or folder"
+        ) from None
 
 
 def _named(path: Path) -> str:
-    """Return a path for a message, at length only if it is no longer than names are."""
+    """Return a path for a message, cut if it is longer than names are."""
     return str(path) if str(path).isprintable() and len(str(path)) <= 200 else shown(str(path))

@@ -30,6 +30,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         from importlib import metadata
@@ -170,9 +172,10 @@ def fit(
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU.
 
-    A folder of results, of an earlier run or fit, means the telemetry of these results. Runs with injections (kind sysid) calibrate the dynamics. Noise runs of 12 h or more with torques
-    calibrate the inertial forces. Without --out, results go to a folder in the working directory that has
-    the name of the first PATH (NAME-fit where that is the input itself).
+    The folder of an earlier run or fit means the telemetry of its results. Runs with injections (kind sysid)
+    calibrate the dynamics. Noise runs of 12 h or more with torques calibrate the inertial forces. Without
+    --out, results go to a folder in the working directory that has the name of the first PATH (NAME-fit
+    where that is the input itself).
     """
     from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console

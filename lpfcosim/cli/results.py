@@ -1,4 +1,4 @@
-"""Commands on results of an earlier run or fit, as a user sees them; calling one reads in the code behind it."""
+"""Commands on results, as a user sees them; calling one reads in the code behind it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -48,7 +48,7 @@ def deltag(
         typer.Option(
             "--calibration",
             metavar="RESULTS",
-            help="Folder or results.json of an earlier run or fit [default: results.json in the folder of PATH].",
+            help="Folder of an earlier run or fit, or its results.json [default: that of PATH].",
         ),
     ] = None,
     out: Out = None,
@@ -75,7 +75,7 @@ def deltag(
 def compare(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="DIR", help="Two or more: folders of results, or files of schema lpf-results/1."),
+        typer.Argument(metavar="DIR", help="Two or more folders of results, or files of them."),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-compare/1.")] = False,
     quiet: Quiet = False,
