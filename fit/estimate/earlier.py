@@ -11,7 +11,7 @@ from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
 from fit.inspection import prepare_each
-from fit.results import Results
+from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.threads import one_thread
@@ -28,9 +28,9 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     InputError
         If a file is missing or breaks its contract.
     """
-    path = fit_results.results_folder(directory) / "results.json"
+    path = results_folder(directory) / "results.json"
     results = fit_results.load(path)
-    return results, read_all(fit_results.telemetry_of(results, path))
+    return results, read_all(telemetry_of(results, path))
 
 
 @one_thread

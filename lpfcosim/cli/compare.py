@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit import comparison
+from fit.comparison import compare, lines, sentences
 from lpfcosim.cli.console import Console
 
 
-def compare(paths: Sequence[Path], console: Console) -> None:
+def compare_results(paths: Sequence[Path], console: Console) -> None:
     """Print the estimates of results and their differences from the first.
 
     Raises
@@ -16,7 +16,7 @@ def compare(paths: Sequence[Path], console: Console) -> None:
         If there are fewer than two, or one cannot be read.
     """
     with console.stage("reading"):
-        found = comparison.compare(paths)
-    for line in (*comparison.lines(found).aligned(), *comparison.sentences(found)):
+        comparison = compare(paths)
+    for line in (*lines(comparison).aligned(), *sentences(comparison)):
         console.say(line)
-    console.document(found.to_json())
+    console.document(comparison.to_json())

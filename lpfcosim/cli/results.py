@@ -90,7 +90,7 @@ def compare(
     from lpfcosim.cli import compare as cli_compare
     from lpfcosim.cli.console import Console
 
-    cli_compare.compare(paths, Console(quiet=quiet, as_json=as_json))
+    cli_compare.compare_results(paths, Console(quiet=quiet, as_json=as_json))
 
 
 @app.command(epilog=examples("lpfcosim mcmc quickstart"))
