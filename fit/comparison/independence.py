@@ -93,8 +93,6 @@ def _recording(path: Path) -> Recording:
 
 def dependence(a: Source, b: Source) -> str:
     """Say why two results are not, or may not be, of independent data; empty if they are."""
-    if (values := _joint(a.results)) and values == _joint(b.results):
-        return "the same joint fit in both"
     one, other = ({recording.path: recording.run for recording in s.recordings} for s in (a, b))
     if runs := [run for path, run in one.items() if path in other]:
         return f"the same telemetry: {_some(runs)}"
@@ -104,13 +102,13 @@ def dependence(a: Source, b: Source) -> str:
     flown = [(x, y) for x, y in pairs if x.seed is None and y.seed is None]
     if runs := [x.run for x, y in flown if x.begin < y.end and y.begin < x.end]:
         return f"telemetry of the same time: {_some(runs)}"
+    if (values := _joint(a.results)) and values == _joint(b.results):
+        return "the same joint fit in both"
     if a.complete and b.complete:
         return ""
     known = a.seed is not None and b.seed is not None
     common = sorted(a.runs & b.runs) if not known or a.seed == b.seed else []
-    return (
-        f"runs of the same names, and not all telemetry is there to tell: {_some(common)}" if common else ""
-    )
+    return f"runs of the same names, without telemetry to tell them apart: {_some(common)}" if common else ""
 
 
 def _joint(results: Results) -> dict[str, tuple[float, float]]:

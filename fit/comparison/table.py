@@ -24,7 +24,7 @@ def lines(comparison: Comparison) -> Lines:
         for n, (estimate, sound) in enumerate(zip(p.estimates, p.sound, strict=True)):
             difference = p.differences[n]
             cells.append(_concise(estimate, sound=sound))
-            cells += [_NONE if difference is None else f"{difference:+.2f}"] if n else []
+            cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
         rows.append((*cells, *([_truth(p)] if truth else [])))
     return Lines((*head, *(["truth"] if truth else [])), tuple(rows))
 

@@ -32,7 +32,7 @@ def results_file(path: Path) -> Path:
     mode = _mode(path)
     if not mode:
         raise InputError(
-            f"{_named(path)}: no file or folder, expected results (lpf-results/1) or their folder"
+            f"{_named(path)}: no such file or folder, expected results (lpf-results/1) or their folder"
         )
     if not stat.S_ISDIR(mode):
         return path

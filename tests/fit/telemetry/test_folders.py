@@ -174,7 +174,7 @@ def test_a_folder_without_results(tmp_path):
     (run,) = telemetry(tmp_path / "telemetry", "a")
     assert refused(results_file, tmp_path).startswith(f"{tmp_path}: no results.json in it")
     assert refused(results_file, tmp_path / "nowhere").startswith(
-        f"{tmp_path / 'nowhere'}: no file or folder"
+        f"{tmp_path / 'nowhere'}: no such file or folder"
     )
     results(tmp_path)
     assert refused(results_file, run.parent).endswith(f"did you mean {tmp_path}?")

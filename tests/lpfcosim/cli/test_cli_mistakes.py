@@ -65,7 +65,7 @@ LINES = [  # arguments, what is at fault, and what is told to write
     ("fit .", ".: folder without telemetry", "expected files *.h5"),
     ("fit . --settings nowhere.toml", "nowhere.toml", "expected a file of settings"),
     ("fit note.txt", "note.txt: not HDF5", "expected an HDF5 file of schema 'lpf-telemetry/1'"),
-    ("fit . --calibration nowhere", "nowhere: no file or folder", "expected results (lpf-results/1)"),
+    ("fit . --calibration nowhere", "nowhere: no such file or folder", "expected results (lpf-results/1)"),
     ("report .", ".: no results.json in it", "expected the folder of an earlier run or fit"),
     ("report nowhere", "nowhere: no such folder", "expected the folder of an earlier run or fit"),
     ("mcmc note.txt", "note.txt: is a file", "expected the folder of an earlier run or fit"),
