@@ -58,13 +58,13 @@ def results_folder(path: Path) -> Path:
     return results_file(path).parent
 
 
-def results_beside(path: Path) -> Path:
-    """Return ``results.json`` of the folder of results that a path of telemetry is or lies in.
+def results_beside(path: Path) -> Path | None:
+    """Return ``results.json`` of the folder of results that a path of telemetry is or lies in, if any.
 
     Raises
     ------
     InputError
-        If there is no such path, or no results.
+        If there is no such path, or it cannot be read.
     """
     mode = _mode(path)
     if not mode:
@@ -72,12 +72,7 @@ def results_beside(path: Path) -> Path:
     folder = path if stat.S_ISDIR(mode) else path.parent
     outer = folder.parent if folder.name == TELEMETRY else folder.resolve().parent
     places = (folder, outer) if folder.resolve().name == TELEMETRY else (folder,)
-    for place in places:
-        if is_file(place / RESULTS):
-            return place / RESULTS
-    raise InputError(
-        f"{path}: no {RESULTS} in its folder, expected telemetry in the folder of an earlier fit"
-    )
+    return next((place / RESULTS for place in places if _mode(place / RESULTS)), None)
 
 
 def telemetry_of(results: Results, file: Path) -> list[Path]:

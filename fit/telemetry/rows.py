@@ -140,6 +140,8 @@ def _told(path: Path) -> Iterator[None]:
     """Say which file it is that a damage is met in."""
     try:
         yield
+    except PermissionError:
+        raise InputError(f"{path}: cannot be read (permission denied), expected telemetry") from None
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-import fit.errors
 from fit.deltag import write_delta_g
 from fit.results import load, results_beside, results_file, sound_joint
 from fit.telemetry import reader
@@ -48,11 +47,16 @@ def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, co
 def _results_of(paths: Sequence[Path]) -> Path:
     """Return the results in the folders of telemetry, which must be the same for all."""
     advice = "name the calibration with --calibration"
-    try:
-        first, *others = map(results_beside, paths)
-    except fit.errors.InputError as error:
-        raise InputError(f"{error}; {advice}") from None
-    for other in others:
-        if ledger.digest(other) != ledger.digest(first):
-            raise InputError(f"{other}: other results than {first}, expected one calibration; {advice}")
-    return first
+    files = []
+    for path in paths:
+        file = results_beside(path)
+        if file is None:
+            raise InputError(
+                f"{path}: no results.json in its folder, expected telemetry in the folder of an earlier fit; "
+                + advice
+            )
+        files.append(file)
+    for other in files[1:]:
+        if ledger.digest(other) != ledger.digest(files[0]):
+            raise InputError(f"{other}: other results than {files[0]}, expected one calibration; {advice}")
+    return files[0]

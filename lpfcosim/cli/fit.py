@@ -12,6 +12,7 @@ from pathlib import Path
 
 from fit import settings as fit_settings
 from fit.errors import FitError
+from fit.files import is_file
 from fit.results import Results, load, results_file, sound_joint, telemetry_files, write
 from fit.telemetry import Telemetry, conversion, read_all
 from lpfcosim.cli.common import check_folder
@@ -120,7 +121,7 @@ def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_g
 
 def default_folder(path: Path, suffix: str = "fit") -> Path:
     """Return the folder for results that is named after their input."""
-    name = path.resolve().stem if path.is_file() else path.resolve().name
+    name = path.resolve().stem if is_file(path) else path.resolve().name
     folder = Path(name)
     # Never beside or over the input.
     return Path(f"{name}-{suffix}") if folder.exists() and folder.resolve() == path.resolve() else folder
