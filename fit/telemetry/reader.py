@@ -9,7 +9,6 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
-from fit.files import key
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
@@ -349,12 +347,12 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
 
 
 def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
+    if product := _product(file):
+        raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
     attributes = {name: plain(value) for name, value in file.attrs.items()}
-    if product := _product(file, attributes):
-        raise InputError(f"{path}: is {product}, expected telemetry of schema {SCHEMA!r}")
     schema = attributes.pop("schema", None)
     if schema != SCHEMA:
-        found = f"missing ({_members(file)})" if schema is None else shown(schema)
+        found = "missing" if schema is None else shown(schema)
         raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}")
     root = check_root(str(path), attributes)
     time = read_time(file, path, root.fs, part)
@@ -370,16 +368,10 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     )
 
 
-def _product(file: h5py.File, attributes: Mapping[str, object]) -> str:
+def _product(file: h5py.File) -> str:
     """Say what a file is if it was made from telemetry; empty for telemetry, and what is not known."""
     if "mcmc" in file and "fingerprint" in file:
         return "the chain of lpfcosim mcmc"
-    if attributes.get("schema") == SCHEMA and "delta_g" in file and "o_1" not in file:
-        return f"the calibrated Delta g of run {shown(attributes.get('run'))}, which lpfcosim deltag wrote"
+    if "delta_g" in file and "o_1" not in file:
+        return f"the calibrated Delta g of run {shown(plain(file.attrs.get('run')))}, by lpfcosim deltag"
     return ""
-
-
-def _members(file: h5py.File) -> str:
-    """Say what a file holds."""
-    names = [key(name) for name in islice(file, 5)]
-    return f"the file holds {', '.join(names[:4])}{' ...' if len(names) > 4 else ''}" if names else "empty"

@@ -308,16 +308,15 @@ def delta_g(file):
 
 
 def series(file):
-    file["x"] = file["y"] = [0.0]
+    file["x"] = [0.0]
 
 
 @pytest.mark.parametrize(
     ("fill", "what"),
     [
-        (chain, "is the chain of lpfcosim mcmc, expected telemetry of schema 'lpf-telemetry/1'"),
-        (delta_g, "is the calibrated Delta g of run 'A1', which lpfcosim deltag wrote, expected telemetry"),
-        (series, "attribute schema: missing (the file holds x, y), expected 'lpf-telemetry/1'"),
-        (lambda _: None, "attribute schema: missing (empty), expected 'lpf-telemetry/1'"),
+        (chain, "is the chain of lpfcosim mcmc, expected telemetry; name the files of telemetry alone"),
+        (delta_g, "is the calibrated Delta g of run 'A1', by lpfcosim deltag, expected telemetry"),
+        (series, "attribute schema: missing, expected 'lpf-telemetry/1'"),
         (lambda file: file.attrs.update(schema="lpf-jitter/1"), "attribute schema: 'lpf-jitter/1', expected"),
     ],
 )
