@@ -45,10 +45,15 @@ class ParameterComparison:
     differences: tuple[float | None, ...]
 
     @property
+    def truths(self) -> list[float]:
+        """The true values that results state; what agrees to nine digits is one."""
+        known = [e.truth for e in self.estimates if e is not None and e.truth is not None]
+        return list({f"{truth:.9g}": truth for truth in known}.values())
+
+    @property
     def truth(self) -> float | None:
         """The true value, None where it is not known, or is not the same in all results that know it."""
-        known = {e.truth for e in self.estimates if e is not None and e.truth is not None}
-        return known.pop() if len(known) == 1 else None
+        return self.truths[0] if len(self.truths) == 1 else None
 
 
 @dataclass(frozen=True)

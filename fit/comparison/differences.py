@@ -58,7 +58,7 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
         for place, fit in of.items()
         if fit.unsound
     ]
-    if differing := [p.name for p in parameters if len({e.truth for e in p.estimates if e} - {None}) > 1]:
+    if differing := [p.name for p in parameters if len(p.truths) > 1]:
         notes.append(f"the true values differ, and with them the estimates: {', '.join(differing)}")
     if not any(sum(e is not None for e in p.estimates) > 1 for p in parameters):
         notes.append("no parameter is estimated by more than one of the results")
