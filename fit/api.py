@@ -11,7 +11,7 @@ from pathlib import Path
 
 from fit import pipeline
 from fit import results as fit_results
-from fit.errors import FitError
+from fit.errors import FitError, InputError, shown
 from fit.estimate import pulls
 from fit.files import refuse_links
 from fit.lean import later
@@ -52,12 +52,23 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
         If a file, map or archive is missing or wrong. The message names the file, the place in it and what
         was expected.
     """
-    given = [Path(p) for p in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
+    given = _paths(paths)
     maps = [path for path in given if conversion.is_map(path)]
     if maps:
         converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
         given = conversion.convert(given, converted, any_gaps=False)
     return read_all(telemetry_files(given))
+
+
+def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
+    """Return one path or several as a list; InputError for what is no path."""
+    given = (
+        [paths] if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable) else list(paths)
+    )
+    for path in given:
+        if not isinstance(path, str | os.PathLike):
+            raise InputError(f"{shown(path)}: expected a path")
+    return [Path(path) for path in given]
 
 
 def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:
@@ -127,7 +138,8 @@ def load_results(path: PathLike) -> Results:
     InputError
         If the file is missing or does not have the schema ``lpf-results/1``.
     """
-    return fit_results.load(results_file(Path(path)))
+    (file,) = _paths([path])
+    return fit_results.load(results_file(file))
 
 
 def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -> Path:
