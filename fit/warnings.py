@@ -191,6 +191,12 @@ KINDS: Mapping[str, Kind] = {
         words="Samples are made from their neighbours",
         unsound=True,
     ),
+    "coarse": Kind(
+        "Archive the channels anew with more digits, in double precision, or with their offset subtracted.",
+        severity=Severity.FAILURE,
+        words="Channels are rounded too coarsely",
+        unsound=True,
+    ),
     "acausal": Kind(
         "Archive the channels anew, each at its own times; until then trust no delay.",
         severity=Severity.FAILURE,
@@ -318,6 +324,9 @@ KINDS: Mapping[str, Kind] = {
         "read-outs of another run would be fitted under a wrong name.",
         severity=Severity.DOUBT,
         words="Read-outs do not answer the guidance",
+    ),
+    "rounding": Kind(
+        "Nothing while estimates move by less than you need; otherwise archive the channel with more digits.",
     ),
     "same_time": Kind(
         "Put the start of every run into its attribute t0; the fit does not use it.",
