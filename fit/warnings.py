@@ -142,6 +142,13 @@ KINDS: Mapping[str, Kind] = {
         words="The FMUs contradict the equation of motion",
         unsound=True,
     ),
+    "bound_contradicted": Kind(
+        "Widen `bounds` in the table [identify], or look for what the FMUs lack; do not use the estimates "
+        "that are named, which compensate for the bound.",
+        severity=Severity.FAILURE,
+        words="The data contradict the bounds",
+        unsound=True,
+    ),
     "loop_differs": Kind(
         "See which of the two lacks something: look at chi2 of both, and at what the FMUs have that the "
         "equation of motion has not.",
@@ -242,8 +249,8 @@ KINDS: Mapping[str, Kind] = {
         unsound=True,
     ),
     "at_bound": Kind(
-        "Widen `bounds` in the table [identify], or look for what the FMUs lack; what is told of the others "
-        "holds only if the bound does.",
+        "Nothing if the bound is known to hold; otherwise widen `bounds` in the table [identify]. The other "
+        "estimates hold only if the bound does.",
         severity=Severity.DOUBT,
         words="Parameters are held at their bounds",
     ),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.estimate import departures, earlier, irls, verdict
-from fit.identification import comparison, noise
+from fit.identification import bounds, comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
@@ -77,6 +77,13 @@ def identify(
         outcome = replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
     found = _mended(_reported(search, outcome, experiments, free), experiments, calibrated, chosen)
     commands = search.commands(experiments, loop, outcome)
+    limits = search.limits(outcome)
+    contradicted = any(limit.contradicted for limit in limits)
+    beside = comparison.Beside(
+        {**held, **{limit.name: limit.value for limit in limits}},
+        [e.sysid.telemetry for e in experiments] if not outcome.departing else [],
+        Sharing(chosen.shared),
+    )
     more = [
         *comparison.of_data(calibrated),
         *jury.said(experiments, outcome),
@@ -84,11 +91,16 @@ def identify(
         *comparison.misled(commands, list(found)),
         *restless,
         *search.told(),
+        *bounds.warnings(limits, list(found)),
         *map(noise.marginalised, levels),
-        *comparison.apart(found, calibrated.joint, own=loop.own),
+        *comparison.apart(found, calibrated, beside, own=loop.own and not contradicted),
         *comparison.misplaced(held, calibrated.joint),
     ]
-    said = {"from_fit": comparison.differences(found, calibrated.joint), "commands": _mismatches(commands)}
+    said = {
+        "from_fit": comparison.differences(found, calibrated.joint),
+        "commands": _mismatches(commands),
+        "at_bound": {limit.name: limit.record for limit in limits},
+    }
     found = replace(found, warnings=(*found.warnings, *more))
     return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
 
@@ -172,7 +184,7 @@ class _Search:
     weighings : list of Simulated
         One for each experiment.
     bound : set of str
-        Parameters that want beyond their bounds, and are held there.
+        Parameters that the data put beyond their bounds, and that are held there.
     stepped : list of str
         Why steps were taken back.
     """
@@ -191,6 +203,7 @@ class _Search:
         self.stepped: list[str] = []
         self._low, self._high = joint.bounds
         self._lost = np.zeros(len(joint.parameters), dtype=bool)
+        self._unbounded: linear.Prior | None = None  # what is known beside data and bounds
         self._start = np.array([p.value for p in joint.parameters])
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
@@ -263,6 +276,7 @@ class _Search:
         lost, directions = linear.blind(H, self._widths)
         lost |= self._resting(H, lost)
         self._lost = lost
+        self._unbounded = linear.Prior(self._start, np.diag(1 / self._widths)[lost])
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
         self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
@@ -296,18 +310,24 @@ class _Search:
             to = np.where(alone if alone.any() else True, (theta + to) / 2, to)
         raise FitError(f"no step leads on, however short: {self.stepped[-1]}")
 
+    def limits(self, outcome: irls.Outcome) -> list[bounds.Limit]:
+        """Return the bounds at which parameters are held, tested against the data."""
+        if not self.bound or self._unbounded is None:
+            return []
+        theta, at = outcome.solution.theta, {}
+        for k, p in enumerate(self.joint.parameters):
+            if p.name in self.bound:
+                is_low = abs(theta[k] - self._low[k]) < abs(theta[k] - self._high[k])
+                at[k] = float(self._low[k] if is_low else self._high[k])
+        return bounds.tested(outcome, replace(outcome, prior=self._unbounded).held, at, self._widths)
+
     def told(self) -> list[FitWarning]:
-        """Warn of bounds that are reached, and tell of steps that were taken back."""
-        found = []
-        if self.bound:
-            names = tuple(p.name for p in self.joint.parameters if p.name in self.bound)
-            message = f"the data want {', '.join(names)} beyond its bounds, where it is held"
-            found.append(FitWarning("at_bound", names, message))
-        if self.stepped:
-            count, why = len(self.stepped), self.stepped[-1]
-            message = f"{count} steps of the search were halved, the last one because of this: {why}"
-            found.append(FitWarning("stepped_back", (), message))
-        return found
+        """Report steps that were taken back."""
+        if not self.stepped:
+            return []
+        count, why = len(self.stepped), self.stepped[-1]
+        message = f"{count} steps of the search were halved, the last one because of this: {why}"
+        return [FitWarning("stepped_back", (), message)]
 
 
 def _reach(weighing: Simulated, theta: Array) -> None:

@@ -13,8 +13,9 @@ Array = NDArray[np.float64]
 LONG = 30  # samples in a row, of values as fine as noise
 SHORTEST, LONGEST = 8, 2**14  # samples of the stretches that rounding is tried to explain
 WINDOWS = 1000  # of such stretches, from all of a run
-USUALLY, LONGER = 0.1, 6  # share of them that are straight by rounding, and how much longer no other is
+USUALLY, LONGER = 0.1, 12  # share of them that are straight by rounding, and how much longer no other is
 STEP, BEND = 1.05, 2.1  # steps from a line, and of a second difference, that rounding makes of a line
+FINENESS = 64  # of such a stretch, to which its ends are known
 TOGETHER = 2**17  # samples that are in memory at a time
 
 
@@ -65,10 +66,11 @@ def _on_line(windows: Array, resolution: Resolution) -> NDArray[np.bool_]:
 def _lines(x: Array, resolution: Resolution, least: int) -> NDArray[np.intp]:
     """Return the stretches of a part of a channel of which every `least` samples in a row are on a line."""
     found = np.zeros(x.size + 1, dtype=np.intp)
-    windows = sliding_window_view(x, least)
+    every = max(1, least // FINENESS)
+    windows = sliding_window_view(x, least)[::every]
     rows = max(1, TOGETHER // least)
     for start in range(0, len(windows), rows):
-        at = start + np.flatnonzero(_on_line(windows[start : start + rows], resolution))
+        at = every * (start + np.flatnonzero(_on_line(windows[start : start + rows], resolution)))
         np.add.at(found, at, 1)
         np.add.at(found, at + least, -1)
     return derivatives.stretches(np.cumsum(found[:-1]) > 0)
