@@ -323,7 +323,7 @@ class Simulated:
         why = (
             "the response to a step in a parameter is not finite"
             if span > 0
-            else "the response grows without limit as the steps in the parameters shrink; expected FMUs that a "
+            else "the response grows without limit as steps in the parameters shrink; expected FMUs that a "
             "reset brings back to their start"
         )
         raise FitError(f"run '{self._sysid.telemetry.run}' at {at}: {why}")
