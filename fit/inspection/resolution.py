@@ -2,8 +2,8 @@
 
 A number format rounds: fixed-point numbers, integers and quantised read-outs to steps of one size, floating
 point and decimal text to steps that grow with the values, by a factor of 2 or 10 at a time. Whatever unit the
-numbers were converted to, values of one octave then lie on a lattice, which shows in the differences of
-sorted values; those of double precision lie so close that no run shows it.
+numbers were converted to, values of about the same size then lie on a lattice, which shows in the differences
+of sorted values; those of double precision lie so close that no run shows it.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,8 @@ from fit.telemetry import Row, pieces
 Array = NDArray[np.float64]
 
 VALUES = 20000  # of a run, in which lattices are looked for
-ENOUGH = 16  # different values of an octave that show a lattice
+SIZES = 4  # classes of size in an octave, each of one lattice but where steps grow
+ENOUGH = 16  # different values of a class that show a lattice
 SMALLEST = 40  # differences that show it
 RESOLVED = 1e4  # spacings of double precision, above which a step is no rounding of it
 WHOLE = 0.05  # of a step, within which a difference is a multiple of it
@@ -27,15 +28,15 @@ FIXED = 1.5  # ratio of the steps of different octaves, below which there is but
 
 @dataclass(frozen=True)
 class Resolution:
-    """The steps of a channel by octave of its values.
+    """The steps of a channel by the size of its values.
 
     Attributes
     ----------
     first : int
-        Binary exponent, as of `numpy.frexp`, of the first octave.
-    steps : ndarray, shape (octaves,)
-        In the unit of the channel. Octaves of too few values have the step of their neighbour, less what
-        floating point would make it.
+        The first class of size, see `_class_of_size`.
+    steps : ndarray, shape (classes,)
+        In the unit of the channel. Classes of too few values have the step of the nearest one, scaled with
+        the values where steps grow.
     precision : str
         What the numbers are kept in, if that is known: "single precision" or "half precision".
     few : bool
@@ -49,8 +50,9 @@ class Resolution:
 
     def at(self, x: Array) -> Array:
         """Return the step at values, of their shape."""
-        octave = np.frexp(np.nan_to_num(x))[1] - self.first
-        return np.asarray(self.steps[np.clip(octave, 0, self.steps.size - 1)])
+        known = np.nan_to_num(np.abs(x))
+        sizes = _class_of_size(np.maximum(known, 2.0 ** (self.first / SIZES))) - self.first
+        return np.asarray(self.steps[np.clip(sizes, 0, self.steps.size - 1)])
 
     @property
     def largest(self) -> float:
@@ -67,29 +69,35 @@ def estimate_resolution(x: Row) -> Resolution | None:
     """Return the resolution of a channel; None if its values are as fine as double precision."""
     every = -(-x.size // VALUES)
     values = np.concatenate([x[piece][-piece.start % every :: every] for piece in pieces(x.size)])
-    signed = np.unique(values[np.isfinite(values)])
-    values = np.abs(values[np.isfinite(values) & (values != 0)])
+    values = values[np.isfinite(values)].astype(np.float64)
+    signed = np.unique(values)
     if signed.size < 2:
         return None
-    octaves = np.frexp(values)[1]
-    first, last = int(octaves.min()), int(octaves.max())
-    known = {octave: lattice(values[octaves == octave]) for octave in range(first, last + 1)}
-    known = {octave: step for octave, step in known.items() if step}
+    values = np.abs(values[values != 0])
+    sizes = _class_of_size(values)
+    first, last = int(sizes.min()), int(sizes.max())
+    known = {size: lattice(values[sizes == size]) for size in range(first, last + 1)}
+    known = {size: step for size, step in known.items() if step}
     few = not known and signed.size < ENOUGH < values.size
     if few:
         known = {last: float(np.diff(signed).min())}
     if not known:
         return None
+    least, most = min(known.values()), max(known.values())
     steps = []
-    for octave in range(first, last + 1):
-        near = min(known, key=lambda other: abs(other - octave))
-        growing = known[near] > FIXED * known[min(known)] or known[near] * FIXED < known[max(known)]
-        steps.append(known[near] * (2.0 ** (octave - near) if growing else 1.0))
+    for size in range(first, last + 1):
+        near = min(known, key=lambda other: abs(other - size))
+        steps.append(known[near] * (2.0 ** ((size - near) / SIZES) if most > FIXED * least else 1.0))
     return Resolution(first, np.array(steps), _precision(values), few)
 
 
+def _class_of_size(x: Array) -> NDArray[np.intp]:
+    """Return the classes, `SIZES` in an octave, of positive values."""
+    return np.asarray(np.floor(SIZES * np.log2(x)), dtype=np.intp)
+
+
 def lattice(values: Array) -> float:
-    """Return the step of which values of one octave are multiples; 0 if they show none.
+    """Return the step of which values of about the same size are multiples; 0 if they show none.
 
     It is the greatest common divisor of the smallest differences between values that are next in size: those
     of double precision have none that their own rounding does not hide.

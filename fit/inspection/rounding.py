@@ -25,9 +25,10 @@ Array = NDArray[np.float64]
 SEGMENT = 1024.0  # s
 NEIGHBOURS = 31  # bins, whose median passes over what is injected
 LEAST, FREQUENCIES = 5e-4, 64  # Hz, and in how many steps up from there power is compared
-COARSE = 0.01  # of the power of the noise: estimates move by some tenths of a sigma
-FINE = 4e-5  # of it: they move by 0.02 sigma at most
-MOVES = 3.0  # sigma that estimates move at most, over the root of that share
+COARSE = 0.01  # of the power of the noise: estimates move by a tenth of a sigma or more
+COARSE_MOTION = 1e-3  # of that of o_1: noise in what drives is a bias, and delta_ifo is known to 1 %
+FINE = 1e-3  # of it: estimates move by some hundredths of a sigma at most
+MOVES = 1.5  # sigma that estimates move at most, over the root of that share
 CURE = "expected more digits, double precision, or values without their offset"
 OFFSET = 30.0  # standard deviations of a channel
 
@@ -40,25 +41,20 @@ class Rounding:
     ----------
     power : float
         That of the rounding over that of the noise, where it is largest in the fitted band.
-    lost : bool
-        Whether a channel hardly moves by a step.
+    coarse : bool
+        Whether the numbers are too coarse for a fit.
     said : str
         File, channel, how its numbers are stored, and what that does, for messages.
     """
 
     power: float
-    lost: bool
+    coarse: bool
     said: str
-
-    @property
-    def coarse(self) -> bool:
-        """Whether the numbers are too coarse for a fit."""
-        return self.lost or self.power > COARSE
 
     @property
     def fine(self) -> bool:
         """Whether nobody needs to know."""
-        return not self.lost and self.power < FINE
+        return not self.coarse and self.power < FINE
 
     @property
     def note(self) -> FitWarning:
@@ -90,9 +86,8 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
         share = float(np.max(power / np.maximum(least, 1e-300)))
         x = run.row(name)[:]
         mean, deviation = float(np.nanmean(x)), float(np.nanstd(x))
-        yield Rounding(
-            share, deviation < resolution.largest, _said(run, name, resolution, share, mean, deviation)
-        )
+        coarse = share > (COARSE_MOTION if name == "o_1" else COARSE) or deviation < resolution.largest
+        yield Rounding(share, coarse, _said(run, name, resolution, share, mean, deviation))
 
 
 def _said(
