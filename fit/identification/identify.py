@@ -78,12 +78,8 @@ def identify(
     found = _mended(_reported(search, outcome, experiments, free), experiments, calibrated, chosen)
     commands = search.commands(experiments, loop, outcome)
     limits = search.limits(outcome)
-    contradicted = any(limit.contradicted for limit in limits)
-    beside = comparison.Beside(
-        {**held, **{limit.name: limit.value for limit in limits}},
-        [e.sysid.telemetry for e in experiments] if not outcome.departing else [],
-        Sharing(chosen.shared),
-    )
+    beside = _beside(experiments, outcome, held, limits, chosen)
+    own = loop.own and not any(limit.contradicted for limit in limits)
     more = [
         *comparison.of_data(calibrated),
         *jury.said(experiments, outcome),
@@ -93,7 +89,7 @@ def identify(
         *search.told(),
         *bounds.warnings(limits, list(found)),
         *map(noise.marginalised, levels),
-        *comparison.apart(found, calibrated, beside, own=loop.own and not contradicted),
+        *comparison.apart(found, calibrated, beside, own=own),
         *comparison.misplaced(held, calibrated.joint),
     ]
     said = {
@@ -133,6 +129,19 @@ def _reported(
     lost = verdict.indeterminable(outcome, experiments, named)
     doubts = [*verdict.doubts(outcome, experiments), *verdict.scattered(outcome)]
     return verdict.report(outcome, experiments, names, [*lost, *doubts])
+
+
+def _beside(
+    experiments: Sequence[Experiment],
+    outcome: irls.Outcome,
+    held: Mapping[str, float],
+    limits: Sequence[bounds.Limit],
+    chosen: Settings,
+) -> comparison.Beside:
+    """Return what the loop has beside the estimates, at bounds too."""
+    values = {**held, **{limit.name: limit.value for limit in limits}}
+    runs = [e.sysid.telemetry for e in experiments] if not outcome.departing else []
+    return comparison.Beside(values, runs, Sharing(chosen.shared))
 
 
 def _mended(found: Fit, experiments: Sequence[Experiment], calibrated: Results, chosen: Settings) -> Fit:

@@ -30,7 +30,7 @@ COARSE_MOTION = 1e-3  # of that of o_1: noise in what drives is a bias, and delt
 FINE = 1e-3  # of it: estimates move by some hundredths of a sigma at most
 MOVES = 1.5  # sigma that estimates move at most, over the root of that share
 CURE = "expected more digits, double precision, or values without their offset"
-OFFSET = 30.0  # standard deviations of a channel
+OFFSET = 3.0  # standard deviations of a channel
 
 
 @dataclass(frozen=True)
