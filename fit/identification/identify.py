@@ -73,13 +73,10 @@ def identify(
     begin = partial(_begun, experiments, free, loop, calibrated, chosen, chosen.estimator)
     search, outcome, levels = _searched(begin, experiments, chosen)
     outcome, restless = noise.changing(outcome, experiments)
-    if outcome.departing:
-        outcome = replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
+    outcome = _integrated(outcome, chosen)
     found = _mended(_reported(search, outcome, experiments, free), experiments, calibrated, chosen)
     commands = search.commands(experiments, loop, outcome)
     limits = search.limits(outcome)
-    beside = _beside(experiments, outcome, held, limits, chosen)
-    own = loop.own and not any(limit.contradicted for limit in limits)
     more = [
         *comparison.of_data(calibrated),
         *jury.said(experiments, outcome),
@@ -89,16 +86,32 @@ def identify(
         *search.told(),
         *bounds.warnings(limits, list(found)),
         *map(noise.marginalised, levels),
-        *comparison.apart(found, calibrated, beside, own=own),
-        *comparison.misplaced(held, calibrated.joint),
+        *_differing(found, calibrated, _beside(experiments, outcome, held, limits, chosen), loop, limits),
     ]
-    said = {
+    found = replace(found, warnings=(*found.warnings, *more))
+    said = _said(found, calibrated, commands, limits)
+    return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
+
+
+def _integrated(outcome: irls.Outcome, chosen: Settings) -> irls.Outcome:
+    """Return the outcome with the widths of departures, if there are any, integrated over."""
+    if not outcome.departing:
+        return outcome
+    return replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
+
+
+def _said(
+    found: Fit,
+    calibrated: Results,
+    commands: Mapping[str, comparison.Commands],
+    limits: Sequence[bounds.Limit],
+) -> dict[str, object]:
+    """Return what the provenance has of an identification alone."""
+    return {
         "from_fit": comparison.differences(found, calibrated.joint),
-        "commands": _mismatches(commands),
+        "commands": {run: of_run.mismatch for run, of_run in commands.items()},
         "at_bound": {limit.name: limit.record for limit in limits},
     }
-    found = replace(found, warnings=(*found.warnings, *more))
-    return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
 
 
 def _begun(
@@ -142,6 +155,19 @@ def _beside(
     values = {**held, **{limit.name: limit.value for limit in limits}}
     runs = [e.sysid.telemetry for e in experiments] if not outcome.departing else []
     return comparison.Beside(values, runs, Sharing(chosen.shared))
+
+
+def _differing(
+    found: Fit, calibrated: Results, beside: comparison.Beside, loop: Loop, limits: Sequence[bounds.Limit]
+) -> list[FitWarning]:
+    """Warn of differences from the fit; a loop that a bound keeps from what flew is not the one that did."""
+    own = loop.own and not any(limit.contradicted for limit in limits)
+    at_bound = {limit.name for limit in limits}  # what there is to say of these is said
+    held = {name: value for name, value in beside.held.items() if name not in at_bound}
+    return [
+        *comparison.apart(found, calibrated, beside, own=own),
+        *comparison.misplaced(held, calibrated.joint),
+    ]
 
 
 def _mended(found: Fit, experiments: Sequence[Experiment], calibrated: Results, chosen: Settings) -> Fit:
@@ -360,10 +386,6 @@ def _provenance(
     gone = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
     widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
     return replace(said, more={**said.more, **more}, levels=levels, scatter=widths, **gone)
-
-
-def _mismatches(commands: Mapping[str, comparison.Commands]) -> dict[str, float]:
-    return {run: of_run.mismatch for run, of_run in commands.items()}
 
 
 def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:
