@@ -131,17 +131,16 @@ def warnings(limits: Sequence[Limit], reported: Collection[str]) -> list[FitWarn
         return []
     contradicted = limits[0].contradicted
     where = "; ".join(
-        f"{limit.name} at its {'lower' if limit.lower else 'upper'} bound {limit.value:.6g}, where without "
-        f"bounds the data put it at {limit.free:.6g} ± {limit.sigma:.2g}, {limit.pull:.2g} sigma beyond"
+        f"{limit.name} is held at its {'lower' if limit.lower else 'upper'} bound {limit.value:.6g}, the data "
+        f"put it at {limit.free:.6g} ± {limit.sigma:.2g}, {limit.pull:.2g} sigma beyond"
         for limit in limits
     )
-    so = "the data contradict it" if len(limits) == 1 else "the data contradict them"
-    if not contradicted:
-        so = "which noise may do"
-    message = f"held at bounds: {where}; probability {limits[0].probability:.2g}: {so}"
+    which = "the bound" if len(limits) == 1 else "the bounds"
+    so = f"the data contradict {which}" if contradicted else "noise explains it"
+    message = f"{where}; probability {limits[0].probability:.2g}: {so}"
     resting = [name for name in limits[0].resting if name in reported]
     moved = [text for text in limits[0].moved if text.split(" by ")[0] in reported]
     if moved:
-        message += f"; without bounds there would move {', '.join(moved)}"
+        message += f"; without {which} these would move: {', '.join(moved)}"
     names = (*(limit.name for limit in limits), *resting)
     return [FitWarning("bound_contradicted" if contradicted else "at_bound", names, message)]

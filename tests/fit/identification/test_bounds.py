@@ -115,7 +115,7 @@ def test_bounds_are_tested_against_the_data(names, held, sigmas, side):
     assert told.code == ("bound_contradicted" if contradicted else "at_bound")
     assert told.kind.unsound == contradicted
     which = "lower" if side > 0 else "upper"
-    assert f"{names[0]} at its {which} bound {limits[0].value:.6g}" in told.message
+    assert f"{names[0]} is held at its {which} bound {limits[0].value:.6g}" in told.message
     assert f"{sigmas:.2g} sigma beyond" in told.message
     moves = np.abs(wanted.x - 1) / sigma > bounds.MOVES
     assert set(told.parameters) == {name for name, moved in zip(names, moves, strict=True) if moved}
@@ -142,5 +142,5 @@ def test_bounds_on_either_side_are_reported_together():
     ]
     (told,) = bounds.warnings(limits, names)
     assert told.code == "bound_contradicted"
-    assert "lambda_2 at its lower bound" in told.message
-    assert "C_2 at its upper bound" in told.message
+    assert "lambda_2 is held at its lower bound" in told.message
+    assert "C_2 is held at its upper bound" in told.message

@@ -208,7 +208,7 @@ def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, found, s
 def test_the_bound_of_a_controller_is_tested_too(flown):
     told = identified(flown, (*FREE, Free("Controller.f_p", 7e-3, 6e-3, bounds=(6.5e-3, 0.02)))).joint
     (held,) = [w for w in told.warnings if w.code == "bound_contradicted"]
-    assert "Controller.f_p at its lower bound 0.0065" in held.message
+    assert "Controller.f_p is held at its lower bound 0.0065" in held.message
     assert told.unsound
 
 
