@@ -131,8 +131,8 @@ def warnings(limits: Sequence[Limit], reported: Collection[str]) -> list[FitWarn
         return []
     contradicted = limits[0].contradicted
     where = "; ".join(
-        f"{limit.name} is held at its {'lower' if limit.lower else 'upper'} bound {limit.value:.6g}, the data "
-        f"put it at {limit.free:.6g} ± {limit.sigma:.2g}, {limit.pull:.2g} sigma beyond"
+        f"{limit.name} is held at its {'lower' if limit.lower else 'upper'} bound {limit.value:.6g}, the "
+        f"data put it at {limit.free:.6g} ± {limit.sigma:.2g}, {limit.pull:.2g} sigma beyond"
         for limit in limits
     )
     which = "the bound" if len(limits) == 1 else "the bounds"
