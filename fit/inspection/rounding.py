@@ -74,8 +74,7 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
         The other run of the experiment: the noise is that of the quieter one.
     """
     resolutions = {name: estimate_resolution(run.row(name)) for name in dynamics.CHANNELS}
-    driven = {name for name in ("f_x_1", "f_x_2") if not samples.is_fed(run.row(name))}
-    rounded = {n: found for n, found in resolutions.items() if found and not (found.few and n in driven)}
+    rounded = {n: found for n, found in resolutions.items() if found and not _is_driven(run, n, found)}
     spectra = [_spectra(each) for each in (run, noise) if each is not None] if rounded else []
     for name, resolution in rounded.items():
         f, power = _rounding(run, name, resolution)
@@ -88,6 +87,11 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
         mean, deviation = float(np.nanmean(x)), float(np.nanstd(x))
         coarse = share > (COARSE_MOTION if name == "o_1" else COARSE) or deviation < resolution.largest
         yield Rounding(share, coarse, _said(run, name, resolution, share, mean, deviation))
+
+
+def _is_driven(run: Telemetry, name: str, resolution: Resolution) -> bool:
+    """Tell whether a command has few values because nothing but what is injected drives it."""
+    return resolution.few and name not in samples.READ_OUTS and not samples.is_fed(run.row(name))
 
 
 def _said(
