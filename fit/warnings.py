@@ -142,6 +142,13 @@ KINDS: Mapping[str, Kind] = {
         words="The FMUs contradict the equation of motion",
         unsound=True,
     ),
+    "bound_contradicted": Kind(
+        "Widen `bounds` in the table [identify], or look for what the FMUs lack; do not use the estimates "
+        "that are named, which compensate for the bound.",
+        severity=Severity.FAILURE,
+        words="The data contradict the bounds",
+        unsound=True,
+    ),
     "loop_differs": Kind(
         "See which of the two lacks something: look at chi2 of both, and at what the FMUs have that the "
         "equation of motion has not.",
@@ -191,6 +198,12 @@ KINDS: Mapping[str, Kind] = {
         words="Samples are made from their neighbours",
         unsound=True,
     ),
+    "coarse": Kind(
+        "Archive the channels anew with more digits, in double precision, or with their offset subtracted.",
+        severity=Severity.FAILURE,
+        words="Channels are rounded too coarsely",
+        unsound=True,
+    ),
     "acausal": Kind(
         "Archive the channels anew, each at its own times; until then trust no delay.",
         severity=Severity.FAILURE,
@@ -236,8 +249,8 @@ KINDS: Mapping[str, Kind] = {
         unsound=True,
     ),
     "at_bound": Kind(
-        "Widen `bounds` in the table [identify], or look for what the FMUs lack; what is told of the others "
-        "holds only if the bound does.",
+        "Nothing if the bound is known to hold; otherwise widen `bounds` in the table [identify]. The other "
+        "estimates hold only if the bound does.",
         severity=Severity.DOUBT,
         words="Parameters are held at their bounds",
     ),
@@ -318,6 +331,9 @@ KINDS: Mapping[str, Kind] = {
         "read-outs of another run would be fitted under a wrong name.",
         severity=Severity.DOUBT,
         words="Read-outs do not answer the guidance",
+    ),
+    "rounding": Kind(
+        "Nothing while estimates move by less than you need; otherwise archive the channel with more digits.",
     ),
     "same_time": Kind(
         "Put the start of every run into its attribute t0; the fit does not use it.",

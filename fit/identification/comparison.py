@@ -5,7 +5,7 @@ much, relative, recorded commands differ from those of the controller.
 """
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fit.estimate import Outcome, attenuation
 from fit.identification import series
 from fit.identification.protocol import Loop
+from fit.model import Sharing, dynamics
 from fit.results import Fit, Results
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
@@ -91,27 +92,110 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outc
     )
 
 
-def apart(found: Fit, calibrated: Fit | None, *, own: bool) -> list[FitWarning]:
-    """Warn of `differences` that are beyond what the two methods make of the same data.
+@dataclass(frozen=True)
+class Beside:
+    """What the simulated loop has beside its estimates.
+
+    Attributes
+    ----------
+    held : mapping of str to float
+        Parameters of the fit that are held, at a bound too.
+    runs : sequence of Telemetry
+        The sysid runs, of which the parameters of the loop are compared with those that each shows alone;
+        empty where these differ from run to run.
+    sharing : Sharing
+        How the parameters of a run follow from the joint ones.
+    """
+
+    held: Mapping[str, float]
+    runs: Sequence[Telemetry]
+    sharing: Sharing
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """By how many sigmas of the fit an estimate differs, what of it is explained, and what rests on it."""
+
+    name: str
+    sigmas: float
+    explained: float
+    parameters: tuple[str, ...]
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is more than two methods make of the same data."""
+        return abs(self.sigmas) > self.explained
+
+
+def apart(found: Fit, calibrated: Results, beside: Beside, *, own: bool) -> list[FitWarning]:
+    """Warn of differences that are beyond what the two methods make of the same data.
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
     Neither is sound if the data do not tell which of the two is wrong, nor that it was the loop that made
-    them (`own`).
+    them (`own`): a loop that holds what the fit contradicts did not.
+
+    Parameters
+    ----------
+    found : Fit
+        The identification.
+    calibrated : Results
+        Of the equation: parameters are compared with those of the joint fit, and what follows from them for a
+        run, such as its stiffness, with the fit of that run alone.
+    beside : Beside
+        What the loop has beside its estimates.
+    own : bool
+        Whether the telemetry says that this very loop simulated it.
     """
-    far = {}
-    for name, value in differences(found, calibrated).items():
-        ratio = found[name].sigma / calibrated[name].sigma if calibrated else 1.0
-        if abs(value) > APART + UNLIKELY * math.sqrt(abs(1 - ratio**2)):
-            far[name] = value
+    joint = calibrated.joint
+    of_joint = [
+        _Difference(name, value, _explained(found[name].sigma / joint[name].sigma), (name,))
+        for name, value in differences(found, joint).items()
+        if joint is not None
+    ]
+    far = [each for each in (*of_joint, *_of_runs(found, calibrated, beside)) if each.is_far]
     if not far:
         return []
-    told = ", ".join(f"{name} by {value:+.2g} sigma" for name, value in far.items())
+    told = ", ".join(f"{each.name} by {each.sigmas:+.2g} sigma" for each in far)
     message = f"the simulated loop and the equation of motion differ in the same data: {told}"
-    hidden = calibrated is not None and not calibrated.unsound and not own
-    if hidden and max(map(abs, far.values())) > UNLIKELY:
+    names = tuple(dict.fromkeys(name for each in far for name in each.parameters))
+    simulated = own and not misplaced(beside.held, joint)
+    sound = joint is not None and not joint.unsound
+    if sound and not simulated and max(abs(each.sigmas) for each in far) > UNLIKELY:
         message += "; chi2 does not tell which of them is wrong"
-        return [FitWarning("loop_contradicts", tuple(far), message)]
-    return [FitWarning("loop_differs", tuple(far), message)]
+        return [FitWarning("loop_contradicts", names, message)]
+    return [FitWarning("loop_differs", names, message)]
+
+
+def _explained(ratio: float) -> float:
+    """Return up to how many sigmas of the fit estimates differ whose sigmas have this ratio."""
+    return APART + UNLIKELY * math.sqrt(abs(1 - ratio**2))
+
+
+def _of_runs(found: Fit, calibrated: Results, beside: Beside) -> Iterator[_Difference]:
+    """Yield the differences of what runs show alone, and the joint fit does not."""
+    names = [*found.parameters, *(name for name in beside.held if name not in found.parameters)]
+    values = np.array([found[n].value if n in found.parameters else beside.held[n] for n in names])
+    covariance = np.zeros((len(names), len(names)))
+    covariance[: len(found.parameters), : len(found.parameters)] = found.covariance
+    known = calibrated.joint.parameters if calibrated.joint else {}
+    for run in beside.runs:
+        alone = calibrated.experiments.get(run.experiment)
+        if alone is None or alone.unsound or any(w.code == "single_tone" for w in alone.warnings):
+            continue
+        needed = [p.name for p in beside.sharing.parameters([(run, dynamics.PARAMETERS)])]
+        of_all = beside.sharing.matrix(run, dynamics.PARAMETERS, needed)
+        of_known = beside.sharing.matrix(run, dynamics.PARAMETERS, names)
+        for name, all_of, row in zip(dynamics.PARAMETERS, of_all, of_known, strict=True):
+            lacking = any(factor and n not in names for n, factor in zip(needed, all_of, strict=True))
+            estimated = tuple(
+                n for n, factor in zip(names, row, strict=True) if factor and n in found.parameters
+            )
+            if lacking or name not in alone.parameters or not estimated or set(estimated) <= set(known):
+                continue
+            sigma = alone[name].sigma
+            ratio = math.sqrt(float(row @ covariance @ row)) / sigma
+            difference = (float(row @ values) - alone[name].value) / sigma
+            yield _Difference(f"{name} of {run.experiment}", difference, _explained(ratio), estimated)
 
 
 def misplaced(held: Mapping[str, float], calibrated: Fit | None) -> list[FitWarning]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.estimate import departures, earlier, irls, verdict
-from fit.identification import comparison, noise
+from fit.identification import bounds, comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
@@ -73,10 +73,10 @@ def identify(
     begin = partial(_begun, experiments, free, loop, calibrated, chosen, chosen.estimator)
     search, outcome, levels = _searched(begin, experiments, chosen)
     outcome, restless = noise.changing(outcome, experiments)
-    if outcome.departing:
-        outcome = replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
+    outcome = _integrated(outcome, chosen)
     found = _mended(_reported(search, outcome, experiments, free), experiments, calibrated, chosen)
     commands = search.commands(experiments, loop, outcome)
+    limits = search.limits(outcome)
     more = [
         *comparison.of_data(calibrated),
         *jury.said(experiments, outcome),
@@ -84,13 +84,34 @@ def identify(
         *comparison.misled(commands, list(found)),
         *restless,
         *search.told(),
+        *bounds.warnings(limits, list(found)),
         *map(noise.marginalised, levels),
-        *comparison.apart(found, calibrated.joint, own=loop.own),
-        *comparison.misplaced(held, calibrated.joint),
+        *_differing(found, calibrated, _beside(experiments, outcome, held, limits, chosen), loop, limits),
     ]
-    said = {"from_fit": comparison.differences(found, calibrated.joint), "commands": _mismatches(commands)}
     found = replace(found, warnings=(*found.warnings, *more))
+    said = _said(found, calibrated, commands, limits)
     return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
+
+
+def _integrated(outcome: irls.Outcome, chosen: Settings) -> irls.Outcome:
+    """Return the outcome with the widths of departures, if there are any, integrated over."""
+    if not outcome.departing:
+        return outcome
+    return replace(departures.integrated(outcome), by_data=chosen.scatter == ["auto"])
+
+
+def _said(
+    found: Fit,
+    calibrated: Results,
+    commands: Mapping[str, comparison.Commands],
+    limits: Sequence[bounds.Limit],
+) -> dict[str, object]:
+    """Return what the provenance has of an identification alone."""
+    return {
+        "from_fit": comparison.differences(found, calibrated.joint),
+        "commands": {run: of_run.mismatch for run, of_run in commands.items()},
+        "at_bound": {limit.name: limit.record for limit in limits},
+    }
 
 
 def _begun(
@@ -121,6 +142,32 @@ def _reported(
     lost = verdict.indeterminable(outcome, experiments, named)
     doubts = [*verdict.doubts(outcome, experiments), *verdict.scattered(outcome)]
     return verdict.report(outcome, experiments, names, [*lost, *doubts])
+
+
+def _beside(
+    experiments: Sequence[Experiment],
+    outcome: irls.Outcome,
+    held: Mapping[str, float],
+    limits: Sequence[bounds.Limit],
+    chosen: Settings,
+) -> comparison.Beside:
+    """Return what the loop has beside the estimates, at bounds too."""
+    values = {**held, **{limit.name: limit.value for limit in limits}}
+    runs = [e.sysid.telemetry for e in experiments] if not outcome.departing else []
+    return comparison.Beside(values, runs, Sharing(chosen.shared))
+
+
+def _differing(
+    found: Fit, calibrated: Results, beside: comparison.Beside, loop: Loop, limits: Sequence[bounds.Limit]
+) -> list[FitWarning]:
+    """Warn of differences from the fit; a loop that a bound keeps from what flew is not the one that did."""
+    own = loop.own and not any(limit.contradicted for limit in limits)
+    at_bound = {limit.name for limit in limits}  # what there is to say of these is said
+    held = {name: value for name, value in beside.held.items() if name not in at_bound}
+    return [
+        *comparison.apart(found, calibrated, beside, own=own),
+        *comparison.misplaced(held, calibrated.joint),
+    ]
 
 
 def _mended(found: Fit, experiments: Sequence[Experiment], calibrated: Results, chosen: Settings) -> Fit:
@@ -172,7 +219,7 @@ class _Search:
     weighings : list of Simulated
         One for each experiment.
     bound : set of str
-        Parameters that want beyond their bounds, and are held there.
+        Parameters that the data put beyond their bounds, and that are held there.
     stepped : list of str
         Why steps were taken back.
     """
@@ -191,6 +238,7 @@ class _Search:
         self.stepped: list[str] = []
         self._low, self._high = joint.bounds
         self._lost = np.zeros(len(joint.parameters), dtype=bool)
+        self._unbounded: linear.Prior | None = None  # what is known beside data and bounds
         self._start = np.array([p.value for p in joint.parameters])
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
@@ -263,6 +311,7 @@ class _Search:
         lost, directions = linear.blind(H, self._widths)
         lost |= self._resting(H, lost)
         self._lost = lost
+        self._unbounded = linear.Prior(self._start, np.diag(1 / self._widths)[lost])
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
         self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
@@ -296,18 +345,24 @@ class _Search:
             to = np.where(alone if alone.any() else True, (theta + to) / 2, to)
         raise FitError(f"no step leads on, however short: {self.stepped[-1]}")
 
+    def limits(self, outcome: irls.Outcome) -> list[bounds.Limit]:
+        """Return the bounds at which parameters are held, tested against the data."""
+        if not self.bound or self._unbounded is None:
+            return []
+        theta, at = outcome.solution.theta, {}
+        for k, p in enumerate(self.joint.parameters):
+            if p.name in self.bound:
+                is_low = abs(theta[k] - self._low[k]) < abs(theta[k] - self._high[k])
+                at[k] = float(self._low[k] if is_low else self._high[k])
+        return bounds.tested(outcome, replace(outcome, prior=self._unbounded).held, at, self._widths)
+
     def told(self) -> list[FitWarning]:
-        """Warn of bounds that are reached, and tell of steps that were taken back."""
-        found = []
-        if self.bound:
-            names = tuple(p.name for p in self.joint.parameters if p.name in self.bound)
-            message = f"the data want {', '.join(names)} beyond its bounds, where it is held"
-            found.append(FitWarning("at_bound", names, message))
-        if self.stepped:
-            count, why = len(self.stepped), self.stepped[-1]
-            message = f"{count} steps of the search were halved, the last one because of this: {why}"
-            found.append(FitWarning("stepped_back", (), message))
-        return found
+        """Report steps that were taken back."""
+        if not self.stepped:
+            return []
+        count, why = len(self.stepped), self.stepped[-1]
+        message = f"{count} steps of the search were halved, the last one because of this: {why}"
+        return [FitWarning("stepped_back", (), message)]
 
 
 def _reach(weighing: Simulated, theta: Array) -> None:
@@ -331,10 +386,6 @@ def _provenance(
     gone = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
     widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
     return replace(said, more={**said.more, **more}, levels=levels, scatter=widths, **gone)
-
-
-def _mismatches(commands: Mapping[str, comparison.Commands]) -> dict[str, float]:
-    return {run: of_run.mismatch for run, of_run in commands.items()}
 
 
 def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:

@@ -308,9 +308,22 @@ class Simulated:
         for _ in range(SHORTER):
             above, below = np.minimum(of_run + h, high), np.maximum(of_run - h, low)
             try:
-                moved = self._sysid.departure(self._named(above), self._named(below))
+                return self._slope(above, below)
             except FitError as error:
                 h, failed = h / 4, error
-            else:
-                return moved / float(np.sum(above - below))
         raise failed
+
+    def _slope(self, above: Array, below: Array) -> Array:
+        """Return the difference of the residual at two trials over that of the parameter which differs."""
+        span = float(np.sum(above - below))
+        moved = self._sysid.departure(self._named(above), self._named(below))
+        if span > 0 and np.isfinite(moved).all():
+            return moved / span
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in self._named(below).items())
+        why = (
+            "the response to a step in a parameter is not finite"
+            if span > 0
+            else "the response grows without limit as steps in the parameters shrink; expected FMUs that a "
+            "reset brings back to their start"
+        )
+        raise FitError(f"run '{self._sysid.telemetry.run}' at {at}: {why}")

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.inspection import authority, constancy, copies, following, guidance, samples
+from fit.inspection import authority, constancy, copies, following, guidance, rounding, samples
 from fit.inspection.leftout import LeftOut
 from fit.model import dynamics
 from fit.signal import derivatives, welch
@@ -29,7 +29,11 @@ Array = NDArray[np.float64]
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
-ODD = ("odd_samples", "interpolated")  # what is odd about samples, as warnings where it is so in most
+ODD = (
+    "coarse",
+    "odd_samples",
+    "interpolated",
+)  # what is odd about samples, as warnings where it is so in most
 USUAL = 3  # experiments; what more than half of so many have is no fault of one
 INJECTED = 0.06  # Hz: up to here injections are looked for
 SEGMENT = 2048.0  # s
@@ -58,7 +62,7 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     found = [*_other_settings(experiments), *_other_times(experiments)]
     names = [e.name for e in experiments]
     of_each = each(_of_own, experiments, Experiment.samples)
-    beyond, *oddities = zip(*of_each, strict=True) if names else ((), (), ())
+    beyond, rounded, *oddities = zip(*of_each, strict=True) if names else ((), (), (), (), ())
     found += [LeftOut(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
     found += [*_copied(experiments), *_noise_with_sines(experiments)]
     seen = guidance.seen(experiments)
@@ -67,6 +71,7 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     odd = [_unless_usual(experiments, told, code) for code, told in reasons.items()]
     found += [fault for of in odd for fault in of.left_out]
     notes = [note for of in odd for note in of.notes]
+    notes += [note for of_own in rounded for note in of_own]
     return Found(_first(found), [*notes, *_at_once(experiments), *guidance.odd(seen)])
 
 
@@ -95,12 +100,15 @@ def changes(experiments: Sequence[Experiment]) -> Found:
     return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])
 
 
-def _of_own(e: Experiment) -> tuple[list[str], ...]:
-    """Return what contradicts the authority of the runs of an experiment, then what `ODD` stands for."""
+def _of_own(e: Experiment) -> tuple[list[str], list[FitWarning], list[str], list[str], list[str]]:
+    """Return what contradicts the authority of an experiment, notes on rounding, and what `ODD` has."""
     runs = [run.telemetry.held(dynamics.CHANNELS) for run in _runs(e)]
     sysid, noise = runs[0], runs[1] if e.noise else None
     beyond = [reason for run in runs for reason in authority.faults(run)]
-    return beyond, list(samples.faults(sysid, noise)), list(samples.interpolated(sysid))
+    rounded = [*rounding.roundings(sysid, noise), *(rounding.roundings(noise, sysid) if noise else ())]
+    coarse = [f"{r.said}; {rounding.CURE}" for r in rounded if r.coarse]
+    notes = [r.note for r in rounded if not (r.coarse or r.fine)]
+    return beyond, notes, coarse, list(samples.faults(sysid, noise)), list(samples.interpolated(sysid))
 
 
 def _changed(e: Experiment) -> list[str]:

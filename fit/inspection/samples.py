@@ -14,7 +14,8 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from fit.inspection import authority
+from fit.inspection import authority, straight
+from fit.inspection.resolution import Resolution, chance_of_equality, estimate_resolution
 from fit.model import dynamics
 from fit.signal import derivatives, median
 from fit.telemetry import Row, Telemetry, pieces
@@ -23,14 +24,18 @@ from fit.threads import each, kept
 Array = NDArray[np.float64]
 
 READ_OUTS = ("o_1", "o_12")
-STRAIGHT, LONG = 6, 30  # samples in a row on a straight line, where there is noise; of rounded values
-COARSE = 0.1  # of the increments: where values are rounded so much, equal ones come by themselves
+STRAIGHT = 6  # samples in a row on a straight line, where there is noise
+NEARBY = 33  # samples whose increments tell how likely equal neighbours are
+CHANCE, MORE = 0.1, 2.0  # probability up to which equal neighbours are counted, and ratio of more than chance
 BETWEEN = 0.1  # share of samples on the line between their neighbours, where noise puts none
+FEWEST, MANY = (
+    1e-3,
+    3.0,
+)  # share of samples at which a rounded command of a loop changes, and by how many steps
 COMB, OFTEN, TEETH = 16, 80, 8000  # samples between those of a comb, fewest of a comb, looked at for combs
 STRAIGHTER = 0.1  # second differences of a comb that is made from its neighbours, over those of all
 WHOLE = 0.9  # share of second differences that count as they are
 LOOKED, FEW = 20000, 0.6  # samples in which values are counted, and the share of different ones that is few
-SMALLEST, BEGUN = 200, 4000  # increments that tell whether values are rounded, and those looked at first
 BUCKETS = 17  # bits of the numbers by which different values are told apart
 SETTLED = 60.0  # s at either end: a loop may start from exact zeros, an archive end on them
 COINCIDENCE = 1e-5  # probability below which equal neighbours are no chance
@@ -39,6 +44,7 @@ BLOCK = 500  # samples over which noise is compared
 TOGETHER = 256 * BLOCK  # samples that are in memory at a time
 JUMP, WILD = 20.0, 200.0  # standard deviations of what noise does; wild samples up to here are masked
 ISOLATED = 8.0  # times what is beside it
+STEPS = 4.0  # to which a read-out is rounded, up to which it does not jump
 SUSPECT = 5.5  # standard deviations of second differences, which are 15 of those of a jump
 TURNED = 0.05  # of a jump: so little its ends may differ in size where only the sign changes
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
@@ -67,35 +73,6 @@ class Oddity:
     again: bool = False
 
 
-def step(x: Row) -> float:
-    """Return the step to which values are rounded, 0 if the smallest increments do not tell one."""
-    d, most = np.empty(0), np.inf
-    for piece in pieces(x.size, overlap=1):
-        increments = np.abs(np.diff(x[piece]))
-        for more in np.split(increments, [BEGUN]):  # the first few leave hardly any of the others
-            d = np.concatenate([d, more[(more > 0) & (more < most)]])
-            if d.size > SMALLEST:
-                d = np.partition(d, SMALLEST)[:SMALLEST]
-                most = d.max()
-    if not d.size:
-        return 0.0
-    d.sort()
-    for part in (1, 2, 3, 4):
-        multiples = d * (part / d[0])
-        if np.all(np.abs(multiples - np.round(multiples)) < 0.02):
-            return float(d[0] / part)
-    return 0.0
-
-
-def _digit(large: Array) -> float:
-    """Return the last digit of the largest values, 0 if they have none; of floating point it grows."""
-    digit = step(large) if large.size > SMALLEST else 0.0
-    if not digit:
-        return 0.0
-    multiples = (large - large[0]) / digit  # a slope makes increments alike, values not
-    return digit if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
-
-
 def is_noisy(x: Row) -> bool:
     """Tell whether a channel changes nearly always, as noise makes it."""
     parts = (x[piece] for piece in pieces(x.size, overlap=1))
@@ -108,50 +85,50 @@ def _extremes(x: Row) -> tuple[float, float]:
     return float(np.nanmin(ends)), float(np.nanmax(ends))
 
 
-def stuck(x: Row, fs: float) -> Iterator[Oddity]:
-    """Yield where a channel that should be noise is constant, on a straight line, rounded or repeated."""
-    looked, rounded = x[:LOOKED], step(x)
-    if not is_noisy(x):
-        least, most = _extremes(x)
+def stuck(x: Row, fs: float, resolution: Resolution | None) -> Iterator[Oddity]:
+    """Yield where a channel that should be noise is constant, on a straight line or repeated.
+
+    Parameters
+    ----------
+    x : Row
+        The channel.
+    fs : float
+        Its sample rate [Hz].
+    resolution : Resolution, optional
+        Of its numbers: what that explains is no fault.
+    """
+    looked, noisy = x[:LOOKED], is_noisy(x)
+    least, most = _extremes(x)
+    if least == most or not (noisy or resolution):
         what = (
-            f"is stuck at {looked[0] + 0.0:.4g} throughout"
+            f"is stuck at {least + 0.0:.4g} throughout"
             if least == most
-            else f"is rounded to steps of {rounded:.2g}"
-            if rounded > 0
             else "is more often constant than not"
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
     if (different := _different(looked)) < FEW * looked.size:
-        what = f"is rounded: it has {different} values in {looked.size} samples"
-        if again := _period(looked):
-            what = f"comes again every {again / fs:g} s"
-        if again or rounded == 0:
-            yield Oddity(what, 0.0, x.size / fs)
+        again = _period(looked)
+        if again or resolution is None:
+            what = f"is rounded: it has {different} values in {looked.size} samples"
+            yield Oddity(f"comes again every {again / fs:g} s" if again else what, 0.0, x.size / fs)
             return
     typical = np.abs(_bends(x)(slice(0, LOOKED)))
     usual = median(typical[~np.isnan(typical)])
-    size = np.abs(looked)
-    digit = _digit(looked[size > np.nanmax(size) / 2])
-    if digit > max(2 * rounded, COARSE * usual):
-        yield Oddity(f"is rounded: to steps of {digit:.2g} where it is largest", 0.0, x.size / fs)
-        return
-    if rounded > 0 and rounded > COARSE * float(np.nanmedian(np.abs(np.diff(looked)))):
-        return  # equal values come by themselves
-    if rounded == 0 and (share := _between(typical, np.nanmax(size))) > BETWEEN:
+    if resolution is None and (share := _between(typical, np.nanmax(np.abs(looked)))) > BETWEEN:
         what = f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
         yield Oddity(what, 0.0, x.size / fs)
         return
-    kept = _flat(x, max(2.1 * rounded, 1e-9 * usual), rounded)
-    for begin, end in kept:
-        part = x[begin : end + 2]
-        constant = np.ptp(part) <= 2.1 * rounded
-        extreme = constant and part[0] in _extremes(x)
+    lines = _flat(x, 1e-9 * usual) if resolution is None else straight.stretches(x, resolution)
+    for begin, end in lines:
+        part = x[begin:end]
+        constant = np.ptp(part) <= (2.1 * resolution.at(part).max() if resolution else 0.0)
+        extreme = constant and part[0] in (least, most)
         how = "stops at its limit of" if extreme else "is stuck at"
         what = f"{how} {part[0] + 0.0:.4g}" if constant else "is a straight line"
-        yield Oddity(f"{what} for {(end + 2 - begin) / fs:g} s", begin / fs, (end + 2) / fs)
-    if rounded == 0 and not len(kept):
-        yield from _repeated(x, fs)
+        yield Oddity(f"{what} for {(end - begin) / fs:g} s", begin / fs, end / fs)
+    if not len(lines):
+        yield from _repeated(x, fs, resolution)
 
 
 def _different(x: Array) -> int:
@@ -205,19 +182,26 @@ def _comb(x: Array) -> int:
     return 0
 
 
-def _flat(x: Row, least: float, rounded: float) -> NDArray[np.intp]:
+def _flat(x: Row, least: float) -> NDArray[np.intp]:
     """Return the stretches in which second differences stay within `least`, shape (number of them, 2)."""
     found = derivatives.stretches_of(np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2))
-    return found[found[:, 1] - found[:, 0] >= (STRAIGHT if rounded == 0 else LONG) - 2]
+    return np.asarray(found[found[:, 1] - found[:, 0] >= STRAIGHT - 2] + [0, 2], dtype=np.intp)
 
 
-def _repeated(x: Row, fs: float) -> Iterator[Oddity]:
+def _repeated(x: Row, fs: float, resolution: Resolution | None) -> Iterator[Oddity]:
     edge = int(SETTLED * fs)
-    at, same = pieces(x.size - 2 * edge, overlap=1), []
+    at, same, expected = pieces(x.size - 2 * edge, overlap=1), [], 0.0
     for start, part in ((edge + piece.start, x[edge + piece.start : edge + piece.stop]) for piece in at):
-        same.append(start + np.flatnonzero(part[1:] == part[:-1]) + 1)
+        equal = part[1:] == part[:-1]
+        if resolution is not None:
+            chance = _chance(part, resolution)
+            equal &= chance < CHANCE
+            expected += MORE * float(np.sum(chance[chance < CHANCE]))
+        same.append(start + np.flatnonzero(equal) + 1)
     again = np.concatenate([np.zeros(0, dtype=np.intp), *same])
-    if not again.size or scipy.special.pdtrc(again.size - 1, _coincidences(x[:])) > COINCIDENCE:
+    if not again.size:
+        return
+    if scipy.special.pdtrc(again.size - 1, expected if resolution else _coincidences(x[:])) > COINCIDENCE:
         return
     zero = x[:][again] == 0
     for which, what in ((again[zero], "is exactly 0"), (again[~zero], "repeats a sample")):
@@ -226,34 +210,48 @@ def _repeated(x: Row, fs: float) -> Iterator[Oddity]:
             yield Oddity(f"{what}{often}", which[0] / fs, which[-1] / fs, again=True)
 
 
+def _chance(x: Array, resolution: Resolution) -> Array:
+    """Return the probability that samples are equal to the next one, from how much x moves nearby."""
+    increments = np.abs(np.diff(x)) / resolution.at(x[1:])
+    moves = scipy.ndimage.uniform_filter1d(np.nan_to_num(increments), NEARBY, mode="nearest")
+    return np.where(np.isnan(increments), 1.0, chance_of_equality(moves))
+
+
 def _coincidences(x: Array) -> float:
     """Return how many neighbours to expect to be equal by chance, from the digits that values have."""
     values, increments = x[np.isfinite(x)], np.abs(np.diff(x))
     most = values[np.argmax(np.abs(values))]
-    if np.all(values[:LOOKED] == values[:LOOKED].astype(np.float32)):
-        digit = float(np.spacing(np.float32(most)))
-    else:
-        looked = values[: LOOKED : LOOKED // 200]
-        digits = next((d for d in range(5, 16) if all(float(f"{v:.{d}e}") == v for v in looked)), 16)
-        digit = 10.0 ** (np.floor(np.log10(abs(most))) - digits)
+    looked = values[: LOOKED : LOOKED // 200]
+    digits = next((d for d in range(5, 16) if all(float(f"{v:.{d}e}") == v for v in looked)), 16)
+    digit = 10.0 ** (np.floor(np.log10(abs(most))) - digits)
     near = float(np.nanquantile(increments[increments > 0], NEAR))
     return float(increments.size * NEAR * digit / (2 * near))
 
 
-def jumps(x: Row, fs: float) -> Iterator[Oddity]:
-    """Yield the largest jump or wild sample of a read-out, if noise does not explain it, nor a force."""
+def jumps(x: Row, fs: float, step: float = 0.0) -> Iterator[Oddity]:
+    """Yield the largest jump or wild sample of a read-out, if noise does not explain it, nor a force.
+
+    Parameters
+    ----------
+    x : Row
+        The read-out.
+    fs : float
+        Its sample rate [Hz].
+    step : float
+        To which it is rounded: a few are no jump.
+    """
     filled, half = x, max(5, round(1.5 * fs))
     lost, masked = np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     if any(np.isnan(x[piece]).any() for piece in pieces(x.size)):
         lost = np.isnan(x[:])
         filled, masked = derivatives.bridge(x[:], fs)
-    if _largest(_bends(filled), x.size - 2, SUSPECT) is None:
+    if _largest(_bends(filled), x.size - 2, SUSPECT, STEPS * step) is None:
         return
     left, bad = _left(half), lost | masked
     reached = np.convolve(bad, np.ones(2 * half + 1), mode="valid") > 0.5 if bad.any() else None
     for name, limit in (("jumps by", JUMP), ("is off by", WILD)):
         size = _sizes(filled, left[name] / (left[name] @ left[name]), reached)
-        at = _largest(size, x.size - 2 * half, limit)
+        at = _largest(size, x.size - 2 * half, limit, STEPS * step)
         if at is None or not _stands_alone(size, x.size - 2 * half, at, half):
             continue
         near = filled[max(0, at - half) : at + 3 * half + 1]
@@ -313,8 +311,11 @@ def _correlated(x: Array, weights: Array) -> Array:
     return np.concatenate([found, np.correlate(x[found.size :], weights, mode="valid")])
 
 
-def _largest(size: _Sizes, n: int, limit: float) -> int | None:
-    """Return where one of `n` sizes is farthest beyond what noise does about it; None if within the limit."""
+def _largest(size: _Sizes, n: int, limit: float, least: float) -> int | None:
+    """Return where one of `n` sizes is farthest beyond what noise does about it.
+
+    None if that is within the limit, in standard deviations, or it is below `least`.
+    """
     if n < BLOCK:
         return None
     farthest, at = limit, None
@@ -324,7 +325,8 @@ def _largest(size: _Sizes, n: int, limit: float) -> int | None:
             x = np.concatenate([x, size(slice(n - 1 - lacking, n - 1))[::-1]])
         blocks = np.abs(x).reshape(-1, BLOCK)
         # about zero, as a cubic has been taken off; every fifth tells as much
-        most = blocks.max(axis=1) / np.maximum(_GAUSSIAN * np.median(blocks[:, ::5], axis=1), 1e-300)
+        noise = np.maximum(_GAUSSIAN * np.median(blocks[:, ::5], axis=1), max(least / limit, 1e-300))
+        most = blocks.max(axis=1) / noise
         block = int(np.argmax(most))
         if most[block] > farthest:
             farthest, at = most[block], start + block * BLOCK + int(np.argmax(blocks[block]))
@@ -341,7 +343,7 @@ def _stands_alone(size: _Sizes, n: int, at: int, half: int) -> bool:
 def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     """Yield what is wrong with the samples of an experiment and of its noise run."""
     commands = [name for name in dynamics.CHANNELS if name not in READ_OUTS]
-    fed = {name for name in commands if noise is not None and is_noisy(noise.row(name))}  # by a loop
+    fed = {name for name in commands if noise is not None and is_fed(noise.row(name))}
     for run in (sysid, noise):
         if run is not None:
             of_each = each(partial(_of, run, fed), dynamics.CHANNELS)
@@ -360,6 +362,18 @@ def of_commands(run: Telemetry) -> Iterator[str]:
             yield f"{run.path}: {name} {o.what} s-2 at {o.begin:.7g} s"
 
 
+def is_fed(x: Row) -> bool:
+    """Tell whether a loop feeds a command: it changes all the time, if only by the steps of its numbers."""
+    if is_noisy(x):
+        return True
+    found = estimate_resolution(x)
+    if found is None:
+        return False
+    part = x[:LOOKED]
+    moves = np.abs(np.diff(part)) / found.at(part[1:])
+    return bool(np.count_nonzero(moves > 0) > FEWEST * part.size and np.median(moves[moves > 0]) < MANY)
+
+
 def _of(run: Telemetry, fed: Container[str], name: str) -> list[Oddity]:
     found: list[Oddity] = []
     if name in READ_OUTS or name in fed:
@@ -367,7 +381,8 @@ def _of(run: Telemetry, fed: Container[str], name: str) -> list[Oddity]:
         if name in fed and authority.limited(run, name).size:
             # is masked, and no fault of the archive
             x = np.where(authority.at_limit(x[:], authority.limit_of(run, name)), np.nan, x[:])
-        found += stuck(x, run.fs)
+        resolution = estimate_resolution(x)
+        found += stuck(x, run.fs, resolution)
         if name in READ_OUTS:
-            found += jumps(x, run.fs)
+            found += jumps(x, run.fs, resolution.largest if resolution else 0.0)
     return found

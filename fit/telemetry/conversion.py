@@ -133,7 +133,7 @@ def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> N
             time = _time(table, clock)
             attributes.setdefault("fs", _rate(time, clock.place))
         fs = check_root(f"{path}: runs[{i}]", attributes).fs
-        check_time(clock.place if clock else str(archive), time, fs)
+        time = np.asarray(check_time(clock.place if clock else str(archive), time, fs)[:])
         described = {name: (c.unit, f"column {c.name} of {archive.name}") for name, c in columns.items()}
         origin = {
             "schema": SCHEMA,

@@ -56,21 +56,41 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
     _check_plain(dataset, f"{path}: time")
     values = partial(_values, dataset, path)
     time = Stored(values, range(*part.indices(dataset.size))) if in_parts(dataset) else values(part)
-    check_time(f"{path}: time", time, fs, part.start or 0)
-    return time
+    return check_time(f"{path}: time", time, fs, part.start or 0)
 
 
-def check_time(place: str, time: Row, fs: float, start: int = 0) -> None:
-    """Refuse a time axis [s] that is not uniform with steps of 1/fs; its first sample has number `start`."""
+def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
+    """Return a time axis [s] with steps of 1/fs, exact where single precision has rounded it.
+
+    Parameters
+    ----------
+    place : str
+        File and dataset, for messages.
+    time : Row
+        As it is stored.
+    fs : float
+        Sample rate [Hz].
+    start : int
+        Number of the first sample.
+
+    Raises
+    ------
+    InputError
+        If it is not uniform, or rounding leaves samples that cannot be told apart.
+    """
     check_finite(place, time, start)
     # A jitter of a thousandth of a sample, and a clock right to 1e-6, leave every estimate where it is.
     steps = (np.diff(time[piece]) for piece in pieces(time.size, overlap=1))
     extremes = np.array([(step.min(), step.max()) for step in steps])
     if np.any(np.abs(extremes * fs - 1) > 1e-3):
         time = time[:]
+        if (exact := _exact(place, time, fs)) is not None:
+            return exact
         if np.ptp(extremes) * fs <= 2e-3:
             raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
-        n = int(np.argmax(np.abs(np.diff(time) * fs - 1) > 1e-3))
+        beyond = np.abs(np.diff(time) * fs - 1)
+        rounded = fs * float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
+        n = int(np.argmax(beyond > (1e-3 + rounded if beyond.max() > 1e-3 + rounded else 1e-3)))
         raise InputError(
             f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
@@ -78,6 +98,28 @@ def check_time(place: str, time: Row, fs: float, start: int = 0) -> None:
     span, found = (time.size - 1) / fs, float(time[-1:][0] - time[:1][0])
     if abs(found - span) > 1e-6 * span + 1e-3 / fs:
         raise InputError(f"{place}: spans {found:.10g} s, expected (N-1)/fs = {span:.10g} s")
+    return time
+
+
+def _exact(place: str, time: NDArray[np.float64], fs: float) -> NDArray[np.float64] | None:
+    """Return the uniform time axis [s] that single precision rounds to this one; None if there is none."""
+    if not _is_single(time):
+        return None
+    step = float(np.spacing(np.float32(np.abs(time).max())))
+    first = round(float(time[0]) * fs) / fs
+    exact = np.arange(time.size) / fs + (first if abs(first - time[0]) <= step / 2 else time[0])
+    if np.any(np.abs(time - exact) > step / 2 * (1 + 1e-9)):
+        return None
+    if step > 0.5 / fs:
+        raise InputError(
+            f"{place}: in single precision, in steps of {step:.2g} s at {time[-1]:.6g} s, which do not tell "
+            f"samples {1 / fs:g} s apart; expected double precision, or seconds since the start of the run"
+        )
+    return np.asarray(exact, dtype=np.float64)
+
+
+def _is_single(x: NDArray[np.float64]) -> bool:
+    return bool(np.array_equal(x.astype(np.float32), x))
 
 
 def check_finite(place: str, values: Row, start: int = 0) -> None:

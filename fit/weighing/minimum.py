@@ -41,6 +41,8 @@ def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, 
     """
     if (reached := _step(blocks, prior, start, width)) is not None:
         return reached
+    if not all(np.isfinite(block.R).all() for block in blocks):
+        raise FitError("the residual or its derivatives are not finite")
     lmfit = minimiser()
 
     def parameters(p: Any) -> Array:

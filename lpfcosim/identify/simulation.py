@@ -96,6 +96,8 @@ class Simulation:
         self.held = held(first, placed, self.targets)
         self.others = other_loop(plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()})
         self.own = not self.others and all(is_simulated(t) for t in telemetries)
+        replaced = ", ".join(f"{i.model} ({i.replacement.archive.name})" for i in placed if i.replacement)
+        self._replaced = f", third-party FMUs {replaced}" if replaced else ""
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
         self._loaded = {t.run: _load(stack, plan, t, fmus, where) for t in telemetries}
 
@@ -136,7 +138,10 @@ class Simulation:
         try:
             return of.simulate(n, feeds, settings(self.targets, theta, self._gains))
         except (RunError, InputError) as error:
-            raise fit.errors.FitError(str(error)) from None
+            at = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
+            raise fit.errors.FitError(
+                f"{error}{f'; simulated with {at}' * bool(at)}{self._replaced}"
+            ) from None
 
 
 def _load(

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from fit.identification import comparison
-from fit.results import Estimate, Fit
+from fit.model import Sharing
+from fit.results import Estimate, Fit, Provenance, Results
+from fit.settings import settings
 from fit.warnings import FitWarning
+from tests.oracles import thirteen
 
 NAMES = ("lambda_2", "delta_ifo_1")
 
@@ -21,6 +24,17 @@ def fit_of(estimates, correlation=0.5):
     return Fit(parameters, covariance, 1.0, 1, True, ())
 
 
+def results_of(fit, **experiments):
+    return Results(fit, experiments, {}, {}, Provenance())
+
+
+def apart(found, calibrated, *, own, beside=None):
+    """Return the warnings where nothing is held and no run is looked at alone."""
+    return comparison.apart(
+        found, results_of(calibrated), beside or comparison.Beside({}, [], Sharing({})), own=own
+    )
+
+
 def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference():
     least = SimpleNamespace(
         parameters=[SimpleNamespace(name=name) for name in NAMES],
@@ -28,12 +42,10 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
     )
     calibrated = fit_of({"lambda_2": (1.0, 0.1), "delta_ifo_1": (0.0, 1.02)})
     found = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-3.01, 1.0), "Plant.cubic_2": (4.0, 1.0)})
-    assert [w.parameters for w in comparison.apart(found, calibrated, own=False)] == [
-        ("delta_ifo_1",)
-    ]  # a false alarm
+    assert [w.parameters for w in apart(found, calibrated, own=False)] == [("delta_ifo_1",)]  # a false alarm
 
     mended = comparison.beside_instruments(found, calibrated, {"delta_ifo_1", "alpha_x_1"}, least)
-    assert not comparison.apart(mended, calibrated, own=False)
+    assert not apart(mended, calibrated, own=False)
     assert mended["delta_ifo_1"].value == pytest.approx(-0.01)
     assert mended["delta_ifo_1"].sigma == pytest.approx(1.02)
     assert mended["lambda_2"] == found["lambda_2"]
@@ -46,7 +58,7 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
 
     wrong = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-1.0, 1.0)})  # by another loop
     mended = comparison.beside_instruments(wrong, calibrated, {"delta_ifo_1"}, least)
-    assert [w.parameters for w in comparison.apart(mended, calibrated, own=False)] == [("delta_ifo_1",)]
+    assert [w.parameters for w in apart(mended, calibrated, own=False)] == [("delta_ifo_1",)]
 
 
 def test_without_instruments_nothing_moves():
@@ -66,6 +78,31 @@ def test_far_from_a_sound_fit_is_unsound_but_for_telemetry_of_that_very_loop():
         (far, doubtful, False, "loop_differs"),
         (near, calibrated, False, "loop_differs"),
     ):
-        (told,) = comparison.apart(found, against, own=own)
+        (told,) = apart(found, against, own=own)
         assert (told.code, told.parameters) == (code, ("C_2",))
         assert told.kind.unsound == (code == "loop_contradicts")
+
+
+def test_a_loop_that_holds_what_the_fit_contradicts_did_not_make_the_telemetry():
+    calibrated = fit_of({"lambda_2": (1.0776, 1e-4), "omega2_2_0": (-4.2e-7, 5e-9)})
+    found = fit_of({"omega2_2_0": (-4.8e-7, 5e-9)})
+    for held, code in ((1.0776, "loop_differs"), (1.08, "loop_contradicts")):
+        (told,) = apart(found, calibrated, own=True, beside=comparison.Beside({"lambda_2": held}, [], None))
+        assert (told.code, told.parameters) == (code, ("omega2_2_0",))
+
+
+def test_what_a_run_shows_alone_is_compared_where_the_joint_fit_has_nothing_like_it():
+    run = replace(thirteen.telemetry(replace(thirteen.made("B4", "sysid"), duration=600.0)), experiment="B4")
+    (F_2, N_2) = run.authority[1]
+    held = {"alpha_x_2": -317.0, "alpha_phi_2": -27.4e3, "C_2": 0.186}
+    stiffness = -4.2e-7 + held["alpha_x_2"] * F_2 + held["alpha_phi_2"] * N_2
+    alone = fit_of({"omega2_2": (stiffness, 5e-9), "C_2": (0.186, 1e-4)})
+    calibrated = results_of(fit_of({"C_2": (0.186, 1e-4)}), B4=alone)
+    beside = comparison.Beside(held, [run], Sharing(settings({}).shared))
+    for shift, code in ((1e-9, None), (6e-8, "loop_contradicts")):
+        found = fit_of({"omega2_2_0": (-4.2e-7 + shift, 5e-9)})
+        told = comparison.apart(found, calibrated, beside, own=False)
+        assert [w.code for w in told] == [code] * bool(code)
+        if told:
+            assert "omega2_2 of B4 by +12 sigma" in told[0].message
+            assert told[0].parameters == ("omega2_2_0",)

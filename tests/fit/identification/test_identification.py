@@ -188,12 +188,28 @@ def test_a_search_that_cannot_begin_is_refused(flown):
 
 
 @pytest.mark.slow
-def test_a_parameter_that_wants_beyond_its_bound_is_held_there_and_told(flown):
-    start = (Free("lambda_2", bounds=(1.065, 1.2)), *FREE[1:])
-    told = identified(flown, start).joint
-    assert "lambda_2" not in told
-    (bound,) = [w for w in told.warnings if w.code == "at_bound"]
-    assert bound.parameters == ("lambda_2",)
+@pytest.mark.parametrize(("sigmas", "code"), [(0.5, "at_bound"), (30.0, "bound_contradicted")])
+def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, found, sigmas, code):
+    estimate = found.joint["lambda_2"]
+    bound = estimate.value + sigmas * estimate.sigma
+    told = identified(flown, (Free("lambda_2", bounds=(bound, 1.2)), *FREE[1:]))
+    assert "lambda_2" not in told.joint
+    (held,) = [w for w in told.joint.warnings if w.code in ("at_bound", "bound_contradicted")]
+    assert held.code == code
+    assert held.parameters[0] == "lambda_2"
+    assert bool(told.joint.unsound) == (code == "bound_contradicted")
+    record = told.provenance.more["at_bound"]["lambda_2"]
+    assert record["value"] == bound
+    assert abs(record["unbounded"] - estimate.value) < 0.05 * estimate.sigma
+    assert record["sigma"] == pytest.approx(estimate.sigma, rel=0.02 if sigmas < 1 else 1.0)  # unsteady then
+
+
+@pytest.mark.slow
+def test_the_bound_of_a_controller_is_tested_too(flown):
+    told = identified(flown, (*FREE, Free("Controller.f_p", 7e-3, 6e-3, bounds=(6.5e-3, 0.02)))).joint
+    (held,) = [w for w in told.warnings if w.code == "bound_contradicted"]
+    assert "Controller.f_p is held at its lower bound 0.0065" in held.message
+    assert told.unsound
 
 
 def test_the_estimator_of_ltpda_takes_no_loop(flown):

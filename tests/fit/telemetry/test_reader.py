@@ -229,8 +229,39 @@ def drift(h5):
     h5["time"][...] = np.arange(N) * 0.1 * (1 + 5e-4)
 
 
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+@pytest.mark.parametrize("begin", [0.0, 3600.05])
+def test_a_time_axis_that_single_precision_rounded_is_exact_again(tmp_path, kind, begin):
+    size = 216_000  # 6 h at 10 Hz, where steps are 0.002 s
+    path = write_contract_file(tmp_path / "A1.h5", samples=size)
+    wanted = begin + np.arange(size) / 10
+    with h5py.File(path, "a") as h5:
+        replace(h5, "time", wanted.astype("f4").astype(kind), "s")
+    found = read(path).time
+    assert (
+        np.abs(np.diff(wanted.astype("f4").astype("f8")) - 0.1).max() > 1e-3
+    )  # of which the tolerance is 1e-4
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(np.diff(found), 0.1, rtol=0, atol=1e-9)
+
+
 TIME_FAULTS = {
     "missing": (lambda h5: h5.pop("time"), "time: missing"),
+    "single precision of GPS seconds": (
+        lambda h5: with_value(
+            h5, "time", slice(None), (1.14e9 + np.arange(N) * 0.1).astype("f4").astype("f8")
+        ),
+        "in single precision, in steps of 1.3e+02 s at 1.14e+09 s, which do not tell samples 0.1 s apart",
+    ),
+    "a sample lost in single precision": (
+        lambda h5: with_value(
+            h5,
+            "time",
+            slice(None),
+            (2e4 + 0.1 * (np.arange(N) + (np.arange(N) > 9))).astype("f4").astype("f8"),
+        ),
+        "at sample 10, expected uniform steps",
+    ),
     "milliseconds": (lambda h5: h5["time"].attrs.update(units="ms"), "'ms'"),
     "jump": (
         lambda h5: with_value(h5, "time", slice(100, None), np.arange(100, 200) * 0.1 + 3),

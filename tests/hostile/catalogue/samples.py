@@ -56,6 +56,16 @@ def single_precision(x):
     return x.astype(np.float32).astype(float)
 
 
+def counts(bits):
+    """Keep as scaled integers."""
+
+    def function(x):
+        step = np.abs(x).max() / (2 ** (bits - 1) - 1)
+        return step * np.round(x / step) if step else x
+
+    return function
+
+
 def half_precision(x):
     largest = np.abs(x).max()
     return (x / largest).astype(np.float16).astype(float) * largest
@@ -121,13 +131,21 @@ SAMPLES = (
         ("1e-14 m s-2", "f_x_2", "B4", quantised(1e-14)),
         ("0.1 nm", "o_12", "A1", quantised(1e-10)),
         ("half precision", "o_12", "A2", half_precision),
+        ("single precision about 10 um", "o_12", "A2", lambda x: single_precision(x + 1e-5)),
     ),
     *changes(
         "quantised",
         "",
         ("1e-16 m s-2", "f_x_2", "B4", quantised(1e-16)),
         ("single precision", "all", "A2", single_precision),
+        ("single precision about -8 pm s-2", "f_x_2", "D4", lambda x: single_precision(x - 8e-12)),
+        ("24 bits", "all", "C4", counts(24)),
         harmless=True,
+    ),
+    *changes(
+        "in single precision",
+        STUCK,
+        ("stuck for 600 s", "f_x_2", "A1b", lambda x: single_precision(held(3000, 3600)(x))),
     ),
     *changes(
         "stuck",

@@ -236,7 +236,7 @@ def test_a_search_from_far_off_steps_back_from_what_cannot_be_and_ends_at_the_sa
         found.append(json.loads(out)["joint"])
     near, far = found
     (back,) = [w["message"] for w in far["warnings"] if w["code"] == "stepped_back"]
-    assert back.endswith("the Plant FMU reports 'error' at 0.0 s (a delay is negative)")
+    assert "the Plant FMU reports 'error' at 0.0 s (a delay is negative); simulated with lambda_2 = " in back
     for name, mine in near["parameters"].items():
         assert abs(far["parameters"][name]["value"] - mine["value"]) < 0.01 * mine["sigma"]
 
@@ -287,6 +287,27 @@ def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign)
 
 
 @pytest.mark.slow
+def test_bounds_that_the_data_contradict_make_the_result_unsound(lpfcosim, done):
+    """What compensates for a gain that is held 0.2 % off is no estimate, whatever chi2 says."""
+    done.write_text(
+        f"{CAMPAIGN}\n[identify]\nlambda_2 = {{ bounds = [1.08, 1.2] }}\n"
+        "Plant.omega2_2_0 = { start = -4.2e-7 }\n"
+    )
+    status, out, err = lpfcosim("identify", done, "--json")
+    assert status == 1, err
+    found = json.loads(out)
+    assert found["joint"]["sound"] is False
+    (held,) = [w for w in found["joint"]["warnings"] if w["code"] == "bound_contradicted"]
+    assert held["parameters"] == ["lambda_2", "omega2_2_0"]
+    assert held["message"] in err.splitlines()[-1]
+    (apart,) = [w for w in found["joint"]["warnings"] if w["code"] == "loop_contradicts"]
+    assert apart["parameters"] == ["omega2_2_0"]
+    bound = found["provenance"]["at_bound"]["lambda_2"]
+    assert (bound["value"], bound["bound"]) == (1.08, "min")
+    assert abs(bound["unbounded"] - 1.0776) < 4 * bound["sigma"] < 4 * 0.0002  # the truth of the campaign
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "what", "said"),
     [
@@ -295,6 +316,11 @@ def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign)
             "Discards",
             "return Fmi3StepResult(status=Fmi3Status.discard if late else Fmi3Status.ok)",
             "the SuspensionControl FMU reports 'discard' at 5.0 s",
+        ),
+        (
+            "Divides",
+            "self.f_control_2 = float('nan') if late else 0.0",
+            "the SuspensionControl FMU puts out a value that is not finite at 5.0 s; simulated with lambda_1",
         ),
     ],
 )

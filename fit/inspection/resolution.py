@@ -1,0 +1,150 @@
+"""The resolution of stored numbers: how far apart values are that a channel can have.
+
+A number format rounds: fixed-point numbers, integers and quantised read-outs to steps of one size, floating
+point and decimal text to steps that grow with the values, by a factor of 2 or 10 at a time. Whatever unit the
+numbers were converted to, values of about the same size then lie on a lattice, which shows in the differences
+of sorted values; those of double precision lie so close that no run shows it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.telemetry import Row, pieces
+
+Array = NDArray[np.float64]
+
+VALUES = 20000  # of a run, in which lattices are looked for
+SIZES = 4  # classes of size in an octave, each of one lattice but where steps grow
+ENOUGH = 16  # different values of a class that show a lattice
+SMALLEST = 40  # differences that show it
+RESOLVED = 1e4  # spacings of double precision, above which a step is no rounding of it
+WHOLE = 0.05  # of a step, within which a difference is a multiple of it
+SURE = 4.0  # errors of a remainder, within which it is zero
+FIXED = 1.5  # ratio of the steps of different octaves, below which there is but one
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """The steps of a channel by the size of its values.
+
+    Attributes
+    ----------
+    first : int
+        The first class of size, see `_class_of_size`.
+    steps : ndarray, shape (classes,)
+        In the unit of the channel. Classes of too few values have the step of the nearest one, scaled with
+        the values where steps grow.
+    precision : str
+        What the numbers are kept in, if that is known: "single precision" or "half precision".
+    few : bool
+        Whether the channel has so few different values that they may be those of a signal.
+    """
+
+    first: int
+    steps: Array
+    precision: str = ""
+    few: bool = False
+
+    def at(self, x: Array) -> Array:
+        """Return the step at values, of their shape."""
+        known = np.nan_to_num(np.abs(x))
+        sizes = _class_of_size(np.maximum(known, 2.0 ** (self.first / SIZES))) - self.first
+        return np.asarray(self.steps[np.clip(sizes, 0, self.steps.size - 1)])
+
+    @property
+    def largest(self) -> float:
+        """The step where values are largest."""
+        return float(self.steps[-1])
+
+    @property
+    def fixed(self) -> bool:
+        """Whether steps are the same for all values."""
+        return self.largest < FIXED * float(self.steps[0])
+
+
+def estimate_resolution(x: Row) -> Resolution | None:
+    """Return the resolution of a channel; None if its values are as fine as double precision."""
+    every = -(-x.size // VALUES)
+    values = np.concatenate([x[piece][-piece.start % every :: every] for piece in pieces(x.size)])
+    values = values[np.isfinite(values)].astype(np.float64)
+    signed = np.unique(values)
+    if signed.size < 2:
+        return None
+    values = np.abs(values[values != 0])
+    sizes = _class_of_size(values)
+    first, last = int(sizes.min()), int(sizes.max())
+    known = {size: lattice(values[sizes == size]) for size in range(first, last + 1)}
+    known = {size: step for size, step in known.items() if step}
+    few = not known and signed.size < ENOUGH < values.size
+    if few:
+        known = {last: float(np.diff(signed).min())}
+    if not known:
+        return None
+    least, most = min(known.values()), max(known.values())
+    steps = []
+    for size in range(first, last + 1):
+        near = min(known, key=lambda other: abs(other - size))
+        steps.append(known[near] * (2.0 ** ((size - near) / SIZES) if most > FIXED * least else 1.0))
+    return Resolution(first, np.array(steps), _precision(values), few)
+
+
+def _class_of_size(x: Array) -> NDArray[np.intp]:
+    """Return the classes, `SIZES` in an octave, of positive values."""
+    return np.asarray(np.floor(SIZES * np.log2(x)), dtype=np.intp)
+
+
+def lattice(values: Array) -> float:
+    """Return the step of which values of about the same size are multiples; 0 if they show none.
+
+    It is the greatest common divisor of the smallest differences between values that are next in size: those
+    of double precision have none that their own rounding does not hide.
+    """
+    values = np.unique(values)
+    if values.size < ENOUGH:
+        return 0.0
+    error = float(np.spacing(values[-1]))
+    d = np.diff(values)
+    d = np.sort(d[d > RESOLVED * error])[:SMALLEST]
+    if d.size < ENOUGH - 1:
+        return 0.0
+    step = float(d[0])
+    for other in d[1:].tolist():
+        step = _divisor(other, step, error)
+        if step < RESOLVED * error:
+            return 0.0
+    multiples = d / step
+    return step if np.all(np.abs(multiples - np.round(multiples)) < WHOLE) else 0.0
+
+
+def _divisor(a: float, b: float, error: float) -> float:
+    """Return the greatest common divisor of two numbers, each known to `error`."""
+    of_a, of_b = error, error
+    while b > SURE * of_b:
+        times = np.round(a / b)
+        a, b, of_a, of_b = b, abs(a - times * b), of_b, of_a + times * of_b
+    return a
+
+
+def _precision(values: Array) -> str:
+    """Return the floating point whose numbers all values are."""
+    for kind, name in ((np.float16, "half precision"), (np.float32, "single precision")):
+        with np.errstate(over="ignore"):
+            if np.array_equal(values.astype(kind), values):
+                return name
+    return ""
+
+
+def chance_of_equality(increment: Array) -> Array:
+    """Return the probability that neighbours are equal because both are rounded.
+
+    Parameters
+    ----------
+    increment : ndarray
+        Mean size of the increments in steps, which rounding does not change.
+    """
+    sigma = np.maximum(increment * np.sqrt(np.pi / 2), 1e-12)  # of normal increments
+    inside = scipy.special.erf(1 / (sigma * np.sqrt(2)))
+    return np.asarray(inside - sigma * np.sqrt(2 / np.pi) * -np.expm1(-0.5 / sigma**2))

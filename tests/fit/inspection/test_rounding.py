@@ -1,0 +1,221 @@
+"""Rounding by number formats: its steps are found, explain repeats and lines, and count as they add noise."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from fit.inspection import rounding, samples
+from fit.inspection.resolution import chance_of_equality, estimate_resolution
+from fit.pipeline import calibrate
+from tests.oracles import thirteen
+
+CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
+HELD = 8e-12  # m s^-2, that the command on test mass 2 holds
+
+
+def single(x):
+    return x.astype(np.float32).astype(float)
+
+
+def converted(x):
+    """Kept in single precision in other units, such as nm or N."""
+    return (x * 1.928e9).astype(np.float32).astype(float) / 1.928e9
+
+
+def digits(count):
+    return lambda x: np.array([float(f"{value:.{count - 1}e}") for value in x])
+
+
+def counts(bits):
+    """Scaled integers of so many bits, as of a converter or of FITS."""
+
+    def function(x):
+        step = np.abs(x).max() / (2 ** (bits - 1) - 1)
+        return step * np.round(x / step) if step else x
+
+    return function
+
+
+def half(x):
+    largest = np.abs(x).max()
+    return (x / largest).astype(np.float16).astype(float) * largest if largest else x
+
+
+def about(offset, then=single):
+    return lambda x: then(x + offset)
+
+
+@cache
+def flown(name="A2", fs=1.0):
+    """An experiment whose command on test mass 2 holds a constant force, and its noise run."""
+    made = [thirteen.telemetry(thirteen.made(name, kind), fs=fs) for kind in ("sysid", "noise")]
+    return [replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] - HELD}) for run in made]
+
+
+def stored(function, channels=CHANNELS, **flight):
+    return [
+        replace(run, channels={**run.channels, **{c: function(run.channels[c].copy()) for c in channels}})
+        for run in flown(**flight)
+    ]
+
+
+@cache
+def plain():
+    return calibrate(flown()).joint
+
+
+@pytest.mark.parametrize(
+    ("function", "step"),
+    [
+        (lambda x: x, None),
+        (single, 2.0**-50),  # of 12 nm
+        (digits(5), 1e-12),
+        (digits(7), 1e-14),
+        (digits(9), 1e-16),
+        (lambda x: digits(7)(x * 1.928) / 1.928, 1e-14 / 1.928),
+        (lambda x: 3e-13 * np.round(x / 3e-13), 3e-13),
+        (lambda x: 3e-9 * np.round(x / 3e-9), 3e-9),
+        (counts(24), 12e-9 / (2**23 - 1)),
+        (counts(32), 12e-9 / (2**31 - 1)),
+        (about(1e-5), 2.0**-40),
+        (lambda x: np.where(np.arange(x.size) % 500 < 40, np.nan, single(x)), 2.0**-50),
+    ],
+    ids=["double", "single", "5", "7", "9", "N", "steps", "coarse", "24 bits", "32 bits", "offset", "gaps"],
+)
+def test_steps_of_stored_numbers_are_found(function, step):
+    n = np.arange(40_000)
+    noise = 1e-11 * np.random.default_rng(3).standard_normal(n.size)
+    x = 12e-9 * np.sin(0.001 * n) + noise
+    x[0] = 12e-9 + (1e-12 if step and step > 1e-10 else 0)
+    found = estimate_resolution(function(x))
+    if step is None:
+        assert found is None
+    else:
+        assert found.largest == pytest.approx(step, rel=0.01)
+
+
+@pytest.mark.parametrize("move", [0.05, 0.3, 1.0, 4.0])
+def test_the_chance_of_equal_neighbours(move):
+    increments = np.random.default_rng(4).normal(size=400_000) * move
+    x = np.round(np.cumsum(increments))
+    mean = np.abs(np.diff(x)).mean()  # of the rounded series: all that there is
+    assert chance_of_equality(np.array([mean]))[0] == pytest.approx(np.mean(np.diff(x) == 0), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [single, converted, digits(7), counts(32), lambda x: single(x).astype(np.float32)],
+    ids=["single", "converted", "7 digits", "32 bits", "float32 in memory"],
+)
+def test_a_number_format_moves_no_estimate(function):
+    runs = stored(function)
+    assert not list(samples.faults(*runs))
+    joint = calibrate(runs).joint
+    assert set(joint) == set(plain())
+    assert not [w for w in joint.warnings if w.code in ("coarse", "odd_samples", "rounding")]
+    for name, estimate in plain().parameters.items():
+        assert abs(joint[name].value - estimate.value) < 0.02 * estimate.sigma
+        assert joint[name].sigma == pytest.approx(estimate.sigma, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("function", [single, digits(7), digits(5)], ids=["single", "7 digits", "5 digits"])
+def test_quiet_commands_at_10_hz_are_not_called_stuck(function):
+    """There most samples of a noise run repeat the one before."""
+    runs = stored(function, ("f_x_2",), fs=10.0)
+    assert np.mean(np.diff(runs[1].channels["f_x_2"]) == 0) > 0.4
+    assert not list(samples.faults(*runs))
+
+
+def test_what_rounding_may_move_is_said():
+    joint = calibrate(stored(lambda x: 7e-15 * np.round(x / 7e-15), ("o_12",))).joint
+    (told, *_) = [w for w in joint.warnings if w.code == "rounding"]
+    assert not joint.unsound
+    assert re.search(
+        "o_12 is rounded to steps of 7e-15 m: this adds 0.00.* times the power of the noise", told.message
+    )
+    most = float(re.search("may move by (.*) sigma", told.message)[1])
+    moved = [abs(joint[name].value - e.value) / e.sigma for name, e in plain().parameters.items()]
+    assert 0.01 < max(moved) < most < 0.2
+
+
+@pytest.mark.parametrize(
+    ("function", "channel", "words"),
+    [
+        (about(1e-5), "o_12", "9.1e-13 m .single precision about an offset of 1e-05 m.: this adds"),
+        (
+            about(1e-3),
+            "o_1",
+            "1.2e-10 m .single precision about an offset of 0.001 m.: .* power of the noise of o_1",
+        ),
+        (digits(4), "o_12", "1e-11 m where it is largest: this adds"),
+        (digits(6), "o_12", "1e-13 m where it is largest: this adds"),
+        (half, "o_12", "5.8e-12 m where it is largest: this adds"),
+        (counts(16), "o_12", "3.6e-13 m: this adds"),
+        (
+            lambda x: 1e-14 * np.round(x / 1e-14),
+            "f_x_2",
+            "1e-14 m s-2 about an offset of -1.7e-11 m s-2: this adds",
+        ),
+        (lambda x: 1e-8 * np.round(x / 1e-8), "o_12", "1e-08 m: this adds"),
+    ],
+    ids=[
+        "offset",
+        "offset of o_1",
+        "4 digits",
+        "6 digits",
+        "half precision",
+        "16 bits",
+        "command",
+        "two values",
+    ],
+)
+def test_steps_that_add_noise_are_faults(function, channel, words):
+    with pytest.raises(InputError, match=f"A2-sysid.h5: {channel} is rounded to steps of {words}") as caught:
+        calibrate(stored(function, (channel,)))
+    assert rounding.CURE in str(caught.value)
+
+
+def held(x):
+    x[9000:9600] = x[9000]
+    return x
+
+
+def filled(x):
+    x[4000:4600] = np.linspace(x[4000], x[4599], 600)
+    return x
+
+
+def stale(x):
+    x[1::2] = x[::2][: x[1::2].size]
+    return x
+
+
+@pytest.mark.parametrize(
+    ("fault", "channel", "words"),
+    [
+        (held, "o_12", "o_12 is stuck at .* for 600 s at 9000 s"),
+        (held, "f_x_2", "f_x_2 is stuck at .* for 600 s at 9000 s"),
+        (filled, "o_1", "o_1 is a straight line for 600 s at 4000 s"),
+        (filled, "f_x_2", "f_x_2 is a straight line for (59|60|61). s at (399|400). s"),
+        (stale, "o_12", "o_12 repeats a sample 10"),
+    ],
+)
+@pytest.mark.parametrize("function", [single, digits(7), counts(24)], ids=["single", "7 digits", "24 bits"])
+def test_faults_are_found_beside_rounding(function, fault, channel, words):
+    run, noise = flown()
+    spoilt = replace(run, channels={**run.channels, channel: function(fault(run.channels[channel].copy()))})
+    said = list(samples.faults(spoilt, noise))
+    assert any(re.search(words, reason) for reason in said), said
+    assert all(f" {channel} " in reason for reason in said)
+
+
+def test_square_waves_of_an_open_loop_are_not_rounded():
+    run, noise = flown()
+    pulses = np.where(np.arange(run.size) % 2000 < 1000, 5e-12, 0.0)
+    driven = replace(run, channels={**run.channels, "f_x_1": pulses})
+    assert not list(rounding.roundings(driven, noise))
