@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy
+from astropy.io import fits as astropy
 
 from fit.errors import InputError
 from fit.pipeline import calibrate
@@ -298,7 +299,6 @@ def matlab_7_3(path):
 
 
 def fits(path):
-    astropy = pytest.importorskip("astropy.io.fits")
     columns = [
         astropy.Column("o1", "D", unit="m", array=np.arange(50.0)),
         astropy.Column("n", "A", array=["x"] * 50),

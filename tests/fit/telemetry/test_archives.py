@@ -3,11 +3,11 @@
 import gzip
 import json
 import re
-import sys
 
 import h5py
 import numpy as np
 import pytest
+from astropy.io import fits
 from scipy.io import savemat
 
 import fit
@@ -53,7 +53,6 @@ def as_mat_73(path, columns):
 
 
 def as_fits(path, columns, units=None):
-    fits = pytest.importorskip("astropy.io.fits")
     table = [
         fits.Column(name, "D", unit=(units or {}).get(name), array=values) for name, values in columns.items()
     ]
@@ -171,7 +170,6 @@ def test_prefixes_of_units(runs, tmp_path):
 
 
 def test_units_and_missing_values_that_fits_states(runs, tmp_path):
-    fits = pytest.importorskip("astropy.io.fits")
     columns = columns_of(runs[0])
     integers = np.arange(7200, dtype="i4")
     integers[5] = -99
@@ -202,7 +200,7 @@ def test_no_time_column(runs, tmp_path):
 
 
 def test_large_files_come_in_blocks(archive, runs, tmp_path, monkeypatch):
-    monkeypatch.setattr("fit.telemetry.archives.BLOCK", 1000)
+    monkeypatch.setattr("fit.telemetry.archives.table.BLOCK", 1000)
     for suffix in FORMATS:
         first, _ = convert([archive(suffix)], tmp_path / "telemetry", any_gaps=False)
         np.testing.assert_array_equal(read(first).channels["o_12"], runs[0].channels["o_12"])
@@ -399,7 +397,6 @@ def shorter(file):
 
 
 def image(file):
-    fits = pytest.importorskip("astropy.io.fits")
     fits.PrimaryHDU(np.zeros((2, 2))).writeto(file, overwrite=True)
 
 
@@ -437,11 +434,3 @@ def test_a_fault_of_a_binary_archive(lpfcosim, archive, tmp_path, fault):
     (sentence,) = err.strip().splitlines()
     assert re.search(expected, sentence), sentence
     assert not list(tmp_path.iterdir())
-
-
-def test_fits_needs_an_extra(lpfcosim, archive, monkeypatch):
-    where = archive("fits")
-    monkeypatch.setitem(sys.modules, "astropy.io.fits", None)
-    status, _, err = lpfcosim("fit", where)
-    assert status == 2
-    assert "E1-sysid.fits: FITS needs the extra lpfcosim[fits]" in err

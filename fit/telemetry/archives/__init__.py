@@ -1,0 +1,75 @@
+"""Tables of telemetry in the formats of archives, one file for each: text, MATLAB, HDF5, FITS, NumPy.
+
+Whatever the format, a `Table` is columns by name, each a row of numbers in which a missing sample is NaN, or a
+row of texts. Every function raises `fit.errors.InputError`; its message names the file, the place and what was
+expected.
+"""
+
+import csv
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+from fit.errors import InputError
+from fit.files import is_file
+from fit.telemetry.archives import fits, matlab, text
+from fit.telemetry.archives.table import Column, Table, damaged
+
+__all__ = ["Column", "Table", "is_text", "look", "opened"]
+
+_Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
+_READERS: tuple[tuple[tuple[str, ...], _Reader], ...] = (
+    (text.SUFFIXES, text.opened),
+    (matlab.SUFFIXES, matlab.opened),
+    (fits.SUFFIXES, fits.opened),
+)
+
+
+@contextmanager
+def opened(path: Path, table: str | int | None) -> Iterator[Table]:
+    """Open an archive for reading.
+
+    Parameters
+    ----------
+    path : Path
+        Its suffix tells the format.
+    table : str, int or None
+        Struct of a .mat file, name or number of the extension of a FITS file; None: all of the variables, the
+        first table.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is of no known format or has no such table.
+    """
+    reader = next((r for suffixes, r in _READERS if path.name.lower().endswith(suffixes)), None)
+    if reader is None:
+        known = ", ".join(suffix for suffixes, _ in _READERS for suffix in suffixes)
+        raise InputError(f"{path}: of no known format, expected a name that ends in one of {known}")
+    if not is_file(path):
+        raise InputError(f"{path}: no such file, expected a table of telemetry")
+    try:
+        with reader(path, table) as archive:
+            yield archive
+    except (OSError, RuntimeError, csv.Error) as error:
+        raise damaged(path, error) from error
+
+
+def look(path: Path, table: str | int | None) -> None:
+    """Read all columns of a table; InputError as `opened`."""
+    with opened(path, table) as archive:
+        rows: dict[int, list[str]] = {}
+        for name, column in archive.columns.items():
+            if column.size is not None and not column.text:
+                rows.setdefault(column.size, []).append(name)
+        for names in rows.values():
+            for _ in archive.blocks(names):
+                pass
+        for name in [name for name, column in archive.columns.items() if column.text]:
+            for _ in archive.texts(name):
+                pass
+
+
+def is_text(path: Path) -> bool:
+    """Tell whether an archive is text, which no library but Python's own reads."""
+    return path.name.lower().endswith(text.SUFFIXES)
