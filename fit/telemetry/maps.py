@@ -15,10 +15,16 @@ from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED, check_root
 from fit.units import factor, to_si
 
 SCHEMA = "lpf-map/1"
-#: Time stamps by their names in `astropy.time`; in both of ISO 8601 date and time have a T or a blank between.
+#: Time stamps by their names in `astropy.time`; those of ISO 8601 have a T or a blank, whichever it is.
 Format = Literal["iso", "isot", "yday", "gps", "unix", "unix_tai", "tai_seconds", "cxcsec", "mjd", "jd"]
 Scale = Literal["utc", "tai", "tt", "tdb", "tcg", "tcb"]
-SECONDS = ("gps", "unix", "unix_tai", "tai_seconds", "cxcsec")  # formats that count them, in a scale of theirs
+SECONDS = (
+    "gps",
+    "unix",
+    "unix_tai",
+    "tai_seconds",
+    "cxcsec",
+)  # formats that count them, in a scale of theirs
 TIME = "time"  # stands for the time column where a channel is named
 _RUN = re.compile(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]*")  # the name of a file, too
 
@@ -53,11 +59,13 @@ def _files(raw: object) -> object:
     raise problem(f"{quote(raw)} is no file, expected {names}")
 
 
-def _missing(raw: object) -> object:
+def _missing(raw: Any) -> object:
     several = raw if isinstance(raw, list) else [raw]
     if several and all(map(_is_number, several)):
         return [float(marker) for marker in several]
-    raise problem(f"{quote(raw)} is no number, expected a number that marks missing samples, or a list of them")
+    raise problem(
+        f"{quote(raw)} is no number, expected a number that marks missing samples, or a list of them"
+    )
 
 
 def _run(raw: object) -> object:
@@ -217,7 +225,9 @@ def places_of(path: Path, found: Map, i: int, channel: str) -> list[Place]:
         names: list[str] = [column.file]
     elif isinstance(source.file, dict):
         if channel not in source.file:
-            raise InputError(f"{path}: runs[{i}].file.{key(channel)}: missing, expected the file of its column")
+            raise InputError(
+                f"{path}: runs[{i}].file.{key(channel)}: missing, expected the file of its column"
+            )
         names = [source.file[channel]]
     else:
         names = source.file if isinstance(source.file, list) else [source.file]
@@ -283,7 +293,9 @@ def _check_clock(path: Path, clock: Clock | None) -> None:
     if clock.format is None or clock.format in SECONDS:
         factor_of(f"{path}: time.unit", clock.unit, TIME, {})
     elif clock.unit is not None:
-        raise InputError(f"{path}: time.unit: {shown(clock.unit)}, expected none with format {clock.format!r}")
+        raise InputError(
+            f"{path}: time.unit: {shown(clock.unit)}, expected none with format {clock.format!r}"
+        )
     if clock.format in SECONDS and clock.scale is not None:
         raise InputError(f"{path}: time.scale: {clock.scale!r}, expected none: {clock.format!r} has its own")
 
@@ -297,5 +309,5 @@ def _check_files(path: Path, found: Map, i: int) -> None:
                 raise InputError(f"{path}: runs[{i}].file.{key(name)}: not known{closest(name, known)}")
     for place in places_of_run(path, found, i):
         if not is_file(place.archive):
-            name = place.archive.relative_to(path.parent) if path.parent in place.archive.parents else place.archive
-            raise InputError(f"{path}: runs[{i}].file: {shown(str(name))}, no such file beside the map")
+            name = str(place.archive).removeprefix(f"{path.parent}/")
+            raise InputError(f"{path}: runs[{i}].file: {shown(name)}, no such file beside the map")

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 UNIX_EPOCH = 40587  # MJD of 1970-01-01
-_FIRST, _LAST = 36934.0, 88069.0  # MJD of 1960 and 2100: UTC began with the one, and nothing flies after the other
+_FIRST, _LAST = (
+    36934.0,
+    88069.0,
+)  # MJD of 1960 and 2100: UTC began with the one, and nothing flies after the other
 _DAY = 86400.0  # s
 _CLOCK = r"\d\d:\d\d(?::\d\d(?:[.,](?P<digits>\d*))?)?"
 _ZONE = r"\s*(?:Z|UTC|[+-]00:?00)?"
@@ -54,12 +57,15 @@ class Stamps:
         Whether that is the spacing of numbers in single precision.
     t0 : str or None
         UTC of the first sample, ISO 8601; None where the column counts from anywhere.
+    start : float
+        The first sample of a column that counts from anywhere [s].
     """
 
     seconds: Array
     resolution: float
     is_single: bool
     t0: str | None = None
+    start: float = 0.0
 
 
 def elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
@@ -67,7 +73,8 @@ def elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
     raw = np.concatenate([np.zeros(0), *blocks])
     check_finite(place, raw)
     digit, is_single = _resolution(raw)
-    return Stamps(np.asarray((raw - raw[:1]) * factor), digit * factor, is_single)
+    start = float(raw[0] * factor) if raw.size else 0.0
+    return Stamps(np.asarray((raw - raw[:1]) * factor), digit * factor, is_single, start=start)
 
 
 def numbers(
@@ -75,7 +82,9 @@ def numbers(
 ) -> Stamps:
     """Read time stamps that are numbers; of a format that counts seconds, in units of `factor` seconds."""
     if format_ in _FORMATS_OF_TEXT:
-        raise InputError(f"{place}: numbers, expected texts of format {format_!r} such as {_example(format_)!r}")
+        raise InputError(
+            f"{place}: numbers, expected texts of format {format_!r} such as {_example(format_)!r}"
+        )
     raw = np.concatenate([np.zeros(0), *blocks])
     check_finite(place, raw)
     digit, is_single = _resolution(raw)
@@ -121,14 +130,38 @@ def uniform(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]
         even = grid / rate
         try:
             check_time(place, seconds, rate)
-            return (seconds if stamps.t0 is None else even), rate
         except InputError:
-            off = seconds - even
-            if digit <= 0.5 / rate and np.ptp(off) <= 1.1 * digit + 1e-3 / rate:
+            if digit <= 0.5 / rate and np.ptp(seconds - even) <= 1.1 * digit + 1e-3 / rate:
                 return even, rate
+        else:
+            return (seconds if stamps.t0 is None else even), rate
     _refuse_single(place, stamps)
     check_time(place, seconds, rates[0])
     return seconds, rates[0]
+
+
+def check_same(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
+    """Refuse the time stamps of one table that are not those of an`other` table of the same run."""
+    wanted = "expected the same time stamps in all files of a run"
+    sizes = stamps.seconds.size, reference.seconds.size
+    if sizes[0] != sizes[1]:
+        raise InputError(f"{place}: {sizes[0]} samples, but {other} has {sizes[1]}, {wanted}")
+    if stamps.t0 is None or reference.t0 is None:
+        off = stamps.start - reference.start
+    else:
+        off = (utc(stamps.t0) - utc(reference.t0)).total_seconds()
+    digit = max(stamps.resolution, reference.resolution, 1e-3 * float(reference.seconds[1]))
+    if abs(off) > digit:
+        raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other}, {wanted}")
+    beyond = np.abs(stamps.seconds - reference.seconds) > digit
+    if beyond.any():
+        n = int(np.argmax(beyond))
+        off = float(stamps.seconds[n] - reference.seconds[n])
+        raise InputError(f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other}, {wanted}")
+
+
+def _order(off: float) -> str:
+    return "before" if off < 0 else "after"
 
 
 def check_start(place: str, stated: str, stamps: Stamps, fs: float) -> None:
@@ -138,7 +171,7 @@ def check_start(place: str, stated: str, stamps: Stamps, fs: float) -> None:
     off = (utc(stated) - utc(stamps.t0)).total_seconds()
     if abs(off) > 1 / fs:
         raise InputError(
-            f"{place}: {stated!r} is {abs(off):.10g} s {'before' if off < 0 else 'after'} the first time stamp, "
+            f"{place}: {stated!r} is {abs(off):.10g} s {_order(off)} the first time stamp, "
             f"{stamps.t0!r}, expected the same, or none: it follows from the time stamps"
         )
 
@@ -153,7 +186,7 @@ def _example(format_: str) -> str:
 @contextmanager
 def _astropy() -> Iterator[None]:
     """Let astropy neither look for newer leap seconds in the network nor warn of years to come."""
-    from astropy.utils.iers import conf  # takes its time
+    from astropy.utils.iers import conf  # takes its time to be read in
 
     with conf.set_temp("auto_download", False), warnings.catch_warnings():
         warnings.filterwarnings("error", message="ERFA function")  # such as a minute of 61 s
@@ -178,7 +211,9 @@ def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Any) -
     fraction = fraction.rstrip("0")
     t0 = f"{whole}.{fraction}Z" if fraction else f"{whole}Z"
     if whole.endswith(":60"):
-        raise InputError(f"{place}: begins within a leap second, at {t0}, expected a run that begins after it")
+        raise InputError(
+            f"{place}: begins within a leap second, at {t0}, expected a run that begins after it"
+        )
     return Stamps(np.concatenate(seconds), resolution, is_single=False, t0=t0)
 
 
@@ -204,7 +239,7 @@ def _check_range(place: str, values: Array, mjd: Array, format_: str) -> None:
     if beyond.any():
         n = int(np.argmax(beyond))
         raise InputError(
-            f"{place}: {values[n]:.16g} at sample {n}, expected a time of format {format_!r} from 1960 to 2100"
+            f"{place}: {values[n]:.16g} at sample {n}, expected a time of format {format_!r}, 1960 to 2100"
         )
 
 
@@ -239,9 +274,9 @@ def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None,
     matches = [_TEXTS[format_].fullmatch(cell.strip()) for cell in cells]
     if not all(matches):
         raise _no_stamp(place, cells, start, matches.index(None), format_)
-    separator = "T" if format_ == "isot" else ":"
+    hyphen, separator = ("-", "T") if format_ == "isot" else (":", ":")
     spelt = [
-        f"{m['day'] if format_ == 'isot' else m['day'].replace('-', ':')}{separator}{m['clock'].replace(',', '.')}"
+        f"{m['day'].replace('-', hyphen)}{separator}{m['clock'].replace(',', '.')}"
         for m in matches
         if m is not None
     ]
@@ -266,9 +301,8 @@ def _time(spelt: Sequence[str], format_: str, scale: Scale | None) -> "Time":
 
 
 def _no_stamp(place: str, cells: Sequence[str], start: int, n: int, format_: str) -> InputError:
-    return InputError(
-        f"{place}: {quote(cells[n])} at sample {start + n}, expected a time stamp such as {_EXAMPLES[format_]!r}"
-    )
+    wanted = f"expected a time stamp such as {_EXAMPLES[format_]!r}"
+    return InputError(f"{place}: {quote(cells[n])} at sample {start + n}, {wanted}")
 
 
 def _last_digit(cells: Sequence[str]) -> float:
