@@ -39,6 +39,7 @@ __all__ = [
     "check_storage",
     "common_x_axis",
     "conversion",
+    "drafts",
     "guard",
     "inertial_period",
     "inside",

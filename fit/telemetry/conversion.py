@@ -199,7 +199,7 @@ def _copy(
     for name, extreme in extremes.items():
         if extreme.is_marker(name):
             cure = f"missing = {extreme.value:.7g} in the map, at its top or in channels.{name}"
-            raise InputError(f"{columns[name].place}: {extreme.describe(fs)} Then write {cure}")
+            raise InputError(f"{columns[name].place}: {extreme.describe(fs)} expected {cure}")
     if fault is not None:
         raise fault
     return missing

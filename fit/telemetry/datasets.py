@@ -228,6 +228,8 @@ def check_values(
     if (beyond := (values < low) | (values > high)).any():
         n = int(np.argmax(beyond))
         wanted = f"a value of at most {LARGEST:g}" if np.isfinite(values[n]) else "a finite value"
+        if np.isfinite(values[n]) and np.count_nonzero(values == values[n]) > 1:
+            wanted = f"{wanted}, and NaN for missing samples"
         raise InputError(
             f"{place}: {values[n]:g} at sample {start + n} (t = {(start + n) / fs:.10g} s), expected {wanted}"
         )

@@ -91,4 +91,4 @@ class Extreme:
     def describe(self, fs: float) -> str:
         """Return what the value is and where, for a message."""
         where = f"{self.value:.7g} at sample {self.first} (t = {self.first / fs:.10g} s)"
-        return f"{where}, {self.count} times in all: a marker of missing samples?"
+        return f"{where}, {self.count} times in all, seems to mark missing samples,"

@@ -1,6 +1,7 @@
 """Channels of a file, read when they are asked for, and part by part: of weeks, one fills the memory."""
 
 import os
+import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from fit.telemetry.contract import SCHEMA
 from fit.telemetry.datasets import Plain, Stored, in_parts, read_channel
 from fit.telemetry.pieces import Row
 
+_NO_ARCHIVES = ("", ".h5", ".json", ".toml")  # suffixes
 _WHOLE = 2**19  # samples; a channel of no more is read at once
 State = tuple[int, int, int]  # of a file: inode, bytes, time it was written
 
@@ -140,5 +142,12 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
-        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
+        is_hdf5 = h5py.is_hdf5(path)
+        fault = "truncated or damaged" if is_hdf5 else "not HDF5"
+        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else f"; {map_advice(path)}"
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}{advice}") from error
+
+
+def map_advice(path: Path) -> str:
+    """Return what to do with an archive that is no telemetry."""
+    return f"for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"

@@ -123,7 +123,8 @@ class Archives:
         having = [table for table in tables if _has(table, wanted)]
         names = ", ".join(table.path.name for table in having or tables)
         if not having:
-            raise InputError(f"{where}: in none of {names}, expected it in one of them")
+            cure = f'file = {{ {channel} = "{tables[0].path.name}", ... }}, for columns without names'
+            raise InputError(f"{where}: in none of {names}, expected it in one of them; or write {cure}")
         if len(having) > 1:
             cure = f'file = "{having[0].path.name}" beside the column'
             raise InputError(f"{where}: in each of {names}, expected it in one of them; or write {cure}")

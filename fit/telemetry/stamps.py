@@ -262,11 +262,16 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+def format_of(cell: str) -> str | None:
+    """Return the format of a text that is a time stamp, None if it is none."""
+    return next((name for name, pattern in _TEXTS.items() if pattern.fullmatch(cell.strip())), None)
+
+
 def _recognised(place: str, cells: Sequence[str]) -> str:
-    for format_, pattern in _TEXTS.items():
-        if pattern.fullmatch(cells[0].strip()):
-            return format_
-    raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_WANTED}")
+    known = format_of(cells[0])
+    if known is None:
+        raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_WANTED}")
+    return known
 
 
 def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None, start: int) -> "Time":
