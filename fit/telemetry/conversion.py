@@ -171,15 +171,12 @@ def _copy(
 def _find(archive: Path, table: Table, column: Column, meaning: str, unit: str) -> _Found:
     """Look up a column; `meaning` says what it is for, `unit` is the one of the contract."""
     place = f"{archive}: column {key(column.column)}{meaning}"
-    there = table.columns.get(column.column)
-    if there is None:
-        names = ", ".join(map(key, table.columns))
-        shown = names if len(names) <= 200 else f"{names[:200]} ..."
-        raise InputError(f"{place}: missing, expected it among the columns: {shown or 'there are none'}")
-    if there.size is None:
-        raise InputError(f"{place}: no row of numbers, expected one")
+    name = table.column(column.column, meaning)
+    there = table.columns[name]
+    if there.size is None or there.text:
+        raise InputError(f"{place}: {there.reason}, expected a row of numbers")
     stated = column.unit if column.unit is not None else there.unit
-    return _Found(column.column, place, there.size, unit, check_unit(place, stated or None, unit))
+    return _Found(name, place, there.size, unit, check_unit(place, stated or None, unit))
 
 
 def _time(table: Table, clock: _Found) -> Array:

@@ -411,7 +411,7 @@ BINARY_FAULTS = {
     "cut FITS": ("fits", cut, r"E1-noise\.fits: cannot be read"),
     "text called .mat": ("mat", lambda file: file.write_text("t,x\n1,2\n"), r"E1-noise\.mat: cannot be read"),
     "text called FITS": ("fits", lambda file: file.write_text("t,x\n"), r"E1-noise\.fits: cannot be read"),
-    "matrix": ("mat", matrix, r"column OMS_x1 .*: missing, expected it among the columns: t"),
+    "matrix": ("mat", matrix, r"column OMS_x1 .*: missing, expected it among the columns: \"t"),
     "other struct": ("mat", lambda file: savemat(file, {"x": 1.0}), r"no table 'data', expected a struct"),
     "lengths": ("mat", shorter, r"E1-noise\.mat: column a2 \(channel f_x_2\): 8 samples, expected 9"),
     "a unit of the file": (
