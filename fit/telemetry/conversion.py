@@ -128,7 +128,8 @@ def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> N
                 raise InputError(f"{column.place}: {column.size} samples, expected {reference} as in others")
         place = clock[0] if clock else str(columns["o_1"].table.path)
         if not 2 <= reference <= MAX_SAMPLES:
-            raise InputError(f"{place}: {reference} samples, expected 2 to {MAX_SAMPLES}")
+            archive = columns["o_1"].table.path
+            raise InputError(f"{archive}: {reference} samples, expected 2 to {MAX_SAMPLES}")
         time = _time(f"{path}: runs[{i}]", clock, attributes, reference)
         fs = check_root(f"{path}: runs[{i}]", attributes).fs
         check_time(place, time, fs)

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,9 @@ import tomli_w
 
 from fit.telemetry import guard, stamps
 from fit.telemetry.archives import Column, Table, is_text, look, opened
+from fit.telemetry.archives.table import split_unit
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED
 from fit.telemetry.maps import Map
-from fit.units import factor
 
 BLANK = "FILL IN"  # no column, time or quantity, so that it is refused until it is replaced
 _HEAD = """\
@@ -41,7 +40,6 @@ _TIME_NAMES = re.compile(
     r"(?:oms|obt|utc|gps|unix|mjd|jd|time|date|datetime|timestamp|timestamps|epoch|sec|t|s)+"
 )
 _STAMPS = ("gps", "unix", "mjd", "jd")
-_UNIT = re.compile(r"\s*(?:\[([^][]*)\]|\(([^()]*)\))\s*$")
 _EXAMPLES = {"o_1": "OMS_x1", "o_12": "OMS_x12", "f_x_1": "a1_cmd", "f_x_2": "a2_cmd"}
 
 
@@ -83,9 +81,13 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
             for channel, of in _EXAMPLES.items()
         ]
         body = ['[time]\ncolumn = "t"', _TIME_HELP, "[channels]", *channels, ""]
-        return "\n".join([head, *body, *_run("A.csv", "A", 0), *_run("A-noise.csv", "A-noise", 0)])
+        return "\n".join([head, *body, *_run("A.csv", "A"), *_run("A-noise.csv", "A-noise")])
     first = known[0]
     listed = [f"#   {_text(column):30} {_about(of)}".rstrip() for column, of in first.columns.items()]
+    runs = [
+        _run(_relative(archive.path, folder), run, is_stamped=archive.is_stamped)
+        for run, archive in _runs(known).items()
+    ]
     return "\n".join(
         [
             head,
@@ -95,11 +97,7 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
             "[channels]",
             *_channels(first),
             "",
-            *(
-                line
-                for run, archive in _runs(known).items()
-                for line in _run(_relative(archive.path, folder), run, archive.is_stamped)
-            ),
+            *(line for run in runs for line in run),
         ]
     )
 
@@ -150,10 +148,10 @@ def _format(time: str) -> Iterator[str]:
 def _time(archive: _Archive) -> list[str]:
     if archive.time is None:
         return [
-            f'fs = "{BLANK}"                     # sample rate, as there is no column of time, such as "10 Hz"',
+            f'fs = "{BLANK}"                     # sample rate, such as "10 Hz": no column of time was seen',
             "",
         ]
-    lines = ["", "[time]", f"column = {_text(archive.time)}"]
+    lines = ["[time]", f"column = {_text(archive.time)}"]
     if archive.columns[archive.time].text:
         return [*lines, '# scale = "tai"                    # of the time stamps, if not utc', ""]
     format_ = next(_format(archive.time), None)
@@ -161,37 +159,31 @@ def _time(archive: _Archive) -> list[str]:
 
 
 def _channels(archive: _Archive) -> Iterator[str]:
-    names = {
-        _plain(name): name for name in reversed(archive.columns) if archive.columns[name].size is not None
-    }
+    free: dict[str, str] = {}
+    for name, column in archive.columns.items():
+        if column.size is not None and not column.text and name != archive.time:
+            free.setdefault(_plain(name), name)
     for channel in CHANNELS:
-        plain = _plain(channel)
-        aliases = [
-            plain,
-            *(
-                f"{prefix}{plain.replace('o', 'x', 1)}"
-                for prefix in ("", "oms", "ifo")
-                if channel in _EXAMPLES
-            ),
-        ]
-        column = next((names[alias] for alias in aliases if alias in names), None)
-        if column is not None:
-            yield f"{channel} = {{ column = {_text(column)}{_stated(archive.columns[column], column, channel)} }}"
+        alias = next((alias for alias in _aliases(channel) if alias in free), None)
+        if alias is not None:
+            name = free.pop(alias)
+            unit = _stated(archive.columns[name], channel)
+            yield f"{channel} = {{ column = {_text(name)}{unit} }}"
         elif channel in REQUIRED:
             yield f'{channel} = {{ column = "{BLANK}", unit = "{_unit(channel)}" }}'
 
 
-def _stated(column: Column, name: str, channel: str) -> str:
-    """Return the unit for a channel: none where the file states it, or else that in brackets in the name."""
-    if column.unit:
-        return ""
-    brackets = _UNIT.search(name)
-    unit = (brackets[1] or brackets[2] or "") if brackets else ""
-    try:
-        factor(unit, CHANNELS[channel].unit)
-    except ValueError:
-        unit = ""
-    return f", unit = {_text(unit or _unit(channel))}"
+def _aliases(channel: str) -> Iterator[str]:
+    """Yield how the column of a channel may be called, as `_plain` has it: of o_1 also x1 and OMS_x1."""
+    plain = _plain(channel)
+    yield plain
+    if channel in ("o_1", "o_12"):
+        yield from (prefix + plain.replace("o", "x") for prefix in ("", "oms", "ifo"))
+
+
+def _stated(column: Column, channel: str) -> str:
+    """Return the unit for a channel, unless the file states it."""
+    return "" if column.unit else f", unit = {_text(CHANNELS[channel].unit)}"
 
 
 def _runs(known: Sequence[_Archive]) -> dict[str, _Archive]:
@@ -204,23 +196,18 @@ def _runs(known: Sequence[_Archive]) -> dict[str, _Archive]:
     return runs
 
 
-def _run(file: str, run: str, is_stamped: bool) -> list[str]:
-    is_noise = "noise" in run.lower()
+def _run(file: str, run: str, *, is_stamped: bool = False) -> list[str]:
+    kind = "noise" if "noise" in run.lower() else "sysid"
     experiment = re.sub("[-_]?noise[-_]?", "", run, flags=re.IGNORECASE) or run
-    t0 = (
-        "# t0 follows from the time stamps"
-        if is_stamped
-        else (f't0 = "{BLANK}"                     # UTC of the first sample, such as 2016-04-16T14:00:00Z')
+    t0 = f't0 = "{BLANK}"', "UTC of the first sample, such as 2016-04-16T14:00:00Z"
+    lines = (
+        (f"file = {_text(file)}", "relative to this map"),
+        (f"run = {_text(run)}", "unique"),
+        (f"experiment = {_text(experiment)}", "pairs a run with its noise run"),
+        (f'kind = "{kind}"', '"sysid" with injections, or "noise"'),
+        ("", "t0 follows from the time stamps") if is_stamped else t0,
     )
-    return [
-        "[[runs]]",
-        f"file = {_text(file)}",
-        f"run = {_text(run)}",
-        f"experiment = {_text(experiment)}                   # pairs a run with its noise run",
-        f'kind = "{"noise" if is_noise else "sysid"}"                    # "sysid" with injections, or "noise"',
-        t0,
-        "",
-    ]
+    return ["[[runs]]", *(f"{line:34} # {about}".lstrip() for line, about in lines), ""]
 
 
 def _relative(path: Path, folder: Path) -> str:
@@ -245,7 +232,7 @@ def _about(column: Column) -> str:
 
 def _plain(name: str) -> str:
     """Return the bare name of a column: without structs before it, a unit after it, capitals and signs."""
-    last = re.split(r"[./]", _UNIT.sub("", name))[-1]
+    last = split_unit(name)[0].rpartition(".")[2]
     return re.sub(r"[^a-z0-9]", "", last.lower())
 
 

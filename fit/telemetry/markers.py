@@ -3,11 +3,13 @@
 An instrument does not give the same number to the last digit again and again, far outside of all others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fit.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,15 @@ _HUGE = 1e10  # in any unit of an archive; default fills of netCDF and others ar
 _SINGLE = 2e-7  # relative: a number in single precision is that of a map
 _FAR, _VERY_FAR = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
 _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
+
+
+def check_markers(place: str, channel: str, parts: Iterable[Array], fs: float) -> None:
+    """Refuse telemetry in which a number seems to mark missing samples; InputError that names it."""
+    extreme = Extreme()
+    for values in parts:
+        extreme.add(values)
+    if extreme.is_marker(channel):
+        raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
 
 
 def without(values: Array, missing: Sequence[float]) -> Array:

@@ -21,7 +21,7 @@ from fit.errors import InputError, shown
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
-from fit.telemetry.markers import Extreme
+from fit.telemetry.markers import check_markers
 from fit.telemetry.pieces import Row, pieces
 from fit.telemetry.rows import OnDemand, map_advice, opened
 from fit.threads import each, tell
@@ -166,8 +166,8 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
     telemetry = read_stretch(path, 0, None)
-    if not own:
-        _check_markers(telemetry)
+    for name in REQUIRED if not own else ():
+        check_markers(f"{path}: channel {name}", name, _parts(telemetry, name), telemetry.fs)
     lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _parts(telemetry, name))}
     flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
     check_missing({f"{path}: channel {name}": lost for name, lost in flags.items()}, telemetry.fs)
@@ -175,17 +175,6 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
         for _ in _parts(telemetry, name):  # its values are checked here, not in the middle of a fit
             pass
     return telemetry
-
-
-def _check_markers(telemetry: Telemetry) -> None:
-    """Refuse numbers that seem to mark missing samples."""
-    for name in REQUIRED:
-        extreme = Extreme()
-        for values in _parts(telemetry, name):
-            extreme.add(values)
-        if extreme.is_marker(name):
-            found = extreme.describe(telemetry.fs)
-            raise InputError(f"{telemetry.path}: channel {name}: {found} expected NaN for each")
 
 
 def _parts(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:
@@ -398,7 +387,7 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     schema = attributes.pop("schema", None)
     if schema != SCHEMA:
         found = "missing" if schema is None else shown(schema)
-        advice = f"; {map_advice(path)}" if schema is None else ""
+        advice = map_advice(path) if schema is None else ""
         raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}{advice}")
     root = check_root(str(path), attributes)
     time = read_time(file, path, root.fs, part)

@@ -144,10 +144,10 @@ def _told(path: Path) -> Iterator[None]:
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         is_hdf5 = h5py.is_hdf5(path)
         fault = "truncated or damaged" if is_hdf5 else "not HDF5"
-        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else f"; {map_advice(path)}"
+        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else map_advice(path)
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}{advice}") from error
 
 
 def map_advice(path: Path) -> str:
-    """Return what to do with an archive that is no telemetry."""
-    return f"for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"
+    """Return what to do with an archive that is no telemetry, as the end of a message."""
+    return f"; for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"

@@ -14,6 +14,7 @@ from fit.telemetry import stamps
 from fit.telemetry.archives import Table, opened
 from fit.telemetry.contract import CHANNELS
 from fit.telemetry.maps import (
+    SECONDS,
     TIME,
     Channel,
     Map,
@@ -113,18 +114,15 @@ class Archives:
         else:
             places = places_of(self._path, self._map, self._i, channel)
         tables = [self._table(place) for place in places]
-        meaning = "the time" if channel == TIME else f"channel {channel}"
+        meaning = " (time)" if channel == TIME else f" (channel {channel})"
         if len(tables) == 1:
-            try:
-                return tables[0], tables[0].column(wanted)
-            except InputError as error:
-                raise InputError(f"{error} ({meaning})") from error
-        where = f"{self._path}: runs[{self._i}].file: column {key(str(wanted))} ({meaning})"
+            return tables[0], tables[0].column(wanted, meaning)
+        where = f"{self._path}: runs[{self._i}].file: column {key(str(wanted))}{meaning}"
         having = [table for table in tables if _has(table, wanted)]
         names = ", ".join(table.path.name for table in having or tables)
         if not having:
-            cure = f'file = {{ {channel} = "{tables[0].path.name}", ... }}, for columns without names'
-            raise InputError(f"{where}: in none of {names}, expected it in one of them; or write {cure}")
+            cure = f'file = {{ {channel} = "{tables[0].path.name}", ... }} for columns without names'
+            raise InputError(f"{where}: in none of {names}, expected it in one of them, or {cure}")
         if len(having) > 1:
             cure = f'file = "{having[0].path.name}" beside the column'
             raise InputError(f"{where}: in each of {names}, expected it in one of them; or write {cure}")
@@ -159,7 +157,8 @@ class Archives:
         blocks = (block for (block,) in table.blocks([name]))
         if clock.format is None:
             return place, stamps.elapsed(place, blocks, factor_of(place, unit or None, TIME, {}))
-        factor = factor_of(place, clock.unit, TIME, {})
+        stated = unit if clock.format in SECONDS else None
+        factor = factor_of(place, stated or None, TIME, {})
         return place, stamps.numbers(place, blocks, clock.format, clock.scale, factor)
 
 

@@ -68,7 +68,7 @@ def new(
     files: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[NAME.toml]...",
+            metavar="NAME.toml",
             help="The file to write; the campaign has its name. With --map also the archives to describe.",
             show_default=False,
         ),

@@ -1,18 +1,20 @@
 """Tables of telemetry in the formats of archives, one file for each: text, MATLAB, HDF5, FITS, NumPy.
 
-Whatever the format, a `Table` is columns by name, each a row of numbers in which a missing sample is NaN, or a
-row of texts. Every function raises `fit.errors.InputError`; its message names the file, the place and what was
-expected.
+Whatever the format, a `Table` is columns by name, each a row of numbers in which a missing sample is NaN, or
+a row of texts. Every function raises `fit.errors.InputError`; its message names the file, the place and what
+was expected.
 """
 
 import csv
+import lzma
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from fit.errors import InputError
 from fit.files import is_file
-from fit.telemetry.archives import fits, matlab, text
+from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
 from fit.telemetry.archives.table import Column, Table, damaged
 
 __all__ = ["Column", "Table", "is_text", "look", "opened"]
@@ -21,7 +23,9 @@ _Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
 _READERS: tuple[tuple[tuple[str, ...], _Reader], ...] = (
     (text.SUFFIXES, text.opened),
     (matlab.SUFFIXES, matlab.opened),
+    (hdf5.SUFFIXES, hdf5.opened),
     (fits.SUFFIXES, fits.opened),
+    (numpy.SUFFIXES, numpy.opened),
 )
 
 
@@ -51,7 +55,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     try:
         with reader(path, table) as archive:
             yield archive
-    except (OSError, RuntimeError, csv.Error) as error:
+    except (OSError, EOFError, RuntimeError, csv.Error, zlib.error, lzma.LZMAError) as error:
         raise damaged(path, error) from error
 
 

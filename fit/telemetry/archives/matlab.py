@@ -1,6 +1,6 @@
-"""MATLAB .mat files of every version."""
+"""MATLAB .mat files: versions 4 to 7 by SciPy, 7.3 as HDF5."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -9,54 +9,46 @@ import h5py
 import numpy as np
 import scipy
 
-from fit.errors import InputError
-from fit.files import key
-from fit.telemetry.archives.arrays import Arrays
+from fit.telemetry.archives import hdf5, objects
+from fit.telemetry.archives.arrays import Arrays, Series, inside
 from fit.telemetry.archives.table import Table, damaged
-from fit.telemetry.datasets import check_storage
 
 SUFFIXES = (".mat",)
 
 
 @contextmanager
 def opened(path: Path, table: str | int | None) -> Iterator[Table]:
-    if h5py.is_hdf5(path):  # version 7.3
-        with h5py.File(path) as file:
-            arrays: dict[str, Any] = {}
-            file.visititems(lambda name, item: _keep(path, arrays, name, item))
-            yield Arrays(path, _inside(path, arrays, table))
+    """Open a .mat file; `table` names a struct, an object or a matrix."""
+    if h5py.is_hdf5(path):
+        with hdf5.opened(path, table) as archive:
+            yield archive
     else:
-        try:
-            variables = scipy.io.loadmat(path, simplify_cells=True)
-        except Exception as error:  # a damaged file makes it raise almost anything
-            raise damaged(path, error) from error
-        named = {name: value for name, value in variables.items() if not name.startswith("__")}
-        yield Arrays(path, _inside(path, dict(_flat(named)), table))
+        yield Arrays(path, inside(path, _series(path), table))
 
 
-def _keep(path: Path, arrays: dict[str, Any], name: str, item: object) -> None:
-    """Keep a dataset of a .mat file of version 7.3, unless it only stands for letters or nothing."""
-    if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-        if item.size and item.dtype.kind in "iufb":
-            check_storage(item, f"{path}: column {key(name)}")
-        marked = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
-        arrays[name.replace("/", ".")] = np.empty(()) if marked else item
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{before}{name}.")
+def _series(path: Path) -> dict[str, Series]:
+    try:
+        values = scipy.io.loadmat(path, simplify_cells=True)
+        variables = [(name, kind) for name, _, kind in scipy.io.whosmat(path)]
+    except Exception as error:  # a damaged file makes it raise almost anything
+        raise damaged(path, error) from error
+    series: dict[str, Series] = {}
+    classes: dict[str, str] = {}
+    for name, kind in variables:
+        of_class = _class(values[name]) if name in values else kind
+        if of_class is None:
+            series |= objects.flat(name, values[name])
         else:
-            yield f"{before}{name}", value if isinstance(value, np.ndarray) else np.empty(())
+            classes[name] = of_class
+    return series | (objects.series_of_file(path, classes) if classes else {})
 
 
-def _inside(path: Path, arrays: Mapping[str, Any], table: str | int | None) -> Mapping[str, Any]:
-    """Return what lies in a struct, without its name."""
-    if table is None:
-        return arrays
-    inside = {k.removeprefix(f"{table}."): a for k, a in arrays.items() if k.startswith(f"{table}.")}
-    if not inside:
-        there = ", ".join(dict.fromkeys(name.rpartition(".")[0] for name in arrays if "." in name)) or "none"
-        raise InputError(f"{path}: no table {table!r}, expected a struct; there are: {there}")
-    return inside
+def _class(value: Any) -> str | None:
+    """Return the class of the first object in a value of SciPy, which reads none; None without one."""
+    if isinstance(value, dict):
+        return next((kind for each in value.values() if (kind := _class(each))), None)
+    if isinstance(value, np.ndarray) and value.dtype.names and "s2" in value.dtype.names:
+        return str(value.ravel()[0]["s2"], "utf-8", "replace")
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        return next((kind for each in value.ravel() if (kind := _class(each))), None)
+    return None

@@ -1,20 +1,26 @@
 """A table of an archive: columns by name, each a row of numbers or of texts."""
 
 import difflib
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, takewhile
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError, quote
 from fit.files import key as shown_key
+from fit.units import in_base_units
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 BLOCK = 2**14  # samples in memory at a time
+_UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
 
 
 @dataclass(frozen=True)
@@ -48,8 +54,8 @@ class Table(ABC):
     path : Path
         The archive.
     columns : mapping of str to Column
-        By name. The names of structs and groups stand before those of what they contain, joined by dots; column
-        k of a matrix `out` is ``out[k]``, counted from 1.
+        By name. The names of structs and groups stand before those of what they contain, joined by dots;
+        column k of a matrix `out` is ``out[k]``, counted from 1.
     is_ordered : bool
         Whether the file gives its columns an order, so that a number says which one is meant.
     """
@@ -72,13 +78,15 @@ class Table(ABC):
             If the format cannot give the column as text.
         """
 
-    def column(self, key: str | int) -> str:
+    def column(self, key: str | int, meaning: str = "") -> str:
         """Return the name of a column.
 
         Parameters
         ----------
         key : str or int
             Its name, its name without the unit in brackets that follows, or its number, counted from 1.
+        meaning : str
+            What the column is for, as the message has it after the key, such as " (channel o_1)".
 
         Raises
         ------
@@ -86,47 +94,78 @@ class Table(ABC):
             If there is no such column, or several.
         """
         if isinstance(key, int):
-            return self._by_number(key)
+            return self._by_number(key, meaning)
         if key in self.columns:
             return key
-        alike = [name for name in self.columns if key in self._aliases(name)]
+        place = f"{self.path}: column {shown_key(key)}{meaning}"
+        alike = self._alike(key)
         if len(alike) == 1:
             return alike[0]
-        place = f"{self.path}: column {shown_key(key)}"
         if alike:
-            raise InputError(f"{place}: there are several, expected one of {_listed(alike)}")
-        if f"{key}[1]" in self.columns:
-            last = max(k for k in range(1, len(self.columns) + 1) if f"{key}[{k}]" in self.columns)
-            raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{last}]")
+            raise InputError(f"{place}: there are several, expected one of: {_listed(alike)}")
+        if count := sum(name.startswith(f"{key}[") for name in self.columns):
+            raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{count}]")
         close = difflib.get_close_matches(key, self.columns, n=1)
-        hint = f', did you mean "{close[0]}"?' if close else ""
-        raise InputError(
-            f"{place}: missing{hint}, expected it among the columns: {_listed(self.columns) or 'there are none'}"
-        )
+        hint = f', did you mean "{close[0]}"?' if close else ", expected it"
+        raise InputError(f"{place}: missing{hint} among the columns: {_listed(self.columns)}")
 
-    def _by_number(self, number: int) -> str:
-        place = f"{self.path}: column {number}"
+    def _by_number(self, number: int, meaning: str) -> str:
+        place, there = f"{self.path}: column {number}{meaning}", _listed(self.columns)
         if not self.is_ordered:
-            raise InputError(
-                f"{place}: columns have no order here, expected a name; there are: {_listed(self.columns)}"
-            )
+            raise InputError(f"{place}: columns have no order here, expected a name; there are: {there}")
         if not 1 <= number <= len(self.columns):
-            raise InputError(
-                f"{place}: missing, expected 1 to {len(self.columns)}: {_listed(self.columns) or 'there are none'}"
-            )
+            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.columns)}: {there}")
         return list(self.columns)[number - 1]
 
-    def _aliases(self, name: str) -> set[str]:
-        """Return other spellings by which a column may be asked for."""
-        return {name.partition(" [")[0], name.partition(" (")[0]} - {""}
+    def _alike(self, key: str) -> list[str]:
+        """Return the columns that a key means without being their name."""
+        path = key.strip("/").replace("/", ".")  # as HDF5 writes it
+        return [name for name in self.columns if path in (name, split_unit(name)[0])]
 
 
-def _listed(names: Sequence[str] | Mapping[str, Column]) -> str:
-    text = ", ".join(name if name.isprintable() else quote(name) for name in names)
-    return text if len(text) <= 200 else f"{text[:200]} ..."
+def split_unit(name: str) -> tuple[str, str | None]:
+    """Return a name without the unit in brackets at its end, and that unit.
+
+    Examples
+    --------
+    >>> split_unit("x12 [nm]"), split_unit("a1 (pm/s^2)"), split_unit("out[2]"), split_unit("x (raw)")
+    (('x12', 'nm'), ('a1', 'pm/s^2'), ('out[2]', None), ('x (raw)', None))
+    """
+    match = _UNIT.fullmatch(name)
+    if match is None:
+        return name, None
+    unit = (match["square"] or match["round"]).strip()
+    if unit.isdecimal() or (match["square"] is None and not is_unit(unit)):
+        return name, None
+    return match["name"], None if unit in ("", "-") else unit
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit that is known."""
+    try:
+        in_base_units(text)
+    except ValueError:
+        return False
+    return True
+
+
+def parts(size: int) -> Iterator[slice]:
+    """Yield slices of up to `BLOCK` rows."""
+    return (slice(start, min(start + BLOCK, size)) for start in range(0, size, BLOCK))
+
+
+def batches(items: Iterable[T]) -> Iterator[list[T]]:
+    """Yield lists of up to `BLOCK` items."""
+    iterator = iter(items)
+    return takewhile(bool, iter(lambda: list(islice(iterator, BLOCK)), None))
 
 
 def damaged(path: Path, error: Exception) -> InputError:
     """Return the error for a file that a library cannot read."""
-    why = str(error).partition("\n")[0][:200]
+    why = str(error).partition("\n")[0][:200] or type(error).__name__
     return InputError(f"{path}: cannot be read ({why}), expected a table of telemetry")
+
+
+def _listed(names: Iterable[str]) -> str:
+    text = ", ".join(name if name.isprintable() else quote(name) for name in names) or "there are none"
+    return text if len(text) <= 200 else f"{text[:200]} ..."
