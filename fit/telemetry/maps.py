@@ -61,7 +61,7 @@ def _files(raw: object) -> object:
 
 def _missing(raw: Any) -> object:
     several = raw if isinstance(raw, list) else [raw]
-    if several and all(map(_is_number, several)):
+    if all(map(_is_number, several)):
         return [float(marker) for marker in several]
     raise problem(
         f"{quote(raw)} is no number, expected a number that marks missing samples, or a list of them"

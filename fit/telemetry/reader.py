@@ -23,7 +23,7 @@ from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root,
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
 from fit.telemetry.markers import check_markers
 from fit.telemetry.pieces import Row, pieces
-from fit.telemetry.rows import OnDemand, map_advice, opened
+from fit.telemetry.rows import OnDemand, check_schema, opened
 from fit.threads import each, tell
 
 if TYPE_CHECKING:
@@ -384,11 +384,7 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
 
 def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     attributes = {name: plain(value) for name, value in file.attrs.items()}
-    schema = attributes.pop("schema", None)
-    if schema != SCHEMA:
-        found = "missing" if schema is None else shown(schema)
-        advice = map_advice(path) if schema is None else ""
-        raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}{advice}")
+    check_schema(path, attributes.pop("schema", None))
     root = check_root(str(path), attributes)
     time = read_time(file, path, root.fs, part)
     units = channel_units(file, path, file["time"].shape[0])

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError
+from fit.errors import InputError, shown
 from fit.telemetry.contract import SCHEMA
 from fit.telemetry.datasets import Plain, Stored, in_parts, read_channel
 from fit.telemetry.pieces import Row
@@ -144,10 +144,18 @@ def _told(path: Path) -> Iterator[None]:
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         is_hdf5 = h5py.is_hdf5(path)
         fault = "truncated or damaged" if is_hdf5 else "not HDF5"
-        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else map_advice(path)
+        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else _map_advice(path)
         raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}{advice}") from error
 
 
-def map_advice(path: Path) -> str:
+def check_schema(path: Path, schema: object) -> None:
+    """Refuse a file of another schema, or of none, which may be an archive."""
+    if schema is None:
+        raise InputError(f"{path}: attribute schema: missing, expected {SCHEMA!r}{_map_advice(path)}")
+    if schema != SCHEMA:
+        raise InputError(f"{path}: attribute schema: {shown(schema)}, expected {SCHEMA!r}")
+
+
+def _map_advice(path: Path) -> str:
     """Return what to do with an archive that is no telemetry, as the end of a message."""
     return f"; for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"

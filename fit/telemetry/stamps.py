@@ -141,7 +141,7 @@ def uniform(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]
 
 
 def check_same(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
-    """Refuse the time stamps of one table that are not those of an`other` table of the same run."""
+    """Refuse the time stamps of one table that are not those of another table of the same run."""
     wanted = "expected the same time stamps in all files of a run"
     sizes = stamps.seconds.size, reference.seconds.size
     if sizes[0] != sizes[1]:
@@ -150,7 +150,8 @@ def check_same(place: str, stamps: Stamps, other: str, reference: Stamps) -> Non
         off = stamps.start - reference.start
     else:
         off = (utc(stamps.t0) - utc(reference.t0)).total_seconds()
-    digit = max(stamps.resolution, reference.resolution, 1e-3 * float(reference.seconds[1]))
+    step = float(reference.seconds[-1]) / max(sizes[0] - 1, 1)
+    digit = min(max(stamps.resolution, reference.resolution, 1e-3 * step), 0.5 * step)
     if abs(off) > digit:
         raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other}, {wanted}")
     beyond = np.abs(stamps.seconds - reference.seconds) > digit
