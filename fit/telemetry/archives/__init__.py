@@ -5,17 +5,14 @@ a row of texts. Every function raises `fit.errors.InputError`; its message names
 was expected.
 """
 
-import csv
-import lzma
-import zlib
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
 from fit.errors import InputError
 from fit.files import is_file
 from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
-from fit.telemetry.archives.table import Column, Table, damaged
+from fit.telemetry.archives.table import FAILURES, Column, Table, damaged
 
 __all__ = ["Column", "Table", "is_text", "look", "opened"]
 
@@ -53,11 +50,12 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     if not is_file(path):
         raise InputError(f"{path}: no such file, expected a table of telemetry")
     ((kind, reader),) = readers
-    try:
-        with reader(path, table) as archive:
-            yield archive
-    except (OSError, EOFError, RuntimeError, csv.Error, zlib.error, lzma.LZMAError) as error:
-        raise damaged(path, error, kind) from error
+    with ExitStack() as stack:
+        try:
+            archive = stack.enter_context(reader(path, table))
+        except FAILURES as error:
+            raise damaged(path, error, kind) from error
+        yield archive
 
 
 def look(path: Path, table: str | int | None) -> None:

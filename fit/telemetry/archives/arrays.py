@@ -58,25 +58,25 @@ class Series:
 class Arrays(Table):
     """Series by name; those of one source have an order."""
 
-    def __init__(self, path: Path, series: Mapping[str, Series]) -> None:
-        self.path, self._series = path, series
+    def __init__(self, path: Path, kind: str, series: Mapping[str, Series]) -> None:
+        self.path, self.kind, self._series = path, kind, series
         self.columns = {
             name: each.column if each.column.unit else replace(each.column, unit=split_unit(name)[1])
             for name, each in series.items()
         }
         self.order = _order(series)
 
-    def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
         """Yield columns of numbers."""
         for part in parts(self.columns[names[0]].size or 0):
-            yield [np.asarray(self._rows(name, part, text=False), np.float64) for name in names]
+            yield [np.asarray(self._part(name, part, text=False), np.float64) for name in names]
 
-    def texts(self, name: str) -> Iterator[list[str]]:
+    def _texts(self, name: str) -> Iterator[list[str]]:
         """Yield a column of texts."""
         for part in parts(self.columns[name].size or 0):
-            yield [_text(each) for each in self._rows(name, part, text=True)]
+            yield [_text(each) for each in self._part(name, part, text=True)]
 
-    def _rows(self, name: str, part: slice, *, text: bool) -> Any:
+    def _part(self, name: str, part: slice, *, text: bool) -> Any:
         read, column = self._series[name].read, self.columns[name]
         if read is None or column.text is not text:
             expected = "texts" if text else "numbers"

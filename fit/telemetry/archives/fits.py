@@ -49,7 +49,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
             there = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
             wanted = "table" if table is None else f"table {table!r}"
             raise InputError(f"{path}: no {wanted}, expected an extension with a table; there are: {there}")
-        yield Arrays(path, series)
+        yield Arrays(path, "FITS", series)
 
 
 def _check_sum(path: Path) -> None:

@@ -23,12 +23,12 @@ _HIDDEN = ("#refs#", "#subsystem#")  # of MATLAB
 def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open an HDF5 file; `table` names a group, a set of records or a matrix."""
     if netcdf.is_netcdf(path):
-        yield Arrays(path, inside(path, netcdf.series_of_file(path), table))
+        yield Arrays(path, "netCDF", inside(path, netcdf.series_of_file(path), table))
         return
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: cannot be read as HDF5, expected a whole file of this format")
     with h5py.File(path, rdcc_nbytes=_CACHE) as file:
-        yield Arrays(path, inside(path, _series(path, file), table))
+        yield Arrays(path, "HDF5", inside(path, _series(path, file), table))
 
 
 def _series(path: Path, file: h5py.File) -> dict[str, Series]:

@@ -25,7 +25,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         with hdf5.opened(path, table) as archive:
             yield archive
     else:
-        yield Arrays(path, inside(path, _series(path), table))
+        yield Arrays(path, "a MATLAB file", inside(path, _series(path), table))
 
 
 def _series(path: Path) -> dict[str, Series]:

@@ -26,4 +26,4 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
             series = {k: each for name, array in arrays.items() for k, each in series_of(name, array).items()}
     except Exception as error:  # a damaged file makes it raise almost anything
         raise damaged(path, error, "arrays of NumPy without pickled objects") from error
-    yield Arrays(path, inside(path, series, table))
+    yield Arrays(path, "arrays of NumPy", inside(path, series, table))

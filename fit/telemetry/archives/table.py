@@ -1,7 +1,10 @@
 """A table of an archive: columns by name, each a row of numbers or of texts."""
 
+import csv
 import difflib
+import lzma
 import re
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +23,8 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 BLOCK = 2**14  # samples in memory at a time
+#: What libraries raise while they read a damaged file.
+FAILURES = (OSError, EOFError, RuntimeError, MemoryError, csv.Error, zlib.error, lzma.LZMAError)
 _UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
 
 
@@ -51,8 +56,8 @@ class Table(ABC):
 
     Attributes
     ----------
-    path : Path
-        The archive.
+    path, kind : Path, str
+        The archive, and what it is: "text", "HDF5".
     columns : mapping of str to Column
         By name. The names of structs and groups stand before those of what they contain, joined by dots;
         column k of a matrix `out` is ``out[k]``, counted from 1.
@@ -61,14 +66,14 @@ class Table(ABC):
     """
 
     path: Path
+    kind: str
     columns: Mapping[str, Column]
     order: Sequence[str]
 
-    @abstractmethod
     def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
         """Yield columns of numbers of one length, up to `BLOCK` rows at a time; a missing sample is NaN."""
+        return self._rows(self._blocks(names))
 
-    @abstractmethod
     def texts(self, name: str) -> Iterator[list[str]]:
         """Yield a column as texts, up to `BLOCK` rows at a time; a missing one is empty.
 
@@ -77,6 +82,19 @@ class Table(ABC):
         InputError
             If the format cannot give the column as text.
         """
+        return self._rows(self._texts(name))
+
+    @abstractmethod
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]: ...
+
+    @abstractmethod
+    def _texts(self, name: str) -> Iterator[list[str]]: ...
+
+    def _rows(self, rows: Iterator[T]) -> Iterator[T]:
+        try:
+            yield from rows
+        except FAILURES as error:
+            raise damaged(self.path, error, self.kind) from error
 
     def column(self, key: str | int, meaning: str = "") -> str:
         """Return the name of a column.

@@ -80,6 +80,8 @@ def _encoding(head: bytes) -> str:
 class Text(Table):
     """A text in a file; it is read once for its layout, once for its length, and then for each block."""
 
+    kind = "text"
+
     def __init__(self, file: TextIO, path: Path) -> None:
         self._file, self.path = file, path
         self._layout = layout(path, list(self._sample()))
@@ -91,13 +93,13 @@ class Text(Table):
             for name, unit, text in zip(self._names, self._layout.units, self._layout.is_text, strict=True)
         }
 
-    def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
         """Yield columns of numbers."""
         for block in batches(self._lines()):
             columns = self._cells(block)
             yield [self._numbers(block, columns[self._names.index(name)], name) for name in names]
 
-    def texts(self, name: str) -> Iterator[list[str]]:
+    def _texts(self, name: str) -> Iterator[list[str]]:
         """Yield the cells of a column as they are written, be they numbers or texts."""
         at = self._names.index(name)
         for block in batches(self._lines()):
