@@ -5,27 +5,24 @@ a row of texts. Every function raises `fit.errors.InputError`; its message names
 was expected.
 """
 
-import csv
-import lzma
-import zlib
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
 from fit.errors import InputError
 from fit.files import is_file
 from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
-from fit.telemetry.archives.table import Column, Table, damaged
+from fit.telemetry.archives.table import FAILURES, Column, Table, damaged
 
 __all__ = ["Column", "Table", "is_text", "look", "opened"]
 
 _Reader = Callable[[Path, str | int | None], AbstractContextManager[Table]]
-_READERS: tuple[tuple[tuple[str, ...], _Reader], ...] = (
-    (text.SUFFIXES, text.opened),
-    (matlab.SUFFIXES, matlab.opened),
-    (hdf5.SUFFIXES, hdf5.opened),
-    (fits.SUFFIXES, fits.opened),
-    (numpy.SUFFIXES, numpy.opened),
+_READERS: tuple[tuple[str, tuple[str, ...], _Reader], ...] = (
+    ("text", text.SUFFIXES, text.opened),
+    ("a MATLAB file", matlab.SUFFIXES, matlab.opened),
+    ("HDF5", hdf5.SUFFIXES, hdf5.opened),
+    ("FITS", fits.SUFFIXES, fits.opened),
+    ("arrays of NumPy", numpy.SUFFIXES, numpy.opened),
 )
 
 
@@ -38,25 +35,27 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     path : Path
         Its suffix tells the format.
     table : str, int or None
-        Struct of a .mat file, name or number of the extension of a FITS file; None: all of the variables, the
-        first table.
+        Name or number of an extension of FITS; struct, group, records or matrix of the others but text. None:
+        the first extension that is a table, all of the variables.
 
     Raises
     ------
     InputError
         If the file cannot be read, is of no known format or has no such table.
     """
-    reader = next((r for suffixes, r in _READERS if path.name.lower().endswith(suffixes)), None)
-    if reader is None:
-        known = ", ".join(suffix for suffixes, _ in _READERS for suffix in suffixes)
+    readers = [(kind, reader) for kind, suffixes, reader in _READERS if path.name.lower().endswith(suffixes)]
+    if not readers:
+        known = ", ".join(suffix for _, suffixes, _ in _READERS for suffix in suffixes)
         raise InputError(f"{path}: of no known format, expected a name that ends in one of {known}")
     if not is_file(path):
         raise InputError(f"{path}: no such file, expected a table of telemetry")
-    try:
-        with reader(path, table) as archive:
-            yield archive
-    except (OSError, EOFError, RuntimeError, csv.Error, zlib.error, lzma.LZMAError) as error:
-        raise damaged(path, error) from error
+    ((kind, reader),) = readers
+    with ExitStack() as stack:
+        try:
+            archive = stack.enter_context(reader(path, table))
+        except FAILURES as error:
+            raise damaged(path, error, kind) from error
+        yield archive
 
 
 def look(path: Path, table: str | int | None) -> None:

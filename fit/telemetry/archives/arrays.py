@@ -1,5 +1,6 @@
 """Arrays of NumPy and HDF5 as the columns of a table."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from fit.files import key
 from fit.telemetry.archives.table import Array, Column, Table, parts, split_unit
 
 MOST_COLUMNS = 1000  # of a matrix
+_OF_MATRIX = re.compile(r"(.+)\[\d+\]")
 _NUMBERS, _TEXTS = "iufb", "SUT"
 _KINDS = {"c": "complex numbers", "m": "durations", "V": "records", "O": "objects"}
 
@@ -56,25 +58,25 @@ class Series:
 class Arrays(Table):
     """Series by name; those of one source have an order."""
 
-    def __init__(self, path: Path, series: Mapping[str, Series]) -> None:
-        self.path, self._series = path, series
-        self.is_ordered = len({each.source for each in series.values()}) < 2
+    def __init__(self, path: Path, kind: str, series: Mapping[str, Series]) -> None:
+        self.path, self.kind, self._series = path, kind, series
         self.columns = {
             name: each.column if each.column.unit else replace(each.column, unit=split_unit(name)[1])
             for name, each in series.items()
         }
+        self.order = _order(series)
 
-    def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
         """Yield columns of numbers."""
         for part in parts(self.columns[names[0]].size or 0):
-            yield [np.asarray(self._rows(name, part, text=False), np.float64) for name in names]
+            yield [np.asarray(self._part(name, part, text=False), np.float64) for name in names]
 
-    def texts(self, name: str) -> Iterator[list[str]]:
+    def _texts(self, name: str) -> Iterator[list[str]]:
         """Yield a column of texts."""
         for part in parts(self.columns[name].size or 0):
-            yield [_text(each) for each in self._rows(name, part, text=True)]
+            yield [_text(each) for each in self._part(name, part, text=True)]
 
-    def _rows(self, name: str, part: slice, *, text: bool) -> Any:
+    def _part(self, name: str, part: slice, *, text: bool) -> Any:
         read, column = self._series[name].read, self.columns[name]
         if read is None or column.text is not text:
             expected = "texts" if text else "numbers"
@@ -82,6 +84,16 @@ class Arrays(Table):
                 f"{self.path}: column {key(name)}: {column.reason or 'numbers'}, expected {expected}"
             )
         return read(part)
+
+
+def _order(series: Mapping[str, Series]) -> list[str]:
+    """Return the columns of one source, a matrix among them as one; nothing for several sources."""
+    if len({each.source for each in series.values()}) > 1:
+        return []
+    matrices = {name: match[1] for name in series if (match := _OF_MATRIX.fullmatch(name))}
+    if len(set(matrices.values())) == 1 and len(matrices) == len(series):
+        return list(series)
+    return list(dict.fromkeys(matrices.get(name, name) for name in series))
 
 
 def inside(path: Path, series: Mapping[str, Series], table: str | int | None) -> Mapping[str, Series]:
@@ -99,7 +111,8 @@ def inside(path: Path, series: Mapping[str, Series], table: str | int | None) ->
     if not members:
         members = {k[len(name) + 1 : -1]: each for k, each in series.items() if k.startswith(f"{name}[")}
     if not members:
-        there = ", ".join(dict.fromkeys(k.rpartition(".")[0] for k in series if "." in k)) or "none"
+        names = dict.fromkeys(k.rpartition("[" if k.endswith("]") else ".")[0] for k in series)
+        there = ", ".join(name for name in names if name and not name.endswith(" ")) or "none"
         raise InputError(f"{path}: no table {table!r}, expected a struct or group; there are: {there}")
     return members
 
@@ -119,9 +132,9 @@ def series_of(name: str, array: Any, unit: str | None = None) -> dict[str, Serie
     """
     if array.dtype.names:
         series: dict[str, Series] = {}
-        for field in array.dtype.names:
-            series |= series_of(f"{name}.{field}" if name else field, field(array, field), unit)
-        return {field: replace(each, source=name) for field, each in series.items()}
+        for member in array.dtype.names:
+            series |= series_of(f"{name}.{member}" if name else member, field(array, member), unit)
+        return {column: replace(each, source=name) for column, each in series.items()}
     return {column: replace(each, source=name) for column, each in _plain(name, array, unit).items()}
 
 
@@ -136,6 +149,7 @@ def _plain(name: str, array: Any, unit: str | None) -> dict[str, Series]:
     shape = [n for n in array.shape if n != 1]
     if array.ndim == 0 or len(shape) > 2 or 0 in shape:
         what = f"an array of shape {array.shape}" if array.ndim else "text" if is_text else "a single value"
+        what = "empty" if 0 in shape else what
         return {name: Series(Column(None, unit, what))}
     if len(shape) < 2:
         return {name: row(array, unit, int(np.argmax(array.shape)), {})}

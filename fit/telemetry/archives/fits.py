@@ -4,6 +4,7 @@ import gzip
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,12 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
                 chosen = [hdu for i, hdu in tables.items() if table in (None, i, hdu.name)]
                 series = _series(chosen[0]) if chosen else {}
         except Exception as error:  # a damaged file makes it raise almost anything
-            raise damaged(path, error) from error
+            raise damaged(path, error, "FITS") from error
         if not chosen:
             there = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
             wanted = "table" if table is None else f"table {table!r}"
             raise InputError(f"{path}: no {wanted}, expected an extension with a table; there are: {there}")
-        yield Arrays(path, series)
+        yield Arrays(path, "FITS", series)
 
 
 def _check_sum(path: Path) -> None:
@@ -73,7 +74,7 @@ def _series(hdu: Any) -> dict[str, Series]:
             series |= series_of(column.name, _ascii_numbers(stored[column.name], column), column.unit)
         else:
             series |= series_of(column.name, _numbers(hdu, stored, column), column.unit)
-    return series
+    return {name: replace(each, source=hdu.name) for name, each in series.items()}
 
 
 def _numbers(hdu: Any, stored: Any, column: Any) -> Any:

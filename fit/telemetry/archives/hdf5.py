@@ -1,21 +1,19 @@
-"""HDF5 of any layout: of h5py, pandas, gwpy, lisainstrument, netCDF-4 and MATLAB 7.3."""
+"""HDF5 of any layout: of h5py, pandas, gwpy, lisainstrument, netCDF and MATLAB 7.3."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import h5py
-import numpy as np
 
 from fit.errors import InputError
-from fit.telemetry.archives import dataframes, objects
+from fit.telemetry.archives import dataframes, netcdf, objects
 from fit.telemetry.archives.arrays import Arrays, Series, inside, series_of
+from fit.telemetry.archives.attributes import decoded, unit_of
 from fit.telemetry.archives.table import Column, Table
 from fit.telemetry.datasets import check_storage, plain
 
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc", ".nc4")
-_UNITS = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 _CACHE = 2**26  # bytes of unpacked chunks, so that rows of a matrix are not unpacked for each of its columns
 _MATLAB_OBJECT = 3  # of the attribute MATLAB_object_decode
 _HIDDEN = ("#refs#", "#subsystem#")  # of MATLAB
@@ -24,10 +22,13 @@ _HIDDEN = ("#refs#", "#subsystem#")  # of MATLAB
 @contextmanager
 def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open an HDF5 file; `table` names a group, a set of records or a matrix."""
+    if netcdf.is_netcdf(path):
+        yield Arrays(path, "netCDF", inside(path, netcdf.series_of_file(path), table))
+        return
     if not h5py.is_hdf5(path):
-        raise InputError(f"{path}: not HDF5, or cut short, expected a table of telemetry")
+        raise InputError(f"{path}: cannot be read as HDF5, expected a whole file of this format")
     with h5py.File(path, rdcc_nbytes=_CACHE) as file:
-        yield Arrays(path, inside(path, _series(path, file), table))
+        yield Arrays(path, "HDF5", inside(path, _series(path, file), table))
 
 
 def _series(path: Path, file: h5py.File) -> dict[str, Series]:
@@ -46,7 +47,7 @@ def _series(path: Path, file: h5py.File) -> dict[str, Series]:
             if frame is not None:
                 frames.append(name)
                 series.update(frame)
-        else:
+        elif isinstance(item, h5py.Dataset):
             dotted = name.replace("/", ".")
             series.update(_of_dataset(f"/{name}" if dotted in series else dotted, item))
 
@@ -71,46 +72,8 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
         return {name: _chars(dataset, name)}
     if matlab == "cell":
         return {name: _cells(dataset, name)}
-    series = series_of(name, dataset, _unit(dataset))
-    return {column: _decoded(each, dataset) for column, each in series.items()}
-
-
-def _unit(dataset: h5py.Dataset) -> str | None:
-    stated = next((plain(dataset.attrs[name]) for name in _UNITS if name in dataset.attrs), None)
-    # netCDF: "seconds since 2016-04-16"
-    return stated.partition(" since ")[0].strip() or None if isinstance(stated, str) else None
-
-
-def _decoded(series: Series, dataset: h5py.Dataset) -> Series:
-    """Return a column with the missing samples and the scale that attributes of netCDF state."""
-    column = series.column
-    if column.size is None or column.text:
-        return series
-    if plain(dataset.attrs.get("_Unsigned", "false")) != "false":
-        return Series(
-            Column(None, column.unit, "unsigned integers in signed ones (_Unsigned)"), source=series.source
-        )
-    values = {name: dataset.attrs[name] for name in ("_FillValue", "missing_value") if name in dataset.attrs}
-    marks = [
-        mark for value in values.values() for mark in np.atleast_1d(value) if _is_of(mark, dataset.dtype)
-    ]
-    if marks:
-        series = series.without(np.asarray(marks).astype(dataset.dtype))
-    scale, offset = (plain(dataset.attrs.get(name)) for name in ("scale_factor", "add_offset"))
-    if isinstance(scale, int | float) or isinstance(offset, int | float):
-        series = series.scaled(
-            float(scale) if isinstance(scale, int | float) else 1.0,
-            float(offset) if isinstance(offset, int | float) else 0.0,
-        )
-    return series
-
-
-def _is_of(mark: Any, kind: np.dtype[Any]) -> bool:
-    """Return whether a mark of missing samples can be among numbers of a type."""
-    if not isinstance(mark, np.number) or kind.kind not in "iuf":
-        return False
-    with np.errstate(all="ignore"):
-        return kind.kind == "f" or bool(mark.astype(kind) == mark)
+    series = series_of(name, dataset, unit_of(dataset.attrs))
+    return {column: decoded(each, dataset.attrs, dataset.dtype) for column, each in series.items()}
 
 
 def _chars(dataset: h5py.Dataset, name: str) -> Series:

@@ -18,7 +18,7 @@ _TAIL = 50  # lines that show what the columns are
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)|([+-]?\d*\.\d*)([+-]\d{3})")
 _COMMA = re.compile(r"[+-]?\d*,\d+(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+")
-_STAMP = re.compile(r"\d{1,4}[-/:.]\d{1,3}(?:[-/:. T].*)?|\d{8}T.*|\d{1,2}[- ][A-Za-z]{3}.*")
+_STAMP = re.compile(r"(?:\d{1,4}[-/:.]\d{1,3}(?![^-/:. TZ])|\d{8}T|\d{1,2}[- ][A-Za-z]{3})[^,;\t]*")
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Layout:
     delimiter, decimal : str
         Between cells; between the whole and the fraction of a number.
     names : list of str
-        Of the columns; what has no name has its number, counted from 1.
+        Of the columns, as they are written; empty where there is none.
     units : list of str or None
         Of the columns.
     is_text : list of bool
@@ -85,7 +85,7 @@ def layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     Raises
     ------
     InputError
-        If the decimal mark is ambiguous.
+        If it is no text, or the decimal mark is ambiguous.
     """
     lines = [(n, text) for n, text in sample if is_data(text)]
     if not lines:
@@ -99,9 +99,13 @@ def layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     if width > 1 and not any(row[-1].strip() for row in last):
         named = len(rows[0]) == width and rows[0][-1].strip()
         width -= not named
+    for n, text in lines:
+        if "\0" in text:
+            raise InputError(f"{path}: line {n}: a zero byte, expected text")
     is_text = [_is_text([row[i] for row in last], delimiter) for i in range(width)]
     head = next((i for i, row in enumerate(rows) if _begins(rows[i:], row, is_text, delimiter)), len(rows))
     first = lines[head][0] if head < len(lines) else lines[-1][0] + 1
+    is_text = is_text if head < len(lines) else [False] * width
     comments = [t.lstrip("#% \t") for n, t in sample if n < first and t.strip() and not is_data(t)]
     names, units = _names(rows[:head], comments, delimiter, width)
     return Layout(
@@ -151,7 +155,7 @@ def _counts(row: Sequence[str]) -> bool:
     """Return whether cells count the columns, as pandas names them where they have no names."""
     cells = [cell.strip() for cell in row]
     cells = cells[not cells[0] :]
-    return len(cells) > 2 and cells in ([str(i + k) for i in range(len(cells))] for k in (0, 1))
+    return len(row) > 2 and cells in ([str(i + k) for i in range(len(cells))] for k in (0, 1))
 
 
 def _names(
@@ -162,24 +166,31 @@ def _names(
     for other in (delimiter, *_DELIMITERS):
         candidates = candidates or [row for row in map(_trimmed, split(comments, other)) if len(row) == width]
     stated = [""] * width
-    if len(candidates) > 1 and _are_units(candidates[-1]):
+    if len(candidates) > 1 and _are_units(candidates[-1], candidates[-2]):
         stated = [cell.strip() for cell in candidates.pop()]
     names = [cell.strip() for cell in candidates[-1]] if candidates else [""] * width
-    repeated = {name for name, count in Counter(names).items() if count > 1}
-    units = [_unit(cell) or split_unit(name)[1] for cell, name in zip(stated, names, strict=True)]
-    return [str(i) if name in repeated | {""} else name for i, name in enumerate(names, 1)], units
+    return names, [_unit(cell) or split_unit(name)[1] for cell, name in zip(stated, names, strict=True)]
+
+
+def unique(names: Sequence[str]) -> list[str]:
+    """Return names of columns with the number, counted from 1, in the place of none or of a repeated one."""
+    counts = Counter(names)
+    numbers = (f"column {i}" if str(i) in counts else str(i) for i in range(1, len(names) + 1))
+    return [
+        name if name and counts[name] == 1 else number for name, number in zip(names, numbers, strict=True)
+    ]
 
 
 def _trimmed(row: list[str]) -> list[str]:
     return row[:-1] if len(row) > 1 and not row[-1].strip() else row
 
 
-def _are_units(row: Sequence[str]) -> bool:
+def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
     """Return whether a line below the names is that of their units."""
     cells = [cell.strip() for cell in row if cell.strip()]
-    known = sum(_unit(cell) is None or is_unit(str(_unit(cell))) for cell in cells)
+    known, others = (sum(_unit(cell) is None or is_unit(cell) for cell in line) for line in (cells, names))
     in_brackets = any(cell[0] + cell[-1] in ("[]", "()") for cell in cells)
-    return in_brackets or known == len(cells) or 2 * known >= len(cells) > len(set(cells))
+    return in_brackets or known == len(cells) or (2 * known >= len(cells) and known > others)
 
 
 def _unit(cell: str) -> str | None:

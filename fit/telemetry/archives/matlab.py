@@ -1,5 +1,6 @@
 """MATLAB .mat files: versions 4 to 7 by SciPy, 7.3 as HDF5."""
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ from fit.telemetry.archives.arrays import Arrays, Series, inside
 from fit.telemetry.archives.table import Table, damaged
 
 SUFFIXES = (".mat",)
+_NAMELESS = "None"  # as SciPy calls every variable that is an object
 
 
 @contextmanager
@@ -23,23 +25,27 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         with hdf5.opened(path, table) as archive:
             yield archive
     else:
-        yield Arrays(path, inside(path, _series(path), table))
+        yield Arrays(path, "a MATLAB file", inside(path, _series(path), table))
 
 
 def _series(path: Path) -> dict[str, Series]:
     try:
-        values = scipy.io.loadmat(path, simplify_cells=True)
-        variables = [(name, kind) for name, _, kind in scipy.io.whosmat(path)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            values = scipy.io.loadmat(path, simplify_cells=True)
     except Exception as error:  # a damaged file makes it raise almost anything
-        raise damaged(path, error) from error
+        raise damaged(path, error, "a MATLAB file") from error
     series: dict[str, Series] = {}
     classes: dict[str, str] = {}
-    for name, kind in variables:
-        of_class = _class(values[name]) if name in values else kind
-        if of_class is None:
-            series |= objects.flat(name, values[name])
-        else:
-            classes[name] = of_class
+    for name, value in values.items():
+        kind = _class(value)
+        if kind is not None and name == _NAMELESS:
+            variable = str(value.ravel()[0]["s0"], "utf-8", "replace")
+            classes |= objects.classes(path, set(values)) or {variable: kind}
+        elif kind is not None:
+            classes[name] = kind
+        elif not name.startswith("__"):
+            series |= objects.flat(name, value)
     return series | (objects.series_of_file(path, classes) if classes else {})
 
 

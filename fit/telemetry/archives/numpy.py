@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fit.errors import InputError
 from fit.telemetry.archives.arrays import Arrays, inside, series_of
 from fit.telemetry.archives.table import Table, damaged
 
@@ -20,13 +19,11 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     try:
         loaded = np.load(path, mmap_mode=None if zipfile.is_zipfile(path) else "r", allow_pickle=False)
         if isinstance(loaded, np.ndarray):
-            series = series_of("", loaded)
+            series = {name or "1": each for name, each in series_of("", loaded).items()}
         else:
             with loaded:
                 arrays = {name: loaded[name] for name in loaded.files}
             series = {k: each for name, array in arrays.items() for k, each in series_of(name, array).items()}
     except Exception as error:  # a damaged file makes it raise almost anything
-        if "allow_pickle" in str(error):
-            raise InputError(f"{path}: objects that Python has pickled, expected arrays of numbers") from None
-        raise damaged(path, error) from error
-    yield Arrays(path, inside(path, series, table))
+        raise damaged(path, error, "arrays of NumPy without pickled objects") from error
+    yield Arrays(path, "arrays of NumPy", inside(path, series, table))

@@ -1,7 +1,7 @@
 """Objects of MATLAB and of its toolboxes (LTPDA) in .mat files, which mat-io reads."""
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -38,7 +38,10 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
     for name, kind in classes.items():
         columns = flat(name, values[name]) if name in values else {}
         columns = {each: replace(one, source=name) for each, one in columns.items()}
-        readable = [each for each, one in columns.items() if one.read is not None]
+        readable = [each for each, one in columns.items() if (one.column.size or 0) > 1]
+        if name in values and not _is_object(values[name]):
+            series |= columns
+            continue
         if readable:
             more = f" and {len(readable) - 5} more" if len(readable) > 5 else ""
             reason = f"an object of class {kind} with the columns {', '.join(readable[:5])}{more}"
@@ -46,6 +49,17 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
             reason = f"an object of class {kind}{why or ' without numbers'}; save it from MATLAB as a struct"
         series |= {name: Series(Column(None, reason=reason), source=name)} | columns
     return series
+
+
+def classes(path: Path, others: Collection[str]) -> dict[str, str]:
+    """Return the classes of the variables of a .mat file but for some; nothing without mat-io."""
+    try:
+        matio: Any = import_module("matio")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return {name: str(kind) for name, (_, kind) in matio.whosmat(path).items() if name not in others}
+    except Exception:  # as below
+        return {}
 
 
 def _loaded(path: Path, names: list[str]) -> tuple[Mapping[str, Any], str]:
@@ -84,6 +98,8 @@ def flat(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
         for member, each in members:
             series |= flat(f"{name}.{member}" if name else member, each, depth + 1)
         return series
+    if isinstance(value, list):  # of structs
+        value = np.fromiter(value, dtype=object, count=len(value))
     if not isinstance(value, np.ndarray):
         what = "text" if isinstance(value, str | bytes) else "a single value"
         return {name: Series(Column(None, reason=what), source=name)}
@@ -109,6 +125,11 @@ def _members(value: Any) -> Iterable[tuple[str, Any]] | None:
     if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
         return _members(value.ravel()[0])
     return None
+
+
+def _is_object(value: Any) -> bool:
+    """Return whether a value is an object, not a struct or an array with objects in it."""
+    return hasattr(value, "properties") or hasattr(value, "itertuples")
 
 
 def _of_items(name: str, value: np.ndarray[Any, Any], depth: int) -> dict[str, Series]:

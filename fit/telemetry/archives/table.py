@@ -1,7 +1,10 @@
 """A table of an archive: columns by name, each a row of numbers or of texts."""
 
+import csv
 import difflib
+import lzma
 import re
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +23,8 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 BLOCK = 2**14  # samples in memory at a time
+#: What libraries raise while they read a damaged file.
+FAILURES = (OSError, EOFError, RuntimeError, MemoryError, csv.Error, zlib.error, lzma.LZMAError)
 _UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
 
 
@@ -51,24 +56,24 @@ class Table(ABC):
 
     Attributes
     ----------
-    path : Path
-        The archive.
+    path, kind : Path, str
+        The archive, and what it is: "text", "HDF5".
     columns : mapping of str to Column
         By name. The names of structs and groups stand before those of what they contain, joined by dots;
         column k of a matrix `out` is ``out[k]``, counted from 1.
-    is_ordered : bool
-        Whether the file gives its columns an order, so that a number says which one is meant.
+    order : sequence of str
+        The columns, and the matrices of columns, as the file numbers them; empty if it gives them no order.
     """
 
     path: Path
+    kind: str
     columns: Mapping[str, Column]
-    is_ordered: bool = True
+    order: Sequence[str]
 
-    @abstractmethod
     def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
         """Yield columns of numbers of one length, up to `BLOCK` rows at a time; a missing sample is NaN."""
+        return self._rows(self._blocks(names))
 
-    @abstractmethod
     def texts(self, name: str) -> Iterator[list[str]]:
         """Yield a column as texts, up to `BLOCK` rows at a time; a missing one is empty.
 
@@ -77,6 +82,19 @@ class Table(ABC):
         InputError
             If the format cannot give the column as text.
         """
+        return self._rows(self._texts(name))
+
+    @abstractmethod
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]: ...
+
+    @abstractmethod
+    def _texts(self, name: str) -> Iterator[list[str]]: ...
+
+    def _rows(self, rows: Iterator[T]) -> Iterator[T]:
+        try:
+            yield from rows
+        except FAILURES as error:
+            raise damaged(self.path, error, self.kind) from error
 
     def column(self, key: str | int, meaning: str = "") -> str:
         """Return the name of a column.
@@ -102,20 +120,21 @@ class Table(ABC):
         if len(alike) == 1:
             return alike[0]
         if alike:
-            raise InputError(f"{place}: there are several, expected one of: {_listed(alike)}")
+            raise InputError(f"{place}: there are several, expected one of the columns: {_listed(alike)}")
         if count := sum(name.startswith(f"{key}[") for name in self.columns):
             raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{count}]")
-        close = difflib.get_close_matches(key, self.columns, n=1)
-        hint = f', did you mean "{close[0]}"?' if close else ", expected it"
-        raise InputError(f"{place}: missing{hint} among the columns: {_listed(self.columns)}")
+        names = {split_unit(name)[0].casefold(): name for name in self.columns}
+        close = difflib.get_close_matches(key.casefold(), names, n=1)
+        hint = f'; did you mean "{names[close[0]]}"?' if close else ""
+        raise InputError(f"{place}: missing, expected it among the columns: {_listed(self.columns)}{hint}")
 
     def _by_number(self, number: int, meaning: str) -> str:
         place, there = f"{self.path}: column {number}{meaning}", _listed(self.columns)
-        if not self.is_ordered:
+        if not self.order:
             raise InputError(f"{place}: columns have no order here, expected a name; there are: {there}")
-        if not 1 <= number <= len(self.columns):
-            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.columns)}: {there}")
-        return list(self.columns)[number - 1]
+        if not 1 <= number <= len(self.order):
+            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.order)}: {there}")
+        return self.column(self.order[number - 1], meaning)
 
     def _alike(self, key: str) -> list[str]:
         """Return the columns that a key means without being their name."""
@@ -160,10 +179,13 @@ def batches(items: Iterable[T]) -> Iterator[list[T]]:
     return takewhile(bool, iter(lambda: list(islice(iterator, BLOCK)), None))
 
 
-def damaged(path: Path, error: Exception) -> InputError:
-    """Return the error for a file that a library cannot read."""
-    why = str(error).partition("\n")[0][:200] or type(error).__name__
-    return InputError(f"{path}: cannot be read ({why}), expected a table of telemetry")
+def damaged(path: Path, error: Exception, kind: str) -> InputError:
+    """Return the error for a file that a library cannot read as what it should be."""
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return InputError(f"{path}: {error.strerror}, expected a file that can be read")
+    if isinstance(error, MemoryError):
+        return InputError(f"{path}: takes more memory than there is to be read, expected less")
+    return InputError(f"{path}: cannot be read as {kind}, expected a whole file of this format")
 
 
 def _listed(names: Iterable[str]) -> str:

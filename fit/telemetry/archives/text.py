@@ -14,7 +14,7 @@ import numpy as np
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.archives.layout import is_data, layout, number, split
+from fit.telemetry.archives.layout import is_data, layout, number, split, unique
 from fit.telemetry.archives.table import Array, Column, Table, batches
 
 _PACKED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00"}
@@ -80,28 +80,35 @@ def _encoding(head: bytes) -> str:
 class Text(Table):
     """A text in a file; it is read once for its layout, once for its length, and then for each block."""
 
+    kind = "text"
+
     def __init__(self, file: TextIO, path: Path) -> None:
         self._file, self.path = file, path
         self._layout = layout(path, list(self._sample()))
+        self._names = unique(self._layout.names)
+        self.order = self._names
         size = sum(1 for _ in self._lines())
         self.columns = {
             name: Column(size, unit, "text" if text else "", text)
-            for name, unit, text in zip(
-                self._layout.names, self._layout.units, self._layout.is_text, strict=True
-            )
+            for name, unit, text in zip(self._names, self._layout.units, self._layout.is_text, strict=True)
         }
 
-    def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
         """Yield columns of numbers."""
         for block in batches(self._lines()):
             columns = self._cells(block)
-            yield [self._numbers(block, columns[self._layout.names.index(name)], name) for name in names]
+            yield [self._numbers(block, columns[self._names.index(name)], name) for name in names]
 
-    def texts(self, name: str) -> Iterator[list[str]]:
+    def _texts(self, name: str) -> Iterator[list[str]]:
         """Yield the cells of a column as they are written, be they numbers or texts."""
-        at = self._layout.names.index(name)
+        at = self._names.index(name)
         for block in batches(self._lines()):
             yield [cell.strip() for cell in self._cells(block)[at]]
+
+    def _alike(self, key: str) -> list[str]:
+        """Return the columns that a key means, be their names unique or not."""
+        written = zip(self._names, self._layout.names, strict=True)
+        return [name for name, as_written in written if as_written == key] or super()._alike(key)
 
     def _sample(self) -> Iterator[tuple[int, str]]:
         count = letters = 0
@@ -141,7 +148,7 @@ class Text(Table):
     def _numbers(self, block: Sequence[tuple[int, str]], cells: Sequence[str], name: str) -> Array:
         decimal = self._layout.decimal
         try:
-            if decimal == "." and not any("_" in cell for cell in cells):  # Python reads 1_0 as 10
+            if decimal == "." and not any("_" in text for _, text in block):  # Python reads 1_0 as 10
                 return np.array([float(cell) for cell in cells])
         except ValueError:  # an empty cell is a missing sample
             pass
