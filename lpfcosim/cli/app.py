@@ -77,7 +77,7 @@ def new(
         bool, typer.Option("--map", help="Write a map of archives: CSV, MATLAB, FITS, HDF5 or NumPy.")
     ] = False,
 ) -> None:
-    """Write a commented campaign to start from, or a map of archives.
+    """Write a commented campaign or map of archives to start from.
 
     Of archives, the map lists the columns of the first, and has those that are recognised by their names;
     the rest is to be filled in.
@@ -385,7 +385,7 @@ def trust(
 def schema(
     as_map: Annotated[bool, typer.Option("--map", help="That of a map of archives.")] = False,
 ) -> None:
-    """Print the JSON Schema of a campaign file or of a map, for editors.
+    """Print the JSON Schema of a campaign or a map, for editors.
 
     Begin a campaign with the line "#:schema ./lpf-campaign.json", a map with "#:schema ./lpf-map.json".
     Editors then complete and check it as you type, for instance Visual Studio Code with the extension Even

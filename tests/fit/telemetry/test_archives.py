@@ -255,7 +255,7 @@ def test_delta_g_is_had_of_a_run_with_many_gaps(archive, tmp_path):
 
 
 def test_the_example_of_the_documentation(tmp_path):
-    (text,) = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
+    text, *_ = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "mission.toml").write_text(text)
     values = np.arange(100.0)
     names = ("t", "OMS_x1", "OMS_x12", "a1_cmd", "a2_cmd", "torque")
