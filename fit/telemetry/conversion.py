@@ -121,7 +121,7 @@ def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> N
     with ExitStack() as stack:
         archives = Archives(stack, path, found, i)
         columns = archives.columns(attributes)
-        clock = archives.time()
+        clock = archives.time(columns.values())
         reference = clock[1].seconds.size if clock else columns["o_1"].size
         for column in columns.values():
             if column.size != reference:

@@ -1,6 +1,6 @@
 """The columns of one run in the archives that a map names for it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,8 +78,8 @@ class Archives:
         """
         return {name: self._column(name, column, attributes) for name, column in self._map.channels.items()}
 
-    def time(self) -> tuple[str, stamps.Stamps] | None:
-        """Return the time column and its place, None without one.
+    def time(self, columns: Collection[ArchiveColumn]) -> tuple[str, stamps.Stamps] | None:
+        """Return the time column beside those of the channels and its place, None without one.
 
         Raises
         ------
@@ -92,8 +92,11 @@ class Archives:
         if has_common_clock(self._map, self._i):
             (table, name) = self._find(TIME, clock.column)
             return self._stamps(table, name)
-        tables = [self._table(place) for place in places_of_run(self._path, self._map, self._i)]
+        places = places_of_run(self._path, self._map, self._i)
+        tables = dict.fromkeys([*(column.table for column in columns), *map(self._table, places)])
         having = [table for table in tables if _has(table, clock.column)]
+        if shared := [table for table in having if any(table is column.table for column in columns)]:
+            having = shared  # another file may have a column of this name, or number, by chance
         if not having:
             self._find(TIME, clock.column)
         place, reference = self._stamps(having[0], having[0].column(clock.column))

@@ -187,7 +187,9 @@ def _example(format_: str) -> str:
 @contextmanager
 def _astropy() -> Iterator[None]:
     """Let astropy neither look for newer leap seconds in the network nor warn of years to come."""
-    from astropy.utils.iers import conf  # takes its time to be read in
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that there is no folder for its settings
+        from astropy.utils.iers import conf  # takes its time to be read in
 
     with conf.set_temp("auto_download", False), warnings.catch_warnings():
         warnings.filterwarnings("error", message="ERFA function")  # such as a minute of 61 s
