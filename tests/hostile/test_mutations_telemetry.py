@@ -10,10 +10,12 @@ from importlib import import_module
 from pathlib import Path
 
 import h5py
+import matio
 import numpy as np
 import pytest
 import scipy
 from astropy.io import fits as astropy
+from matio.utils import MatlabOpaque
 
 from fit.errors import InputError
 from fit.pipeline import calibrate
@@ -23,6 +25,7 @@ from fit.telemetry.archives import look as look_at_table
 from fit.telemetry.archives import opened
 from fit.telemetry.contract import REQUIRED
 from fit.telemetry.guard import refusals
+from tests.fit.telemetry.test_archive_arrays import pandas_file
 from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
@@ -307,11 +310,68 @@ def fits(path):
     return path
 
 
+def ascii_fits(path):
+    columns = [
+        astropy.Column("o1", "E15.7", unit="m", array=np.arange(50.0)),
+        astropy.Column("n", "I5", null="-99", array=np.arange(50)),
+    ]
+    astropy.HDUList([astropy.PrimaryHDU(), astropy.TableHDU.from_columns(columns)]).writeto(path)
+    return path
+
+
+def matlab_objects(version):
+    def write(path):
+        series = MatlabOpaque({"y": np.arange(50.0), "yunits": "m"}, "tsdata")
+        times = np.datetime64("2016-04-16", "ns") + np.arange(50).astype("m8[s]")
+        matio.save_to_mat(
+            path, {"a": MatlabOpaque({"data": series}, "ao"), "utc": times, "x": np.eye(3)}, version=version
+        )
+        return path
+
+    return write
+
+
+def hdf5(path):
+    pandas_file(path)
+    with h5py.File(path, "a") as h5:
+        h5.create_dataset("records", data=np.zeros(50, "f8, f4, S3, 2i2"), chunks=(20,), compression="lzf")
+        h5["utc"], h5["packed"] = ["2016-04-16T14:00:00Z"] * 50, np.arange(50, dtype="i2")
+        h5["packed"].attrs.update({"units": "nm", "_FillValue": np.int16(3), "scale_factor": 0.5})
+    return path
+
+
+def netcdf(path):
+    with scipy.io.netcdf_file(path, "w") as file:
+        file.createDimension("n", 50)
+        file.createVariable("o1", "f8", ("n",))[:] = np.arange(50.0)
+    return path
+
+
+def numpy_array(path):
+    np.save(path, np.zeros(50, "f8, S3, 2i2"))
+    return path
+
+
+def numpy_arrays(path):
+    np.savez_compressed(path, t=np.arange(50.0), out=np.ones((50, 3)))
+    return path
+
+
+def text(path):
+    rows = "".join(f'2016-04-16T14:00:{i:02},{i}.5e-9,"{-i}",\n' for i in range(50))
+    path.write_text("# made by hand\ntime,x [nm],y,\nUTC,nm,1,\n" + rows)
+    return path
+
+
 def read_table(path):
     found = {}
     with opened(path, None) as table:
         for name, column in table.columns.items():
-            if column.size:
+            if column.text:
+                texts = [each for block in table.texts(name) for each in block]
+                assert len(texts) == column.size
+                assert all(isinstance(each, str) for each in texts), name
+            elif column.size:
                 found[name] = np.concatenate([block for (block,) in table.blocks([name])])
                 assert found[name].size == column.size, name
     # a compressed file has a checksum: it is read as it was, or not at all
@@ -320,10 +380,20 @@ def read_table(path):
 
 def test_damaged_archives(tmp_path, cases, monkeypatch):
     monkeypatch.setattr(probe, "PATIENCE", 20.0)
-    sources = {
-        ".mat": [matlab(tmp_path / "a.mat").read_bytes(), matlab_7_3(tmp_path / "b.mat").read_bytes()],
-        ".fits": [fits(tmp_path / "c.fits").read_bytes()],
+    writers = {
+        ".mat": [matlab, matlab_7_3, matlab_objects("v7"), matlab_objects("v7.3")],
+        ".fits": [fits, ascii_fits],
+        ".h5": [hdf5],
+        ".nc": [netcdf],
+        ".npy": [numpy_array],
+        ".npz": [numpy_arrays],
+        ".csv": [text],
     }
+    sources = {
+        suffix: [write(tmp_path / f"{i}.source{suffix}").read_bytes() for i, write in enumerate(some)]
+        for suffix, some in writers.items()
+    }
+    sources[".csv.gz"] = [gzip.compress(sources[".csv"][0])]
     sources[".fits.gz"] = [gzip.compress(sources[".fits"][0])]
     total = cases(0.1, 80)
     made = {}

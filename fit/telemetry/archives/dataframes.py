@@ -16,8 +16,6 @@ from fit.telemetry.datasets import check_storage, plain
 
 _NAMES = ("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "INT", "BININT", "BININT1", "BININT2")
 
-_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-
 
 def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
     """Return the columns of a data frame, ``name.column`` and ``name.index``; None if a group is none.
@@ -101,14 +99,13 @@ def _is_stored(values: Any) -> bool:
 
 
 def _timed(series: Series, kind: object) -> Series:
-    """Return times as texts and durations in seconds, where integers count them."""
+    """Return times as texts and durations with their unit, where integers count them."""
     name, _, unit = str(kind).removesuffix("]").partition("[")
     read, unit = series.read, unit.partition(",")[0] or "ns"
     if read is None or name not in ("datetime64", "timedelta64"):
         return series
     if name == "timedelta64":
-        seconds = _PER_SECOND.get(unit, 1e9)
-        return replace(series.scaled(1 / seconds), column=replace(series.column, unit="s"))
+        return replace(series, column=replace(series.column, unit=unit))
 
     def texts(part: slice) -> Any:
         return np.datetime_as_string(np.asarray(read(part)).astype("i8").view(f"M8[{unit}]"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 
 from fit.errors import InputError
-from fit.telemetry.archives import dataframes, netcdf, objects
+from fit.telemetry.archives import dataframes, matlab73, netcdf, objects
 from fit.telemetry.archives.arrays import Arrays, Series, inside, series_of
 from fit.telemetry.archives.attributes import decoded, unit_of
 from fit.telemetry.archives.table import Column, Table
@@ -15,7 +15,6 @@ from fit.telemetry.datasets import check_storage, plain
 
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc", ".nc4")
 _CACHE = 2**26  # bytes of unpacked chunks, so that rows of a matrix are not unpacked for each of its columns
-_MATLAB_OBJECT = 3  # of the attribute MATLAB_object_decode
 _HIDDEN = ("#refs#", "#subsystem#")  # of MATLAB
 
 
@@ -40,8 +39,9 @@ def _series(path: Path, file: h5py.File) -> dict[str, Series]:
         top = name.partition("/")[0]
         if top in _HIDDEN or any(name.startswith(f"{frame}/") for frame in frames):
             return
-        if item.attrs.get("MATLAB_object_decode") == _MATLAB_OBJECT:
-            of_classes.setdefault(top, str(plain(item.attrs.get("MATLAB_class"))))
+        kind = matlab73.class_of(item)
+        if kind is not None:
+            of_classes.setdefault(top, kind)
         elif isinstance(item, h5py.Group):
             frame = dataframes.series_of(name.replace("/", "."), item)
             if frame is not None:
@@ -69,39 +69,8 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
         reason = str(error).removeprefix(": ").partition(", expected")[0]
         return {name: Series(Column(None, reason=reason), source=name)}
     if matlab == "char":
-        return {name: _chars(dataset, name)}
+        return {name: matlab73.letters(dataset, name)}
     if matlab == "cell":
-        return {name: _cells(dataset, name)}
+        return matlab73.cells(dataset, name)
     series = series_of(name, dataset, unit_of(dataset.attrs))
     return {column: decoded(each, dataset.attrs, dataset.dtype) for column, each in series.items()}
-
-
-def _chars(dataset: h5py.Dataset, name: str) -> Series:
-    """Return the rows of a matrix of letters, which MATLAB stores column by column."""
-    if dataset.ndim != 2 or dataset.shape[1] < 2 or dataset.dtype.kind != "u":
-        return Series(Column(None, reason="text"), source=name)
-
-    def read(part: slice) -> list[str]:
-        return ["".join(map(chr, row)) for row in dataset[:, part].T.tolist()]
-
-    return Series(Column(dataset.shape[1], reason="text", text=True), read, name)
-
-
-def _cells(dataset: h5py.Dataset, name: str) -> Series:
-    """Return a cell array of texts, which are datasets elsewhere in the file."""
-    file, size = dataset.file, dataset.size
-
-    def text(reference: h5py.Reference) -> str | None:
-        cell = file[reference]
-        if not isinstance(cell, h5py.Dataset) or plain(cell.attrs.get("MATLAB_class")) != "char":
-            return None
-        return "" if "MATLAB_empty" in cell.attrs else "".join(map(chr, cell[()].T.ravel().tolist()))
-
-    references = dataset[()].ravel() if dataset.dtype == h5py.ref_dtype else []
-    if not len(references) or text(references[0]) is None:
-        return Series(Column(None, reason="a cell array"), source=name)
-    return Series(
-        Column(size, reason="text", text=True),
-        lambda part: [text(each) or "" for each in references[part]],
-        name,
-    )

@@ -62,6 +62,21 @@ def split(lines: Sequence[str], delimiter: str) -> list[list[str]]:
     return list(csv.reader(texts, delimiter=delimiter, skipinitialspace=True))
 
 
+def split_numbered(path: Path, lines: Sequence[tuple[int, str]], delimiter: str) -> list[list[str]]:
+    """Return the cells of numbered lines.
+
+    Raises
+    ------
+    InputError
+        If a cell in quotes goes over several lines.
+    """
+    rows = split([text for _, text in lines], delimiter)
+    if len(rows) != len(lines):
+        n = next((n for n, text in lines if text.count('"') % 2), lines[0][0])
+        raise InputError(f"{path}: line {n}: a quote without its end on this line, expected cells")
+    return rows
+
+
 def number(cell: str, decimal: str = ".") -> float | None:
     """Return what a cell means, NaN if a sample is missing, None if it is no number."""
     text = cell.strip()
@@ -92,7 +107,7 @@ def layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
         return Layout(",", ".", [], [], [], 1)
     tail = [text for _, text in lines[1:][-_TAIL:] or lines]
     delimiter = max(_DELIMITERS, key=lambda d: (_likelihood(tail, d), -_DELIMITERS.index(d)))
-    rows = split([text for _, text in lines], delimiter)
+    rows = split_numbered(path, lines, delimiter)
     last = rows[-len(tail) :]
     width = Counter(map(len, last)).most_common(1)[0][0]
     last = [row for row in last if len(row) == width]
@@ -103,11 +118,11 @@ def layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
         if "\0" in text:
             raise InputError(f"{path}: line {n}: a zero byte, expected text")
     is_text = [_is_text([row[i] for row in last], delimiter) for i in range(width)]
-    head = next((i for i, row in enumerate(rows) if _begins(rows[i:], row, is_text, delimiter)), len(rows))
+    head = next((i for i, row in enumerate(rows) if _begins(rows, i, is_text, delimiter)), len(rows))
     first = lines[head][0] if head < len(lines) else lines[-1][0] + 1
     is_text = is_text if head < len(lines) else [False] * width
     comments = [t.lstrip("#% \t") for n, t in sample if n < first and t.strip() and not is_data(t)]
-    names, units = _names(rows[:head], comments, delimiter, width)
+    names, units = _names(rows[:head], comments, delimiter, is_text)
     return Layout(
         delimiter, _decimal(path, lines[head:], rows[head:], delimiter), names, units, is_text, first
     )
@@ -136,19 +151,22 @@ def _is_text(cells: Sequence[str], delimiter: str) -> bool:
     return 2 * sum(_is_number(cell, delimiter) for cell in stated) < len(stated)
 
 
-def _begins(
-    rows: Sequence[Sequence[str]], row: Sequence[str], is_text: Sequence[bool], delimiter: str
-) -> bool:
-    """Return whether the first of the remaining rows is data, not names or units."""
+def _begins(rows: Sequence[Sequence[str]], at: int, is_text: Sequence[bool], delimiter: str) -> bool:
+    """Return whether a row is data, not names or units."""
+    row = rows[at]
     if all(is_text):
         return any(map(_is_stamp, row)) and len(row) == len(is_text)
     cells = [cell.strip() for cell, text in zip(row, is_text, strict=False) if not text]
     stated = [cell for cell in cells if cell not in MISSING]
-    words = [cell for cell in stated if not _is_number(cell, delimiter)]
-    small = all(cell.isdecimal() and int(cell) <= len(row) for cell in stated if cell not in words)
-    if len(row) not in (len(is_text), len(is_text) + 1) or words:
-        return len(words) < len(stated) and not small
-    return not _counts(row) or len(rows) < 2 or _counts(rows[1])
+    numbers = [cell for cell in stated if _is_number(cell, delimiter)]
+    if len(row) not in (len(is_text), len(is_text) + 1) or len(numbers) < len(stated):
+        # Units may be 1, and names small numbers, each once.
+        counts = at == 0 and len(set(numbers)) == len(numbers)
+        small = all(
+            cell == "1" or (counts and cell.isdecimal() and int(cell) <= len(row)) for cell in numbers
+        )
+        return not small
+    return not _counts(row) or len(rows) == at + 1 or _counts(rows[at + 1])
 
 
 def _counts(row: Sequence[str]) -> bool:
@@ -159,14 +177,15 @@ def _counts(row: Sequence[str]) -> bool:
 
 
 def _names(
-    head: Sequence[list[str]], comments: Sequence[str], delimiter: str, width: int
+    head: Sequence[list[str]], comments: Sequence[str], delimiter: str, is_text: Sequence[bool]
 ) -> tuple[list[str], list[str | None]]:
     """Return the names and units that stand above the data, or in the comments there."""
+    width = len(is_text)
     candidates = [row for row in map(_trimmed, head) if len(row) == width]
     for other in (delimiter, *_DELIMITERS):
         candidates = candidates or [row for row in map(_trimmed, split(comments, other)) if len(row) == width]
     stated = [""] * width
-    if len(candidates) > 1 and _are_units(candidates[-1], candidates[-2]):
+    if len(candidates) > 1 and _are_units(candidates[-2], candidates[-1], is_text):
         stated = [cell.strip() for cell in candidates.pop()]
     names = [cell.strip() for cell in candidates[-1]] if candidates else [""] * width
     return names, [_unit(cell) or split_unit(name)[1] for cell, name in zip(stated, names, strict=True)]
@@ -185,10 +204,11 @@ def _trimmed(row: list[str]) -> list[str]:
     return row[:-1] if len(row) > 1 and not row[-1].strip() else row
 
 
-def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
-    """Return whether a line below the names is that of their units."""
-    cells = [cell.strip() for cell in row if cell.strip()]
-    known, others = (sum(_unit(cell) is None or is_unit(cell) for cell in line) for line in (cells, names))
+def _are_units(names: Sequence[str], row: Sequence[str], is_text: Sequence[bool]) -> bool:
+    """Return whether a line below the names is that of the units of the numbers."""
+    others = sum(map(is_unit, names))
+    cells = [cell.strip() for cell, text in zip(row, is_text, strict=True) if cell.strip() and not text]
+    known = sum(_unit(cell) is None or is_unit(cell) for cell in cells)
     in_brackets = any(cell[0] + cell[-1] in ("[]", "()") for cell in cells)
     return in_brackets or known == len(cells) or (2 * known >= len(cells) and known > others)
 

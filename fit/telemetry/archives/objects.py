@@ -54,9 +54,9 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
 def classes(path: Path, others: Collection[str]) -> dict[str, str]:
     """Return the classes of the variables of a .mat file but for some; nothing without mat-io."""
     try:
-        matio: Any = import_module("matio")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            matio: Any = import_module("matio")
             return {name: str(kind) for name, (_, kind) in matio.whosmat(path).items() if name not in others}
     except Exception:  # as below
         return {}
@@ -65,13 +65,12 @@ def classes(path: Path, others: Collection[str]) -> dict[str, str]:
 def _loaded(path: Path, names: list[str]) -> tuple[Mapping[str, Any], str]:
     """Return variables as mat-io reads them, or why it cannot."""
     try:
-        matio: Any = import_module("matio")
-    except ImportError:
-        return {}, ", which is read with the extra lpfcosim[matlab] alone"
-    try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            matio: Any = import_module("matio")
             return matio.load_from_mat(path, variable_names=list(names), add_table_attrs=True), ""
+    except ImportError:
+        return {}, ", which is read with the extra lpfcosim[matlab] alone"
     except Exception:  # a damaged file, or a class it does not know, makes it raise almost anything
         return {}, ", which mat-io cannot read"
 

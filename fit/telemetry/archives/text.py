@@ -14,7 +14,7 @@ import numpy as np
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.archives.layout import is_data, layout, number, split, unique
+from fit.telemetry.archives.layout import is_data, layout, number, split_numbered, unique
 from fit.telemetry.archives.table import Array, Column, Table, batches
 
 _PACKED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00"}
@@ -133,16 +133,14 @@ class Text(Table):
 
     def _cells(self, block: Sequence[tuple[int, str]]) -> list[tuple[str, ...]]:
         """Return the cells of lines, column by column."""
-        rows = [self._layout.row(row) for row in split([text for _, text in block], self._layout.delimiter)]
+        rows = [self._layout.row(row) for row in split_numbered(self.path, block, self._layout.delimiter)]
         width = len(self._layout.names)
-        for (n, _), row in zip(block, rows, strict=False):
+        for (n, _), row in zip(block, rows, strict=True):
             if len(row) != width:
                 raise InputError(
                     f"{self.path}: line {n}: {len(row)} cells, expected the {width} of "
                     "the line with the names"
                 )
-        if len(rows) < len(block):  # a quoted cell that goes over several lines
-            raise InputError(f"{self.path}: line {block[len(rows)][0]}: within quotes, expected cells")
         return list(zip(*rows, strict=True))
 
     def _numbers(self, block: Sequence[tuple[int, str]], cells: Sequence[str], name: str) -> Array:
