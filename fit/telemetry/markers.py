@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
+from fit.telemetry.contract import CHANNELS
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
 
 
 def check_markers(place: str, channel: str, parts: Iterable[Array], fs: float) -> None:
-    """Refuse telemetry in which a number seems to mark missing samples; InputError that names it."""
+    """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it."""
     extreme = Extreme()
     for values in parts:
         extreme.add(values)
@@ -90,7 +91,7 @@ class Extreme:
 
     def is_marker(self, channel: str) -> bool:
         """Say whether the value marks missing samples of a channel, as far as one can see."""
-        if not 2 <= self.count < self._size:
+        if channel not in CHANNELS or not 2 <= self.count < self._size:
             return False
         size = abs(self.value)
         usual = size >= _HUGE or bool(np.any(np.isclose(size, USUAL, rtol=_SINGLE, atol=0.0)))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
+from fit.files import key
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
@@ -166,14 +167,11 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
     telemetry = read_stretch(path, 0, None)
-    for name in REQUIRED if not own else ():
-        check_markers(f"{path}: channel {name}", name, _parts(telemetry, name), telemetry.fs)
     lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _parts(telemetry, name))}
     flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
     check_missing({f"{path}: channel {name}": lost for name, lost in flags.items()}, telemetry.fs)
-    for name in telemetry.channels.keys() - set(REQUIRED) if not own else ():
-        for _ in _parts(telemetry, name):  # its values are checked here, not in the middle of a fit
-            pass
+    for name in telemetry.channels if not own else ():  # values are checked here, not in the middle of a fit
+        check_markers(f"{path}: channel {key(name)}", name, _parts(telemetry, name), telemetry.fs)
     return telemetry
 
 

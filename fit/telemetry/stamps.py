@@ -33,10 +33,11 @@ _FIRST, _LAST = (
     88069.0,
 )  # MJD of 1960 and 2100: UTC began with the one, and nothing flies after the other
 _DAY = 86400.0  # s
+_CLOCK_ERROR = 1e-6  # of the rate of a clock, which changes no estimate
 _CLOCK = r"\d\d:\d\d(?::\d\d(?:[.,](?P<digits>\d*))?)?"
 _ZONE = r"\s*(?:Z|UTC|[+-]00:?00)?"
 _TEXTS = {  # with the format of astropy that each is turned into
-    "isot": re.compile(rf"(?P<day>\d{{4}}-\d\d-\d\d)[T ]\s*(?P<clock>{_CLOCK}){_ZONE}"),
+    "isot": re.compile(rf"(?P<day>\d{{4}}([-/])\d\d\2\d\d)[T ]\s*(?P<clock>{_CLOCK}){_ZONE}"),
     "yday": re.compile(rf"(?P<day>\d{{4}}[:-]\d{{3}})[T :]\s*(?P<clock>{_CLOCK}){_ZONE}"),
 }
 _EXAMPLES = {"isot": "2016-04-16T14:00:00.000Z", "yday": "2016:107:14:00:00.000"}
@@ -120,24 +121,36 @@ def uniform(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]
     The rounding of stamps to their last digit is no jitter: if they are uniform but for that, the exact grid
     is returned.
     """
-    seconds, digit = stamps.seconds, stamps.resolution
+    seconds = stamps.seconds
     if not seconds[-1] > seconds[0]:
         _refuse_single(place, stamps)
         raise InputError(f"{place}: from {seconds[0]:g} s to {seconds[-1]:g} s, expected it to increase")
-    rates = [fs] if fs is not None else _rates(seconds, digit)
-    grid = np.arange(seconds.size)
+    rates = [fs] if fs is not None else _rates(seconds, stamps.resolution)
     for rate in rates:
-        even = grid / rate
+        even = np.arange(seconds.size) / rate
         try:
             check_time(place, seconds, rate)
         except InputError:
-            if digit <= 0.5 / rate and np.ptp(seconds - even) <= 1.1 * digit + 1e-3 / rate:
+            if _is_rounded(seconds - even, stamps.resolution, rate):
                 return even, rate
         else:
             return (seconds if stamps.t0 is None else even), rate
     _refuse_single(place, stamps)
     check_time(place, seconds, rates[0])
     return seconds, rates[0]
+
+
+def _is_rounded(off: Array, digit: float, rate: float) -> bool:
+    """Return whether times are `off` a uniform grid by no more than their last digit.
+
+    It must be finer than half a sample, so that one sample too many or too few shows. A clock may be wrong by
+    1e-6, as elsewhere.
+    """
+    n = np.arange(off.size)
+    slope = float(np.polyfit(n, off, 1)[0])
+    if abs(slope) * rate <= _CLOCK_ERROR:
+        off = off - slope * n
+    return digit <= 0.5 / rate and bool(np.ptp(off) <= 1.1 * digit + 1e-3 / rate)
 
 
 def check_same(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
@@ -284,7 +297,7 @@ def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None,
         raise _no_stamp(place, cells, start, matches.index(None), format_)
     hyphen, separator = ("-", "T") if format_ == "isot" else (":", ":")
     spelt = [
-        f"{m['day'].replace('-', hyphen)}{separator}{m['clock'].replace(',', '.')}"
+        f"{m['day'].replace('/', '-').replace('-', hyphen)}{separator}{m['clock'].replace(',', '.')}"
         for m in matches
         if m is not None
     ]
@@ -365,12 +378,12 @@ def _without_step(unix: Array, seconds: Array) -> Array:
 
 
 def _rates(seconds: Array, digit: float) -> list[float]:
-    """Return sample rates [Hz] that the mean may stand for: round ones, those of round periods, itself."""
+    """Return sample rates [Hz] to try: round ones, those of round periods, the mean, and the best fit."""
     span = float(seconds[-1])
     mean = (seconds.size - 1) / span
-    tolerance = max(1e-6, 2 * digit / span)
+    tolerance = max(_CLOCK_ERROR, 2 * digit / span)
     spelt = [f"{{:.{digits}g}}" for digits in range(1, 6)]
     candidates = (rate for s in spelt for rate in (float(s.format(mean)), 1 / float(s.format(1 / mean))))
     rates = [rate for rate in candidates if math.isclose(rate, mean, rel_tol=tolerance)]
-    slope = float(np.polyfit(np.arange(seconds.size), seconds, 1)[0]) if tolerance > 1e-6 else 1 / mean
-    return [*dict.fromkeys(rates[:2]), 1 / slope]
+    slope = float(np.polyfit(np.arange(seconds.size), seconds, 1)[0])
+    return [*dict.fromkeys(rates[:2]), mean, *([1 / slope] if slope > 0 else [])]
