@@ -54,7 +54,13 @@ def _series(path: Path, file: h5py.File) -> dict[str, Series]:
             dotted = name.replace("/", ".")
             series.update(_of_dataset(f"/{name}" if dotted in series else dotted, item))
 
+    def visit_link(name: str, link: object) -> None:
+        if not isinstance(link, h5py.HardLink):
+            dotted = name.replace("/", ".")
+            series.setdefault(dotted, Series(Column(None, reason="a link"), source=dotted))
+
     file.visititems(visit)
+    file.visititems_links(visit_link)
     if of_classes:
         series = {k: each for k, each in series.items() if k.partition(".")[0] not in of_classes}
         series |= objects.series_of_file(path, of_classes)
