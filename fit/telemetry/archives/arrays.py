@@ -130,6 +130,8 @@ def series_of(name: str, array: Any, unit: str | None = None) -> dict[str, Serie
     unit : str or None
         As the file states it.
     """
+    if array.dtype.names == ("real", "imag"):  # of MATLAB 7.3
+        return {name: Series(Column(None, unit, _KINDS["c"]), source=name)}
     if array.dtype.names:
         series: dict[str, Series] = {}
         for member in array.dtype.names:
@@ -158,6 +160,8 @@ def _plain(name: str, array: Any, unit: str | None) -> dict[str, Series]:
 
 def _matrix(name: str, array: Any, unit: str | None) -> dict[str, Series]:
     axes = [axis for axis, n in enumerate(array.shape) if n != 1]
+    if isinstance(array, h5py.Dataset) and "MATLAB_class" in array.attrs:  # stored column by column
+        axes.reverse()
     time = axes[0] if array.shape[axes[0]] >= array.shape[axes[1]] else axes[1]
     (other,) = set(axes) - {time}
     count = array.shape[other]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fit.telemetry.archives.arrays import Series
-from fit.telemetry.archives.table import Column
+from fit.telemetry.archives.table import Column, clean_unit
 from fit.telemetry.datasets import plain
 
 _UNITS = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
@@ -16,7 +16,7 @@ _MISSING = ("_FillValue", "missing_value")
 def unit_of(attributes: Mapping[str, Any]) -> str | None:
     """Return the unit that attributes state; of "seconds since 2016-04-16", as netCDF has it, "seconds"."""
     stated = next((plain(attributes[name]) for name in _UNITS if name in attributes), None)
-    return stated.partition(" since ")[0].strip() or None if isinstance(stated, str) else None
+    return clean_unit(stated.partition(" since ")[0]) if isinstance(stated, str) else None
 
 
 def decoded(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -> Series:

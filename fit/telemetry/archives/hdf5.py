@@ -43,7 +43,10 @@ def _series(path: Path, file: h5py.File) -> dict[str, Series]:
         if kind is not None:
             of_classes.setdefault(top, kind)
         elif isinstance(item, h5py.Group):
-            frame = dataframes.series_of(name.replace("/", "."), item)
+            dotted, reason = name.replace("/", "."), matlab73.reason_of(item)
+            frame = dataframes.series_of(dotted, item)
+            if reason:
+                frame = {dotted: Series(Column(None, reason=reason), source=dotted)}
             if frame is not None:
                 frames.append(name)
                 series.update(frame)
@@ -51,7 +54,13 @@ def _series(path: Path, file: h5py.File) -> dict[str, Series]:
             dotted = name.replace("/", ".")
             series.update(_of_dataset(f"/{name}" if dotted in series else dotted, item))
 
+    def visit_link(name: str, link: object) -> None:
+        if not isinstance(link, h5py.HardLink):
+            dotted = name.replace("/", ".")
+            series.setdefault(dotted, Series(Column(None, reason="a link"), source=dotted))
+
     file.visititems(visit)
+    file.visititems_links(visit_link)
     if of_classes:
         series = {k: each for k, each in series.items() if k.partition(".")[0] not in of_classes}
         series |= objects.series_of_file(path, of_classes)
@@ -70,6 +79,9 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
         return {name: Series(Column(None, reason=reason), source=name)}
     if matlab == "char":
         return {name: matlab73.letters(dataset, name)}
+    if matlab is None and matlab73.is_member(dataset):
+        struct, _, field = name.rpartition(".")
+        return matlab73.members(dataset, struct, field)
     if matlab == "cell":
         return matlab73.cells(dataset, name)
     series = series_of(name, dataset, unit_of(dataset.attrs))

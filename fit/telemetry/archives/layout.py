@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit.errors import InputError, shown
-from fit.telemetry.archives.table import is_unit, split_unit
+from fit.telemetry.archives.table import MISSING, clean_unit, is_unit, split_unit
 
 COMMENTS = ("#", "%")
-#: Words for a missing sample, beside "nan" and nothing: those of pandas, R and Excel.
-MISSING = ("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "--")
 _DELIMITERS = ("\t", ";", ",", " ")
 _TAIL = 50  # lines that show what the columns are
 _FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d+)|([+-]?\d*\.\d*)([+-]\d{3})")
@@ -188,7 +186,7 @@ def _names(
     if len(candidates) > 1 and _are_units(candidates[-2], candidates[-1], is_text):
         stated = [cell.strip() for cell in candidates.pop()]
     names = [cell.strip() for cell in candidates[-1]] if candidates else [""] * width
-    return names, [_unit(cell) or split_unit(name)[1] for cell, name in zip(stated, names, strict=True)]
+    return names, [clean_unit(cell) or split_unit(name)[1] for cell, name in zip(stated, names, strict=True)]
 
 
 def unique(names: Sequence[str]) -> list[str]:
@@ -208,16 +206,9 @@ def _are_units(names: Sequence[str], row: Sequence[str], is_text: Sequence[bool]
     """Return whether a line below the names is that of the units of the numbers."""
     others = sum(map(is_unit, names))
     cells = [cell.strip() for cell, text in zip(row, is_text, strict=True) if cell.strip() and not text]
-    known = sum(_unit(cell) is None or is_unit(cell) for cell in cells)
+    known = sum(clean_unit(cell) is None or is_unit(cell) for cell in cells)
     in_brackets = any(cell[0] + cell[-1] in ("[]", "()") for cell in cells)
     return in_brackets or known == len(cells) or (2 * known >= len(cells) and known > others)
-
-
-def _unit(cell: str) -> str | None:
-    text = cell.strip()
-    if text and text[0] + text[-1] in ("[]", "()"):
-        text = text[1:-1].strip()
-    return None if text in ("-", "1", *MISSING) else text
 
 
 def _decimal(path: Path, lines: Sequence[tuple[int, str]], rows: Sequence[list[str]], delimiter: str) -> str:

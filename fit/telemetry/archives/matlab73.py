@@ -1,5 +1,6 @@
 """What MATLAB stores in HDF5 in a way of its own (.mat files of version 7.3): letters, cells and objects."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -34,18 +35,42 @@ def letters(dataset: h5py.Dataset, name: str) -> Series:
     return Series(Column(dataset.shape[1], reason="text", text=True), read, name)
 
 
+def reason_of(group: h5py.Group) -> str:
+    """Return what a group is that holds one value, and no values by name; empty for others."""
+    if "MATLAB_sparse" in group.attrs:
+        return "a sparse matrix"
+    return "a function" if plain(group.attrs.get("MATLAB_class")) == "function_handle" else ""
+
+
+def is_member(dataset: h5py.Dataset) -> bool:
+    """Return whether a dataset refers to the values of a field in an array of structs."""
+    return dataset.dtype == h5py.ref_dtype and plain(dataset.parent.attrs.get("MATLAB_class")) == "struct"
+
+
+def members(dataset: h5py.Dataset, struct: str, field: str) -> dict[str, Series]:
+    """Return the columns ``struct[k].field`` of an array of structs."""
+    return _numbers(dataset, lambda k: f"{struct}[{k}].{field}")
+
+
 def cells(dataset: h5py.Dataset, name: str) -> dict[str, Series]:
     """Return a cell array: one column of texts, or ``name[k]`` for each cell with numbers."""
     references = _references(dataset)
-    if references and _is_text(dataset.file[references[0]]):
+    if references and all(_is_text(dataset.file[reference]) for reference in references[:_MOST_CELLS]):
         read = partial(_texts, dataset.file, references)
         return {name: Series(Column(len(references), reason="text", text=True), read, name)}
+    series = _numbers(dataset, lambda k: f"{name}[{k}]")
+    return series or {name: Series(Column(None, reason="a cell array"), source=name)}
+
+
+def _numbers(dataset: h5py.Dataset, name: Callable[[int], str]) -> dict[str, Series]:
+    """Return the columns of numbers that a dataset refers to, the k-th by the name of k."""
     series: dict[str, Series] = {}
+    references = _references(dataset)
     for k, reference in enumerate(references if len(references) <= _MOST_CELLS else [], 1):
         cell = dataset.file[reference]
         if _are_numbers(cell):
-            series |= series_of(f"{name}[{k}]", cell)
-    return series or {name: Series(Column(None, reason="a cell array"), source=name)}
+            series |= series_of(name(k), cell)
+    return series
 
 
 def _references(dataset: h5py.Dataset) -> list[h5py.Reference]:

@@ -14,6 +14,7 @@ from fit.telemetry.archives.table import Column
 
 _DEEPEST = 20  # structs in structs; objects may contain each other
 _MOST_ITEMS = 100  # of an array of structs or objects
+_REFERENCE = 0xDD000000  # what an object that mat-io cannot find begins with
 
 
 def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
@@ -42,6 +43,8 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
         if name in values and not _is_object(values[name]):
             series |= columns
             continue
+        if name in columns and columns[name].read is None:
+            del columns[name]  # the class says more
         if readable:
             more = f" and {len(readable) - 5} more" if len(readable) > 5 else ""
             reason = f"an object of class {kind} with the columns {', '.join(readable[:5])}{more}"
@@ -100,15 +103,16 @@ def flat(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
     if isinstance(value, list):  # of structs
         value = np.fromiter(value, dtype=object, count=len(value))
     if not isinstance(value, np.ndarray):
-        what = "text" if isinstance(value, str | bytes) else "a single value"
+        scalar = isinstance(value, int | float | complex | np.generic)
+        what = "text" if isinstance(value, str | bytes) else "a single value" if scalar else "an object"
         return {name: Series(Column(None, reason=what), source=name)}
     if value.dtype.kind in "OV":
         return _of_items(name, value, depth)
+    if value.dtype == np.uint32 and value.size and value.flat[0] == _REFERENCE:
+        return {name: Series(Column(None, reason="an object whose content is damaged"), source=name)}
     if value.dtype.kind == "m":  # durations
-        return {
-            each: one.scaled(1.0)
-            for each, one in series_of(name, value / np.timedelta64(1, "s"), "s").items()
-        }
+        years = np.datetime_data(value.dtype)[0] in ("Y", "M")
+        return series_of(name, (value.astype("m8[s]") if years else value) / np.timedelta64(1, "s"), "s")
     return series_of(name, value)
 
 

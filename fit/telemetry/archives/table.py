@@ -25,6 +25,8 @@ T = TypeVar("T")
 BLOCK = 2**14  # samples in memory at a time
 #: What libraries raise while they read a damaged file.
 FAILURES = (OSError, EOFError, RuntimeError, MemoryError, csv.Error, zlib.error, lzma.LZMAError)
+#: Words for a missing sample, beside "nan" and nothing: those of pandas, R and Excel.
+MISSING = ("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "--")
 _UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
 
 
@@ -157,6 +159,14 @@ def split_unit(name: str) -> tuple[str, str | None]:
     if unit.isdecimal() or (match["square"] is None and not is_unit(unit)):
         return name, None
     return match["name"], None if unit in ("", "-") else unit
+
+
+def clean_unit(text: str) -> str | None:
+    """Return a unit without brackets around it, as LTPDA writes them; None if it says that there is none."""
+    unit = text.strip()
+    if unit and unit[0] + unit[-1] in ("[]", "()"):
+        unit = unit[1:-1].strip()
+    return None if unit in ("-", "1", *MISSING) else unit
 
 
 def is_unit(text: str) -> bool:

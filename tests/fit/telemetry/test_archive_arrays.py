@@ -74,11 +74,10 @@ def test_hdf5_of_any_layout(tmp_path, monkeypatch):
         file["a.b/c"] = X
         file["a/b.c"] = Y
         file.create_dataset("packed", data=Y, chunks=(7,), compression="gzip", shuffle=True)
-        file["packed"].attrs["unit"] = np.bytes_(b"pm s^-2")
+        file["packed"].attrs["unit"] = np.bytes_(b"[pm s^(-2)]")
         file["out"], file["rows"] = OUT, OUT.T
         file["records"] = records
         file["utc"] = STAMPS
-        file["link"] = h5py.SoftLink("/out")
         file["z [nm]"] = Y.reshape(1, N)
     expected = {
         "a.b.c": Y,
@@ -96,7 +95,7 @@ def test_hdf5_of_any_layout(tmp_path, monkeypatch):
         "z [nm]": Y,
     }
     same(read(tmp_path / "a.h5"), expected)
-    assert units(tmp_path / "a.h5") == {"oms.x": "nm", "packed": "pm s^-2", "z [nm]": "nm"}
+    assert units(tmp_path / "a.h5") == {"oms.x": "nm", "packed": "pm s^(-2)", "z [nm]": "nm"}
     same(read(tmp_path / "a.h5", "oms"), {"t": T, "x": X.astype("f4")})
     same(read(tmp_path / "a.h5", "/oms"), {"t": T, "x": X.astype("f4")})
     same(read(tmp_path / "a.h5", "rows"), {str(k + 1): OUT[:, k] for k in range(3)})
@@ -119,6 +118,7 @@ def test_hdf5_of_any_layout(tmp_path, monkeypatch):
 def test_what_in_hdf5_is_no_column(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["cube"], file["complex"], file["scalar"], file["empty"] = np.ones((3, 4, 5)), 1j * T, 1.0, []
+        file["link"], file["other"] = h5py.SoftLink("/cube"), h5py.ExternalLink("other.h5", "/x")
         file["text"], file["reference"] = "abc", file["cube"].ref
         file["nothing"] = h5py.Empty("f8")
         file.create_dataset("elsewhere", (N,), "f8", external=[(tmp_path / "x.bin", 0, 8 * N)])
@@ -130,8 +130,10 @@ def test_what_in_hdf5_is_no_column(tmp_path):
         "cube": "an array of shape (3, 4, 5)",
         "elsewhere": "kept in other files",
         "empty": "empty",
+        "link": "a link",
         "lists": "objects",
         "nothing": "empty",
+        "other": "a link",
         "reference": "objects",
         "scalar": "a single value",
         "text": "text",
@@ -275,6 +277,41 @@ def test_matlab(tmp_path):
         read(tmp_path / "new.mat"),
         {name: expected[name] for name in sorted(expected, key=str) if not name.startswith(("runs", "utc"))},
     )
+
+
+@pytest.mark.parametrize("version", ["v7", "v7.3"])
+def test_every_version_of_matlab_gives_the_same(tmp_path, version):
+    runs = np.array([[(X, "first"), (Y, "second")]], dtype=[("x", "O"), ("name", "O")])
+    cells, mixed = np.empty((1, 2), dtype=object), np.empty((1, 2), dtype=object)
+    cells[0, :], mixed[0, :] = [T, X], ["x", X]
+    variables = {
+        "square": np.arange(9.0).reshape(3, 3),
+        "across": OUT.T,
+        "runs": runs,
+        "z": 1j * T,
+        "cells": cells,
+        "mixed": mixed,
+        "names": np.array([["ab"], ["cde"]], dtype=object),
+        "logical": T > 3,
+        "label": "of a test",
+        "single": X.astype("f4"),
+    }
+    save_to_mat(tmp_path / "a.mat", variables, version=version)
+    found = {name: values for name, values in read(tmp_path / "a.mat").items() if values.size > 1}
+    expected = {
+        **{f"square[{k + 1}]": np.arange(9.0).reshape(3, 3)[:, k] for k in range(3)},
+        **{f"across[{k + 1}]": OUT[:, k] for k in range(3)},
+        "runs[1].x": X,
+        "runs[2].x": Y,
+        "cells[1]": T,
+        "cells[2]": X,
+        "mixed[2]": X,
+        "names": ["ab", "cde"],
+        "logical": T > 3,
+        "single": X.astype("f4"),
+    }
+    same(dict(sorted(found.items())), dict(sorted(expected.items())))
+    assert reasons(tmp_path / "a.mat")["z"] == "complex numbers"
 
 
 def test_objects_of_the_first_matlab(tmp_path):

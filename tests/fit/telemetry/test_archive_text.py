@@ -118,6 +118,12 @@ def test_compressed(tmp_path, suffix, pack):
         columns(path)
 
 
+def test_a_bomb_of_a_text(tmp_path):
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"t,x\n" + b"1" * 2**22))
+    with pytest.raises(InputError, match=r"a\.csv\.gz: line 2: 1048576 letters or more, expected a row"):
+        columns(tmp_path / "a.csv.gz")
+
+
 def test_long_texts_come_in_blocks(tmp_path, monkeypatch):
     monkeypatch.setattr("fit.telemetry.archives.table.BLOCK", 100)
     lines = "".join(f"{i},-{i}.5,{STAMPS[i % 3]}\n" for i in range(1050))
