@@ -21,8 +21,8 @@ from fit.telemetry.archives import is_text, look
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
 from fit.telemetry.datasets import MAX_SAMPLES, check_missing, check_time, check_values
 from fit.telemetry.maps import Map, Place, attributes_of, load, places_of_run
-from fit.telemetry.markers import Extreme, without
-from fit.telemetry.sources import ArchiveColumn, Archives, blocks, description
+from fit.telemetry.markers import Extreme, replace_markers
+from fit.telemetry.sources import ArchiveColumn, Archives, describe, read_blocks
 from fit.telemetry.writer import Writer
 
 Array = NDArray[np.float64]
@@ -65,30 +65,30 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
         return list(paths)
     refuse_links(folder)
     places: dict[str, str] = {}
-    for path, found in maps.items():
-        for i, source in enumerate(found.runs):
+    for path, mapping in maps.items():
+        for i, source in enumerate(mapping.runs):
             place = f"{path}: runs[{i}]"
             twin = places.setdefault(source.run, place)
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
     _guard(
         place
-        for p, found in maps.items()
-        for i in range(len(found.runs))
-        for place in places_of_run(p, found, i)
+        for p, mapping in maps.items()
+        for i in range(len(mapping.runs))
+        for place in places_of_run(p, mapping, i)
     )
     earlier = _converted(folder)
     above = next(p for p in folder.resolve().parents if p.is_dir())
     with tempfile.TemporaryDirectory(prefix=".conversion-", dir=above) as made:
-        for path, found in maps.items():
-            for i in range(len(found.runs)):
-                _write(path, found, i, Path(made), any_gaps=any_gaps)
+        for path, mapping in maps.items():
+            for i in range(len(mapping.runs)):
+                _write(path, mapping, i, Path(made), any_gaps=any_gaps)
         folder.mkdir(parents=True, exist_ok=True)
         for file in earlier:
             file.unlink()
         for run in places:
             (Path(made) / f"{run}.h5").replace(folder / f"{run}.h5")
-    runs = {path: [folder / f"{source.run}.h5" for source in found.runs] for path, found in maps.items()}
+    runs = {path: [folder / f"{source.run}.h5" for source in mapping.runs] for path, mapping in maps.items()}
     return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
 
 
@@ -115,11 +115,11 @@ def _converted(folder: Path) -> list[Path]:
     return files
 
 
-def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> None:
+def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) -> None:
     """Write one run."""
-    attributes = attributes_of(path, found, i)
+    attributes = attributes_of(path, mapping, i)
     with ExitStack() as stack:
-        archives = Archives(stack, path, found, i)
+        archives = Archives(stack, path, mapping, i)
         columns = archives.columns(attributes)
         clock = archives.time(columns.values())
         reference = clock[1].seconds.size if clock else columns["o_1"].size
@@ -140,9 +140,9 @@ def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> N
             _MARK: path.name,
             "archive_map_sha256": _digest(path),
         }
-        described = {name: description(name, column) for name, column in columns.items()}
+        described = {name: describe(name, column) for name, column in columns.items()}
         with Writer(
-            folder / f"{found.runs[i].run}.h5", reference, described, {**attributes, **origin}
+            folder / f"{mapping.runs[i].run}.h5", reference, described, {**attributes, **origin}
         ) as writer:
             missing = _copy(columns, writer, time, fs)
             if not any_gaps:
@@ -158,13 +158,13 @@ def _time(
         fs = check_root(run, {"t0": "2000-01-01T00:00:00Z", **attributes}).fs
     if clock is None:
         return np.arange(size) / float(attributes["fs"])
-    place, found = clock
-    time, rate = stamps.uniform(place, found, fs)
+    place, column = clock
+    time, rate = stamps.fit_grid(place, column, fs)
     attributes.setdefault("fs", rate)
-    if found.t0 is not None:
+    if column.t0 is not None:
         if "t0" in attributes:
-            stamps.check_start(f"{run}.t0", str(attributes["t0"]), found, rate)
-        attributes["t0"] = found.t0
+            stamps.check_start(f"{run}.t0", str(attributes["t0"]), column, rate)
+        attributes["t0"] = column.t0
     elif "t0" not in attributes:
         raise InputError(
             f"{run}.t0: missing, expected the UTC of the first sample, or time stamps with a format in [time]"
@@ -180,10 +180,10 @@ def _copy(
     extremes = {name: Extreme() for name in columns}
     fault: InputError | None = None
     start = 0
-    for block in blocks(columns):
+    for block in read_blocks(columns):
         values = {}
         for name, column in columns.items():
-            raw = without(block[name], column.missing)
+            raw = replace_markers(block[name], column.missing)
             extremes[name].add(raw)
             values[name] = raw * column.factor
         stop = start + values["o_1"].size

@@ -61,8 +61,8 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
     name : str
         Its file name.
     archives : sequence of Path
-        A run is made of each, and columns are recognised by the names in the first; without any the map is
-        an example.
+        A run is made of each, and columns are recognised by the names in the first. Files called
+        ``RUN_CHANNEL``, such as ``A_o_12.txt``, are those of one run. Without any the map is an example.
     folder : Path
         Where the map is going to be.
 
@@ -84,49 +84,82 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
         return "\n".join([head, *body, *_run("A.csv", "A"), *_run("A-noise.csv", "A-noise")])
     first = known[0]
     listed = [f"#   {_text(column):30} {_about(of)}".rstrip() for column, of in first.columns.items()]
-    runs = [
-        _run(_relative(archive.path, folder), run, is_stamped=archive.is_stamped)
-        for run, archive in _runs(known).items()
-    ]
-    return "\n".join(
-        [
-            head,
-            *_time(first),
-            f"# Columns of {first.path.name}:",
-            *listed,
-            "[channels]",
-            *_channels(first),
-            "",
-            *(line for run in runs for line in run),
-        ]
-    )
+    series = _series(archives)
+    if series is None:
+        files = {run: _relative(archive.path, folder) for run, archive in _runs(known).items()}
+        channels = [*_channels(first)]
+    else:
+        files = dict.fromkeys(series.runs, _relative(series.template, folder))
+        channels = [*_channels_of_series(first, series.channels)]
+    runs = [line for run, file in files.items() for line in _run(file, run, is_stamped=first.is_stamped)]
+    columns = [f"# Columns of {first.path.name}:", *listed, "[channels]"]
+    return "\n".join([head, *_time(first), *columns, *channels, "", *runs])
 
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON Schema of a map."""
-    found = Map.model_json_schema()
+    schema = Map.model_json_schema()
     quantity = [{"type": "number"}, {"type": "string"}]
     attributes = {
         name: {"description": f"in {unit}, or a quantity with its unit", "anyOf": quantity} if unit else {}
         for name, unit in ATTRIBUTES.items()
     }
-    found["properties"]["attributes"] |= {"properties": attributes, "additionalProperties": False}
-    run = found["$defs"]["Source"]
+    schema["properties"]["attributes"] |= {"properties": attributes, "additionalProperties": False}
+    run = schema["$defs"]["Source"]
     run["properties"] = {**attributes, **run["properties"]}
     run["additionalProperties"] = False
-    channels = found["properties"]["channels"]
+    channels = schema["properties"]["channels"]
     channel = channels.pop("additionalProperties")
     described = {
         name: {**channel, "description": f"{about.long_name}, in {about.unit or 1}"}
         for name, about in CHANNELS.items()
     }
     channels |= {"properties": described, "required": list(REQUIRED), "additionalProperties": False}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Archives of one channel each: where they are, with ``{run}`` and ``{channel}``, and of which."""
+
+    template: Path
+    runs: Sequence[str]
+    channels: Sequence[str]
+
+
+def _series(archives: Sequence[Path]) -> _Series | None:
+    """Return what archives are called, None if not all are ``RUN_CHANNEL``."""
+    templates, runs, channels = set(), [], []
+    for path in archives:
+        stem, dot, suffix = path.name.partition(".")
+        ends = [channel for channel in CHANNELS if stem.endswith((f"_{channel}", f"-{channel}"))]
+        channel = max(ends, key=len, default="")
+        run, sign = stem[: -len(channel) - 1], stem[-len(channel) - 1 :][:1]
+        if not channel or not run:
+            return None
+        templates.add(path.with_name(f"{{run}}{sign}{{channel}}{dot}{suffix}"))
+        runs.append(run)
+        channels.append(channel)
+    if len(templates) != 1 or len(set(channels)) < 2:
+        return None
+    return _Series(templates.pop(), list(dict.fromkeys(runs)), [c for c in CHANNELS if c in channels])
+
+
+def _channels_of_series(archive: _Archive, channels: Sequence[str]) -> Iterator[str]:
+    """Yield the channels of files that have time and value."""
+    values = [n for n, name in enumerate(archive.columns, 1) if name != archive.time]
+    column = str(values[0]) if len(values) == 1 else f'"{BLANK}"'
+    unit = [*archive.columns.values()][values[0] - 1].unit if len(values) == 1 else None
+    for channel in channels:
+        stated = "" if unit else f", unit = {_text(_unit(channel))}"
+        yield f"{channel} = {{ column = {column}{stated} }}"
 
 
 def _read(path: Path) -> _Archive:
     with opened(path, None) as table:
         time = next((name for name in table.columns if _is_time(table, name)), None)
+        if time is None and list(table.columns) == ["1", "2"]:  # without names: time and value
+            time = "1"
         is_stamped = time is not None and (table.columns[time].text or any(_format(time)))
         return _Archive(path, dict(table.columns), time, is_stamped)
 
@@ -151,7 +184,8 @@ def _time(archive: _Archive) -> list[str]:
             f'fs = "{BLANK}"                     # sample rate, such as "10 Hz": no column of time was seen',
             "",
         ]
-    lines = ["[time]", f"column = {_text(archive.time)}"]
+    number = archive.time if archive.time.isdecimal() else _text(archive.time)  # columns without names
+    lines = ["[time]", f"column = {number}"]
     if archive.columns[archive.time].text:
         return [*lines, '# scale = "tai"                    # of the time stamps, if not utc', ""]
     format_ = next(_format(archive.time), None)

@@ -162,24 +162,24 @@ def load(path: Path) -> Map:
         stated = shown(document["schema"]) if "schema" in document else "missing"
         raise InputError(f"{path}: schema: {stated}, expected {SCHEMA!r}")
     try:
-        found = Map.model_validate(document)
+        mapping = Map.model_validate(document)
     except ValidationError as error:
         raise InputError(f"{path}: {told(error)}") from error
-    _check_channels(path, found)
-    _check_clock(path, found.time)
-    for i in range(len(found.runs)):
-        attributes = attributes_of(path, found, i)
-        if found.time is None:
+    _check_channels(path, mapping)
+    _check_clock(path, mapping.time)
+    for i in range(len(mapping.runs)):
+        attributes = attributes_of(path, mapping, i)
+        if mapping.time is None:
             if "fs" not in attributes:
                 raise InputError(f"{path}: time: missing, expected the column it is in, or an attribute fs")
         else:  # time stamps say when a run starts
             attributes.setdefault("t0", "2000-01-01T00:00:00Z")
         check_root(f"{path}: runs[{i}]", {"fs": 1.0, **attributes})
-        _check_files(path, found, i)
-    return found
+        _check_files(path, mapping, i)
+    return mapping
 
 
-def attributes_of(path: Path, found: Map, i: int) -> dict[str, str | int | float]:
+def attributes_of(path: Path, mapping: Map, i: int) -> dict[str, str | int | float]:
     """Return the root attributes of run `i`, those of all runs included, in SI.
 
     Raises
@@ -187,10 +187,10 @@ def attributes_of(path: Path, found: Map, i: int) -> dict[str, str | int | float
     InputError
         If one is not known or its value no such quantity.
     """
-    own = {"run": found.runs[i].run, **found.runs[i].__pydantic_extra__}
-    places = dict.fromkeys(found.attributes, "attributes") | dict.fromkeys(own, f"runs[{i}]")
+    of_run = {"run": mapping.runs[i].run, **mapping.runs[i].__pydantic_extra__}
+    places = dict.fromkeys(mapping.attributes, "attributes") | dict.fromkeys(of_run, f"runs[{i}]")
     values: dict[str, str | int | float] = {}
-    for name, value in {**found.attributes, **own}.items():
+    for name, value in {**mapping.attributes, **of_run}.items():
         where = f"{path}: {places[name]}.{key(name)}"
         if name not in ATTRIBUTES:
             raise InputError(f"{where}: not known{closest(name, ATTRIBUTES)}")
@@ -210,7 +210,7 @@ def attributes_of(path: Path, found: Map, i: int) -> dict[str, str | int | float
     return values
 
 
-def places_of(path: Path, found: Map, i: int, channel: str) -> list[Place]:
+def places_of(path: Path, mapping: Map, i: int, channel: str) -> list[Place]:
     """Return the tables of run `i` that may have the column of a channel, or of `TIME`.
 
     Raises
@@ -218,8 +218,8 @@ def places_of(path: Path, found: Map, i: int, channel: str) -> list[Place]:
     InputError
         If the run has no file for it.
     """
-    source = found.runs[i]
-    column = found.time if channel == TIME else found.channels[channel]
+    source = mapping.runs[i]
+    column = mapping.time if channel == TIME else mapping.channels[channel]
     assert column is not None
     if column.file is not None:
         names: list[str] = [column.file]
@@ -240,18 +240,21 @@ def places_of(path: Path, found: Map, i: int, channel: str) -> list[Place]:
     return [Place(path.parent / named(name), chosen) for name in dict.fromkeys(names)]
 
 
-def has_common_clock(found: Map, i: int) -> bool:
+def has_common_clock(mapping: Map, i: int) -> bool:
     """Say whether the time of run `i` is in one stated place, and not in each table beside the channels."""
-    source, clock = found.runs[i], found.time
+    source, clock = mapping.runs[i], mapping.time
     if clock is None or clock.file is not None or clock.table is not None:
         return True
     return isinstance(source.file, dict) and TIME in source.file
 
 
-def places_of_run(path: Path, found: Map, i: int) -> Iterator[Place]:
+def places_of_run(path: Path, mapping: Map, i: int) -> Iterator[Place]:
     """Yield the tables of run `i`, each once."""
-    names = [*found.channels, *([TIME] if found.time is not None and has_common_clock(found, i) else [])]
-    yield from dict.fromkeys(place for name in names for place in places_of(path, found, i, name))
+    names = [
+        *mapping.channels,
+        *([TIME] if mapping.time is not None and has_common_clock(mapping, i) else []),
+    ]
+    yield from dict.fromkeys(place for name in names for place in places_of(path, mapping, i, name))
 
 
 def factor_of(where: str, unit: str | None, channel: str, attributes: Mapping[str, Any]) -> float:
@@ -276,11 +279,11 @@ def factor_of(where: str, unit: str | None, channel: str, attributes: Mapping[st
         raise InputError(f"{where}: {error}, expected {si or '1'!r} or a multiple of it") from error
 
 
-def _check_channels(path: Path, found: Map) -> None:
+def _check_channels(path: Path, mapping: Map) -> None:
     for name in REQUIRED:
-        if name not in found.channels:
+        if name not in mapping.channels:
             raise InputError(f"{path}: channels.{name}: missing, expected the column it is in")
-    for name, column in found.channels.items():
+    for name, column in mapping.channels.items():
         if name not in CHANNELS:
             place = f"{path}: channels.{key(name)}"
             raise InputError(f"{place}: not known, expected a channel of the contract")
@@ -297,17 +300,19 @@ def _check_clock(path: Path, clock: Clock | None) -> None:
             f"{path}: time.unit: {shown(clock.unit)}, expected none with format {clock.format!r}"
         )
     if clock.format in SECONDS and clock.scale is not None:
-        raise InputError(f"{path}: time.scale: {clock.scale!r}, expected none: {clock.format!r} has its own")
+        raise InputError(
+            f"{path}: time.scale: {clock.scale!r}, expected none: {clock.format!r} has its of_run"
+        )
 
 
-def _check_files(path: Path, found: Map, i: int) -> None:
-    files = found.runs[i].file
+def _check_files(path: Path, mapping: Map, i: int) -> None:
+    files = mapping.runs[i].file
     if isinstance(files, dict):
         for name in files:
-            if name not in found.channels and (name != TIME or found.time is None):
-                known = [*found.channels, TIME]
+            if name not in mapping.channels and (name != TIME or mapping.time is None):
+                known = [*mapping.channels, TIME]
                 raise InputError(f"{path}: runs[{i}].file.{key(name)}: not known{closest(name, known)}")
-    for place in places_of_run(path, found, i):
+    for place in places_of_run(path, mapping, i):
         if not is_file(place.archive):
             name = str(place.archive).removeprefix(f"{path.parent}/")
             raise InputError(f"{path}: runs[{i}].file: {shown(name)}, no such file beside the map")

@@ -42,7 +42,7 @@ def check_markers(place: str, channel: str, parts: Iterable[Array], fs: float) -
         raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
 
 
-def without(values: Array, missing: Sequence[float]) -> Array:
+def replace_markers(values: Array, missing: Sequence[float]) -> Array:
     """Return values of an archive, NaN where one is a marker of missing samples."""
     for marker in missing:
         values = np.where(np.abs(values - marker) <= _SINGLE * abs(marker), np.nan, values)

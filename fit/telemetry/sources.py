@@ -59,8 +59,8 @@ class ArchiveColumn:
 class Archives:
     """The archives of run `i` of a map; each of their tables is opened once, until `stack` is closed."""
 
-    def __init__(self, stack: ExitStack, path: Path, found: Map, i: int) -> None:
-        self._stack, self._path, self._map, self._i = stack, path, found, i
+    def __init__(self, stack: ExitStack, path: Path, mapping: Map, i: int) -> None:
+        self._stack, self._path, self._map, self._i = stack, path, mapping, i
         self._tables: dict[Place, Table] = {}
 
     @property
@@ -101,8 +101,8 @@ class Archives:
             self._find(TIME, clock.column)
         place, reference = self._stamps(having[0], having[0].column(clock.column))
         for table in having[1:]:
-            another, found = self._stamps(table, table.column(clock.column))
-            stamps.check_same(another, found, place, reference)
+            another, stamps_there = self._stamps(table, table.column(clock.column))
+            stamps.check_agreement(another, stamps_there, place, reference)
         return place, reference
 
     def _table(self, place: Place) -> Table:
@@ -156,13 +156,13 @@ class Archives:
                 raise InputError(
                     f"{place}: texts, but the map has unit = {shown(clock.unit)}, expected numbers"
                 )
-            return place, stamps.texts(place, table.texts(name), clock.format, clock.scale, factor)
+            return place, stamps.read_texts(place, table.texts(name), clock.format, clock.scale, factor)
         blocks = (block for (block,) in table.blocks([name]))
         if clock.format is None:
-            return place, stamps.elapsed(place, blocks, factor_of(place, unit or None, TIME, {}))
+            return place, stamps.read_elapsed(place, blocks, factor_of(place, unit or None, TIME, {}))
         stated = unit if clock.format in SECONDS else None
         factor = factor_of(place, stated or None, TIME, {})
-        return place, stamps.numbers(place, blocks, clock.format, clock.scale, factor)
+        return place, stamps.read_numbers(place, blocks, clock.format, clock.scale, factor)
 
 
 def _key(name: str) -> str:
@@ -178,12 +178,12 @@ def _has(table: Table, wanted: str | int) -> bool:
     return True
 
 
-def blocks(columns: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:
+def read_blocks(columns: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:
     """Yield the samples of all channels, block by block, in the units of the archives; NaN where missing."""
     of_table: dict[int, dict[str, ArchiveColumn]] = {}
     for channel, column in columns.items():
         of_table.setdefault(id(column.table), {})[channel] = column
-    for parts in _together([_blocks_of_table(group) for group in of_table.values()]):
+    for parts in _align([_blocks_of_table(group) for group in of_table.values()]):
         yield {channel: part[channel] for part in parts for channel in part}
 
 
@@ -193,7 +193,7 @@ def _blocks_of_table(group: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, A
         yield dict(zip(group, block, strict=True))
 
 
-def _together(sources: Iterable[Iterator[dict[str, Array]]]) -> Iterator[list[dict[str, Array]]]:
+def _align(sources: Iterable[Iterator[dict[str, Array]]]) -> Iterator[list[dict[str, Array]]]:
     """Yield blocks of several tables of one length side by side, however each is cut."""
     iterators = list(sources)
     rest: list[dict[str, Array]] = [{} for _ in iterators]
@@ -212,6 +212,6 @@ def _size(part: Mapping[str, Array]) -> int:
     return next((values.size for values in part.values()), 0)
 
 
-def description(channel: str, column: ArchiveColumn) -> tuple[str, str]:
+def describe(channel: str, column: ArchiveColumn) -> tuple[str, str]:
     """Return unit and long name of a channel in the telemetry."""
     return CHANNELS[channel].unit, f"column {column.name} of {column.table.path.name}"

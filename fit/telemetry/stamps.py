@@ -69,7 +69,7 @@ class Stamps:
     start: float = 0.0
 
 
-def elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
+def read_elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
     """Read a column of seconds that count from anywhere, in units of `factor` seconds."""
     raw = np.concatenate([np.zeros(0), *blocks])
     check_finite(place, raw)
@@ -78,7 +78,7 @@ def elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
     return Stamps(np.asarray((raw - raw[:1]) * factor), digit * factor, is_single, start=start)
 
 
-def numbers(
+def read_numbers(
     place: str, blocks: Iterable[Array], format_: Format, scale: Scale | None, factor: float
 ) -> Stamps:
     """Read time stamps that are numbers; of a format that counts seconds, in units of `factor` seconds."""
@@ -93,16 +93,16 @@ def numbers(
     with _astropy():
         instants = _instants(place, raw * factor, format_, scale)
         stamps = _since_first(place, [(raw, instants)], lambda _: digit)
-    seconds = _without_step(raw * factor, stamps.seconds) if format_ == "unix" else stamps.seconds
+    seconds = _remove_step(raw * factor, stamps.seconds) if format_ == "unix" else stamps.seconds
     return replace(stamps, seconds=seconds, is_single=is_single)
 
 
-def texts(
+def read_texts(
     place: str, blocks: Iterable[Sequence[str]], format_: Format | None, scale: Scale | None, factor: float
 ) -> Stamps:
     """Read time stamps that are texts; without a `format_`, that of the first."""
     if format_ is not None and format_ not in _FORMATS_OF_TEXT:
-        return numbers(place, _numbers(place, blocks), format_, scale, factor)
+        return read_numbers(place, _numbers(place, blocks), format_, scale, factor)
 
     def read() -> Iterator[tuple[Sequence[str], "Time"]]:
         known, start = _FORMATS_OF_TEXT.get(format_ or ""), 0
@@ -115,7 +115,7 @@ def texts(
         return _since_first(place, read(), _last_digit)
 
 
-def uniform(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]:
+def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]:
     """Return the seconds since the first sample and the rate [Hz], by default the one that fits best.
 
     The rounding of stamps to their last digit is no jitter: if they are uniform but for that, the exact grid
@@ -153,7 +153,7 @@ def _is_rounded(off: Array, digit: float, rate: float) -> bool:
     return digit <= 0.5 / rate and bool(np.ptp(off) <= 1.1 * digit + 1e-3 / rate)
 
 
-def check_same(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
+def check_agreement(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
     """Refuse the time stamps of one table that are not those of another table of the same run."""
     wanted = "expected the same time stamps in all files of a run"
     sizes = stamps.seconds.size, reference.seconds.size
@@ -315,10 +315,10 @@ def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None,
 def _time(spelt: Sequence[str], format_: str, scale: Scale | None) -> "Time":
     from astropy.time import Time
 
-    found = Time(spelt, format=format_, scale=scale or "utc")
-    if not np.all((found.mjd >= _FIRST) & (found.mjd < _LAST)):
+    times = Time(spelt, format=format_, scale=scale or "utc")
+    if not np.all((times.mjd >= _FIRST) & (times.mjd < _LAST)):
         raise ValueError("years that nothing flies in")
-    return found
+    return times
 
 
 def _no_stamp(place: str, cells: Sequence[str], start: int, n: int, format_: str) -> InputError:
@@ -361,7 +361,7 @@ def _refuse_single(place: str, stamps: Stamps) -> None:
         )
 
 
-def _without_step(unix: Array, seconds: Array) -> Array:
+def _remove_step(unix: Array, seconds: Array) -> Array:
     """Return seconds without the leap second that a POSIX clock counts twice, before midnight or after it."""
     steps = np.diff(seconds)
     usual = float(np.median(steps)) if steps.size else 0.0
@@ -372,9 +372,9 @@ def _without_step(unix: Array, seconds: Array) -> Array:
     to_midnight = (unix[[first, last]] + _DAY / 2) % _DAY - _DAY / 2
     if np.any(np.abs(to_midnight) > 1.5):
         return seconds
-    found = seconds.copy()
-    found[first:last] -= 1.0 if late[0] < early[0] else -1.0
-    return found
+    steady = seconds.copy()
+    steady[first:last] -= 1.0 if late[0] < early[0] else -1.0
+    return steady
 
 
 def _rates(seconds: Array, digit: float) -> list[float]:

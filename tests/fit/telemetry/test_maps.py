@@ -268,6 +268,26 @@ def test_an_archive_without_a_map_points_to_one(lpfcosim, tmp_path, name):
     np.testing.assert_array_equal(run.channels["f_x_1"], COLUMNS["f_x_1"])
 
 
+def test_a_draft_of_a_file_for_each_channel(lpfcosim, tmp_path):
+    runs = ("E7", "E7_noise")
+    names = [f"{run}_{channel}.txt" for run in runs for channel in COLUMNS if channel != "t"]
+    for name in names:
+        columns = [COLUMNS["t"], COLUMNS[name.partition(".")[0].removeprefix("E7_").removeprefix("noise_")]]
+        np.savetxt(tmp_path / name, np.column_stack(columns))
+    assert lpfcosim("new", "--map", "all.toml", *names)[0] == 0
+    text = (tmp_path / "all.toml").read_text(encoding="utf-8")
+    assert [run["file"] for run in tomllib.loads(text)["runs"]] == ["{run}_{channel}.txt"] * 2
+    (tmp_path / "all.toml").write_text(text.replace('"FILL IN"', "2016-04-16T14:00:00Z"))
+    found = fit.load(tmp_path / "all.toml", tmp_path / "out")
+    assert [(run.run, run.experiment, run.kind) for run in found] == [
+        ("E7", "E7", "sysid"),
+        ("E7_noise", "E7", "noise"),
+    ]
+    for run in found:
+        for channel in run.channels:
+            np.testing.assert_array_equal(run.channels[channel], COLUMNS[channel])
+
+
 def test_a_draft_lists_what_it_does_not_recognise(lpfcosim, tmp_path):
     as_csv(tmp_path / "A.csv", ("clock", "ifo", "difference", "a", "b"))
     assert lpfcosim("new", "--map", "mine.toml", "A.csv")[0] == 0
