@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fit.api import calibrate, calibrate_inertial, load, load_results, save_report
+    from fit.comparison import Comparison, compare
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
     from fit.report import plot
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CalibrationError",
+    "Comparison",
     "Estimate",
     "Fit",
     "FitError",
@@ -35,6 +37,7 @@ __all__ = [
     "Telemetry",
     "calibrate",
     "calibrate_inertial",
+    "compare",
     "delta_g",
     "load",
     "load_results",
@@ -43,6 +46,7 @@ __all__ = [
 ]
 _HOME = {
     "api": ("calibrate", "calibrate_inertial", "load", "load_results", "save_report"),
+    "comparison": ("Comparison", "compare"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
     "results": ("Estimate", "Fit", "Results"),

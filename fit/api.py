@@ -11,14 +11,14 @@ from pathlib import Path
 
 from fit import pipeline
 from fit import results as fit_results
-from fit.errors import FitError
+from fit.errors import FitError, InputError, shown
 from fit.estimate import pulls
 from fit.files import refuse_links
 from fit.lean import later
-from fit.results import Results
+from fit.results import Results, results_file, telemetry_files
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
-from fit.telemetry import Telemetry, conversion, inside, read_all
+from fit.telemetry import Telemetry, conversion, read_all
 from fit.weighing import minimiser
 
 PathLike = str | os.PathLike[str]
@@ -37,7 +37,7 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
     Parameters
     ----------
     paths : path or paths
-        Telemetry files, folders of them, folders of an earlier run, or maps of archives (``.toml``).
+        Telemetry files, folders of them, folders of an earlier run or fit, or maps of archives (``.toml``).
     folder : path, optional
         Where converted archives go. By default ``NAME/telemetry`` for a map ``NAME.toml``.
 
@@ -52,12 +52,23 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
         If a file, map or archive is missing or wrong. The message names the file, the place in it and what
         was expected.
     """
-    given = [Path(p) for p in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
+    given = _paths(paths)
     maps = [path for path in given if conversion.is_map(path)]
     if maps:
         converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
         given = conversion.convert(given, converted, any_gaps=False)
-    return read_all([inside(path) for path in given])
+    return read_all(telemetry_files(given))
+
+
+def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
+    """Return one path or several as a list; InputError for what is no path."""
+    given = (
+        [paths] if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable) else list(paths)
+    )
+    for path in given:
+        if not isinstance(path, str | os.PathLike):
+            raise InputError(f"{shown(path)}: expected a path")
+    return [Path(path) for path in given]
 
 
 def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:
@@ -115,14 +126,20 @@ def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
 
 
 def load_results(path: PathLike) -> Results:
-    """Read a ``results.json``.
+    """Read results.
+
+    Parameters
+    ----------
+    path : path
+        A ``results.json``, or the folder of an earlier run or fit.
 
     Raises
     ------
     InputError
-        If the file is missing or is not a ``results.json``.
+        If the file is missing or does not have the schema ``lpf-results/1``.
     """
-    return fit_results.load(Path(path))
+    (file,) = _paths([path])
+    return fit_results.load(results_file(file))
 
 
 def save_report(results: Results, runs: Sequence[Telemetry], folder: PathLike) -> Path:

@@ -34,7 +34,7 @@ LAYERS = {
             "results",
         ),
         *("model", "weighing", "inspection", "estimate", "judgement", "identification", "deltag", "pipeline"),
-        *("tables", "figures", "journal", "report", "api"),
+        *("tables", "comparison", "figures", "journal", "report", "api"),
     ),
     "lpfcosim": (
         *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),

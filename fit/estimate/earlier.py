@@ -1,6 +1,5 @@
 """An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
 from fit.inspection import prepare_each
-from fit.results import Results
+from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.threads import one_thread
@@ -29,12 +28,9 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     InputError
         If a file is missing or breaks its contract.
     """
-    path = directory / "results.json"
+    path = results_folder(directory) / "results.json"
     results = fit_results.load(path)
-    recorded = results.provenance.telemetry
-    if recorded is None:
-        raise InputError(f"{path}: provenance.telemetry: expected a list of file names")
-    return results, read_all([Path(os.path.normpath(directory / p)) for p in recorded])
+    return results, read_all(telemetry_of(results, path))
 
 
 @one_thread

@@ -90,6 +90,9 @@ def from_json(path: Path, what: str, schema: str, content: type[_Content]) -> _C
     document = text(path, what)
     try:
         found = json.loads(document).get("schema")
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise InputError(f"{path}: {place}: not JSON, expected a JSON object of schema {schema!r}") from None
     except (ValueError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: expected a JSON object of schema {schema!r}") from error
     if found != schema:

@@ -1,5 +1,12 @@
-"""The results of a calibration: what they hold, how they came about, and their JSON form."""
+"""The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
+from fit.results.folders import (
+    results_beside,
+    results_file,
+    results_folder,
+    telemetry_files,
+    telemetry_of,
+)
 from fit.results.provenance import Provenance
 from fit.results.results import (
     QUANTILES,
@@ -26,6 +33,11 @@ __all__ = [
     "Stiffness",
     "check_frame",
     "load",
+    "results_beside",
+    "results_file",
+    "results_folder",
     "sound_joint",
+    "telemetry_files",
+    "telemetry_of",
     "write",
 ]

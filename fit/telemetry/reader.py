@@ -246,14 +246,12 @@ def samples(path: Path) -> int:
 
 
 def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
-    """Read files, and the ``*.h5`` of folders, sorted by start time, then by run.
-
-    A file reached twice is read once.
+    """Read files, sorted by start time, then by run.
 
     Parameters
     ----------
     paths : sequence of Path
-        Files and folders.
+        Files, each once; those of folders are found by `fit.results.telemetry_files`.
     own : bool
         They were written by this program just now: no other process need try them first, and what a
         calibration can do without is checked only when it is asked for.
@@ -261,11 +259,10 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     Raises
     ------
     InputError
-        If a path or its telemetry is missing, a file breaks the contract or two files share a run name.
+        If a file is missing or breaks the contract, or two files share a run name.
     """
-    found = files(paths)
     runs: dict[str, Telemetry] = {}
-    for telemetry in each(partial(read, own=True), found) if own else _tried(found):
+    for telemetry in each(partial(read, own=True), paths) if own else _tried(paths):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -275,12 +272,12 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     return sorted(runs.values(), key=lambda t: (utc(t.t0), t.run))
 
 
-def _tried(found: Sequence[Path]) -> Iterator[Telemetry]:
+def _tried(paths: Sequence[Path]) -> Iterator[Telemetry]:
     """Read files while another process tries the next."""
-    with closing(guard.passed(look, found)) as sound:
+    with closing(guard.passed(look, paths)) as sound:
         for n, path in enumerate(sound, 1):
             yield read(path)
-            tell(n / len(found))
+            tell(n / len(paths))
 
 
 def inertial_period(telemetry: Telemetry) -> str:
@@ -320,36 +317,6 @@ def common_x_axis(runs: Sequence[Telemetry]) -> XAxis:
     return first.x_axis
 
 
-def inside(path: Path) -> Path:
-    """Return the folder of telemetry inside the folder of a run, and any other path as it is."""
-    inner = path / "telemetry"
-    try:
-        return inner if inner.is_dir() and not any(path.glob("*.h5")) else path
-    except OSError:  # a name that no file can have is told by whoever opens it
-        return path
-
-
-def files(paths: Sequence[Path]) -> list[Path]:
-    """Return files, and the ``*.h5`` of folders, each once.
-
-    Raises
-    ------
-    InputError
-        If a folder holds none.
-    """
-    unique: dict[Path, Path] = {}
-    for path in paths:
-        try:
-            found = [(f.resolve(), f) for f in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
-        except (OSError, ValueError):
-            raise InputError(f"{shown(str(path))}: no file can have this name, expected telemetry") from None
-        if not found:
-            raise InputError(f"{path}: folder without telemetry, expected files *.h5 in it")
-        for resolved, file in found:
-            unique.setdefault(resolved, file)
-    return list(unique.values())
-
-
 def read_truth(path: Path) -> dict[str, float]:
     """Return the numbers among the attributes of ``/truth``, empty without that group; not for estimators.
 
@@ -381,6 +348,8 @@ def root_attributes(path: Path) -> dict[str, Any] | None:
 
 
 def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
+    if product := _product(file):
+        raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
     attributes = {name: plain(value) for name, value in file.attrs.items()}
     check_schema(path, attributes.pop("schema", None))
     root = check_root(str(path), attributes)
@@ -395,3 +364,12 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
         attributes=dict(root.model_extra or {}),
         long_names=channel_names(file, units),
     )
+
+
+def _product(file: h5py.File) -> str:
+    """Say what a file is if it was made from telemetry; empty for telemetry, and what is not known."""
+    if "mcmc" in file and "fingerprint" in file:
+        return "the chain of lpfcosim mcmc"
+    if "delta_g" in file and "o_1" not in file:
+        return f"the calibrated Delta g of run {shown(plain(file.attrs.get('run')))}, by lpfcosim deltag"
+    return ""

@@ -133,7 +133,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 def _check_there(path: Path) -> None:
     if not path.is_file():
-        raise InputError(f"{path}: no such file, expected telemetry of schema {SCHEMA!r}")
+        known = "is a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: {known}, expected telemetry of schema {SCHEMA!r}")
 
 
 @contextmanager
@@ -141,6 +142,8 @@ def _told(path: Path) -> Iterator[None]:
     """Say which file it is that a damage is met in."""
     try:
         yield
+    except PermissionError:
+        raise InputError(f"{path}: cannot be read (permission denied), expected telemetry") from None
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
         is_hdf5 = h5py.is_hdf5(path)
         fault = "truncated or damaged" if is_hdf5 else "not HDF5"

@@ -6,11 +6,9 @@ from typing import Annotated, Literal
 import typer
 
 from lpfcosim.cli import fmu as cli_fmu
-from lpfcosim.cli import planners
+from lpfcosim.cli import planners, results
 from lpfcosim.cli.common import (
     CampaignFile,
-    Directory,
-    Figures,
     Jobs,
     Out,
     Paths,
@@ -31,11 +29,6 @@ app = typer.Typer(
     ),
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-)
-Dynamics = typer.Option(
-    "--calibration",
-    metavar="RESULTS.json",
-    help="Take the dynamics from an earlier result; PATH then holds noise runs only.",
 )
 
 
@@ -169,7 +162,7 @@ def run(
     epilog=examples(
         "lpfcosim fit quickstart --out again",
         "lpfcosim fit flight/*.h5 --settings fit.toml --json",
-        "lpfcosim fit noise/ --calibration quickstart/results.json",
+        "lpfcosim fit noise/ --calibration quickstart",
     )
 )
 def fit(
@@ -182,15 +175,24 @@ def fit(
     include_short: Annotated[
         bool, typer.Option("--include-short", help="Let runs shorter than 6 h take part in the joint fit.")
     ] = False,
-    calibration: Annotated[Path | None, Dynamics] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            "--calibration",
+            metavar="RESULTS",
+            help="Take the dynamics from an earlier result (folder or results.json); PATH then holds noise "
+            "runs only.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit telemetry files from anywhere; needs no FMU.
 
-    Runs with injections (kind sysid) calibrate the dynamics. Noise runs of 12 h or more with torques
-    calibrate the inertial forces. Without --out, results go to a folder in the working directory that has
-    the name of the first PATH (NAME-fit where that is the input itself).
+    The folder of an earlier run or fit means the telemetry of its results. Runs with injections (kind sysid)
+    calibrate the dynamics. Noise runs of 12 h or more with torques calibrate the inertial forces. Without
+    --out, results go to a folder in the working directory that has the name of the first PATH (NAME-fit
+    where that is the input itself).
     """
     from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console
@@ -203,54 +205,6 @@ def fit(
         include_short=include_short,
         calibration=calibration,
     )
-
-
-@app.command(epilog=examples("lpfcosim report quickstart"))
-def report(directory: Directory, quiet: Quiet = False) -> None:
-    """Rebuild the report from what DIR holds."""
-    from lpfcosim.cli import report as cli_report
-    from lpfcosim.cli.console import Console
-
-    cli_report.report(directory, Console(quiet=quiet))
-
-
-@app.command(
-    epilog=examples("lpfcosim figures quickstart", "lpfcosim figures quickstart stiffness A1-spectra")
-)
-def figures(
-    directory: Directory,
-    names: Figures = None,
-    jobs: Jobs = None,
-    quiet: Quiet = False,
-) -> None:
-    """Draw figures for a journal: PDF, SVG and CSV.
-
-    They go to DIR/figures. The name of a figure stands below it in report.html.
-    """
-    from lpfcosim.cli import figures as cli_figures
-    from lpfcosim.cli.console import Console
-
-    cli_figures.figures(directory, names or [], Console(quiet=quiet), jobs=jobs)
-
-
-@app.command(epilog=examples("lpfcosim deltag quickstart --calibration quickstart/results.json"))
-def deltag(
-    paths: Paths,
-    calibration: Annotated[
-        Path, typer.Option("--calibration", metavar="RESULTS.json", help="Result of an earlier run or fit.")
-    ],
-    out: Out = None,
-    quiet: Quiet = False,
-) -> None:
-    """Write the calibrated Delta g of telemetry, term by term.
-
-    NAME.h5 becomes NAME-deltag.h5, at 1 to 2 Hz. Its channels are the terms of
-    delta_g = delta_g_x + delta_g_SC + g_Omega + g_dOmega.
-    """
-    from lpfcosim.cli import deltag as cli_deltag
-    from lpfcosim.cli.console import Console
-
-    cli_deltag.deltag(paths, calibration, out, Console(quiet=quiet))
 
 
 @app.command(
@@ -303,28 +257,6 @@ def montecarlo(
     )
 
 
-@app.command(epilog=examples("lpfcosim mcmc quickstart"))
-def mcmc(
-    directory: Directory,
-    steps: Annotated[
-        int, typer.Option("--steps", min=1, metavar="N", help="Most steps that this call takes.")
-    ] = 20000,
-    seed: Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of a new chain.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print mcmc.json instead of a summary.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Sample the posterior of the joint fit in DIR.
-
-    The chain has converged after 50 autocorrelation times of every parameter. Then mcmc.h5 (the chain),
-    mcmc.json and figures/corner.pdf are in DIR, and report.html has a section on them. Until then the exit
-    status is 1, and the same command continues.
-    """
-    from lpfcosim.cli import mcmc as cli_mcmc
-    from lpfcosim.cli.console import Console
-
-    cli_mcmc.mcmc(directory, Console(quiet=quiet, as_json=as_json), steps=steps, seed=seed)
-
-
 @app.command(epilog=examples("lpfcosim margins mine.toml"))
 def margins(
     campaign: CampaignFile,
@@ -338,20 +270,6 @@ def margins(
     from lpfcosim.cli.console import Console
 
     cli_margins.margins(campaign, Console(as_json=as_json))
-
-
-@app.command(epilog=examples("lpfcosim reproduce quickstart"))
-def reproduce(directory: Directory, jobs: Jobs = None, trusted: Trust = False, quiet: Quiet = False) -> None:
-    """Run the campaign in DIR again elsewhere, and compare.
-
-    Telemetry must have the same bytes. Results must be the same; only their provenance may differ. The exit
-    status is 1 if anything differs. DIR is not changed. If it was made with another version or other FMUs,
-    you are told.
-    """
-    from lpfcosim.cli import reproduce as cli_reproduce
-    from lpfcosim.cli.console import Console
-
-    cli_reproduce.reproduce(directory, Console(quiet=quiet), jobs=jobs, quiet=quiet, trusted=trusted)
 
 
 @app.command(
@@ -397,4 +315,5 @@ def schema(
 
 
 app.add_typer(planners.app)
+app.add_typer(results.app)
 app.add_typer(cli_fmu.app, name="fmu")

@@ -5,7 +5,7 @@ from importlib import metadata
 from pathlib import Path
 
 from fit.deltag import write_delta_g
-from fit.results import load, sound_joint
+from fit.results import load, results_beside, results_file, sound_joint
 from fit.telemetry import reader
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
@@ -14,13 +14,16 @@ from lpfcosim.errors import InputError
 from lpfcosim.running import folder, ledger
 
 
-def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: Console) -> None:
-    """Write the calibrated Delta g of telemetry files."""
+def deltag(paths: Sequence[Path], calibration: Path | None, out: Path | None, console: Console) -> None:
+    """Write the calibrated Delta g of telemetry files; by default with the results in their folder."""
     directory = out or default_folder(paths[0], "deltag")
     check_folder(directory, "telemetry")
-    results = load(calibration)
-    sound_joint(results, str(calibration))
-    inputs = reader.files(telemetry(console, paths, directory, any_gaps=True))
+    file = results_file(calibration) if calibration else _results_of(paths)
+    results = load(file)
+    sound_joint(results, str(file))
+    if calibration is None:
+        console.note(f"calibration: {file}")
+    inputs = telemetry(console, paths, directory, any_gaps=True)
     with console.stage("reading"):
         reader.check(inputs)
         for path in inputs:
@@ -31,7 +34,7 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
             raise InputError(f"{path}: a second file of that name, expected different names")
     origin = {
         "lpfcosim_version": metadata.version("lpfcosim"),
-        "calibration_sha256": ledger.digest(calibration),
+        "calibration_sha256": ledger.digest(file),
     }
     for name, path in outputs.items():
         with folder.held(directory, "--out"), console.stage(str(path)):
@@ -39,3 +42,21 @@ def deltag(paths: Sequence[Path], calibration: Path, out: Path | None, console: 
         for note in notes:
             console.note(f"warning: {note}")
         console.say(str(directory / name))
+
+
+def _results_of(paths: Sequence[Path]) -> Path:
+    """Return the results in the folders of telemetry, which must be the same for all."""
+    advice = "name the calibration with --calibration"
+    files = []
+    for path in paths:
+        file = results_beside(path)
+        if file is None:
+            raise InputError(
+                f"{path}: no results.json in its folder, expected telemetry in the folder of an earlier fit; "
+                + advice
+            )
+        files.append(file)
+    for other in files[1:]:
+        if ledger.digest(other) != ledger.digest(files[0]):
+            raise InputError(f"{other}: other results than {files[0]}, expected one calibration; {advice}")
+    return files[0]

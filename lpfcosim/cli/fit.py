@@ -12,8 +12,9 @@ from pathlib import Path
 
 from fit import settings as fit_settings
 from fit.errors import FitError
-from fit.results import Results, load, sound_joint, write
-from fit.telemetry import Telemetry, conversion, inside, read_all
+from fit.files import is_file
+from fit.results import Results, load, results_file, sound_joint, telemetry_files, write
+from fit.telemetry import Telemetry, conversion, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.running import folder as folders
@@ -35,6 +36,7 @@ def fit_files(
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
     check_folder(directory, "telemetry")
+    calibration = results_file(calibration) if calibration else None
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
@@ -110,16 +112,16 @@ def read_in() -> None:
 
 
 def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:
-    """Return telemetry files and folders of them; what maps describe is converted into `directory` first."""
+    """Return the telemetry files that paths mean; what maps describe is converted into `directory` first."""
     if any(map(conversion.is_map, paths)):
         with console.stage("conversion"):
             paths = conversion.convert(paths, directory / "telemetry", any_gaps=any_gaps)
-    return [inside(path) for path in paths]
+    return telemetry_files(paths)
 
 
 def default_folder(path: Path, suffix: str = "fit") -> Path:
     """Return the folder for results that is named after their input."""
-    name = path.resolve().stem if path.is_file() else path.resolve().name
+    name = path.resolve().stem if is_file(path) else path.resolve().name
     folder = Path(name)
     # Never beside or over the input.
     return Path(f"{name}-{suffix}") if folder.exists() and folder.resolve() == path.resolve() else folder

@@ -30,11 +30,11 @@ def gather(folder: Path, campaign: Campaign) -> outcome.Outcome:
     from fit.telemetry import root_attributes
     from lpfcosim.export import outcome
 
-    path = folder / "results.json"
+    path = results.results_file(folder)
     found = results.load(path)
     if not found.provenance.telemetry:
         raise InputError(f"{path}: provenance.telemetry: expected the names of telemetry files")
-    telemetry = {name: folder / name for name in found.provenance.telemetry}
+    telemetry = {name: path.parent / name for name in found.provenance.telemetry}
     said: dict[str, Any] = {}
     for file in telemetry.values():
         attributes = root_attributes(file)

@@ -27,6 +27,9 @@ def reproduce(directory: Path, console: Console, *, jobs: int | None, quiet: boo
     RunError
         If the campaign cannot be run any more, or a file comes out different.
     """
+    if not directory.is_dir():
+        what = "is a file" if directory.is_file() else "no such folder"
+        raise InputError(f"{directory}: {what}, expected the folder of an earlier run")
     campaign = folder.campaign_of(directory)
     recorded = sorted((directory / "telemetry").glob("*.h5"))
     if not recorded:

@@ -15,6 +15,7 @@ from pathlib import Path
 from fit.estimate.joint import fit_joint
 from fit.inspection import glitches
 from fit.pipeline import calibrate
+from fit.results import telemetry_files
 from fit.settings import settings
 from fit.telemetry import reader as telemetry
 from fit.weighing import pair
@@ -32,12 +33,13 @@ def seconds(work: Callable[[], object]) -> float:
 
 def main(folder: Path) -> None:
     """Print each time, and all as JSON."""
-    runs = telemetry.read_all([folder])
+    files = telemetry_files([folder])
+    runs = telemetry.read_all(files)
     chosen = settings()
     found = {
         "runs": len(runs),
         "hours": sum(t.duration for t in runs) / 3600,
-        "reading_s": seconds(lambda: telemetry.read_all([folder])),
+        "reading_s": seconds(lambda: telemetry.read_all(files)),
         "filtering_s": seconds(lambda: pair(runs)),
         # pairs anew each time: a run keeps its spectra
         "glitches_s": seconds(lambda: [glitches.Hunt(e).ended() for e in pair(runs)]),

@@ -123,7 +123,10 @@ def test_load_converts_what_a_map_describes(tmp_path, monkeypatch):
     ("act", "expected"),
     [
         (lambda: fit.load("missing.h5"), "missing.h5: no such file"),
+        (lambda: fit.load(["missing.h5", 5]), "5: expected a path"),
+        (lambda: fit.load(5), "5: expected a path"),
         (lambda: fit.load_results("missing.json"), "missing.json: no such file"),
+        (lambda: fit.load_results(None), "None: expected a path"),
         (lambda: fit.calibrate([]), "no telemetry: no run of kind 'sysid'"),
         (lambda: fit.calibrate([], estimator="magic"), 'calibrate.estimator: "magic"'),
         (lambda: fit.calibrate([], colour="blue"), "calibrate.colour"),

@@ -29,7 +29,7 @@ def calibrated_once(tmp_path_factory):
         attributes = {key: getattr(run, key) for key in ("run", "experiment", "kind", "fs", "F_max_2")}
         path = folder / f"{run.run}.h5"
         write_contract_file(path, samples=run.time.size, channels=channels, truth=truth, **attributes)
-    telemetries = telemetry.read_all([folder])
+    telemetries = telemetry.read_all(sorted(folder.glob("*.h5")))
     found = calibrate(telemetries)
     directory = folder / "out"
     directory.mkdir()

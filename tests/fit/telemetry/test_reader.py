@@ -279,30 +279,51 @@ def test_truncated_files(tmp_path_factory, share):
     refusal(path)
 
 
-def test_folders_are_sorted_by_start_then_run(tmp_path):
-    for name, t0 in [
-        ("c", "2016-05-02T00:00:00Z"),
-        ("b", "2016-05-01T00:00:00"),
-        ("a", "2016-05-01T02:00:00+02:00"),
-    ]:
-        write_contract_file(tmp_path / f"{name}.h5", run=name, t0=t0)
-    (tmp_path / "readme.txt").write_text("not telemetry")
-    assert [t.run for t in read_all([tmp_path])] == ["a", "b", "c"]
-    assert [t.run for t in read_all([tmp_path / "c.h5", tmp_path])] == ["a", "b", "c"]
+def test_runs_are_sorted_by_start_then_name(tmp_path):
+    starts = {"c": "2016-05-02T00:00:00Z", "b": "2016-05-01T00:00:00", "a": "2016-05-01T02:00:00+02:00"}
+    files = [write_contract_file(tmp_path / f"{run}.h5", run=run, t0=t0) for run, t0 in starts.items()]
+    assert [t.run for t in read_all(files)] == ["a", "b", "c"]
 
 
 def test_two_runs_of_one_name(tmp_path):
-    write_contract_file(tmp_path / "x.h5")
-    write_contract_file(tmp_path / "y.h5")
+    files = [write_contract_file(tmp_path / name) for name in ("x.h5", "y.h5")]
     with pytest.raises(InputError, match=r"y\.h5: attribute run: 'A1' .*x\.h5"):
-        read_all([tmp_path])
+        read_all(files)
 
 
-def test_a_folder_without_telemetry(tmp_path):
-    with pytest.raises(InputError, match=r"expected files \*\.h5"):
-        read_all([tmp_path])
-    with pytest.raises(InputError, match="no such file"):
-        read_all([tmp_path / "nowhere"])
+@pytest.mark.parametrize(("name", "what"), [("nowhere", "no such file"), ("", "is a folder")])
+def test_what_is_no_file(tmp_path, name, what):
+    with pytest.raises(InputError, match=f"{what}, expected telemetry"):
+        read_all([tmp_path / name])
+
+
+def chain(file):
+    file.create_group("mcmc")
+    file["fingerprint"] = [0.0]
+
+
+def delta_g(file):
+    file.attrs.update({"schema": "lpf-telemetry/1", "run": "A1"})
+    file["delta_g"] = [0.0]
+
+
+def series(file):
+    file["x"] = [0.0]
+
+
+@pytest.mark.parametrize(
+    ("fill", "what"),
+    [
+        (chain, "is the chain of lpfcosim mcmc, expected telemetry; name the files of telemetry alone"),
+        (delta_g, "is the calibrated Delta g of run 'A1', by lpfcosim deltag, expected telemetry"),
+        (series, "attribute schema: missing, expected 'lpf-telemetry/1'"),
+        (lambda file: file.attrs.update(schema="lpf-jitter/1"), "attribute schema: 'lpf-jitter/1', expected"),
+    ],
+)
+def test_hdf5_that_is_no_telemetry_is_named_for_what_it_is(tmp_path, fill, what):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        fill(file)
+    assert what in refusal(tmp_path / "other.h5")
 
 
 def test_truth(tmp_path):

@@ -1,0 +1,165 @@
+"""What a comparison of results holds, as a table and as JSON of schema ``lpf-compare/1``."""
+
+import json
+import math
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from fit.display import Displayed
+from fit.errors import InputError
+from fit.results import Estimate
+
+if TYPE_CHECKING:
+    import pandas
+
+SCHEMA = "lpf-compare/1"
+SECTIONS = ("joint", "inertial", "cross_talk", "experiments")
+
+
+@dataclass(frozen=True)
+class ParameterComparison:
+    """One parameter in N results.
+
+    Attributes
+    ----------
+    section, key : str
+        Section of the results, and experiment, alignment epoch or inertial period; ``""`` of the joint fit.
+    name, unit : str
+        Of the parameter; the unit of the first result that has it.
+    estimates : tuple of Estimate or None, length N
+        None where a result does not estimate it.
+    sound : tuple of bool, length N
+        Whether the sigmas of that fit hold.
+    differences : tuple of float or None, length N
+        From the first result, in units of sqrt(sigma_1^2 + sigma_2^2), which is their standard deviation if
+        the data are independent. None for the first, and where there is no estimate or no sound one.
+    """
+
+    section: str
+    key: str
+    name: str
+    unit: str
+    estimates: tuple[Estimate | None, ...]
+    sound: tuple[bool, ...]
+    differences: tuple[float | None, ...]
+
+    @property
+    def truths(self) -> list[float]:
+        """The true values that results state; what agrees to nine digits is one."""
+        known = [e.truth for e in self.estimates if e is not None and e.truth is not None]
+        return list({f"{truth:.9g}": truth for truth in known}.values())
+
+    @property
+    def truth(self) -> float | None:
+        """The true value, None where it is not known, or is not the same in all results that know it."""
+        return self.truths[0] if len(self.truths) == 1 else None
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A result and the first one.
+
+    Attributes
+    ----------
+    label : str
+        Of the result.
+    dependence : str
+        Why the data are not, or may not be, independent; empty if they are.
+    tests : dict of str to tuple of (float, int, float)
+        By fit (``"joint"``, ``"inertial.1"``), if the data are independent: chi2 of the differences of all
+        parameters that both estimate, its degrees of freedom, and the probability of a larger one.
+    """
+
+    label: str
+    dependence: str
+    tests: dict[str, tuple[float, int, float]]
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Displayed):
+    """N results side by side.
+
+    Attributes
+    ----------
+    labels : tuple of str, length N
+        Paths of the results, or what they were called.
+    parameters : tuple of ParameterComparison
+        Of the joint fits, then of inertial periods and of the cross-talk; those of experiments where a
+        result has no joint fit.
+    agreements : tuple of Agreement, length N - 1
+        Of every result with the first.
+    notes : tuple of str
+        What else matters to the comparison, a sentence each.
+    """
+
+    labels: tuple[str, ...]
+    parameters: tuple[ParameterComparison, ...]
+    agreements: tuple[Agreement, ...]
+    notes: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> ParameterComparison:
+        """Return a parameter of the joint fits.
+
+        Raises
+        ------
+        InputError
+            If none of them has it.
+        """
+        joint = {p.name: p for p in self.parameters if p.section == "joint"}
+        if name not in joint:
+            raise InputError(f"{name}: in no joint fit, expected one of {', '.join(joint) or 'none'}")
+        return joint[name]
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return a table: a row for each parameter; for each result value, sigma, difference, sound.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        try:
+            pd = import_module("pandas")
+        except ImportError:
+            raise InputError("to_dataframe needs pandas, of the extra lpfcosim[notebook]") from None
+        columns: dict[tuple[str, str], list[object]] = {}
+        for n, label in enumerate(self.labels):
+            found = [p.estimates[n] for p in self.parameters]
+            columns[label, "value"] = [e.value if e else math.nan for e in found]
+            columns[label, "sigma"] = [e.sigma if e else math.nan for e in found]
+            of_first = [p.differences[n] for p in self.parameters]
+            columns[label, "difference"] = [math.nan if d is None else d for d in of_first]
+            columns[label, "sound"] = [p.sound[n] for p in self.parameters]
+        rows = [(p.section, p.key, p.name, p.unit) for p in self.parameters]
+        index = pd.MultiIndex.from_tuples(rows, names=["section", "key", "parameter", "unit"])
+        frame: pandas.DataFrame = pd.DataFrame(columns, index=index)
+        return frame
+
+    def to_json(self) -> str:
+        """Return the comparison as JSON, schema ``lpf-compare/1``."""
+        sections: dict[str, dict[str, object]] = {section: {} for section in SECTIONS}
+        for p in self.parameters:
+            place = sections[p.section] if p.section == "joint" else sections[p.section].setdefault(p.key, {})
+            assert isinstance(place, dict)
+            place[p.name] = {
+                "unit": p.unit,
+                "estimates": [e and _estimate(e, s) for e, s in zip(p.estimates, p.sound, strict=True)],
+                "differences": list(p.differences),
+            }
+        agreements = [
+            {
+                "result": a.label,
+                "independent": not a.dependence,
+                "dependence": a.dependence or None,
+                "tests": {f: dict(zip(("chi2", "dof", "p"), t, strict=True)) for f, t in a.tests.items()},
+            }
+            for a in self.agreements
+        ]
+        document = {"schema": SCHEMA, "results": self.labels, **sections, "agreement": agreements}
+        return json.dumps({**document, "notes": self.notes}, indent=1, allow_nan=False)
+
+
+def _estimate(estimate: Estimate, sound: bool) -> dict[str, object]:
+    stated = {name: value for name, value in vars(estimate).items() if value is not None and name != "unit"}
+    return {**stated, "sound": sound}

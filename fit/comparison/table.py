@@ -1,0 +1,81 @@
+"""A comparison in print: a table of values with their uncertainties, and sentences on whether they agree."""
+
+from markupsafe import Markup
+
+from fit.comparison.comparison import Comparison, ParameterComparison
+from fit.display import html, text
+from fit.results import WITHHELD, Estimate
+from fit.tables import Lines
+from fit.tables import parameters as tables
+
+_NONE = "-"
+
+
+def lines(comparison: Comparison) -> Lines:
+    """Return a row for each parameter: values, and differences from the first result in sigma."""
+    first, *others = comparison.labels
+    truth = any(p.truth is not None for p in comparison.parameters)
+    head = ["parameter", "unit", first]
+    for label in others:
+        head += [label, "difference/sigma"]
+    rows = []
+    for p in comparison.parameters:
+        cells = [p.name + (f" ({p.key})" if p.key else ""), p.unit]
+        for n, (estimate, sound) in enumerate(zip(p.estimates, p.sound, strict=True)):
+            difference = p.differences[n]
+            cells.append(_concise(estimate, sound=sound))
+            cells += [_NONE if difference is None else f"{round(difference, 2) + 0.0:+.2f}"] if n else []
+        rows.append((*cells, *([_truth(p)] if truth else [])))
+    return Lines((*head, *(["truth"] if truth else [])), tuple(rows))
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """Return what the comparison says beside its table."""
+    first, said = comparison.labels[0], []
+    for agreement in comparison.agreements:
+        if agreement.dependence:
+            said.append(
+                f"{agreement.label} is not independent of {first} ({agreement.dependence}): the estimates "
+                "are correlated, so that sqrt(sigma_1^2 + sigma_2^2) is not the standard deviation of a "
+                "difference, and no chi2 is given"
+            )
+        said += [
+            f"{agreement.label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {first}, p = {p:.2g}"
+            for place, (chi2, dof, p) in agreement.tests.items()
+        ]
+    return [*said, *comparison.notes]
+
+
+@text.register
+def _(comparison: Comparison) -> str:
+    return "\n".join([*lines(comparison).aligned(), *sentences(comparison)])
+
+
+@html.register
+def _(comparison: Comparison) -> str:
+    table = lines(comparison)
+    items = Markup().join(Markup("<li>{}</li>").format(sentence) for sentence in sentences(comparison))
+    sides = "ll" + "r" * (len(table.head) - 2)
+    return Markup("<div>{}{}</div>").format(table.html(sides), Markup("<ul>{}</ul>").format(items))
+
+
+def _concise(estimate: Estimate | None, *, sound: bool) -> str:
+    """Return a value with its uncertainty in units of the last digits, as ``-3.983(52)e-07``."""
+    if estimate is None:
+        return _NONE
+    exponent = tables.power_of_ten(estimate.value)
+    number = tables.number(estimate.value, estimate.sigma, exponent)
+    shown = number.concise if sound else f"{number.value}({WITHHELD})"
+    return _ascii(shown, exponent)
+
+
+def _truth(p: ParameterComparison) -> str:
+    if p.truth is None:
+        return _NONE
+    exponent = tables.power_of_ten(p.truth)
+    sigma = min(e.sigma for e in p.estimates if e is not None)
+    return _ascii(tables.number(p.truth, sigma, exponent).value, exponent)
+
+
+def _ascii(number: str, exponent: int) -> str:
+    return number.replace("−", "-") + (f"e{exponent:+03d}" if exponent else "")

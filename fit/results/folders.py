@@ -1,0 +1,232 @@
+"""The folder of an earlier run or fit: where its telemetry and its results are.
+
+A folder with a folder ``telemetry`` or with ``results.json`` is one of results: it means the telemetry that
+its results are of. Any other folder means the telemetry files in it. All commands and functions that take
+paths go by these rules.
+"""
+
+import os
+import stat
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from fit.errors import InputError, shown
+from fit.files import documents, is_file
+from fit.results.results import Results, load
+from fit.telemetry import guard, reader
+
+RESULTS, TELEMETRY = "results.json", "telemetry"
+_MAP = "lpf-map/"
+_ARCHIVES = (".csv", ".txt", ".dat", ".mat", ".fits", ".npy", ".gz")
+_PRODUCTS = ("mcmc.h5", "*-deltag.h5")  # what `mcmc` and `deltag` leave beside results
+
+
+def results_file(path: Path) -> Path:
+    """Return the file of results that a path means: ``results.json`` of a folder, or the file itself.
+
+    Raises
+    ------
+    InputError
+        If there is no such path, it cannot be read, or the folder has no results.
+    """
+    mode = _mode(path)
+    if not mode:
+        raise InputError(
+            f"{_named(path)}: no such file or folder, expected results (lpf-results/1) or their folder"
+        )
+    if not stat.S_ISDIR(mode):
+        return path
+    if not _mode(path / RESULTS):
+        outer = path.parent
+        hint = f"; did you mean {outer}?" if path.name == TELEMETRY and is_file(outer / RESULTS) else ""
+        raise InputError(f"{path}: no {RESULTS} in it, expected the folder of an earlier run or fit{hint}")
+    return path / RESULTS
+
+
+def results_folder(path: Path) -> Path:
+    """Return a folder of results, for commands that add to it.
+
+    Raises
+    ------
+    InputError
+        If there is none, it is a file, or it has no results.
+    """
+    if not stat.S_ISDIR(mode := _mode(path)):
+        what = "is a file" if mode else "no such folder"
+        hint = f"; did you mean {path.parent}?" if mode and path.name == RESULTS else ""
+        raise InputError(f"{_named(path)}: {what}, expected the folder of an earlier run or fit{hint}")
+    return results_file(path).parent
+
+
+def results_beside(path: Path) -> Path | None:
+    """Return ``results.json`` of the folder of results that a path of telemetry is or lies in, if any.
+
+    Raises
+    ------
+    InputError
+        If there is no such path, or it cannot be read.
+    """
+    mode = _mode(path)
+    if not mode:
+        raise InputError(f"{_named(path)}: no such file or folder, expected telemetry")
+    folder = path if stat.S_ISDIR(mode) else path.parent
+    outer = folder.parent if folder.name == TELEMETRY else folder.resolve().parent
+    places = (folder, outer) if folder.resolve().name == TELEMETRY else (folder,)
+    return next((place / RESULTS for place in places if _mode(place / RESULTS)), None)
+
+
+def telemetry_of(results: Results, file: Path) -> list[Path]:
+    """Return the telemetry that results are of.
+
+    Parameters
+    ----------
+    results : Results
+        As read from `file`; its provenance names telemetry relative to the folder of `file`.
+    file : Path
+        Where they are.
+
+    Raises
+    ------
+    InputError
+        If they name none, or a file that is not there.
+    """
+    names = results.provenance.telemetry
+    if not names:
+        raise InputError(f"{file}: provenance.telemetry: expected a list of file names; fit once more")
+    paths = [_beside(file, name) for name in dict.fromkeys(names)]
+    for path in paths:
+        if not is_file(path):
+            raise InputError(
+                f"{path}: no such file, expected telemetry that {file} is of; move it back, or fit once more "
+                "where it is now"
+            )
+    return paths
+
+
+def telemetry_files(paths: Iterable[Path]) -> list[Path]:
+    """Return the telemetry files that paths mean, each once.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Files; folders of files ``*.h5``; folders of results, see `fit.results.folders`.
+
+    Returns
+    -------
+    list of Path
+        Named files are not looked at. Hidden files of folders are left out.
+
+    Raises
+    ------
+    InputError
+        If a folder has no telemetry, or cannot be read, or results lack theirs.
+    """
+    unique: dict[Path, Path] = {}
+    for path in paths:
+        mode = _mode(path)
+        if path.name == RESULTS and mode:
+            raise InputError(f"{path}: is a file of results, expected telemetry; did you mean {path.parent}?")
+        for file in _of_folder(path) if stat.S_ISDIR(mode) else [path]:
+            unique.setdefault(file.resolve(), file)
+    return list(unique.values())
+
+
+def _of_folder(folder: Path) -> list[Path]:
+    here, inner, file = _hdf5(folder), folder / TELEMETRY, folder / RESULTS
+    results = _load_sound(file)
+    recorded = [_beside(file, name) for name in results.provenance.telemetry or ()] if results else []
+    if inner.is_dir() and all(path.parent == _beside(file, TELEMETRY) for path in recorded):
+        files = _hdf5(inner) or ([] if is_file(file) else here)
+        if not files:
+            raise InputError(
+                f"{inner}: no files *.h5 in it, expected telemetry; if lpfcosim run was interrupted, the "
+                "same command continues it"
+            )
+    elif recorded or (is_file(file) and not here):
+        files = telemetry_of(results or load(file), file)
+    else:
+        files = here
+    if not files:
+        raise InputError(f"{folder}: folder without telemetry, expected files *.h5 in it{_instead(folder)}")
+    _check_alone(folder, here, files)
+    return files
+
+
+def _load_sound(file: Path) -> Results | None:
+    """Return results, None if they cannot be read: that matters to those alone who need them."""
+    try:
+        return load(file) if is_file(file) else None
+    except InputError:
+        return None
+
+
+def _beside(file: Path, name: str) -> Path:
+    """Return the path of what a file of results names."""
+    return Path(os.path.normpath(file.parent / name))
+
+
+def _check_alone(folder: Path, here: Sequence[Path], files: Sequence[Path]) -> None:
+    """Refuse a folder that has telemetry directly in it which its results are not of."""
+    known = {path.resolve() for path in files}
+    others = [path for path in here if path.resolve() not in known and not any(map(path.match, _PRODUCTS))]
+    refusals = guard.refusals(reader.look, others)
+    telemetry = [path.name for path, refused in zip(others, refusals, strict=False) if refused is None]
+    if telemetry:
+        raise InputError(
+            f"{folder}: has telemetry ({', '.join(telemetry)}) beside that of its results ({files[0]}"
+            f"{' ...' if len(files) > 1 else ''}), expected one or the other; name the files"
+        )
+
+
+def _hdf5(folder: Path) -> list[Path]:
+    """Return the files ``*.h5`` in a folder, without hidden ones, which systems leave beside others."""
+    try:
+        with os.scandir(folder) as entries:  # glob is silent about what may not be read
+            names = sorted(entry.name for entry in entries)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}), expected telemetry") from None
+    return [folder / name for name in names if name.endswith(".h5") and not name.startswith(".")]
+
+
+def _instead(folder: Path) -> str:
+    """Say what to name instead of a folder without telemetry, if something in it suggests that."""
+    paths = sorted(folder.iterdir())
+    maps = [path for path in paths if path.suffix == ".toml" and _schema(path).startswith(_MAP)]
+    if maps:
+        return f"; {maps[0]} is a map of archives: name it instead of the folder"
+    inner = [path for path in paths if is_file(path / RESULTS) or _hdf5_of_run(path)]
+    if inner:
+        return f"; did you mean {', '.join(map(str, inner[:3]))}{' ...' if len(inner) > 3 else ''}?"
+    archives = [path.name for path in paths if path.suffix.lower() in _ARCHIVES]
+    if archives:
+        return f"; archives such as {archives[0]} are read through a map: name the map"
+    return ""
+
+
+def _hdf5_of_run(folder: Path) -> bool:
+    """Return whether a folder is that of a run with telemetry."""
+    return any((folder / TELEMETRY).glob("*.h5"))
+
+
+def _schema(path: Path) -> str:
+    try:
+        return str(documents.toml(path, "a map").get("schema"))
+    except InputError:
+        return ""
+
+
+def _mode(path: Path) -> int:
+    """Return the mode of a file or folder, 0 if there is none."""
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # the last: a name with a NUL
+        return 0
+    except OSError as error:
+        raise InputError(
+            f"{_named(path)}: cannot be read ({error.strerror}), expected a file or folder"
+        ) from None
+
+
+def _named(path: Path) -> str:
+    """Return a path for a message, cut if it is longer than names are."""
+    return str(path) if str(path).isprintable() and len(str(path)) <= 200 else shown(str(path))

@@ -1,0 +1,290 @@
+"""Results side by side: differences in sigma, chi2 of all parameters, and data that are not independent."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2 as chi2_distribution
+
+import fit
+from fit.comparison import lines, sentences
+from fit.results import Estimate, Fit, Provenance, Results
+from fit.warnings import FitWarning
+from tests.oracles.contract_file import write_contract_file
+
+TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
+UNSOUND = FitWarning("unsound", (), "the runs contradict each other")
+
+
+def made(values, sigmas, *, units="1", correlation=0.0, warnings=(), truth=None):
+    """Return a fit of parameters a, b, c ... or of those that are named."""
+    values = values if isinstance(values, dict) else dict(zip("abcdef", values, strict=False))
+    units = dict.fromkeys(values, units) if isinstance(units, str) else units
+    sigmas = np.array(sigmas, dtype=float)
+    of = np.full(2 * [len(sigmas)], correlation) + (1 - correlation) * np.eye(len(sigmas))
+    parameters = {
+        name: Estimate(value, sigma, units[name], truth, None)
+        for (name, value), sigma in zip(values.items(), sigmas, strict=True)
+    }
+    return Fit(parameters, of * np.outer(sigmas, sigmas), 1.0, 1, True, warnings)
+
+
+def results(joint=None, *, experiments=None, cross_talk=None, inertial=None, **provenance):
+    return Results(joint, experiments or {}, cross_talk or {}, inertial or {}, Provenance(**provenance))
+
+
+# Differences ----------------------------------------------------------------------------------------------
+
+
+def test_difference_and_chi2_of_known_numbers():
+    """3-4-5: a differs by 5 of sqrt(3^2 + 4^2) = 5, b by twice sqrt(0.6^2 + 0.8^2) = 1, unit and all."""
+    found = fit.compare(
+        {"one": results(made([10.0, 1.0], [3.0, 0.6])), "two": results(made([15.0, -1.0], [4.0, 0.8]))}
+    )
+    assert found["a"].differences == (None, pytest.approx(1.0))
+    assert found["b"].differences == (None, pytest.approx(-2.0))
+    ((chi2, dof, p),) = found.agreements[0].tests.values()
+    assert (chi2, dof) == (pytest.approx(1 + 4), 2)
+    assert p == pytest.approx(np.exp(-2.5))  # of two degrees of freedom
+
+
+def test_chi2_takes_the_covariances_of_both_and_what_they_have_in_common():
+    one = made([1e-7, 3e-7, -2e-7, 5e-7], [1e-8, 2e-8, 4e-8, 3e-8], correlation=0.5)
+    other = made({"b": 3.3e-7, "x": 0.0, "d": 4.6e-7}, [1e-8, 1.0, 2e-8], correlation=-0.3)
+    found = fit.compare([results(one), results(other)])
+    of = [list("abcd").index(name) for name in "bd"]
+    difference = np.array([other[name].value - one[name].value for name in "bd"])
+    total = one.covariance[np.ix_(of, of)] + other.covariance[np.ix_([0, 2], [0, 2])]
+    expected = difference @ np.linalg.inv(total) @ difference
+    chi2, dof, p = found.agreements[0].tests["joint"]
+    assert (chi2, dof) == (pytest.approx(expected, rel=1e-9), 2)
+    assert p == pytest.approx(chi2_distribution.sf(expected, 2), rel=1e-9)
+    assert [p.name for p in found.parameters] == ["a", "b", "x", "c", "d"]
+    assert found["c"].estimates == (one["c"], None)
+    assert found["x"].differences == (None, None)
+
+
+@pytest.mark.stat
+def test_chi2_of_independent_results_that_agree_is_distributed_as_it_says():
+    """2000 pairs; the p-values are uniform but for a Kolmogorov distance seen once in 10,000."""
+    rng = np.random.default_rng(20160416)
+    one, two = made([0, 0, 0], [1, 2, 3], correlation=0.6), made([0, 0, 0], [2, 1, 1], correlation=-0.3)
+
+    def drawn(of):
+        values = rng.multivariate_normal(np.zeros(3), of.covariance)
+        return results(
+            made(
+                dict(zip("abc", values, strict=True)),
+                np.sqrt(np.diag(of.covariance)),
+                correlation=of.correlation[0, 1],
+            )
+        )
+
+    p = [fit.compare([drawn(one), drawn(two)]).agreements[0].tests["joint"][2] for _ in range(2000)]
+    distance = np.abs(np.sort(p) - (np.arange(2000) + 0.5) / 2000).max()
+    assert distance < 2.23 / np.sqrt(2000)
+
+
+def test_sections_follow_one_another_and_experiments_only_stand_in_for_a_joint_fit():
+    whole = results(
+        made([1.0], [1.0]),
+        experiments={"A": made([3.0], [1.0])},
+        inertial={"1": made({"delta_phi": 1e-3}, [1e-5], units="rad")},
+        cross_talk={"2": made({"b_1": 1e-6}, [1e-7], units="m")},
+    )
+    alone = results(experiments={"A": made([4.0], [1.0])})
+    both = fit.compare([whole, replace(whole, joint=made([2.0], [1.0]))])
+    assert [(p.section, p.key, p.name) for p in both.parameters] == [
+        ("joint", "", "a"), ("inertial", "1", "delta_phi"), ("cross_talk", "2", "b_1"),
+    ]  # fmt: skip
+    found = fit.compare([whole, alone])
+    assert [(p.section, p.key) for p in found.parameters][-1] == ("experiments", "A")
+    assert found.parameters[-1].differences[1] == pytest.approx(1 / np.sqrt(2))
+    assert list(found.agreements[0].tests) == ["experiments.A"]
+
+
+def test_another_frame_reverses_what_depends_on_it():
+    couplings = {f"b_{k}": 1e-6 * k for k in range(1, 7)}
+    reversed_ = {n: -x if n in ("b_1", "b_4", "b_6") else x for n, x in couplings.items()}
+    one, two = (
+        results(
+            made([1.0 + k], [1.0]),
+            cross_talk={"1": made(b, [1e-7] * 6, units="m", correlation=0.4, truth=b["b_1"])},
+            inertial={"1": made({"delta_phi": 1e-3, "delta_eta": sign * 2e-3}, [1e-5] * 2, units="rad")},
+            x_axis=frame,
+        )
+        for k, b, sign, frame in ((0, couplings, 1, TO_2), (1, reversed_, -1, TO_1))
+    )
+    found = fit.compare({"one": one, "two": two})
+    assert all(p.differences[1] == 0 for p in found.parameters if p.section != "joint")
+    assert found["a"].estimates[1].value == 2.0
+    assert found.agreements[0].tests["cross_talk.1"][0] == 0
+    assert sum("with the other sign" in note for note in found.notes) == 2
+
+
+def test_units_are_converted_or_refused():
+    one = results(made({"C_2": 0.2}, [0.01], units="s"))
+    two = results(made({"C_2": 210.0}, [10.0], units="ms"))
+    assert fit.compare([one, two])["C_2"].differences[1] == pytest.approx(0.01 / np.hypot(0.01, 0.01))
+    with pytest.raises(fit.InputError, match=r"^b: joint\.parameters\.C_2: unit 'm', expected 's' as in a$"):
+        fit.compare({"a": one, "b": results(made({"C_2": 0.2}, [0.01], units="m"))})
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_sigmas_that_do_not_hold_make_no_difference(first):
+    good, bad = results(made([1.0], [0.1])), results(made([2.0], [0.1], warnings=(UNSOUND,)))
+    found = fit.compare({"x": bad, "y": good} if first else {"y": good, "x": bad})
+    assert found["a"].differences == (None, None)
+    assert found.agreements[0].tests == {}
+    (note,) = found.notes
+    assert note == "x: joint: not sound (the runs contradict each other); its sigmas do not hold"
+    assert "2.0(?)" in str(found)
+
+
+def test_truth_is_shown_and_other_truths_are_reported():
+    one, two, other = (
+        results(made([x], [0.1], truth=truth)) for x, truth in ((1.0, 1.1), (1.05, 1.1), (2.0, 2.2))
+    )
+    found = fit.compare([one, two])
+    assert found["a"].truth == 1.1
+    assert lines(found).head[-1] == "truth"
+    assert found.notes == ()
+    found = fit.compare([one, other])
+    assert found["a"].truth is None
+    assert found.notes == ("the true values differ, and with them the estimates: a",)
+
+
+def test_nothing_in_common():
+    found = fit.compare([results(made({"a": 1.0}, [1.0])), results(made({"b": 1.0}, [1.0]))])
+    assert found.notes == ("no parameter is estimated by more than one of the results",)
+    assert found.agreements[0].tests == {}
+
+
+# Independence ---------------------------------------------------------------------------------------------
+
+
+def saved(folder, joint, *runs, seed=None, t0="2016-04-16T00:00:00Z", keep=True, name="results.json"):
+    """Write results with their telemetry; returns their folder."""
+    (folder / "telemetry").mkdir(parents=True, exist_ok=True)
+    for run in runs:
+        path = folder / "telemetry" / f"{run}.h5"
+        write_contract_file(path, run=run, t0=t0, seed=seed)
+        if not keep:
+            path.unlink()
+    said = {"telemetry": [f"telemetry/{run}.h5" for run in runs], "more": {"seed": seed} if seed else {}}
+    results(joint, joint_runs=list(runs), noise_runs={}, **said).save(folder / name)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "reason"),
+    [
+        ({"seed": 1}, {"seed": 2}, ""),
+        ({"seed": 1}, {"seed": 1}, "the same simulated noise, as seed and name of runs are the same: A, B"),
+        ({"seed": 1}, {}, ""),
+        ({}, {}, "telemetry of the same time: A, B"),
+        ({}, {"t0": "2016-04-17T00:00:00Z"}, ""),
+        ({"keep": False}, {"t0": "2016-04-17T00:00:00Z"}, "runs of the same names, without telemetry"),
+        ({"keep": False, "seed": 1}, {"seed": 2}, ""),
+        ({"keep": False, "seed": 1}, {"seed": 1}, "runs of the same names, without telemetry"),
+    ],
+)  # fmt: skip
+def test_results_of_other_data_are_independent(tmp_path, one, two, reason):
+    a = saved(tmp_path / "a", made([1.0], [0.1]), "A", "B", **one)
+    b = saved(tmp_path / "b", made([1.1], [0.1]), "A", "B", **two)
+    (agreement,) = fit.compare([a, b]).agreements
+    assert agreement.dependence.startswith(reason)
+    assert bool(agreement.dependence) == bool(reason)
+    assert bool(agreement.tests) == (not reason)
+
+
+def test_results_of_the_same_files_are_not_independent(tmp_path):
+    folder = saved(tmp_path / "a", made([1.0], [0.1]), "A", "B", seed=1)
+    saved(folder, made([1.2], [0.2]), "B", seed=1, name="identified.json")
+    found = fit.compare([folder, folder / "identified.json"])
+    assert found.agreements[0].dependence == "the same telemetry: B"
+    assert found["a"].differences[1] == pytest.approx(0.2 / np.hypot(0.1, 0.2))
+    (sentence,) = sentences(found)
+    assert "not independent" in sentence
+    assert "correlated" in sentence
+
+
+def test_a_joint_fit_carried_over_is_no_second_one(tmp_path):
+    joint = made([1.0], [0.1])
+    a = saved(tmp_path / "a", joint, "A", seed=1)
+    b = saved(tmp_path / "b", joint, "N", seed=2)
+    assert fit.compare([a, b]).agreements[0].dependence == "the same joint fit in both"
+
+
+# Forms ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def comparison():
+    one = results(made({"lambda_2": 1.0776, "alpha_x_2": -317.0, "omega": -4e-7}, [3e-5, 12.0, 5e-9]))
+    two = results(made({"lambda_2": 1.0777, "omega": -4.1e-7}, [4e-5, 5e-9]))
+    return fit.compare({"one": one, "two": two})
+
+
+def test_as_text_and_as_html(comparison):
+    table = [line.split() for line in repr(comparison).splitlines()]
+    assert table[0] == ["parameter", "unit", "one", "two", "difference/sigma"]
+    assert table[1:4] == [
+        ["lambda_2", "1", "1.07760(3)", "1.07770(4)", "+2.00"],
+        ["alpha_x_2", "1", "-317(12)", "-", "-"],
+        ["omega", "1", "-4.00(5)e-07", "-4.10(5)e-07", "-1.41"],
+    ]
+    assert repr(comparison).splitlines()[4] == "two: joint: chi2 = 6.0 of 2 differences from one, p = 0.05"
+    assert comparison._repr_html_().count("<tr>") == 4
+
+
+def test_as_json(comparison):
+    document = json.loads(comparison.to_json(), parse_constant=pytest.fail)
+    assert (document["schema"], document["results"]) == ("lpf-compare/1", ["one", "two"])
+    first, second = document["joint"]["lambda_2"]["estimates"]
+    assert second == {"value": 1.0777, "sigma": 4e-5, "sound": True}
+    assert document["joint"]["lambda_2"]["differences"] == [None, pytest.approx(2.0)]
+    assert document["joint"]["alpha_x_2"]["estimates"][1] is None
+    (agreement,) = document["agreement"]
+    assert agreement["independent"] is True
+    assert agreement["tests"]["joint"]["dof"] == 2
+    assert agreement["tests"]["joint"]["p"] == pytest.approx(np.exp(-agreement["tests"]["joint"]["chi2"] / 2))
+    assert first["sigma"] == 3e-5
+
+
+def test_as_data_frame(comparison):
+    frame = comparison.to_dataframe()
+    row = frame.loc["joint", "", "lambda_2", "1"]
+    assert row["two", "difference"] == pytest.approx(2.0)
+    assert np.isnan(frame.loc["joint", "", "alpha_x_2", "1"]["two", "value"])
+    assert list(frame.columns.levels[0]) == ["one", "two"]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([], "compare: 0 given, expected two or more results"),
+        (["q"], "q: 1 given, expected two or more results"),
+        ("q", "compare: 'q', expected a list of two or more results"),
+        (5, "compare: 5, expected a list"),
+        ([5, 6], "compare: 5, expected a path or Results"),
+        (["nowhere", "q"], "nowhere: no such file or folder, expected results"),
+        (["a", "a/results.json"], "a/results.json: the same results as a, expected others"),
+        (["a", "b/montecarlo.json"], "schema is 'lpf-montecarlo/1', expected 'lpf-results/1'"),
+    ],
+)
+def test_what_cannot_be_compared(tmp_path, monkeypatch, given, said):
+    saved(tmp_path / "a", made([1.0], [0.1]), "A")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "montecarlo.json").write_text('{"schema": "lpf-montecarlo/1"}')
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(fit.InputError, match=re.escape(said)) as raised:
+        fit.compare(given)
+    assert "\n" not in str(raised.value)
+
+
+def test_an_unknown_parameter(comparison):
+    with pytest.raises(fit.InputError, match="lambda_1: in no joint fit, expected one of lambda_2"):
+        comparison["lambda_1"]

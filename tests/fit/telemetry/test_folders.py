@@ -1,0 +1,190 @@
+"""Folders as inputs: which telemetry and which results a path means."""
+
+import json
+import re
+
+import h5py
+import pytest
+
+from fit.errors import InputError
+from fit.results import results_beside, results_file, results_folder, telemetry_files, telemetry_of
+from fit.results.results import load
+from tests.oracles.contract_file import write_contract_file
+
+
+def results(folder, *telemetry, name="results.json", **entries):
+    """Write results without any fit, which name telemetry."""
+    folder.mkdir(exist_ok=True)
+    document = {"schema": "lpf-results/1", "provenance": {"telemetry": list(telemetry)}, **entries}
+    (folder / name).write_text(json.dumps(document), encoding="utf-8")
+    return folder / name
+
+
+def telemetry(folder, *runs):
+    folder.mkdir(parents=True, exist_ok=True)
+    return [write_contract_file(folder / f"{run}.h5", run=run) for run in runs]
+
+
+def chain(folder, name="mcmc.h5"):
+    with h5py.File(folder / name, "w") as file:
+        file.create_group("mcmc")
+        file["fingerprint"] = [0.0]
+
+
+def refused(function, *arguments):
+    with pytest.raises(InputError) as raised:
+        function(*arguments)
+    message = str(raised.value)
+    assert "\n" not in message
+    assert "expected" in message
+    return message
+
+
+# Telemetry ------------------------------------------------------------------------------------------------
+
+
+def test_a_plain_folder_means_its_telemetry_once_without_hidden_files(tmp_path):
+    files = telemetry(tmp_path, "b", "a")
+    (tmp_path / "._a.h5").write_bytes(b"AppleDouble")
+    (tmp_path / "readme.txt").write_text("Dear diary")
+    assert telemetry_files([tmp_path]) == sorted(files)
+    assert telemetry_files([files[0], tmp_path, tmp_path / "nowhere"]) == [*files, tmp_path / "nowhere"]
+
+
+@pytest.mark.parametrize("with_results", [False, True])
+def test_a_folder_of_a_run_means_its_telemetry_whatever_lies_beside(tmp_path, with_results):
+    files = telemetry(tmp_path / "telemetry", "a", "b", "failed")
+    chain(tmp_path)
+    chain(tmp_path, "jitter.h5")
+    write_contract_file(tmp_path / "a-deltag.h5")
+    if with_results:
+        results(tmp_path, "telemetry/a.h5", "telemetry/b.h5")
+    assert telemetry_files([tmp_path]) == files
+
+
+def test_results_without_telemetry_beside_them_mean_what_they_name(tmp_path):
+    files = telemetry(tmp_path / "flight", "a", "b", "other")
+    results(tmp_path / "out", "../flight/a.h5", "../flight/b.h5")
+    chain(tmp_path / "out")
+    assert telemetry_files([tmp_path / "out"]) == files[:2]
+    files[1].unlink()
+    message = refused(telemetry_files, [tmp_path / "out"])
+    assert message.startswith(f"{files[1]}: no such file, expected telemetry that ")
+    assert str(tmp_path / "out" / "results.json") in message
+
+
+def test_results_of_converted_and_of_other_telemetry_mean_both(tmp_path):
+    (outer,) = telemetry(tmp_path / "flight", "a")
+    (inner,) = telemetry(tmp_path / "out" / "telemetry", "b")
+    results(tmp_path / "out", "../flight/a.h5", "telemetry/b.h5")
+    assert telemetry_files([tmp_path / "out"]) == [outer, inner]
+
+
+def test_results_among_their_telemetry(tmp_path):
+    files = telemetry(tmp_path, "a", "b")
+    results(tmp_path, "a.h5", "b.h5")
+    chain(tmp_path)
+    assert telemetry_files([tmp_path]) == files
+    telemetry(tmp_path, "new")
+    message = refused(telemetry_files, [tmp_path])
+    assert f"has telemetry (new.h5) beside that of its results ({files[0]} ...)" in message
+
+
+@pytest.mark.parametrize("content", ['{"schema": "lpf-results/1"}', "{", '{"schema": "other/1"}'])
+def test_results_that_name_nothing_do_not_hide_telemetry(tmp_path, content):
+    files = telemetry(tmp_path, "a")
+    (tmp_path / "results.json").write_text(content)
+    assert telemetry_files([tmp_path]) == files
+    files[0].unlink()
+    assert str(tmp_path / "results.json") in refused(telemetry_files, [tmp_path])
+
+
+def an_interrupted_run(folder):
+    (folder / "telemetry").mkdir()
+    (folder / "telemetry" / ".a.h5.17.part").write_bytes(b"")
+
+
+def a_map(folder):
+    (folder / "map.toml").write_text('schema = "lpf-map/1"\n')
+    (folder / "a.csv").write_text("1,2\n")
+
+
+def folders_of_results(folder):
+    for name in "ab":
+        results(folder / name)
+
+
+@pytest.mark.parametrize(
+    ("fill", "said"),
+    [
+        (lambda _: None, "DIR: folder without telemetry, expected files *.h5 in it"),
+        (an_interrupted_run, "DIR/telemetry: no files *.h5 in it, expected telemetry; if lpfcosim run was"),
+        (a_map, "DIR/map.toml is a map of archives: name it instead of the folder"),
+        (lambda folder: (folder / "a.CSV").touch(), "archives such as a.CSV are read through a map"),
+        (folders_of_results, "did you mean DIR/a, DIR/b?"),
+        (results, "DIR/results.json: provenance.telemetry: expected a list of file names"),
+    ],
+)
+def test_a_folder_without_telemetry_is_said_to_be_so(tmp_path, fill, said):
+    fill(tmp_path)
+    assert said.replace("DIR", str(tmp_path)) in refused(telemetry_files, [tmp_path])
+
+
+def test_results_are_no_telemetry(tmp_path):
+    file = results(tmp_path)
+    assert refused(telemetry_files, [file]).endswith(f"expected telemetry; did you mean {tmp_path}?")
+
+
+@pytest.mark.parametrize("function", [lambda path: telemetry_files([path]), results_file, results_folder])
+def test_what_cannot_be_read_is_said_to_be_so(tmp_path, function):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    assert f"{loop}: cannot be read (Too many levels of symbolic links)" in refused(function, loop)
+
+
+@pytest.mark.parametrize("function", [lambda path: telemetry_files([path]), results_file, results_beside])
+def test_a_name_that_no_file_can_have(tmp_path, function):
+    assert "File name too long" in refused(function, tmp_path / ("x" * 300))
+
+
+# Results --------------------------------------------------------------------------------------------------
+
+
+def test_results_by_their_file_or_their_folder(tmp_path):
+    file, other = results(tmp_path), results(tmp_path, name="identified.json")
+    assert results_file(tmp_path) == results_file(file) == file
+    assert results_file(other) == other
+    assert results_folder(tmp_path) == tmp_path
+    with pytest.raises(InputError, match=r"is a file, expected the folder .* did you mean"):
+        results_folder(file)
+
+
+def test_results_beside_telemetry(tmp_path, monkeypatch):
+    (run,) = telemetry(tmp_path / "out" / "telemetry", "a")
+    file = results(tmp_path / "out", "telemetry/a.h5")
+    for path in (tmp_path / "out", run.parent, run):
+        assert results_beside(path) == file
+    monkeypatch.chdir(run.parent)
+    assert results_beside(type(run)("a.h5")).samefile(file)
+    assert results_beside(tmp_path) is None
+    assert "no such file or folder" in refused(results_beside, tmp_path / "nowhere")
+
+
+def test_a_folder_without_results(tmp_path):
+    (run,) = telemetry(tmp_path / "telemetry", "a")
+    assert refused(results_file, tmp_path).startswith(f"{tmp_path}: no results.json in it")
+    assert refused(results_file, tmp_path / "nowhere").startswith(
+        f"{tmp_path / 'nowhere'}: no such file or folder"
+    )
+    results(tmp_path)
+    assert refused(results_file, run.parent).endswith(f"did you mean {tmp_path}?")
+    (tmp_path / "results.json").unlink()
+    (tmp_path / "results.json").mkdir()
+    with pytest.raises(InputError, match=re.escape("results.json: is a folder, expected a file of results")):
+        load(results_file(tmp_path))
+
+
+@pytest.mark.parametrize("provenance", [{}, {"telemetry": []}, {"telemetry": "a.h5"}])
+def test_results_that_do_not_name_their_telemetry(tmp_path, provenance):
+    file = results(tmp_path, provenance=provenance)
+    assert "provenance.telemetry: expected a list" in refused(telemetry_of, load(file), file)

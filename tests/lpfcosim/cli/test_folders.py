@@ -1,0 +1,148 @@
+"""Folders of results as inputs of commands, whatever other commands left in them."""
+
+import json
+import shutil
+
+import h5py
+import pytest
+
+import fit
+from tests.oracles.contract_file import write_contract_file
+from tests.oracles.synthetic import World, pair
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory):
+    """A folder as `lpfcosim run` leaves it, of two experiments."""
+    folder = tmp_path_factory.mktemp("once") / "flight"
+    (folder / "telemetry").mkdir(parents=True)
+    for run in (run for a in "AB" for run in pair(World(), a)):
+        channels = {name: (x, "m" if name[0] == "o" else "m s-2") for name, x in run.channels.items()}
+        attributes = {key: getattr(run, key) for key in ("run", "experiment", "kind", "fs", "F_max_2")}
+        path = folder / "telemetry" / f"{run.run}.h5"
+        write_contract_file(path, samples=run.time.size, channels=channels, **attributes)
+    runs = fit.load(folder)
+    fit.save_report(fit.calibrate(runs), runs, folder)
+    return folder
+
+
+@pytest.fixture
+def flight(once, tmp_path):
+    return shutil.copytree(once, tmp_path / "flight")
+
+
+def sentence(result):
+    """Return the one sentence of a refusal."""
+    status, _, err = result
+    assert status == 2, err
+    (line,) = [line for line in err.splitlines() if line.startswith("lpfcosim: error: ")]
+    return line.removeprefix("lpfcosim: error: ")
+
+
+def test_after_mcmc_every_command_takes_the_folder_as_before(lpfcosim, flight):
+    status, _, err = lpfcosim("mcmc", "flight", "--steps", 20, "--quiet")
+    assert status == 1, err  # not converged, and the chain is there
+    assert (flight / "mcmc.h5").is_file()
+    with h5py.File(flight / "other.h5", "w") as file:
+        file["x"] = [1.0]
+    status, _, err = lpfcosim("fit", "flight", "--out", "second", "--quiet")
+    assert (status, err) == (0, "")
+    first, second = (
+        json.loads((flight.parent / name / "results.json").read_text()) for name in ("flight", "second")
+    )
+    assert second["joint"] == first["joint"]
+    # `second` has its telemetry elsewhere
+    for folder in ("flight", "second"):
+        status, out, err = lpfcosim("deltag", folder, "--out", f"{folder}-deltag")
+        assert status == 0, err
+        assert f"calibration: {folder}/results.json\n" in err
+        assert len(out.splitlines()) == 4
+        assert [run.run for run in fit.load(folder)] == [run.run for run in fit.load("flight/telemetry")]
+        assert (
+            fit.load_results(folder).joint["lambda_2"].value
+            == first["joint"]["parameters"]["lambda_2"]["value"]
+        )
+    for name in ("flight/mcmc.h5", "flight-deltag"):
+        assert ": is the c" in sentence(lpfcosim("fit", name, "--out", "third"))
+    assert not (flight.parent / "third").exists()
+
+
+def test_calibration_by_its_folder(lpfcosim, flight):
+    files = ["flight/telemetry/B-noise.h5"]
+    for name, calibration in (("a", []), ("b", ["--calibration", "flight"])):
+        status, _, err = lpfcosim("deltag", *files, *calibration, "--out", name)
+        assert status == 0, err
+        assert ("calibration: " in err) == (not calibration)
+    digests = []
+    for name in "ab":
+        (product,) = (flight.parent / name).glob("*.h5")
+        with h5py.File(product) as file:
+            digests.append(file.attrs["calibration_sha256"])
+    assert digests[0] == digests[1]
+    said = sentence(lpfcosim("fit", *files, "--calibration", "flight", "--out", "c"))
+    assert "no noise run of 12 h or more" in said  # the calibration was read
+
+
+def test_telemetry_of_several_results_needs_the_calibration_named(lpfcosim, flight, tmp_path):
+    other = shutil.copytree(flight, tmp_path / "other")
+    names = sorted(path.name for path in (flight / "telemetry").iterdir())
+    paths = [f"{folder}/telemetry/{name}" for folder, name in zip(("flight", "other"), names, strict=False)]
+    status, _, err = lpfcosim("deltag", *paths, "--out", "same")
+    assert status == 0, err  # a copy
+    document = (other / "results.json").read_text()
+    (other / "results.json").write_text(document.replace('"chi2": ', '"chi2": 1', 1))
+    said = sentence(lpfcosim("deltag", *paths, "--out", "out"))
+    assert said.startswith(
+        "other/results.json: other results than flight/results.json, expected one calibration"
+    )
+    (other / "results.json").unlink()
+    said = sentence(lpfcosim("deltag", *paths, "--out", "out"))
+    assert said.startswith(f"{paths[1]}: no results.json in its folder")
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare(lpfcosim, flight, tmp_path):
+    status, _, err = lpfcosim("fit", "flight", "--settings", settings(tmp_path), "--out", "second", "--quiet")
+    assert status == 0, err
+    status, out, err = lpfcosim("compare", "flight", "second")
+    assert status == 0, err
+    head, first, *_ = out.splitlines()
+    assert head.split() == ["parameter", "unit", "flight", "second", "difference/sigma"]
+    assert first.split()[0] == "lambda_2"
+    assert "second is not independent of flight (the same telemetry: A" in out
+    status, out, err = lpfcosim("compare", "flight", "second/results.json", "--json", "--quiet")
+    assert (status, err) == (0, "")
+    document = json.loads(out, parse_constant=pytest.fail)
+    assert document["schema"] == "lpf-compare/1"
+    assert document["results"] == ["flight", "second/results.json"]
+    values = [estimate["value"] for estimate in document["joint"]["lambda_2"]["estimates"]]
+    sigmas = [estimate["sigma"] for estimate in document["joint"]["lambda_2"]["estimates"]]
+    expected = (values[1] - values[0]) / sum(sigma**2 for sigma in sigmas) ** 0.5
+    assert document["joint"]["lambda_2"]["differences"] == [None, pytest.approx(expected)]
+    assert lpfcosim("compare", "flight", "second", "--quiet") == (0, "", "")
+
+
+def settings(folder):
+    file = folder / "settings.toml"
+    file.write_text('[fit]\nestimator = "student_t"\n', encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("empty", None, "empty: no results.json in it"),
+        ("cut", '{"schema": "lpf-results/1", "joint"', "cut/results.json: line 1, column"),
+        ("other", '{"schema": "lpf-montecarlo/1"}', "other/results.json: schema is 'lpf-montecarlo/1'"),
+        ("wrong", '{"schema": "lpf-results/1", "joint": 5}', "wrong/results.json: joint: 5"),
+    ],
+)
+@pytest.mark.parametrize(
+    "command", ["compare flight", "deltag flight --calibration", "report", "figures", "mcmc"]
+)
+def test_results_that_are_none_are_one_sentence(lpfcosim, once, tmp_path, name, content, said, command):
+    (tmp_path / name).mkdir()
+    if content is not None:
+        (tmp_path / name / "results.json").write_text(content, encoding="utf-8")
+    words = [str(once) if word == "flight" else word for word in command.split()]
+    assert sentence(lpfcosim(*words, name)).startswith(said)
