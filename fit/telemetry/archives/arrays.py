@@ -96,7 +96,7 @@ def _order(series: Mapping[str, Series]) -> list[str]:
     return list(dict.fromkeys(matrices.get(name, name) for name in series))
 
 
-def inside(path: Path, series: Mapping[str, Series], table: str | int | None) -> Mapping[str, Series]:
+def select_table(path: Path, series: Mapping[str, Series], table: str | int | None) -> Mapping[str, Series]:
     """Return what lies in a struct, a group or an array, without its name.
 
     Raises

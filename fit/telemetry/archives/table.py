@@ -96,7 +96,7 @@ class Table(ABC):
         try:
             yield from rows
         except FAILURES as error:
-            raise damaged(self.path, error, self.kind) from error
+            raise read_error(self.path, error, self.kind) from error
 
     def column(self, key: str | int, meaning: str = "") -> str:
         """Return the name of a column.
@@ -189,7 +189,7 @@ def batches(items: Iterable[T]) -> Iterator[list[T]]:
     return takewhile(bool, iter(lambda: list(islice(iterator, BLOCK)), None))
 
 
-def damaged(path: Path, error: Exception, kind: str) -> InputError:
+def read_error(path: Path, error: Exception, kind: str) -> InputError:
     """Return the error for a file that a library cannot read as what it should be."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return InputError(f"{path}: {error.strerror}, expected a file that can be read")

@@ -86,6 +86,7 @@ def test_what_in_hdf5_is_no_column(tmp_path):
         file.create_dataset("elsewhere", (N,), "f8", external=[(tmp_path / "x.bin", 0, 8 * N)])
         file.create_dataset("unwritten", (N,), "f8", chunks=(5,))
         file.create_dataset("lists", (2,), h5py.vlen_dtype("f8"))[0] = T
+        file.create_dataset("other filter", data=T, chunks=(10,), scaleoffset=3)
         file["wide"] = np.ones((1001, 1002))
     assert reasons(tmp_path / "a.h5") == {
         "complex": "complex numbers",
@@ -96,6 +97,8 @@ def test_what_in_hdf5_is_no_column(tmp_path):
         "lists": "objects",
         "nothing": "empty",
         "other": "a link",
+        "other filter": "chunks of 10 values through the filters [6] (at most 16777216 through each of gzip, "
+        "lzf, shuffle and fletcher32 at most once are read)",
         "reference": "objects",
         "scalar": "a single value",
         "text": "text",
