@@ -110,6 +110,8 @@ def select_table(path: Path, series: Mapping[str, Series], table: str | int | No
     members = {k.removeprefix(f"{name}."): each for k, each in series.items() if k.startswith(f"{name}.")}
     if not members:
         members = {k[len(name) + 1 : -1]: each for k, each in series.items() if k.startswith(f"{name}[")}
+    if not members and name in series and series[name].column.size is None:
+        raise InputError(f"{path}: table {table!r}: {series[name].column.reason}, expected a struct or group")
     if not members:
         names = dict.fromkeys(k.rpartition("[" if k.endswith("]") else ".")[0] for k in series)
         there = ", ".join(name for name in names if name and not name.endswith(" ")) or "none"

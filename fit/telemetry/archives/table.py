@@ -123,12 +123,20 @@ class Table(ABC):
             return alike[0]
         if alike:
             raise InputError(f"{place}: there are several, expected one of the columns: {_listed(alike)}")
+        self._check_container(key, place)
         if count := sum(name.startswith(f"{key}[") for name in self.columns):
             raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{count}]")
         names = {split_unit(name)[0].casefold(): name for name in self.columns}
         close = difflib.get_close_matches(key.casefold(), names, n=1)
         hint = f'; did you mean "{names[close[0]]}"?' if close else ""
         raise InputError(f"{place}: missing, expected it among the columns: {_listed(self.columns)}{hint}")
+
+    def _check_container(self, key: str, place: str) -> None:
+        """Refuse a key whose beginning is the name of what cannot be read."""
+        path = key.strip("/").replace("/", ".").split(".")
+        for name in (".".join(path[:n]) for n in range(len(path) - 1, 0, -1)):
+            if name in self.columns and self.columns[name].size is None:
+                raise InputError(f"{place}: {shown_key(name)} is {self.columns[name].reason}")
 
     def _by_number(self, number: int, meaning: str) -> str:
         place, there = f"{self.path}: column {number}{meaning}", _listed(self.columns)

@@ -159,6 +159,18 @@ def test_data_frames_of_pandas(tmp_path):
         assert archive.column(3) == "x"
 
 
+def test_data_frames_that_are_compressed_otherwise_are_named(tmp_path):
+    pandas_file(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        values = file["fixed/block1_values"][()]
+        del file["fixed/block1_values"]
+        file.create_dataset("fixed/block1_values", data=values, chunks=(10, 2), scaleoffset=3)
+        file["fixed/block1_values"].attrs["transposed"] = np.uint8(1)
+    found = message(tmp_path / "a.h5", "fixed.t")
+    reason = "a data frame of pandas in chunks of 20 values through the filters [6], expected at most"
+    assert found.startswith(f'column "fixed.t": fixed is {reason}')
+
+
 def test_pickles_of_pandas_are_not_unpickled(tmp_path):
     pandas_file(tmp_path / "a.h5")
     trap = b"cos\nsystem\n(V" + f"touch {tmp_path}/ran".encode() + b"\ntR."

@@ -10,8 +10,9 @@ from matio.utils import MatlabOpaque
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
 
+from fit.errors import InputError
 from fit.telemetry.archives import opened
-from tests.fit.telemetry.columns import OUT, STAMPS, WHEN, N, T, X, Y, read, reasons, same
+from tests.fit.telemetry.columns import OUT, STAMPS, WHEN, N, T, X, Y, message, read, reasons, same
 
 
 def test_matlab(tmp_path):
@@ -151,6 +152,9 @@ def test_objects_without_mat_io_are_named(tmp_path, monkeypatch, version):
     why = "which is read with the extra lpfcosim[matlab] alone; save it from MATLAB as a struct"
     assert reasons(tmp_path / "a.mat") == {"a": f"an object of class ao, {why}"}
     same(read(tmp_path / "a.mat"), {"x": X})
+    assert message(tmp_path / "a.mat", "a.y") == f'column "a.y": a is an object of class ao, {why}'
+    with pytest.raises(InputError, match=r"a\.mat: table 'a': an object of class ao, which is read with"):
+        read(tmp_path / "a.mat", "a")
 
 
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
