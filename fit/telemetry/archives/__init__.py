@@ -12,7 +12,7 @@ from pathlib import Path
 from fit.errors import InputError
 from fit.files import is_file
 from fit.telemetry.archives import fits, hdf5, matlab, numpy, text
-from fit.telemetry.archives.table import FAILURES, Column, Table, damaged
+from fit.telemetry.archives.table import FAILURES, Column, Table, read_error
 
 __all__ = ["Column", "Table", "is_text", "look", "opened"]
 
@@ -54,7 +54,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         try:
             archive = stack.enter_context(reader(path, table))
         except FAILURES as error:
-            raise damaged(path, error, kind) from error
+            raise read_error(path, error, kind) from error
         yield archive
 
 

@@ -96,7 +96,7 @@ def _order(series: Mapping[str, Series]) -> list[str]:
     return list(dict.fromkeys(matrices.get(name, name) for name in series))
 
 
-def inside(path: Path, series: Mapping[str, Series], table: str | int | None) -> Mapping[str, Series]:
+def select_table(path: Path, series: Mapping[str, Series], table: str | int | None) -> Mapping[str, Series]:
     """Return what lies in a struct, a group or an array, without its name.
 
     Raises
@@ -110,6 +110,8 @@ def inside(path: Path, series: Mapping[str, Series], table: str | int | None) ->
     members = {k.removeprefix(f"{name}."): each for k, each in series.items() if k.startswith(f"{name}.")}
     if not members:
         members = {k[len(name) + 1 : -1]: each for k, each in series.items() if k.startswith(f"{name}[")}
+    if not members and name in series and series[name].column.size is None:
+        raise InputError(f"{path}: table {table!r}: {series[name].column.reason}, expected a struct or group")
     if not members:
         names = dict.fromkeys(k.rpartition("[" if k.endswith("]") else ".")[0] for k in series)
         there = ", ".join(name for name in names if name and not name.endswith(" ")) or "none"

@@ -19,7 +19,7 @@ def unit_of(attributes: Mapping[str, Any]) -> str | None:
     return clean_unit(stated.partition(" since ")[0]) if isinstance(stated, str) else None
 
 
-def decoded(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -> Series:
+def decode(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -> Series:
     """Return a column with the missing samples and the scale that its attributes state.
 
     Parameters
@@ -38,7 +38,7 @@ def decoded(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) 
         reason = "unsigned integers stored as signed ones (attribute _Unsigned)"
         return Series(Column(None, column.unit, reason), source=series.source)
     stated = [np.atleast_1d(attributes[name]) for name in _MISSING if name in attributes]
-    marks = [mark for values in stated for mark in values if _is_of(mark, kind)]
+    marks = [mark for values in stated for mark in values if _is_representable(mark, kind)]
     if marks:
         series = series.without(np.asarray(marks).astype(kind))
     scale, offset = (plain(attributes.get(name)) for name in ("scale_factor", "add_offset"))
@@ -50,7 +50,7 @@ def decoded(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) 
     return series
 
 
-def _is_of(mark: Any, kind: np.dtype[Any]) -> bool:
+def _is_representable(mark: Any, kind: np.dtype[Any]) -> bool:
     """Return whether a mark of missing samples can be among numbers of a type."""
     if not isinstance(mark, np.number) or kind.kind not in "iuf":
         return False

@@ -27,8 +27,11 @@ def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
         columns = {"frame": _frame, "series": _series}.get(kind, _none)(group)
         if kind.endswith("_table") and isinstance(group.get("table"), h5py.Dataset):
             columns = _table(group)
-    except (KeyError, AttributeError, InputError):  # not as pandas writes it
+    except (KeyError, AttributeError):  # not as pandas writes it
         return None
+    except InputError as error:
+        reason = f"a data frame of pandas in {str(error).removeprefix(': ')}"
+        return {name: Series(Column(None, reason=reason), source=name)}
     if columns is None:
         return None
     return {f"{name}.{column}": replace(each, source=name) for column, each in columns.items()}

@@ -12,7 +12,7 @@ import numpy as np
 
 from fit.errors import InputError
 from fit.telemetry.archives.arrays import Arrays, Series, series_of
-from fit.telemetry.archives.table import Column, Table, damaged
+from fit.telemetry.archives.table import Column, Table, read_error
 
 SUFFIXES = (".fits", ".fit", ".fts", ".fits.gz", ".fit.gz", ".fts.gz")
 _PIECE = 2**20  # bytes
@@ -44,7 +44,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
                 chosen = [hdu for i, hdu in tables.items() if table in (None, i, hdu.name)]
                 series = _series(chosen[0]) if chosen else {}
         except Exception as error:  # a damaged file makes it raise almost anything
-            raise damaged(path, error, "FITS") from error
+            raise read_error(path, error, "FITS") from error
         if not chosen:
             there = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
             wanted = "table" if table is None else f"table {table!r}"

@@ -8,8 +8,8 @@ import h5py
 
 from fit.errors import InputError
 from fit.telemetry.archives import dataframes, matlab73, netcdf, objects
-from fit.telemetry.archives.arrays import Arrays, Series, inside, series_of
-from fit.telemetry.archives.attributes import decoded, unit_of
+from fit.telemetry.archives.arrays import Arrays, Series, select_table, series_of
+from fit.telemetry.archives.attributes import decode, unit_of
 from fit.telemetry.archives.table import Column, Table
 from fit.telemetry.datasets import check_storage, plain
 
@@ -22,12 +22,12 @@ _HIDDEN = ("#refs#", "#subsystem#")  # of MATLAB
 def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     """Open an HDF5 file; `table` names a group, a set of records or a matrix."""
     if netcdf.is_netcdf(path):
-        yield Arrays(path, "netCDF", inside(path, netcdf.series_of_file(path), table))
+        yield Arrays(path, "netCDF", select_table(path, netcdf.series_of_file(path), table))
         return
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: cannot be read as HDF5, expected a whole file of this format")
     with h5py.File(path, rdcc_nbytes=_CACHE) as file:
-        yield Arrays(path, "HDF5", inside(path, _series(path, file), table))
+        yield Arrays(path, "HDF5", select_table(path, _series(path, file), table))
 
 
 def _series(path: Path, file: h5py.File) -> dict[str, Series]:
@@ -75,7 +75,9 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
     try:
         check_storage(dataset, "")
     except InputError as error:
-        reason = str(error).removeprefix(": ").partition(", expected")[0]
+        reason, _, expected = str(error).removeprefix(": ").partition(", expected ")
+        if dataset.chunks is not None and "filters" in reason:
+            reason = f"{reason} ({expected} are read)"
         return {name: Series(Column(None, reason=reason), source=name)}
     if matlab == "char":
         return {name: matlab73.letters(dataset, name)}
@@ -85,4 +87,4 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
     if matlab == "cell":
         return matlab73.cells(dataset, name)
     series = series_of(name, dataset, unit_of(dataset.attrs))
-    return {column: decoded(each, dataset.attrs, dataset.dtype) for column, each in series.items()}
+    return {column: decode(each, dataset.attrs, dataset.dtype) for column, each in series.items()}

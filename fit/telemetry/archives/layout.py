@@ -92,7 +92,7 @@ def number(cell: str, decimal: str = ".") -> float | None:
         return None
 
 
-def layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
+def detect_layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     """Find out the layout of a text from its first lines, numbered.
 
     Raises
@@ -189,7 +189,7 @@ def _names(
     return names, [clean_unit(cell) or split_unit(name)[1] for cell, name in zip(stated, names, strict=True)]
 
 
-def unique(names: Sequence[str]) -> list[str]:
+def unique_names(names: Sequence[str]) -> list[str]:
     """Return names of columns with the number, counted from 1, in the place of none or of a repeated one."""
     counts = Counter(names)
     numbers = (f"column {i}" if str(i) in counts else str(i) for i in range(1, len(names) + 1))

@@ -11,8 +11,8 @@ import numpy as np
 import scipy
 
 from fit.telemetry.archives import hdf5, objects
-from fit.telemetry.archives.arrays import Arrays, Series, inside
-from fit.telemetry.archives.table import Table, damaged
+from fit.telemetry.archives.arrays import Arrays, Series, select_table
+from fit.telemetry.archives.table import Table, read_error
 
 SUFFIXES = (".mat",)
 _NAMELESS = "None"  # as SciPy calls every variable that is an object
@@ -25,7 +25,7 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         with hdf5.opened(path, table) as archive:
             yield archive
     else:
-        yield Arrays(path, "a MATLAB file", inside(path, _series(path), table))
+        yield Arrays(path, "a MATLAB file", select_table(path, _series(path), table))
 
 
 def _series(path: Path) -> dict[str, Series]:
@@ -34,7 +34,7 @@ def _series(path: Path) -> dict[str, Series]:
             warnings.simplefilter("ignore")
             values = scipy.io.loadmat(path, simplify_cells=True)
     except Exception as error:  # a damaged file makes it raise almost anything
-        raise damaged(path, error, "a MATLAB file") from error
+        raise read_error(path, error, "a MATLAB file") from error
     series: dict[str, Series] = {}
     classes: dict[str, str] = {}
     for name, value in values.items():
@@ -45,7 +45,7 @@ def _series(path: Path) -> dict[str, Series]:
         elif kind is not None:
             classes[name] = kind
         elif not name.startswith("__"):
-            series |= objects.flat(name, value)
+            series |= objects.flatten(name, value)
     return series | (objects.series_of_file(path, classes) if classes else {})
 
 

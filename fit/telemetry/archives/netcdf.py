@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from fit.telemetry.archives.arrays import Series, series_of
-from fit.telemetry.archives.attributes import decoded, unit_of
-from fit.telemetry.archives.table import damaged
+from fit.telemetry.archives.attributes import decode, unit_of
+from fit.telemetry.archives.table import read_error
 
 _MAGIC = b"CDF"
 _ATTRIBUTES = ("units", "_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned")
@@ -31,7 +31,7 @@ def series_of_file(path: Path) -> dict[str, Series]:
                 for name, variable in file.variables.items():
                     series |= _series(name, variable)
     except Exception as error:  # a damaged file makes it raise almost anything
-        raise damaged(path, error, "netCDF") from error
+        raise read_error(path, error, "netCDF") from error
     return series
 
 
@@ -39,4 +39,4 @@ def _series(name: str, variable: Any) -> dict[str, Series]:
     values = np.array(variable.data)
     attributes = {key: getattr(variable, key) for key in _ATTRIBUTES if hasattr(variable, key)}
     columns = series_of(name, values, unit_of(attributes))
-    return {column: decoded(each, attributes, values.dtype) for column, each in columns.items()}
+    return {column: decode(each, attributes, values.dtype) for column, each in columns.items()}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fit.telemetry.archives.arrays import Arrays, inside, series_of
-from fit.telemetry.archives.table import Table, damaged
+from fit.telemetry.archives.arrays import Arrays, select_table, series_of
+from fit.telemetry.archives.table import Table, read_error
 
 SUFFIXES = (".npy", ".npz")
 
@@ -25,5 +25,5 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
                 arrays = {name: loaded[name] for name in loaded.files}
             series = {k: each for name, array in arrays.items() for k, each in series_of(name, array).items()}
     except Exception as error:  # a damaged file makes it raise almost anything
-        raise damaged(path, error, "arrays of NumPy without pickled objects") from error
-    yield Arrays(path, "arrays of NumPy", inside(path, series, table))
+        raise read_error(path, error, "arrays of NumPy without pickled objects") from error
+    yield Arrays(path, "arrays of NumPy", select_table(path, series, table))

@@ -37,7 +37,7 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
     values, why = _loaded(path, list(classes))
     series: dict[str, Series] = {}
     for name, kind in classes.items():
-        columns = flat(name, values[name]) if name in values else {}
+        columns = flatten(name, values[name]) if name in values else {}
         columns = {each: replace(one, source=name) for each, one in columns.items()}
         readable = [each for each, one in columns.items() if (one.column.size or 0) > 1]
         if name in values and not _is_object(values[name]):
@@ -78,7 +78,7 @@ def _loaded(path: Path, names: list[str]) -> tuple[Mapping[str, Any], str]:
         return {}, ", which mat-io cannot read"
 
 
-def flat(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
+def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
     """Return the columns of a value of a variable, be it struct, object, table or array.
 
     Parameters
@@ -98,7 +98,7 @@ def flat(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
     if members is not None:
         series: dict[str, Series] = {}
         for member, each in members:
-            series |= flat(f"{name}.{member}" if name else member, each, depth + 1)
+            series |= flatten(f"{name}.{member}" if name else member, each, depth + 1)
         return series
     if isinstance(value, list):  # of structs
         value = np.fromiter(value, dtype=object, count=len(value))
@@ -139,7 +139,7 @@ def _of_items(name: str, value: np.ndarray[Any, Any], depth: int) -> dict[str, S
     """Return the columns of a cell array, or of an array of structs or objects."""
     items = value.ravel().tolist() if value.dtype.kind == "O" else list(value.ravel())
     if len(items) == 1:
-        return flat(name, items[0], depth + 1)
+        return flatten(name, items[0], depth + 1)
     texts = [item.item() if isinstance(item, np.ndarray) and item.size == 1 else item for item in items]
     if items and all(isinstance(text, str) for text in texts):
         return series_of(name, np.array(texts))
@@ -147,7 +147,7 @@ def _of_items(name: str, value: np.ndarray[Any, Any], depth: int) -> dict[str, S
         return {name: Series(Column(None, reason="a cell array"), source=name)}
     series: dict[str, Series] = {}
     for k, item in enumerate(items, 1):
-        series |= flat(f"{name}[{k}]", item, depth + 1)
+        series |= flatten(f"{name}[{k}]", item, depth + 1)
     return series
 
 
@@ -155,9 +155,9 @@ def _of_frame(name: str, frame: Any) -> dict[str, Series]:
     """Return the variables of a table or timetable, and the times of its rows."""
     units = _units(frame)
     index = frame.index.to_numpy()
-    columns = {} if index.dtype.kind in "iuO" else flat(f"{name}.{frame.index.name or 'Time'}", index)
+    columns = {} if index.dtype.kind in "iuO" else flatten(f"{name}.{frame.index.name or 'Time'}", index)
     for column in frame.columns:
-        for each, one in flat(f"{name}.{column}", frame[column].to_numpy()).items():
+        for each, one in flatten(f"{name}.{column}", frame[column].to_numpy()).items():
             columns[each] = replace(
                 one, column=replace(one.column, unit=units.get(column) or one.column.unit)
             )

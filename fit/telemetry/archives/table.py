@@ -96,7 +96,7 @@ class Table(ABC):
         try:
             yield from rows
         except FAILURES as error:
-            raise damaged(self.path, error, self.kind) from error
+            raise read_error(self.path, error, self.kind) from error
 
     def column(self, key: str | int, meaning: str = "") -> str:
         """Return the name of a column.
@@ -123,12 +123,20 @@ class Table(ABC):
             return alike[0]
         if alike:
             raise InputError(f"{place}: there are several, expected one of the columns: {_listed(alike)}")
+        self._check_container(key, place)
         if count := sum(name.startswith(f"{key}[") for name in self.columns):
             raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{count}]")
         names = {split_unit(name)[0].casefold(): name for name in self.columns}
         close = difflib.get_close_matches(key.casefold(), names, n=1)
         hint = f'; did you mean "{names[close[0]]}"?' if close else ""
         raise InputError(f"{place}: missing, expected it among the columns: {_listed(self.columns)}{hint}")
+
+    def _check_container(self, key: str, place: str) -> None:
+        """Refuse a key whose beginning is the name of what cannot be read."""
+        path = key.strip("/").replace("/", ".").split(".")
+        for name in (".".join(path[:n]) for n in range(len(path) - 1, 0, -1)):
+            if name in self.columns and self.columns[name].size is None:
+                raise InputError(f"{place}: {shown_key(name)} is {self.columns[name].reason}")
 
     def _by_number(self, number: int, meaning: str) -> str:
         place, there = f"{self.path}: column {number}{meaning}", _listed(self.columns)
@@ -189,7 +197,7 @@ def batches(items: Iterable[T]) -> Iterator[list[T]]:
     return takewhile(bool, iter(lambda: list(islice(iterator, BLOCK)), None))
 
 
-def damaged(path: Path, error: Exception, kind: str) -> InputError:
+def read_error(path: Path, error: Exception, kind: str) -> InputError:
     """Return the error for a file that a library cannot read as what it should be."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return InputError(f"{path}: {error.strerror}, expected a file that can be read")

@@ -14,7 +14,7 @@ import numpy as np
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry.archives.layout import is_data, layout, number, split_numbered, unique
+from fit.telemetry.archives.layout import detect_layout, is_data, number, split_numbered, unique_names
 from fit.telemetry.archives.table import Array, Column, Table, batches
 
 _PACKED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00"}
@@ -84,8 +84,8 @@ class Text(Table):
 
     def __init__(self, file: TextIO, path: Path) -> None:
         self._file, self.path = file, path
-        self._layout = layout(path, list(self._sample()))
-        self._names = unique(self._layout.names)
+        self._layout = detect_layout(path, list(self._sample()))
+        self._names = unique_names(self._layout.names)
         self.order = self._names
         size = sum(1 for _ in self._lines())
         self.columns = {
