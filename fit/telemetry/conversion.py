@@ -19,7 +19,7 @@ from fit.files import refuse_links
 from fit.telemetry import guard, stamps
 from fit.telemetry.archives import is_text, look
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
-from fit.telemetry.datasets import MAX_SAMPLES, check_missing, check_time, check_values
+from fit.telemetry.datasets import MAX_SAMPLES, check_missing, check_values
 from fit.telemetry.maps import Map, Place, attributes_of, load, places_of_run
 from fit.telemetry.markers import Extreme, replace_markers
 from fit.telemetry.sources import ArchiveColumn, Archives, describe, read_blocks
@@ -122,17 +122,15 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
         archives = Archives(stack, path, mapping, i)
         columns = archives.columns(attributes)
         clock = archives.time(columns.values())
-        reference = clock[1].seconds.size if clock else columns["o_1"].size
+        size = clock[1].seconds.size if clock else columns["o_1"].size
         for column in columns.values():
-            if column.size != reference:
-                raise InputError(f"{column.place}: {column.size} samples, expected {reference} as in others")
-        place = clock[0] if clock else str(columns["o_1"].table.path)
-        if not 2 <= reference <= MAX_SAMPLES:
+            if column.size != size:
+                raise InputError(f"{column.place}: {column.size} samples, expected {size} as in others")
+        if not 2 <= size <= MAX_SAMPLES:
             archive = columns["o_1"].table.path
-            raise InputError(f"{archive}: {reference} samples, expected 2 to {MAX_SAMPLES}")
-        time = _time(f"{path}: runs[{i}]", clock, attributes, reference)
+            raise InputError(f"{archive}: {size} samples, expected 2 to {MAX_SAMPLES}")
+        time = _time(f"{path}: runs[{i}]", clock, attributes, size)
         fs = check_root(f"{path}: runs[{i}]", attributes).fs
-        check_time(place, time, fs)
         origin = {
             "schema": SCHEMA,
             "archive": ", ".join(file.name for file in archives.files),
@@ -142,7 +140,7 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
         }
         described = {name: describe(name, column) for name, column in columns.items()}
         with Writer(
-            folder / f"{mapping.runs[i].run}.h5", reference, described, {**attributes, **origin}
+            folder / f"{mapping.runs[i].run}.h5", size, described, {**attributes, **origin}
         ) as writer:
             missing = _copy(columns, writer, time, fs)
             if not any_gaps:
