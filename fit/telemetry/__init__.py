@@ -11,6 +11,7 @@ from fit.telemetry.pieces import PIECE, Row, pieces
 from fit.telemetry.reader import (
     Telemetry,
     another_stretch,
+    check_channels,
     common_x_axis,
     inertial_period,
     read_all,
@@ -35,6 +36,7 @@ __all__ = [
     "XAxis",
     "another_stretch",
     "axis_part",
+    "check_channels",
     "check_storage",
     "common_x_axis",
     "conversion",

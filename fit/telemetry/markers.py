@@ -45,7 +45,8 @@ def check_markers(place: str, channel: str, parts: Iterable[Array], fs: float) -
 def replace_markers(values: Array, missing: Sequence[float]) -> Array:
     """Return values of an archive, NaN where one is a marker of missing samples."""
     for marker in missing:
-        values = np.where(np.abs(values - marker) <= _SINGLE * abs(marker), np.nan, values)
+        with np.errstate(over="ignore"):
+            values = np.where(np.isclose(values, marker, rtol=_SINGLE, atol=0.0), np.nan, values)
     return values
 
 

@@ -170,9 +170,22 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
     lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _parts(telemetry, name))}
     flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
     check_missing({f"{path}: channel {name}": lost for name, lost in flags.items()}, telemetry.fs)
-    for name in telemetry.channels if not own else ():  # values are checked here, not in the middle of a fit
-        check_markers(f"{path}: channel {key(name)}", name, _parts(telemetry, name), telemetry.fs)
+    if not own:
+        check_channels(telemetry)
     return telemetry
+
+
+def check_channels(telemetry: Telemetry) -> None:
+    """Read all channels part by part, so that their values are not refused in the middle of a fit.
+
+    Raises
+    ------
+    InputError
+        If a value breaks the contract, or seems to mark missing samples.
+    """
+    for name in telemetry.channels:
+        place = f"{telemetry.path}: channel {key(name)}"
+        check_markers(place, name, _parts(telemetry, name), telemetry.fs)
 
 
 def _parts(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:

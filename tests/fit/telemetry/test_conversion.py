@@ -271,6 +271,8 @@ SCALED = {
         (1e20, "", "missing = [-999, 1e20]"),
         (float(np.float32(9.96921e36)), "missing = 9.96921e36", ""),
         (0.0, "missing = -1", "missing = 0"),
+        (np.inf, "missing = [nan, inf]", ""),
+        (-1e308, "missing = [1e308, -1e308]", ""),
     ],
 )
 def test_numbers_of_missing_samples(archive, channels, marker, top, key):
