@@ -249,6 +249,16 @@ def test_a_fault_of_time_stamps(archive, channels, fault):
     assert expected in said, said
 
 
+@pytest.mark.parametrize(
+    ("samples", "expected"), [(0, "empty, expected a row"), (1, "1 samples, expected 2 to")]
+)
+@pytest.mark.parametrize("keys", ["", 'format = "gps"', 'format = "unix"'])
+def test_hardly_any_samples(archive, samples, expected, keys):
+    np.savez(archive.folder / "A.npz", **{name: np.full(samples, 1.1e9) for name in ("t", *CHANNELS)})
+    said = archive.refusal(run='file = "A.npz"', clock=f'column = "t"\n{keys}')
+    assert said.startswith("A.npz: ") and expected in said
+
+
 # Missing samples -----------------------------------------------------------------------------------------
 
 
