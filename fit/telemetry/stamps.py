@@ -9,7 +9,7 @@ Every function raises `fit.errors.InputError`; its message names the place and w
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -27,11 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-UNIX_EPOCH = 40587  # MJD of 1970-01-01
-_FIRST, _LAST = (
-    36934.0,
-    88069.0,
-)  # MJD of 1960 and 2100: UTC began with the one, and nothing flies after the other
+_UNIX_EPOCH = 40587  # MJD of 1970-01-01
+_FIRST, _LAST = 36934.0, 88069.0  # MJD of 1960, when UTC began, and of 2100
 _DAY = 86400.0  # s
 _CLOCK_ERROR = 1e-6  # of the rate of a clock, which changes no estimate
 _CLOCK = r"\d\d:\d\d(?::\d\d(?:[.,](?P<digits>\d*))?)?"
@@ -215,7 +212,7 @@ def _astropy() -> Iterator[None]:
         yield
 
 
-def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Any) -> Stamps:
+def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Callable[[Any], float]) -> Stamps:
     """Return the time since the first stamp; `digit` says what the last digit of a block stands for [s]."""
     first, seconds, resolution = None, [np.zeros(0)], 0.0
     for raw, instants in blocks:
@@ -243,8 +240,8 @@ def _instants(place: str, values: Array, format_: Format, scale: Scale | None) -
 
     if format_ == "unix":  # astropy's own has days of one length, but a POSIX clock steps
         days = np.floor(values / _DAY)
-        _check_range(place, values, UNIX_EPOCH + days, format_)
-        midnight = Time(UNIX_EPOCH + days, format="mjd", scale="utc")
+        _check_range(place, values, _UNIX_EPOCH + days, format_)
+        midnight = Time(_UNIX_EPOCH + days, format="mjd", scale="utc")
         return midnight.tai + TimeDelta(values - days * _DAY, format="sec")
     if format_ in SECONDS:
         epoch = Time(0.0, format=format_)
