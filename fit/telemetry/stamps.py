@@ -38,7 +38,10 @@ _TEXTS = {  # with the format of astropy that each is turned into
     "yday": re.compile(rf"(?P<day>\d{{4}}[:-]\d{{3}})[T :]\s*(?P<clock>{_CLOCK}){_ZONE}"),
 }
 _EXAMPLES = {"isot": "2016-04-16T14:00:00.000Z", "yday": "2016:107:14:00:00.000"}
-_WANTED = 'expected format = "iso", "yday", "gps", "unix", "mjd" or "jd" in [time]'
+_WANTED = (
+    'expected "2016-04-16T14:00:00Z" (format = "iso"), "2016:107:14:00:00" ("yday"), or numbers with format = '
+    '"gps", "unix", "mjd" or "jd" in [time]'
+)
 
 
 @dataclass(frozen=True)
