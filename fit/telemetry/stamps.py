@@ -39,8 +39,8 @@ _TEXTS = {  # with the format of astropy that each is turned into
 }
 _EXAMPLES = {"isot": "2016-04-16T14:00:00.000Z", "yday": "2016:107:14:00:00.000"}
 _WANTED = (
-    'expected "2016-04-16T14:00:00Z" (format = "iso"), "2016:107:14:00:00" ("yday"), or numbers with format = '
-    '"gps", "unix", "mjd" or "jd" in [time]'
+    'expected "2016-04-16T14:00:00Z" (format = "iso"), "2016:107:14:00:00" ("yday"), or numbers with format '
+    '= "gps", "unix", "mjd" or "jd" in [time]'
 )
 
 
