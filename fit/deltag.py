@@ -36,7 +36,15 @@ from fit.estimate import inertial as euler_fit
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation, separation
 from fit.results import Fit, Results, check_frame, sound_joint
 from fit.signal import Excess, derivatives
-from fit.telemetry import Telemetry, Writer, another_stretch, inertial_period, read_stretch, samples
+from fit.telemetry import (
+    Telemetry,
+    Writer,
+    another_stretch,
+    check_channels,
+    inertial_period,
+    read_stretch,
+    samples,
+)
 from fit.threads import tell
 from fit.warnings import FitWarning
 
@@ -247,6 +255,7 @@ def louder(bands: Sequence[tuple[float, float, float]]) -> list[FitWarning]:
 def _begun(path: Path, results: Results) -> tuple[Telemetry, Grid, _Recipe]:
     """Return the first samples of a file, the grid of its Delta g, and the recipe for it."""
     head = read_stretch(path, 0, 2)
+    check_channels(read_stretch(path, 0, None))
     size = grid(samples(path), head.fs)
     if not size.outputs:
         raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")

@@ -45,6 +45,7 @@ LAYERS = {
 LETTERBOX = {"fit.errors", "fit.files", "fit.telemetry", "fit.units"}
 #: The only users of a tool; whoever else needs it asks them.
 USERS = {
+    "astropy": {"fit.telemetry"},
     "corner": {"fit.journal"},
     "cvxpy": {"lpfcosim.design"},
     "emcee": {"fit.estimate"},
@@ -54,6 +55,7 @@ USERS = {
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
     "lmfit": {"fit.weighing"},
+    "matio": {"fit.telemetry"},
     "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
@@ -64,7 +66,7 @@ USERS = {
 }
 #: What must not be read in by ``import fit`` and ``import lpfcosim``, nor, but for h5py and NumPy, by a run.
 HEAVY = ("emcee", "fmpy", "h5py", "jinja2", "lmfit", "matplotlib", "numpy", "pint", "pydantic", "rumoca")
-HEAVY += ("scipy", "sympy", "typer")
+HEAVY += ("scipy", "sympy", "typer", "astropy")
 #: Names that doors hand to users, or to other processes, beside those that the packages use.
 PUBLIC = {"lpfcosim.worlds": {"World", "of", "register"}}
 MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 12, 400, 60

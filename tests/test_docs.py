@@ -157,9 +157,12 @@ def fragment(text: str) -> None:
     from lpfcosim.campaign import loading
 
     document = tomllib.loads(text)
-    for entry in (*document.get("fmus", {}).values(), *document.get("runs", ())):
-        Path(entry.get("path") or entry["file"]).touch()
+    for entry in document.get("fmus", {}).values():
+        Path(entry["path"]).touch()
     if document.get("schema") == "lpf-map/1":
+        for entry in document["runs"]:
+            for channel in document["channels"]:
+                Path(entry["file"].format(run=entry["run"], channel=channel)).touch()
         Path("fragment.toml").write_text(text, encoding="utf-8")
         mapping.load(Path("fragment.toml"))
         return

@@ -19,6 +19,10 @@ _WRITE = {  # what tomllib says, and what to write instead
     "cannot overwrite a value": "; a key and a [table] stand once, a list of tables is written [[name]]",
     "invalid statement": ", expected key = value or [table]",
     "invalid value": ", a text stands in quotes",
+    "invalid date or datetime": ", a time is written as in 2016-04-16T14:00:00Z",
+    "expected newline or end of document after a statement": (
+        "; a text stands in quotes, and a time is written as in 2016-04-16T14:00:00Z"
+    ),
     "unclosed array": ", a list ends with ] and has commas between its values",
 }
 _Content = TypeVar("_Content", bound=BaseModel)

@@ -6,6 +6,7 @@ paths go by these rules.
 """
 
 import os
+import shlex
 import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -197,9 +198,10 @@ def _instead(folder: Path) -> str:
     inner = [path for path in paths if is_file(path / RESULTS) or _hdf5_of_run(path)]
     if inner:
         return f"; did you mean {', '.join(map(str, inner[:3]))}{' ...' if len(inner) > 3 else ''}?"
-    archives = [path.name for path in paths if path.suffix.lower() in _ARCHIVES]
+    archives = [path for path in paths if path.suffix.lower() in _ARCHIVES]
     if archives:
-        return f"; archives such as {archives[0]} are read through a map: name the map"
+        command = f"lpfcosim new --map {shlex.quote(str(archives[0]))}"
+        return f"; archives such as {archives[0].name} are read through a map, which {command} writes"
     return ""
 
 

@@ -1,13 +1,13 @@
 """The telemetry contract, schema ``lpf-telemetry/1``: channels and root attributes of a file, with units."""
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
-from fit.errors import InputError
-from fit.files import told
+from fit.errors import InputError, shown
+from fit.files import problem, told
 
 SCHEMA = "lpf-telemetry/1"
 
@@ -81,14 +81,24 @@ def whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _iso_8601(t0: str) -> str:
-    utc(t0)
-    return t0
+def _iso_8601(t0: object) -> object:
+    wanted = "expected date and time in UTC, ISO 8601, such as '2016-04-16T14:00:00Z'"
+    if not isinstance(t0, str):
+        raise problem(f"{shown(t0)} is not a text, {wanted}")
+    try:
+        utc(t0)
+    except (ValueError, OverflowError):
+        raise problem(f"{shown(t0)} is not a time, {wanted}") from None
+    try:
+        date.fromisoformat(t0)
+    except ValueError:
+        return t0
+    raise problem(f"{shown(t0)} is a date without the time, {wanted}")
 
 
 def _printable(name: str) -> str:
     if not name.isprintable():
-        raise ValueError("should have letters that can be printed")
+        raise problem(f"{shown(name)} has letters that cannot be printed, expected a name without them")
     return name
 
 
@@ -113,7 +123,7 @@ class Root(BaseModel, strict=True, allow_inf_nan=False, extra="allow"):
     experiment: _Name
     kind: Literal["sysid", "noise"]
     fs: Annotated[float, Field(ge=0.25, le=10), _Unit("Hz")]
-    t0: Annotated[str, AfterValidator(_iso_8601)]
+    t0: Annotated[str, BeforeValidator(_iso_8601)]
     F_max_1: _Force
     F_max_2: _Force
     N_max_1: _Torque

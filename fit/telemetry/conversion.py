@@ -5,10 +5,9 @@ the way, so that a message names the file and the column that somebody can look 
 """
 
 import hashlib
-import math
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import h5py
@@ -16,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.files import key, refuse_links
-from fit.telemetry import guard
-from fit.telemetry.archives import Table, is_text, look, opened
-from fit.telemetry.contract import CHANNELS, REQUIRED, SCHEMA, check_root
-from fit.telemetry.datasets import MAX_SAMPLES, check_finite, check_missing, check_time, check_values
-from fit.telemetry.maps import Column, Map, attributes_of, check_unit, load
+from fit.files import refuse_links
+from fit.telemetry import guard, stamps
+from fit.telemetry.archives import is_text, look
+from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
+from fit.telemetry.datasets import MAX_SAMPLES, check_missing, check_values
+from fit.telemetry.maps import Map, Place, attributes_of, load, places_of_run
+from fit.telemetry.markers import Extreme, replace_markers
+from fit.telemetry.sources import ArchiveColumn, Archives, describe, read_blocks
 from fit.telemetry.writer import Writer
 
 Array = NDArray[np.float64]
@@ -64,27 +65,42 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
         return list(paths)
     refuse_links(folder)
     places: dict[str, str] = {}
-    for path, found in maps.items():
-        for i, source in enumerate(found.runs):
+    for path, mapping in maps.items():
+        for i, source in enumerate(mapping.runs):
             place = f"{path}: runs[{i}]"
             twin = places.setdefault(source.run, place)
             if twin is not place:
                 raise InputError(f"{place}.run: {source.run!r} is also that of {twin}, expected unique names")
-    archives = {p.parent / source.file: source.table for p, found in maps.items() for source in found.runs}
-    guard.check(look, [path for path in archives if not is_text(path)], archives)
+    _guard(
+        place
+        for p, mapping in maps.items()
+        for i in range(len(mapping.runs))
+        for place in places_of_run(p, mapping, i)
+    )
     earlier = _converted(folder)
     above = next(p for p in folder.resolve().parents if p.is_dir())
     with tempfile.TemporaryDirectory(prefix=".conversion-", dir=above) as made:
-        for path, found in maps.items():
-            for i in range(len(found.runs)):
-                _write(path, found, i, Path(made), any_gaps=any_gaps)
+        for path, mapping in maps.items():
+            for i in range(len(mapping.runs)):
+                _write(path, mapping, i, Path(made), any_gaps=any_gaps)
         folder.mkdir(parents=True, exist_ok=True)
         for file in earlier:
             file.unlink()
         for run in places:
             (Path(made) / f"{run}.h5").replace(folder / f"{run}.h5")
-    runs = {path: [folder / f"{source.run}.h5" for source in found.runs] for path, found in maps.items()}
+    runs = {path: [folder / f"{source.run}.h5" for source in mapping.runs] for path, mapping in maps.items()}
     return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
+
+
+def _guard(places: Iterable[Place]) -> None:
+    """Have another process look at all tables first; of each file it takes one at a time."""
+    tables: dict[Path, list[str | int | None]] = {}
+    for place in dict.fromkeys(places):
+        if not is_text(place.archive):
+            tables.setdefault(place.archive, []).append(place.table)
+    for n in range(max(map(len, tables.values()), default=0)):
+        some = {path: of_file[n] for path, of_file in tables.items() if n < len(of_file)}
+        guard.check(look, list(some), some)
 
 
 def _converted(folder: Path) -> list[Path]:
@@ -99,103 +115,93 @@ def _converted(folder: Path) -> list[Path]:
     return files
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A column that a map names: its place for messages, its length, its SI unit and the factor to that."""
-
-    name: str
-    place: str
-    size: int
-    unit: str
-    factor: float
-
-
-def _write(path: Path, found: Map, i: int, folder: Path, *, any_gaps: bool) -> None:
+def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) -> None:
     """Write one run."""
-    source = found.runs[i]
-    archive = path.parent / source.file
-    with opened(archive, source.table) as table:
-        columns = {
-            name: _find(archive, table, column, f" (channel {name})", CHANNELS[name].unit)
-            for name, column in found.channels.items()
-        }
-        attributes = attributes_of(path, found, i)
-        clock = None if found.time is None else _find(archive, table, found.time, "", "s")
-        size = (clock or columns["o_1"]).size
+    attributes = attributes_of(path, mapping, i)
+    with ExitStack() as stack:
+        archives = Archives(stack, path, mapping, i)
+        columns = archives.columns(attributes)
+        clock = archives.time(columns.values())
+        size = clock[1].seconds.size if clock else columns["o_1"].size
         for column in columns.values():
             if column.size != size:
                 raise InputError(f"{column.place}: {column.size} samples, expected {size} as in others")
         if not 2 <= size <= MAX_SAMPLES:
+            archive = columns["o_1"].table.path
             raise InputError(f"{archive}: {size} samples, expected 2 to {MAX_SAMPLES}")
-        if clock is None:
-            time = np.arange(size) / float(attributes["fs"])
-        else:
-            time = _time(table, clock)
-            attributes.setdefault("fs", _rate(time, clock.place))
+        time = _time(f"{path}: runs[{i}]", clock, attributes, size)
         fs = check_root(f"{path}: runs[{i}]", attributes).fs
-        time = np.asarray(check_time(clock.place if clock else str(archive), time, fs)[:])
-        described = {name: (c.unit, f"column {c.name} of {archive.name}") for name, c in columns.items()}
         origin = {
             "schema": SCHEMA,
-            "archive": archive.name,
-            "archive_sha256": _digest(archive),
+            "archive": ", ".join(file.name for file in archives.files),
+            "archive_sha256": ", ".join(map(_digest, archives.files)),
             _MARK: path.name,
             "archive_map_sha256": _digest(path),
         }
-        with Writer(folder / f"{source.run}.h5", size, described, {**attributes, **origin}) as writer:
-            missing = _copy(table, columns, writer, time, fs)
+        described = {name: describe(name, column) for name, column in columns.items()}
+        with Writer(
+            folder / f"{mapping.runs[i].run}.h5", size, described, {**attributes, **origin}
+        ) as writer:
+            missing = _copy(columns, writer, time, fs)
             if not any_gaps:
                 check_missing(missing, fs)
 
 
+def _time(
+    run: str, clock: tuple[str, stamps.Stamps] | None, attributes: dict[str, str | int | float], size: int
+) -> Array:
+    """Return the seconds since the first sample; rate and start join the attributes of a `run`."""
+    fs = None
+    if "fs" in attributes:
+        fs = check_root(run, {"t0": "2000-01-01T00:00:00Z", **attributes}).fs
+    if clock is None:
+        return np.arange(size) / float(attributes["fs"])
+    place, column = clock
+    time, rate = stamps.fit_grid(place, column, fs)
+    attributes.setdefault("fs", rate)
+    if column.t0 is not None:
+        if "t0" in attributes:
+            stamps.check_start(f"{run}.t0", str(attributes["t0"]), column, rate)
+        attributes["t0"] = column.t0
+    elif "t0" not in attributes:
+        raise InputError(
+            f"{run}.t0: missing, expected the UTC of the first sample, or time stamps with a format in [time]"
+        )
+    return time
+
+
 def _copy(
-    table: Table, columns: Mapping[str, _Found], writer: Writer, time: Array, fs: float
+    columns: Mapping[str, ArchiveColumn], writer: Writer, time: Array, fs: float
 ) -> dict[str, NDArray[np.bool_]]:
     """Copy the channels; return by place which samples are missing in what a calibration needs."""
     missing = {columns[name].place: np.zeros(time.size, dtype=bool) for name in REQUIRED}
+    extremes = {name: Extreme() for name in columns}
+    fault: InputError | None = None
     start = 0
-    for block in table.blocks([column.name for column in columns.values()]):
-        values = {
-            name: raw * column.factor for (name, column), raw in zip(columns.items(), block, strict=True)
-        }
-        stop = start + block[0].size
+    for block in read_blocks(columns):
+        values = {}
         for name, column in columns.items():
-            check_values(column.place, values[name], fs, start)
+            raw = replace_markers(block[name], column.missing)
+            extremes[name].add(raw)
+            values[name] = raw * column.factor
+        stop = start + values["o_1"].size
+        for name, column in columns.items():
+            try:
+                check_values(column.place, values[name], fs, start)
+            except InputError as error:  # a marker of missing samples is reported as such, at the end
+                fault = fault or error
             if name in REQUIRED:
                 missing[column.place][start:stop] = np.isnan(values[name])
-        writer.append(time[start:stop], values)
+        if fault is None:
+            writer.append(time[start:stop], values)
         start = stop
+    for name, extreme in extremes.items():
+        if extreme.is_marker(name):
+            cure = f"missing = {extreme.value:.7g} in the map, at its top or in channels.{name}"
+            raise InputError(f"{columns[name].place}: {extreme.describe(fs)} expected {cure}")
+    if fault is not None:
+        raise fault
     return missing
-
-
-def _find(archive: Path, table: Table, column: Column, meaning: str, unit: str) -> _Found:
-    """Look up a column; `meaning` says what it is for, `unit` is the one of the contract."""
-    place = f"{archive}: column {key(column.column)}{meaning}"
-    there = table.columns.get(column.column)
-    if there is None:
-        names = ", ".join(map(key, table.columns))
-        shown = names if len(names) <= 200 else f"{names[:200]} ..."
-        raise InputError(f"{place}: missing, expected it among the columns: {shown or 'there are none'}")
-    if there.size is None:
-        raise InputError(f"{place}: no row of numbers, expected one")
-    stated = column.unit if column.unit is not None else there.unit
-    return _Found(column.column, place, there.size, unit, check_unit(place, stated or None, unit))
-
-
-def _time(table: Table, clock: _Found) -> Array:
-    """Return the seconds since the first sample."""
-    raw = np.concatenate([block for (block,) in table.blocks([clock.name])])
-    check_finite(clock.place, raw)
-    return np.asarray((raw - raw[0]) * clock.factor)
-
-
-def _rate(time: Array, place: str) -> float:
-    """Return the sample rate [Hz]: a round one, or that of a round period, if the mean is that."""
-    if not time[-1] > time[0]:
-        raise InputError(f"{place}: from {time[0]:g} s to {time[-1]:g} s, expected it to increase")
-    mean = (time.size - 1) / float(time[-1])
-    round_ones = (float(f"{mean:.5g}"), 1 / float(f"{1 / mean:.5g}"))
-    return next((fs for fs in round_ones if math.isclose(fs, mean, rel_tol=1e-6)), mean)
 
 
 def _digest(path: Path) -> str:

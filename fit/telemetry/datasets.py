@@ -269,10 +269,12 @@ def check_values(
         return
     if (beyond := (values < low) | (values > high)).any():
         n = int(np.argmax(beyond))
-        wanted = f"a value of at most {LARGEST:g}" if np.isfinite(values[n]) else "a finite value"
-        raise InputError(
-            f"{place}: {values[n]:g} at sample {start + n} (t = {(start + n) / fs:.10g} s), expected {wanted}"
-        )
+        what = f"{place}: {values[n]:.7g} at sample {start + n} (t = {(start + n) / fs:.10g} s)"
+        if not np.isfinite(values[n]):
+            raise InputError(f"{what}, expected a finite value")
+        if np.count_nonzero(values == values[n]) > 1:
+            raise InputError(f"{what}, repeated later, seems to mark missing samples, expected NaN for each")
+        raise InputError(f"{what}, expected a value of at most {LARGEST:g}")
 
 
 def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:

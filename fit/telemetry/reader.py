@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
+from fit.files import key
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
+from fit.telemetry.markers import check_markers
 from fit.telemetry.pieces import Row, pieces
-from fit.telemetry.rows import OnDemand, opened
+from fit.telemetry.rows import OnDemand, check_schema, opened
 from fit.threads import each, tell
 
 if TYPE_CHECKING:
@@ -168,10 +170,22 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
     lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _parts(telemetry, name))}
     flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
     check_missing({f"{path}: channel {name}": lost for name, lost in flags.items()}, telemetry.fs)
-    for name in telemetry.channels.keys() - set(REQUIRED) if not own else ():
-        for _ in _parts(telemetry, name):  # its values are checked here, not in the middle of a fit
-            pass
+    if not own:
+        check_channels(telemetry)
     return telemetry
+
+
+def check_channels(telemetry: Telemetry) -> None:
+    """Read all channels part by part, so that their values are not refused in the middle of a fit.
+
+    Raises
+    ------
+    InputError
+        If a value breaks the contract, or seems to mark missing samples.
+    """
+    for name in telemetry.channels:
+        place = f"{telemetry.path}: channel {key(name)}"
+        check_markers(place, name, _parts(telemetry, name), telemetry.fs)
 
 
 def _parts(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:
@@ -350,10 +364,7 @@ def _read(file: h5py.File, path: Path, part: slice) -> Telemetry:
     if product := _product(file):
         raise InputError(f"{path}: is {product}, expected telemetry; name the files of telemetry alone")
     attributes = {name: plain(value) for name, value in file.attrs.items()}
-    schema = attributes.pop("schema", None)
-    if schema != SCHEMA:
-        found = "missing" if schema is None else shown(schema)
-        raise InputError(f"{path}: attribute schema: {found}, expected {SCHEMA!r}")
+    check_schema(path, attributes.pop("schema", None))
     root = check_root(str(path), attributes)
     time = read_time(file, path, root.fs, part)
     units = channel_units(file, path, file["time"].shape[0])

@@ -1,6 +1,7 @@
 """Channels of a file, read when they are asked for, and part by part: of weeks, one fills the memory."""
 
 import os
+import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,11 +13,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError
+from fit.errors import InputError, shown
 from fit.telemetry.contract import SCHEMA
 from fit.telemetry.datasets import Plain, Stored, in_parts, read_channel
 from fit.telemetry.pieces import Row
 
+_NO_ARCHIVES = ("", ".h5", ".json", ".toml")  # suffixes
 _WHOLE = 2**19  # samples; a channel of no more is read at once
 State = tuple[int, int, int]  # of a file: inode, bytes, time it was written
 
@@ -143,5 +145,20 @@ def _told(path: Path) -> Iterator[None]:
     except PermissionError:
         raise InputError(f"{path}: cannot be read (permission denied), expected telemetry") from None
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        fault = "truncated or damaged" if h5py.is_hdf5(path) else "not HDF5"
-        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}") from error
+        is_hdf5 = h5py.is_hdf5(path)
+        fault = "truncated or damaged" if is_hdf5 else "not HDF5"
+        advice = "" if is_hdf5 or path.suffix in _NO_ARCHIVES else _map_advice(path)
+        raise InputError(f"{path}: {fault}, expected an HDF5 file of schema {SCHEMA!r}{advice}") from error
+
+
+def check_schema(path: Path, schema: object) -> None:
+    """Refuse a file of another schema, or of none, which may be an archive."""
+    if schema is None:
+        raise InputError(f"{path}: attribute schema: missing, expected {SCHEMA!r}{_map_advice(path)}")
+    if schema != SCHEMA:
+        raise InputError(f"{path}: attribute schema: {shown(schema)}, expected {SCHEMA!r}")
+
+
+def _map_advice(path: Path) -> str:
+    """Return what to do with an archive that is no telemetry, as the end of a message."""
+    return f"; for another archive write a map: lpfcosim new --map {shlex.quote(str(path))}"

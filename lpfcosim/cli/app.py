@@ -50,20 +50,37 @@ def _main(
     help_without_command(context)
 
 
-@app.command(epilog=examples("lpfcosim new mine.toml"))
+@app.command(
+    epilog=examples(
+        "lpfcosim new mine.toml",
+        "lpfcosim new --map mission.toml           a map that is an example",
+        "lpfcosim new --map A.csv A-noise.csv      A.toml, a map of two archives",
+    )
+)
 def new(
-    file: Annotated[
-        Path, typer.Argument(metavar="NAME.toml", help="The file to write; the campaign has its name.")
-    ] = Path("campaign.toml"),
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="NAME.toml",
+            help="The file to write; the campaign has its name. With --map also the archives to describe.",
+            show_default=False,
+        ),
+    ] = None,
+    as_map: Annotated[
+        bool, typer.Option("--map", help="Write a map of archives: CSV, MATLAB, FITS, HDF5 or NumPy.")
+    ] = False,
 ) -> None:
-    """Write a commented campaign to start from.
+    """Write a commented campaign or map of archives to start from.
 
-    Beside it comes lpf-campaign.json, the JSON Schema of campaigns. The first line of the campaign names
-    it, so that editors complete keys and check values as you type. No existing file is overwritten.
+    Of archives, the map lists the columns of the first, and has those that are recognised by their names;
+    the rest is to be filled in.
+
+    Beside it comes lpf-campaign.json or lpf-map.json, its JSON Schema. The first line of the file names it,
+    so that editors complete keys and check values as you type. No existing file is overwritten.
     """
     from lpfcosim.cli import new as cli_new
 
-    cli_new.new(file)
+    (cli_new.new_map if as_map else cli_new.new)(files or [])
 
 
 @app.command(epilog=examples("lpfcosim check mine.toml", "lpfcosim check mine.toml --json | jq .wall_time"))
@@ -282,16 +299,19 @@ def trust(
     cli_trust.trust(files or [], Console(quiet=quiet), remove=remove)
 
 
-@app.command(epilog=examples("lpfcosim schema > lpf-campaign.json"))
-def schema() -> None:
-    """Print the JSON Schema of a campaign file, for editors.
+@app.command(epilog=examples("lpfcosim schema > lpf-campaign.json", "lpfcosim schema --map > lpf-map.json"))
+def schema(
+    as_map: Annotated[bool, typer.Option("--map", help="That of a map of archives.")] = False,
+) -> None:
+    """Print the JSON Schema of a campaign or a map, for editors.
 
-    Begin a campaign with the line "#:schema ./lpf-campaign.json". Editors then complete and check it as you
-    type, for instance Visual Studio Code with the extension Even Better TOML.
+    Begin a campaign with the line "#:schema ./lpf-campaign.json", a map with "#:schema ./lpf-map.json".
+    Editors then complete and check it as you type, for instance Visual Studio Code with the extension Even
+    Better TOML.
     """
     from lpfcosim.cli import schema as cli_schema
 
-    cli_schema.print_schema()
+    cli_schema.print_schema(as_map=as_map)
 
 
 app.add_typer(planners.app)

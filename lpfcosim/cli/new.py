@@ -1,6 +1,8 @@
-"""The command ``new``: a campaign to start from."""
+"""The command ``new``: a campaign or a map of archives to start from."""
 
-import shutil
+import json
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -11,29 +13,41 @@ from lpfcosim.errors import InputError
 ROOM = Path(__file__).parents[1] / "campaign"
 STARTER = Path("quickstart.toml")  # in that room in a wheel, among the campaigns in a checkout
 JSON_SCHEMA = Path("lpf-campaign.json")  # in that room, what `lpfcosim schema` prints
+MAP_SCHEMA = "lpf-map.json"  # what `lpfcosim schema --map` prints
 
 
-def new(file: Path) -> None:
+def new(files: Sequence[Path]) -> None:
     """Write a commented starter campaign, and its JSON Schema beside it for editors."""
-    if file.suffix != ".toml":
-        raise InputError(f"{file}: expected a name that ends in .toml, such as {file.with_suffix('.toml')}")
+    file = files[0] if files else Path("campaign.toml")
+    if len(files) > 1:
+        raise InputError(
+            f"{files[1]}: expected one name; archives are described by a map: lpfcosim new --map"
+        )
+    _check_suffix(file)
     try:
         TypeAdapter(names.Name).validate_python(file.stem)
     except ValidationError as error:
         raise InputError(f"{file}: {error.errors()[0]['msg']}") from None
     text = starter().replace('name = "quickstart"', f'name = "{file.stem}"')
     text = text.replace("campaigns/quickstart.toml", file.name)
-    try:
-        with file.open("x", encoding="utf-8") as written:
-            written.write(f"#:schema ./{JSON_SCHEMA}\n{text}")
-    except FileExistsError:
-        raise InputError(f"{file}: is there already, expected a new name") from None
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{file}: {file.parent} is not a folder, expected one that is there") from None
-    beside = file.with_name(JSON_SCHEMA.name)
-    if not beside.exists():
-        shutil.copyfile(ROOM / JSON_SCHEMA, beside)
+    schema = (ROOM / JSON_SCHEMA).read_text(encoding="utf-8")
+    _write(file, text, JSON_SCHEMA.name, schema)
     print(f"{file}: written; see what it will tell with: lpfcosim check {file}")
+
+
+def new_map(files: Sequence[Path]) -> None:
+    """Write a commented map of archives, and its JSON Schema beside it for editors."""
+    from fit.telemetry import drafts  # takes its time, which a campaign need not
+
+    maps = [file for file in files if file.suffix == ".toml"]
+    archives = [file for file in files if file.suffix != ".toml"]
+    if len(maps) > 1:
+        raise InputError(f"{maps[1]}: expected one name that ends in .toml, and archives")
+    stem = archives[0].name.partition(".")[0] if archives else "map"
+    file = maps[0] if maps else Path(f"{stem}.toml")
+    text = drafts.draft(file.name, archives, file.parent)
+    _write(file, text, MAP_SCHEMA, json.dumps(drafts.json_schema(), indent=1))
+    print(f"{file}: written; check it, then: lpfcosim fit {shlex.quote(str(file))}")
 
 
 def starter() -> str:
@@ -41,3 +55,22 @@ def starter() -> str:
     packaged = ROOM / STARTER
     path = packaged if packaged.is_file() else ROOM.parents[1] / "campaigns" / STARTER
     return path.read_text(encoding="utf-8")
+
+
+def _check_suffix(file: Path) -> None:
+    if file.suffix != ".toml":
+        raise InputError(f"{file}: expected a name that ends in .toml, such as {file.with_suffix('.toml')}")
+
+
+def _write(file: Path, text: str, schema: str, content: str) -> None:
+    """Write a new file that names its JSON Schema, and the schema beside it unless there is one."""
+    try:
+        with file.open("x", encoding="utf-8") as written:
+            written.write(f"#:schema ./{schema}\n{text}")
+    except FileExistsError:
+        raise InputError(f"{file}: is there already, expected a new name") from None
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{file}: {file.parent} is not a folder, expected one that is there") from None
+    beside = file.with_name(schema)
+    if not beside.exists():
+        beside.write_text(content, encoding="utf-8")

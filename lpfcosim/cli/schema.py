@@ -1,15 +1,16 @@
-"""The command ``schema``: the JSON Schema of a campaign file."""
+"""The command ``schema``: the JSON Schema of a campaign file, or of a map of archives."""
 
 import json
 from typing import Any
 
 from fit import settings as fit_settings
+from fit.telemetry import drafts
 from lpfcosim.campaign import schema
 
 
-def print_schema() -> None:
-    """Print the JSON Schema of a campaign file; ``campaign/lpf-campaign.json`` holds the same."""
-    print(json.dumps(json_schema(), indent=1))
+def print_schema(*, as_map: bool) -> None:
+    """Print the JSON Schema of a campaign file, as ``campaign/lpf-campaign.json`` has it, or of a map."""
+    print(json.dumps(drafts.json_schema() if as_map else json_schema(), indent=1))
 
 
 def json_schema() -> dict[str, Any]:

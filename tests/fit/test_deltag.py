@@ -286,6 +286,11 @@ def test_nothing_is_left_of_what_fails(recorded, tmp_path):
         file["f_x_2"][9_000] = np.inf
     with pytest.raises(InputError, match=r"short\.h5: channel f_x_2: inf at sample 9000"):
         write_delta_g(path, tmp_path / "p.h5", results, {})
+    with h5py.File(path, "a") as file:
+        file["f_x_2"][9_000] = 0.0
+        file["o_12"][50::500] = -9999.0
+    with pytest.raises(InputError, match=r"short\.h5: channel o_12: -9999 at sample 50 .* to mark missing"):
+        write_delta_g(path, tmp_path / "p.h5", results, {})
     assert [p.name for p in tmp_path.iterdir()] == ["short.h5"]
     with pytest.raises(FitError, match=r"nowhere/p\.h5: cannot be written"):
         write_delta_g(recorded[0], tmp_path / "nowhere" / "p.h5", results, {})

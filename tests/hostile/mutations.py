@@ -18,6 +18,7 @@ from pathlib import Path
 
 import fit.errors
 import lpfcosim.errors
+from fit.telemetry.guard import Look, refusals
 
 LONGEST = 2000  # letters of a sentence
 PATIENCE = 60  # s for a case; what takes longer hangs
@@ -226,3 +227,32 @@ def raw_archive(path: Path, entries: list[tuple[str, bytes]], **fields: int) -> 
     end = struct.pack("<HHHHIIH", 0, 0, len(entries), len(entries), len(directory), len(body), 0)
     path.write_bytes(body + directory + b"PK\x05\x06" + end)
     return path
+
+
+def all_refusals(look: Look, files: list[Path], *more: dict[Path, None]) -> dict[Path, str | None]:
+    """Look at many files, with as few processes as they leave."""
+    found: dict[Path, str | None] = {}
+    while files:
+        said = list(refusals(look, files, *more))
+        found.update(zip(files, said, strict=False))
+        files = files[len(said) :]
+    return found
+
+
+def try_all(
+    made: dict[Path, str], reader: Callable[[Path], object], look: Look, *more: dict[Path, None]
+) -> dict[str, int]:
+    """Try files in the other process, and those it gets through in this one; count what becomes of them."""
+    counts = {"sound": 0, "refused": 0, "ended the process": 0}
+    for path, said in all_refusals(look, list(made), *more).items():
+        if said is None:
+            said = survives(lambda path=path: reader(path), path, made[path])
+        else:
+            survives(lambda said=said: _raise(fit.errors.InputError(said)), path, made[path])
+        outcome = "sound" if said is None else "ended the process" if "damaged: " in said else "refused"
+        counts[outcome] += 1
+    return counts
+
+
+def _raise(error):
+    raise error

@@ -50,6 +50,17 @@ f_x_1 = { column = "a1" }
 f_x_2 = { column = "a2" }
 """
 TABLE = "t,o1,o12,a1,a2\n" + "".join(f"{i},{i % 7}e-3,{i % 5}e-3,0,{i % 3}e-12\n" for i in range(60))
+STAMPED = (  # all else that a map may say
+    MAP.replace(
+        'time = { column = "t" }', 'missing = -9999\ntime = { column = 1, format = "iso", scale = "tai" }'
+    )
+    .replace('file = "a.csv"', 'file = ["a.csv", "b.csv"]')
+    .replace(
+        '{ column = "a1" }', '{ column = 5, file = "{run}_{channel}.csv", unit = "pN", missing = [1, 2e20] }'
+    )
+    .replace("t0 = 2016-04-16T00:00:00Z", "")
+)
+STAMPS = TABLE.splitlines()[0] + "".join(f"\n2016-04-16T00:00:{row}" for row in TABLE.splitlines()[11:])
 RESULTS = {
     "schema": "lpf-results/1",
     "joint": {
@@ -100,18 +111,27 @@ def test_settings(tmp_path, cases):
         survives(lambda path=path: fit_settings.read(path), path, f"settings {n}")
 
 
-def test_maps_and_their_tables(tmp_path, cases):
+@pytest.mark.parametrize(("text", "table"), [(MAP, TABLE), (STAMPED, STAMPS)])
+def test_maps_and_their_tables(tmp_path, cases, text, table):
     out = tmp_path / "in" / "out"
     out.mkdir(parents=True)
     for n in range(cases(0.1, 60)):
         rng = random.Random(n)
-        path = written(tmp_path / "in", "map.toml", MAP if n % 2 else mutated(MAP, rng))
-        written(tmp_path / "in", "a.csv", damaged(TABLE.encode(), rng) if n % 2 else TABLE)
+        path = written(tmp_path / "in", "map.toml", text if n % 2 else mutated(text, rng))
+        written(tmp_path / "in", "a.csv", damaged(table.encode(), rng) if n % 2 else table)
+        written(tmp_path / "in", "b.csv", "x,y\n1,2\n")
+        written(tmp_path / "in", "A_f_x_1.csv", table)
         survives(
             lambda path=path: conversion.convert([path], out / "telemetry", any_gaps=False), path, f"map {n}"
         )
     assert {p.name for p in tmp_path.iterdir()} == {"in"}
-    assert {p.name for p in (tmp_path / "in").iterdir()} == {"map.toml", "a.csv", "out"}
+    assert {p.name for p in (tmp_path / "in").iterdir()} == {
+        "map.toml",
+        "a.csv",
+        "b.csv",
+        "A_f_x_1.csv",
+        "out",
+    }
     assert {p.name for p in out.iterdir()} <= {"telemetry"}
 
 

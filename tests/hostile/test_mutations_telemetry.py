@@ -1,10 +1,8 @@
-"""Telemetry and archives that are damaged or hostile: the process that tries them may crash, this one not."""
+"""Telemetry that is damaged or hostile: the process that tries it may crash, this one not."""
 
-import gzip
 import json
 import random
 import zlib
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -12,17 +10,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import scipy
 
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.telemetry import guard as probe
 from fit.telemetry import reader as telemetry
-from fit.telemetry.archives import look as look_at_table
-from fit.telemetry.archives import opened
 from fit.telemetry.contract import REQUIRED
 from fit.telemetry.guard import refusals
-from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives
+from tests.hostile.mutations import NUMBERS, TEXTS, damaged, survives, try_all
 from tests.oracles.contract_file import write_contract_file
 from tests.oracles.synthetic import World, pair
 
@@ -62,16 +57,6 @@ def latest(path):
     return path
 
 
-def all_refusals(look: probe.Look, files: list[Path], *more: dict[Path, None]) -> dict[Path, str | None]:
-    """Look at many files, with as few processes as they leave."""
-    found: dict[Path, str | None] = {}
-    while files:
-        said = list(refusals(look, files, *more))
-        found.update(zip(files, said, strict=False))
-        files = files[len(said) :]
-    return found
-
-
 def use(path):
     """Read a file as the fit does."""
     (read,) = telemetry.read_all([path], own=True)
@@ -98,25 +83,6 @@ def use_packed(source):
         return found
 
     return read
-
-
-def try_all(
-    made: dict[Path, str], reader: Callable[[Path], object], look: probe.Look, *more: dict[Path, None]
-) -> dict[str, int]:
-    """Try files in the other process, and those it gets through in this one; count what becomes of them."""
-    counts = {"sound": 0, "refused": 0, "ended the process": 0}
-    for path, said in all_refusals(look, list(made), *more).items():
-        if said is None:
-            said = survives(lambda path=path: reader(path), path, made[path])
-        else:
-            survives(lambda said=said: _raise(InputError(said)), path, made[path])
-        outcome = "sound" if said is None else "ended the process" if "damaged: " in said else "refused"
-        counts[outcome] += 1
-    return counts
-
-
-def _raise(error):
-    raise error
 
 
 def test_damaged_telemetry(tmp_path, cases, monkeypatch):
@@ -282,70 +248,6 @@ def test_hostile_attributes(tmp_path, cases):
                     continue  # what HDF5 cannot hold
         said = survives(lambda: use(path), path, f"attributes {n}")
         assert said is None or str(path) in said
-
-
-def matlab(path):
-    scipy.io.savemat(
-        path, {"OMS": {"o1": np.arange(50.0), "x": np.zeros((3, 3)), "s": "text"}}, do_compression=True
-    )
-    return path
-
-
-def matlab_7_3(path):
-    with h5py.File(path, "w", userblock_size=512) as h5:
-        h5.create_dataset("OMS/o1", data=np.arange(50.0), compression="gzip")
-    return path
-
-
-def fits(path):
-    astropy = pytest.importorskip("astropy.io.fits")
-    columns = [
-        astropy.Column("o1", "D", unit="m", array=np.arange(50.0)),
-        astropy.Column("n", "A", array=["x"] * 50),
-    ]
-    astropy.HDUList([astropy.PrimaryHDU(), astropy.BinTableHDU.from_columns(columns)]).writeto(path)
-    return path
-
-
-def read_table(path):
-    found = {}
-    with opened(path, None) as table:
-        for name, column in table.columns.items():
-            if column.size:
-                found[name] = np.concatenate([block for (block,) in table.blocks([name])])
-                assert found[name].size == column.size, name
-    # a compressed file has a checksum: it is read as it was, or not at all
-    assert not path.name.endswith(".fits.gz") or np.array_equal(found["o1"], np.arange(50.0))
-
-
-def test_damaged_archives(tmp_path, cases, monkeypatch):
-    monkeypatch.setattr(probe, "PATIENCE", 20.0)
-    sources = {
-        ".mat": [matlab(tmp_path / "a.mat").read_bytes(), matlab_7_3(tmp_path / "b.mat").read_bytes()],
-        ".fits": [fits(tmp_path / "c.fits").read_bytes()],
-    }
-    sources[".fits.gz"] = [gzip.compress(sources[".fits"][0])]
-    total = cases(0.1, 80)
-    made = {}
-    for n in range(total):
-        rng = random.Random(n)
-        suffix = rng.choice(list(sources))
-        path = tmp_path / f"{n}{suffix}"
-        path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
-        made[path] = f"archive {n}"
-    counts = try_all(made, read_table, look_at_table, dict.fromkeys(made))
-    assert min(counts["sound"], counts["refused"]) > 0
-
-
-def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
-    monkeypatch.setattr(probe, "MEMORY", 2 * GIGA)
-    path = tmp_path / "a.fits.gz"
-    monkeypatch.setattr(probe, "PATIENCE", 3.0)
-    path.write_bytes(
-        gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
-    )
-    assert path.stat().st_size < 2**25
-    survives(lambda: probe.check(look_at_table, [path], {path: None}), path, "bomb")
 
 
 def test_the_process_says_which_file_and_how(tmp_path, monkeypatch, file):

@@ -1,0 +1,58 @@
+"""Attributes of HDF5 and netCDF that say what numbers mean: unit, missing samples, scale."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fit.telemetry.archives.arrays import Series
+from fit.telemetry.archives.table import Column, clean_unit
+from fit.telemetry.datasets import plain
+
+_UNITS = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
+_MISSING = ("_FillValue", "missing_value")
+
+
+def unit_of(attributes: Mapping[str, Any]) -> str | None:
+    """Return the unit that attributes state; of "seconds since 2016-04-16", as netCDF has it, "seconds"."""
+    stated = next((plain(attributes[name]) for name in _UNITS if name in attributes), None)
+    return clean_unit(stated.partition(" since ")[0]) if isinstance(stated, str) else None
+
+
+def decode(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -> Series:
+    """Return a column with the missing samples and the scale that its attributes state.
+
+    Parameters
+    ----------
+    series : Series
+        As it is stored.
+    attributes : mapping of str to object
+        By name.
+    kind : numpy.dtype
+        Of the stored numbers.
+    """
+    column = series.column
+    if column.size is None or column.text:
+        return series
+    if str(plain(attributes.get("_Unsigned", "false"))).lower() != "false":
+        reason = "unsigned integers stored as signed ones (attribute _Unsigned)"
+        return Series(Column(None, column.unit, reason), source=series.source)
+    stated = [np.atleast_1d(attributes[name]) for name in _MISSING if name in attributes]
+    marks = [mark for values in stated for mark in values if _is_representable(mark, kind)]
+    if marks:
+        series = series.without(np.asarray(marks).astype(kind))
+    scale, offset = (plain(attributes.get(name)) for name in ("scale_factor", "add_offset"))
+    if isinstance(scale, int | float) or isinstance(offset, int | float):
+        series = series.scaled(
+            float(scale) if isinstance(scale, int | float) else 1.0,
+            float(offset) if isinstance(offset, int | float) else 0.0,
+        )
+    return series
+
+
+def _is_representable(mark: Any, kind: np.dtype[Any]) -> bool:
+    """Return whether a mark of missing samples can be among numbers of a type."""
+    if not isinstance(mark, np.number) or kind.kind not in "iuf":
+        return False
+    with np.errstate(all="ignore"):
+        return kind.kind == "f" or bool(mark.astype(kind) == mark)

@@ -1,0 +1,134 @@
+"""Data frames that pandas writes to HDF5, in its formats "fixed" and "table"."""
+
+import pickletools
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fit.errors import InputError
+from fit.telemetry.archives import arrays
+from fit.telemetry.archives.arrays import Series
+from fit.telemetry.archives.table import Column
+from fit.telemetry.datasets import check_storage, plain
+
+_NAMES = ("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "INT", "BININT", "BININT1", "BININT2")
+
+
+def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
+    """Return the columns of a data frame, ``name.column`` and ``name.index``; None if a group is none.
+
+    Times are texts; what pandas pickled is not read.
+    """
+    kind = str(plain(group.attrs.get("pandas_type", "")))
+    try:
+        columns = {"frame": _frame, "series": _series}.get(kind, _none)(group)
+        if kind.endswith("_table") and isinstance(group.get("table"), h5py.Dataset):
+            columns = _table(group)
+    except (KeyError, AttributeError):  # not as pandas writes it
+        return None
+    except InputError as error:
+        reason = f"a data frame of pandas in {str(error).removeprefix(': ')}"
+        return {name: Series(Column(None, reason=reason), source=name)}
+    if columns is None:
+        return None
+    return {f"{name}.{column}": replace(each, source=name) for column, each in columns.items()}
+
+
+def _none(group: h5py.Group) -> None:
+    """Return nothing: this group is no data frame."""
+
+
+def _frame(group: h5py.Group) -> dict[str, Series]:
+    columns: dict[str, Series] = {}
+    for i in range(int(group.attrs["nblocks"])):
+        values, items = group[f"block{i}_values"], _labels(group[f"block{i}_items"])
+        kind = plain(values.attrs.get("value_type", ""))
+        columns |= _block(values, items, kind, by_rows=bool(values.attrs.get("transposed")))
+    order = _labels(group["axis0"])
+    index = group["axis1"]
+    first = _column(index, plain(index.attrs.get("kind", "")))
+    return {"index": first, **{label: columns[label] for label in order if label in columns}}
+
+
+def _series(group: h5py.Group) -> dict[str, Series]:
+    index, values = group["index"], group["values"]
+    return {
+        "index": _column(index, plain(index.attrs.get("kind", ""))),
+        "values": _column(values, plain(values.attrs.get("value_type", ""))),
+    }
+
+
+def _table(group: h5py.Group) -> dict[str, Series]:
+    table = group["table"]
+    check_storage(table, "")
+    columns: dict[str, Series] = {}
+    for field in table.dtype.names:
+        values = arrays.field(table, field)
+        kind = plain(table.attrs.get(f"{field}_kind" if field == "index" else f"{field}_dtype", ""))
+        labels = _pickled(table.attrs.get(f"{field}_kind")) if field != "index" else []
+        if values.ndim == 2 and len(labels) == values.shape[1]:
+            columns |= _block(values, labels, kind, by_rows=True)
+        elif values.ndim == 1:
+            columns[labels[0] if len(labels) == 1 else field] = _column(values, kind)
+        else:
+            columns |= arrays.series_of(field, values)
+    order = ["index", *_pickled(group.attrs.get("non_index_axes"))]
+    return {label: columns[label] for label in (*(o for o in order if o in columns), *columns)}
+
+
+def _block(values: Any, labels: list[str], kind: object, *, by_rows: bool) -> dict[str, Series]:
+    """Return the columns of a matrix whose rows, or else columns, are samples."""
+    time = 0 if by_rows else 1
+    if values.ndim != 2 or values.shape[1 - time] != len(labels) or not _is_stored(values):
+        return {label: Series(Column(None, reason="objects that Python has pickled")) for label in labels}
+    rows = [arrays.row(values, None, time, {1 - time: k}) for k in range(len(labels))]
+    return {label: _timed(row, kind) for label, row in zip(labels, rows, strict=True)}
+
+
+def _column(values: Any, kind: object) -> Series:
+    if values.ndim != 1 or not _is_stored(values):
+        return Series(Column(None, reason="objects that Python has pickled"))
+    return _timed(arrays.row(values, None, 0, {}), kind)
+
+
+def _is_stored(values: Any) -> bool:
+    """Return whether values are numbers or texts that lie in the file."""
+    if isinstance(values, h5py.Dataset):
+        check_storage(values, "")
+    return values.dtype.kind in "iufbS"
+
+
+def _timed(series: Series, kind: object) -> Series:
+    """Return times as texts and durations with their unit, where integers count them."""
+    name, _, unit = str(kind).removesuffix("]").partition("[")
+    read, unit = series.read, unit.partition(",")[0] or "ns"
+    if read is None or name not in ("datetime64", "timedelta64"):
+        return series
+    if name == "timedelta64":
+        return replace(series, column=replace(series.column, unit=unit))
+
+    def texts(part: slice) -> Any:
+        return np.datetime_as_string(np.asarray(read(part)).astype("i8").view(f"M8[{unit}]"))
+
+    return replace(series, read=texts, column=replace(series.column, reason="text", text=True))
+
+
+def _labels(items: h5py.Dataset) -> list[str]:
+    return [item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item) for item in items[()]]
+
+
+def _pickled(value: object) -> list[str]:
+    """Return the texts and numbers of a pickled list without unpickling it, which may run anything."""
+    if not isinstance(value, bytes):
+        return []
+    try:
+        return [str(argument) for argument in _arguments(pickletools.genops(value))]
+    except ValueError:
+        return []
+
+
+def _arguments(operations: Iterable[tuple[Any, Any, Any]]) -> Iterable[object]:
+    return (argument for code, argument, _ in operations if code.name in _NAMES)

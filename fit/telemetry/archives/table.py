@@ -1,0 +1,211 @@
+"""A table of an archive: columns by name, each a row of numbers or of texts."""
+
+import csv
+import difflib
+import lzma
+import re
+import zlib
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice, takewhile
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError, quote
+from fit.files import key as shown_key
+from fit.units import in_base_units
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+BLOCK = 2**14  # samples in memory at a time
+#: What libraries raise while they read a damaged file.
+FAILURES = (OSError, EOFError, RuntimeError, MemoryError, csv.Error, zlib.error, lzma.LZMAError)
+#: Words for a missing sample, beside "nan" and nothing: those of pandas, R and Excel.
+MISSING = ("", "NA", "N/A", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "--")
+_UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<round>(?:[^()]|\([^()]*\))+)\))\s*")
+
+
+@dataclass(frozen=True)
+class Column:
+    """What is known of a column before it is read.
+
+    Attributes
+    ----------
+    size : int or None
+        Number of rows, None if the column is neither a row of numbers nor one of texts.
+    unit : str or None
+        As the file states it.
+    reason : str
+        What the column is if it is no row of numbers: "text", "an array of shape (3, 4, 5)", "an object of
+        class ao". Empty for numbers.
+    text : bool
+        Whether its rows are texts, which `Table.texts` yields and `Table.blocks` does not.
+    """
+
+    size: int | None
+    unit: str | None = None
+    reason: str = ""
+    text: bool = False
+
+
+class Table(ABC):
+    """One table of an archive.
+
+    Attributes
+    ----------
+    path, kind : Path, str
+        The archive, and what it is: "text", "HDF5".
+    columns : mapping of str to Column
+        By name. The names of structs and groups stand before those of what they contain, joined by dots;
+        column k of a matrix `out` is ``out[k]``, counted from 1.
+    order : sequence of str
+        The columns, and the matrices of columns, as the file numbers them; empty if it gives them no order.
+    """
+
+    path: Path
+    kind: str
+    columns: Mapping[str, Column]
+    order: Sequence[str]
+
+    def blocks(self, names: Sequence[str]) -> Iterator[list[Array]]:
+        """Yield columns of numbers of one length, up to `BLOCK` rows at a time; a missing sample is NaN."""
+        return self._rows(self._blocks(names))
+
+    def texts(self, name: str) -> Iterator[list[str]]:
+        """Yield a column as texts, up to `BLOCK` rows at a time; a missing one is empty.
+
+        Raises
+        ------
+        InputError
+            If the format cannot give the column as text.
+        """
+        return self._rows(self._texts(name))
+
+    @abstractmethod
+    def _blocks(self, names: Sequence[str]) -> Iterator[list[Array]]: ...
+
+    @abstractmethod
+    def _texts(self, name: str) -> Iterator[list[str]]: ...
+
+    def _rows(self, rows: Iterator[T]) -> Iterator[T]:
+        try:
+            yield from rows
+        except FAILURES as error:
+            raise read_error(self.path, error, self.kind) from error
+
+    def column(self, key: str | int, meaning: str = "") -> str:
+        """Return the name of a column.
+
+        Parameters
+        ----------
+        key : str or int
+            Its name, its name without the unit in brackets that follows, or its number, counted from 1.
+        meaning : str
+            What the column is for, as the message has it after the key, such as " (channel o_1)".
+
+        Raises
+        ------
+        InputError
+            If there is no such column, or several.
+        """
+        if isinstance(key, int):
+            return self._by_number(key, meaning)
+        if key in self.columns:
+            return key
+        place = f"{self.path}: column {shown_key(key)}{meaning}"
+        alike = self._alike(key)
+        if len(alike) == 1:
+            return alike[0]
+        if alike:
+            raise InputError(f"{place}: there are several, expected one of the columns: {_listed(alike)}")
+        self._check_container(key, place)
+        if count := sum(name.startswith(f"{key}[") for name in self.columns):
+            raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{count}]")
+        names = {split_unit(name)[0].casefold(): name for name in self.columns}
+        close = difflib.get_close_matches(key.casefold(), names, n=1)
+        hint = f'; did you mean "{names[close[0]]}"?' if close else ""
+        raise InputError(f"{place}: missing, expected it among the columns: {_listed(self.columns)}{hint}")
+
+    def _check_container(self, key: str, place: str) -> None:
+        """Refuse a key whose beginning is the name of what cannot be read."""
+        path = key.strip("/").replace("/", ".").split(".")
+        for name in (".".join(path[:n]) for n in range(len(path) - 1, 0, -1)):
+            if name in self.columns and self.columns[name].size is None:
+                raise InputError(f"{place}: {shown_key(name)} is {self.columns[name].reason}")
+
+    def _by_number(self, number: int, meaning: str) -> str:
+        place, there = f"{self.path}: column {number}{meaning}", _listed(self.columns)
+        if not self.order:
+            raise InputError(f"{place}: columns have no order here, expected a name; there are: {there}")
+        if not 1 <= number <= len(self.order):
+            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.order)}: {there}")
+        return self.column(self.order[number - 1], meaning)
+
+    def _alike(self, key: str) -> list[str]:
+        """Return the columns that a key means without being their name."""
+        path = key.strip("/").replace("/", ".")  # as HDF5 writes it
+        return [name for name in self.columns if path in (name, split_unit(name)[0])]
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """Return a name without the unit in brackets at its end, and that unit.
+
+    Examples
+    --------
+    >>> split_unit("x12 [nm]"), split_unit("a1 (pm/s^2)"), split_unit("out[2]"), split_unit("x (raw)")
+    (('x12', 'nm'), ('a1', 'pm/s^2'), ('out[2]', None), ('x (raw)', None))
+    """
+    match = _UNIT.fullmatch(name)
+    if match is None:
+        return name, None
+    unit = (match["square"] or match["round"]).strip()
+    if unit.isdecimal() or (match["square"] is None and not is_unit(unit)):
+        return name, None
+    return match["name"], None if unit in ("", "-") else unit
+
+
+def clean_unit(text: str) -> str | None:
+    """Return a unit without brackets around it, as LTPDA writes them; None if it says that there is none."""
+    unit = text.strip()
+    if unit and unit[0] + unit[-1] in ("[]", "()"):
+        unit = unit[1:-1].strip()
+    return None if unit in ("-", "1", *MISSING) else unit
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit that is known."""
+    try:
+        in_base_units(text)
+    except ValueError:
+        return False
+    return True
+
+
+def parts(size: int) -> Iterator[slice]:
+    """Yield slices of up to `BLOCK` rows."""
+    return (slice(start, min(start + BLOCK, size)) for start in range(0, size, BLOCK))
+
+
+def batches(items: Iterable[T]) -> Iterator[list[T]]:
+    """Yield lists of up to `BLOCK` items."""
+    iterator = iter(items)
+    return takewhile(bool, iter(lambda: list(islice(iterator, BLOCK)), None))
+
+
+def read_error(path: Path, error: Exception, kind: str) -> InputError:
+    """Return the error for a file that a library cannot read as what it should be."""
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return InputError(f"{path}: {error.strerror}, expected a file that can be read")
+    if isinstance(error, MemoryError):
+        return InputError(f"{path}: takes more memory than there is to be read, expected less")
+    return InputError(f"{path}: cannot be read as {kind}, expected a whole file of this format")
+
+
+def _listed(names: Iterable[str]) -> str:
+    text = ", ".join(name if name.isprintable() else quote(name) for name in names) or "there are none"
+    return text if len(text) <= 200 else f"{text[:200]} ..."

@@ -1,0 +1,107 @@
+"""Numbers that mark missing samples: those that a map states, and those that look like it.
+
+An instrument does not give the same number to the last digit again and again, far outside of all others.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.telemetry.contract import CHANNELS
+
+Array = NDArray[np.float64]
+
+#: What archives write for a missing sample, signs aside: nines, and the ends of integers.
+USUAL: tuple[float, ...] = (
+    999.0,
+    9999.0,
+    99999.0,
+    999999.0,
+    9999999.0,
+    99999999.0,
+    999999999.0,
+    999.9,
+    9999.9,
+)
+USUAL += (32767.0, 32768.0, 2147483647.0, 2147483648.0)
+_HUGE = 1e10  # in any unit of an archive; default fills of netCDF and others are beyond
+_SINGLE = 2e-7  # relative: a number in single precision is that of a map
+_FAR, _VERY_FAR = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
+_READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
+
+
+def check_markers(place: str, channel: str, parts: Iterable[Array], fs: float) -> None:
+    """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it."""
+    extreme = Extreme()
+    for values in parts:
+        extreme.add(values)
+    if extreme.is_marker(channel):
+        raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
+
+
+def replace_markers(values: Array, missing: Sequence[float]) -> Array:
+    """Return values of an archive, NaN where one is a marker of missing samples."""
+    for marker in missing:
+        with np.errstate(over="ignore"):
+            values = np.where(np.isclose(values, marker, rtol=_SINGLE, atol=0.0), np.nan, values)
+    return values
+
+
+@dataclass
+class Extreme:
+    """The value of largest size in a channel that comes in blocks.
+
+    Attributes
+    ----------
+    value : float
+        That value.
+    count, first : int
+        How often it comes, and the number of the first sample that has it.
+    others : float
+        The largest size of all other samples.
+    """
+
+    value: float = 0.0
+    count: int = 0
+    first: int = 0
+    others: float = 0.0
+    _size: int = field(default=0, repr=False)
+
+    def add(self, values: Array) -> None:
+        """Take the next block into account; NaN and infinite samples count for nothing."""
+        start, self._size = self._size, self._size + values.size
+        size = np.abs(values)
+        size = np.where(np.isfinite(size), size, -1.0)
+        most = float(size.max(initial=-1.0))
+        if most < max(self.others, 0.0):
+            return
+        equal = size == most
+        rest = float(size[~equal].max(initial=0.0))
+        if most > abs(self.value) or not self.count:
+            n = int(np.argmax(equal))
+            self.others = max(self.others, abs(self.value), rest)
+            self.value, self.count, self.first = float(values[n]), int(np.count_nonzero(equal)), start + n
+        elif most == abs(self.value):
+            self.count += int(np.count_nonzero(equal))
+            self.others = max(self.others, rest)
+        else:
+            self.others = max(self.others, most)
+
+    def is_marker(self, channel: str) -> bool:
+        """Say whether the value marks missing samples of a channel, as far as one can see."""
+        if channel not in CHANNELS or not 2 <= self.count < self._size:
+            return False
+        size = abs(self.value)
+        usual = size >= _HUGE or bool(np.any(np.isclose(size, USUAL, rtol=_SINGLE, atol=0.0)))
+        if usual and size > _FAR * self.others:
+            return True
+        is_rare = self.count < self._size / 2
+        return channel.startswith(_READ_OUTS) and is_rare and size > _VERY_FAR * self.others > 0.0
+
+    def describe(self, fs: float) -> str:
+        """Return what the value is and where, for a message."""
+        where = f"{self.value:.7g} at sample {self.first} (t = {self.first / fs:.10g} s)"
+        return f"{where}, {self.count} times in all, seems to mark missing samples,"

@@ -1,0 +1,217 @@
+"""The columns of one run in the archives that a map names for it."""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError, shown
+from fit.files import key
+from fit.telemetry import stamps
+from fit.telemetry.archives import Table, opened
+from fit.telemetry.contract import CHANNELS
+from fit.telemetry.maps import (
+    SECONDS,
+    TIME,
+    Channel,
+    Map,
+    Place,
+    factor_of,
+    has_common_clock,
+    places_of,
+    places_of_run,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ArchiveColumn:
+    """The column of a channel.
+
+    Attributes
+    ----------
+    table : Table
+        Where it is.
+    name : str
+        In that table.
+    place : str
+        For messages.
+    size : int
+        Number of samples.
+    factor : float
+        From the unit of the archive to that of the contract.
+    missing : list of float
+        Numbers that mark missing samples, in the unit of the archive.
+    """
+
+    table: Table
+    name: str
+    place: str
+    size: int
+    factor: float
+    missing: list[float]
+
+
+class Archives:
+    """The archives of run `i` of a map; each of their tables is opened once, until `stack` is closed."""
+
+    def __init__(self, stack: ExitStack, path: Path, mapping: Map, i: int) -> None:
+        self._stack, self._path, self._map, self._i = stack, path, mapping, i
+        self._tables: dict[Place, Table] = {}
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were opened."""
+        return list(dict.fromkeys(place.archive for place in self._tables))
+
+    def columns(self, attributes: Mapping[str, object]) -> dict[str, ArchiveColumn]:
+        """Return the columns of all channels; `attributes` of the run have the mass of a test mass.
+
+        Raises
+        ------
+        InputError
+            If one is missing or no row of numbers, if there are several, or if its unit is wrong.
+        """
+        return {name: self._column(name, column, attributes) for name, column in self._map.channels.items()}
+
+    def time(self, columns: Collection[ArchiveColumn]) -> tuple[str, stamps.Stamps] | None:
+        """Return the time column beside those of the channels and its place, None without one.
+
+        Raises
+        ------
+        InputError
+            If it is missing, no time, or not the same in all tables that have one.
+        """
+        clock = self._map.time
+        if clock is None:
+            return None
+        if has_common_clock(self._map, self._i):
+            (table, name) = self._find(TIME, clock.column)
+            return self._stamps(table, name)
+        places = places_of_run(self._path, self._map, self._i)
+        tables = dict.fromkeys([*(column.table for column in columns), *map(self._table, places)])
+        having = [table for table in tables if _has(table, clock.column)]
+        if shared := [table for table in having if any(table is column.table for column in columns)]:
+            having = shared  # another file may have a column of this name, or number, by chance
+        if not having:
+            self._find(TIME, clock.column)
+        place, reference = self._stamps(having[0], having[0].column(clock.column))
+        for table in having[1:]:
+            another, stamps_there = self._stamps(table, table.column(clock.column))
+            stamps.check_agreement(another, stamps_there, place, reference)
+        return place, reference
+
+    def _table(self, place: Place) -> Table:
+        if place not in self._tables:
+            self._tables[place] = self._stack.enter_context(opened(place.archive, place.table))
+        return self._tables[place]
+
+    def _find(self, channel: str, wanted: str | int) -> tuple[Table, str]:
+        """Return the only table that has the column of a channel, and its name there."""
+        if channel == TIME and not has_common_clock(self._map, self._i):
+            places = list(places_of_run(self._path, self._map, self._i))
+        else:
+            places = places_of(self._path, self._map, self._i, channel)
+        tables = [self._table(place) for place in places]
+        meaning = " (time)" if channel == TIME else f" (channel {channel})"
+        if len(tables) == 1:
+            return tables[0], tables[0].column(wanted, meaning)
+        where = f"{self._path}: runs[{self._i}].file: column {key(str(wanted))}{meaning}"
+        having = [table for table in tables if _has(table, wanted)]
+        names = ", ".join(table.path.name for table in having or tables)
+        if not having:
+            cure = f'file = {{ {channel} = "{tables[0].path.name}", ... }} for columns without names'
+            raise InputError(f"{where}: in none of {names}, expected it in one of them, or {cure}")
+        if len(having) > 1:
+            cure = f'file = "{having[0].path.name}" beside the column'
+            raise InputError(f"{where}: in each of {names}, expected it in one of them; or write {cure}")
+        return having[0], having[0].column(wanted)
+
+    def _column(self, channel: str, column: Channel, attributes: Mapping[str, object]) -> ArchiveColumn:
+        table, name = self._find(channel, column.column)
+        place = f"{table.path}: column {_key(name)} (channel {channel})"
+        known = table.columns[name]
+        if known.size is None or known.text:
+            raise InputError(f"{place}: {known.reason or 'no row of numbers'}, expected a row of numbers")
+        unit = (column.unit if column.unit is not None else known.unit) or None
+        factor = factor_of(place, unit, channel, attributes)
+        missing = self._map.missing if column.missing is None else column.missing
+        return ArchiveColumn(table, name, place, known.size, factor, missing)
+
+    def _stamps(self, table: Table, name: str) -> tuple[str, stamps.Stamps]:
+        clock = self._map.time
+        assert clock is not None
+        place = f"{table.path}: column {_key(name)}"
+        known = table.columns[name]
+        if known.size is None:
+            raise InputError(f"{place}: {known.reason or 'no row of numbers'}, expected a row of times")
+        unit = clock.unit if clock.unit is not None else known.unit
+        if known.text:
+            factor = factor_of(place, clock.unit, TIME, {})
+            if clock.unit is not None and clock.format is None:
+                raise InputError(
+                    f"{place}: texts, but the map has unit = {shown(clock.unit)}, expected numbers"
+                )
+            return place, stamps.read_texts(place, table.texts(name), clock.format, clock.scale, factor)
+        blocks = (block for (block,) in table.blocks([name]))
+        if clock.format is None:
+            return place, stamps.read_elapsed(place, blocks, factor_of(place, unit or None, TIME, {}))
+        stated = unit if clock.format in SECONDS else None
+        factor = factor_of(place, stated or None, TIME, {})
+        return place, stamps.read_numbers(place, blocks, clock.format, clock.scale, factor)
+
+
+def _key(name: str) -> str:
+    """Return the name of a column for a message: of a matrix as it is written, ``out[2]``."""
+    return name if name.isprintable() and len(name) <= 80 else key(name)
+
+
+def _has(table: Table, wanted: str | int) -> bool:
+    try:
+        table.column(wanted)
+    except InputError:
+        return False
+    return True
+
+
+def read_blocks(columns: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:
+    """Yield the samples of all channels, block by block, in the units of the archives; NaN where missing."""
+    of_table: dict[int, dict[str, ArchiveColumn]] = {}
+    for channel, column in columns.items():
+        of_table.setdefault(id(column.table), {})[channel] = column
+    for parts in _align([_blocks_of_table(group) for group in of_table.values()]):
+        yield {channel: part[channel] for part in parts for channel in part}
+
+
+def _blocks_of_table(group: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:
+    (table, *_) = (column.table for column in group.values())
+    for block in table.blocks([column.name for column in group.values()]):
+        yield dict(zip(group, block, strict=True))
+
+
+def _align(sources: Iterable[Iterator[dict[str, Array]]]) -> Iterator[list[dict[str, Array]]]:
+    """Yield blocks of several tables of one length side by side, however each is cut."""
+    iterators = list(sources)
+    rest: list[dict[str, Array]] = [{} for _ in iterators]
+    while True:
+        for n, iterator in enumerate(iterators):
+            if not _size(rest[n]):
+                rest[n] = next(iterator, {})
+        size = min(map(_size, rest))
+        if not size:
+            return
+        yield [{name: values[:size] for name, values in part.items()} for part in rest]
+        rest = [{name: values[size:] for name, values in part.items()} for part in rest]
+
+
+def _size(part: Mapping[str, Array]) -> int:
+    return next((values.size for values in part.values()), 0)
+
+
+def describe(channel: str, column: ArchiveColumn) -> tuple[str, str]:
+    """Return unit and long name of a channel in the telemetry."""
+    return CHANNELS[channel].unit, f"column {column.name} of {column.table.path.name}"

@@ -1,0 +1,392 @@
+"""Time stamps of archives: when a run starts, and the seconds since then.
+
+Calendars, scales and leap seconds are those of `astropy.time`. A stamp has a last digit, its resolution: it
+may be off by that much, and the samples be uniform all the same.
+
+Every function raises `fit.errors.InputError`; its message names the place and what was expected.
+"""
+
+import math
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError, quote
+from fit.telemetry.contract import utc
+from fit.telemetry.datasets import check_finite, check_time
+from fit.telemetry.maps import SECONDS, Format, Scale
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+
+Array = NDArray[np.float64]
+
+_UNIX_EPOCH = 40587  # MJD of 1970-01-01
+_FIRST, _LAST = 36934.0, 88069.0  # MJD of 1960, when UTC began, and of 2100
+_DAY = 86400.0  # s
+_CLOCK_ERROR = 1e-6  # of the rate of a clock, which changes no estimate
+_CLOCK = r"\d\d:\d\d(?::\d\d(?:[.,](?P<digits>\d*))?)?"
+_ZONE = r"\s*(?:Z|UTC|[+-]00:?00)?"
+_TEXTS = {  # with the format of astropy that each is turned into
+    "isot": re.compile(rf"(?P<day>\d{{4}}([-/])\d\d\2\d\d)[T ]\s*(?P<clock>{_CLOCK}){_ZONE}"),
+    "yday": re.compile(rf"(?P<day>\d{{4}}[:-]\d{{3}})[T :]\s*(?P<clock>{_CLOCK}){_ZONE}"),
+}
+_EXAMPLES = {"isot": "2016-04-16T14:00:00.000Z", "yday": "2016:107:14:00:00.000"}
+_WANTED = (
+    'expected "2016-04-16T14:00:00Z" (format = "iso"), "2016:107:14:00:00" ("yday"), or numbers with format '
+    '= "gps", "unix", "mjd" or "jd" in [time]'
+)
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """The time column of a table.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (N,)
+        Time since the first sample [s].
+    resolution : float
+        What the last digit stands for [s].
+    is_single : bool
+        Whether that is the spacing of numbers in single precision.
+    t0 : str or None
+        UTC of the first sample, ISO 8601; None where the column counts from anywhere.
+    start : float
+        The first sample of a column that counts from anywhere [s].
+    """
+
+    seconds: Array
+    resolution: float
+    is_single: bool
+    t0: str | None = None
+    start: float = 0.0
+
+
+def read_elapsed(place: str, blocks: Iterable[Array], factor: float) -> Stamps:
+    """Read a column of seconds that count from anywhere, in units of `factor` seconds."""
+    raw = np.concatenate([np.zeros(0), *blocks])
+    check_finite(place, raw)
+    digit, is_single = _resolution(raw)
+    start = float(raw[0] * factor) if raw.size else 0.0
+    return Stamps(np.asarray((raw - raw[:1]) * factor), digit * factor, is_single, start=start)
+
+
+def read_numbers(
+    place: str, blocks: Iterable[Array], format_: Format, scale: Scale | None, factor: float
+) -> Stamps:
+    """Read time stamps that are numbers; of a format that counts seconds, in units of `factor` seconds."""
+    if format_ in _FORMATS_OF_TEXT:
+        raise InputError(
+            f"{place}: numbers, expected texts of format {format_!r} such as {_example(format_)!r}"
+        )
+    raw = np.concatenate([np.zeros(0), *blocks])
+    check_finite(place, raw)
+    if not raw.size:
+        return Stamps(raw, 0.0, is_single=False)
+    digit, is_single = _resolution(raw)
+    digit *= factor if format_ in SECONDS else _DAY
+    with _astropy():
+        instants = _instants(place, raw * factor, format_, scale)
+        stamps = _since_first(place, [(raw, instants)], lambda _: digit)
+    seconds = _remove_step(raw * factor, stamps.seconds) if format_ == "unix" else stamps.seconds
+    return replace(stamps, seconds=seconds, is_single=is_single)
+
+
+def read_texts(
+    place: str, blocks: Iterable[Sequence[str]], format_: Format | None, scale: Scale | None, factor: float
+) -> Stamps:
+    """Read time stamps that are texts; without a `format_`, that of the first."""
+    if format_ is not None and format_ not in _FORMATS_OF_TEXT:
+        return read_numbers(place, _numbers(place, blocks), format_, scale, factor)
+
+    def read() -> Iterator[tuple[Sequence[str], "Time"]]:
+        known, start = _FORMATS_OF_TEXT.get(format_ or ""), 0
+        for cells in blocks:
+            known = known or _recognised(place, cells)
+            yield cells, _parsed(place, cells, known, scale, start)
+            start += len(cells)
+
+    with _astropy():
+        return _since_first(place, read(), _last_digit)
+
+
+def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]:
+    """Return the seconds since the first sample and the rate [Hz], by default the one that fits best.
+
+    The rounding of stamps to their last digit is no jitter: if they are uniform but for that, the exact grid
+    is returned.
+    """
+    seconds = stamps.seconds
+    if not seconds[-1] > seconds[0]:
+        _refuse_single(place, stamps)
+        raise InputError(f"{place}: from {seconds[0]:g} s to {seconds[-1]:g} s, expected it to increase")
+    rates = [fs] if fs is not None else _rates(seconds, stamps.resolution)
+    for rate in rates:
+        even = np.arange(seconds.size) / rate
+        try:
+            time = check_time(place, seconds, rate)
+        except InputError:
+            if _is_rounded(seconds - even, stamps.resolution, rate):
+                return even, rate
+        else:
+            return (np.asarray(time[:]) if stamps.t0 is None else even), rate
+    _refuse_single(place, stamps)
+    return np.asarray(check_time(place, seconds, rates[0])[:]), rates[0]
+
+
+def _is_rounded(off: Array, digit: float, rate: float) -> bool:
+    """Return whether times are `off` a uniform grid by no more than their last digit.
+
+    It must be finer than half a sample, so that one sample too many or too few shows. A clock may be wrong by
+    1e-6, as elsewhere.
+    """
+    n = np.arange(off.size)
+    slope = float(np.polyfit(n, off, 1)[0])
+    if abs(slope) * rate <= _CLOCK_ERROR:
+        off = off - slope * n
+    return digit <= 0.5 / rate and bool(np.ptp(off) <= 1.1 * digit + 1e-3 / rate)
+
+
+def check_agreement(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
+    """Refuse the time stamps of one table that are not those of another table of the same run."""
+    wanted = "expected the same time stamps in all files of a run"
+    sizes = stamps.seconds.size, reference.seconds.size
+    if sizes[0] != sizes[1]:
+        raise InputError(f"{place}: {sizes[0]} samples, but {other} has {sizes[1]}, {wanted}")
+    if stamps.t0 is None or reference.t0 is None:
+        off = stamps.start - reference.start
+    else:
+        off = (utc(stamps.t0) - utc(reference.t0)).total_seconds()
+    if sizes[0] < 2:
+        return  # too few samples in any case
+    step = float(reference.seconds[-1]) / (sizes[0] - 1)
+    digit = min(max(stamps.resolution, reference.resolution, 1e-3 * step), 0.5 * step)
+    if abs(off) > digit:
+        raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other}, {wanted}")
+    beyond = np.abs(stamps.seconds - reference.seconds) > digit
+    if beyond.any():
+        n = int(np.argmax(beyond))
+        off = float(stamps.seconds[n] - reference.seconds[n])
+        raise InputError(f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other}, {wanted}")
+
+
+def _order(off: float) -> str:
+    return "before" if off < 0 else "after"
+
+
+def check_start(place: str, stated: str, stamps: Stamps, fs: float) -> None:
+    """Refuse a stated start that is more than a sample off the first time stamp; `place` is that of t0."""
+    if stamps.t0 is None:
+        return
+    off = (utc(stated) - utc(stamps.t0)).total_seconds()
+    if abs(off) > 1 / fs:
+        raise InputError(
+            f"{place}: {stated!r} is {abs(off):.10g} s {_order(off)} the first time stamp, "
+            f"{stamps.t0!r}, expected the same, or none: it follows from the time stamps"
+        )
+
+
+_FORMATS_OF_TEXT = {"iso": "isot", "isot": "isot", "yday": "yday"}
+
+
+def _example(format_: str) -> str:
+    return _EXAMPLES[_FORMATS_OF_TEXT[format_]]
+
+
+@contextmanager
+def _astropy() -> Iterator[None]:
+    """Let astropy neither look for newer leap seconds in the network nor warn of years to come."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that there is no folder for its settings
+        from astropy.utils.iers import conf  # takes its time to be read in
+
+    with conf.set_temp("auto_download", False), warnings.catch_warnings():
+        warnings.filterwarnings("error", message="ERFA function")  # such as a minute of 61 s
+        warnings.filterwarnings("ignore", message=".*dubious year")
+        warnings.filterwarnings("ignore", message=".*leap-second")
+        yield
+
+
+def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Callable[[Any], float]) -> Stamps:
+    """Return the time since the first stamp; `digit` says what the last digit of a block stands for [s]."""
+    first, seconds, resolution = None, [np.zeros(0)], 0.0
+    for raw, instants in blocks:
+        first = instants[0] if first is None else first
+        seconds.append(np.asarray((instants - first).to_value("s"), dtype=np.float64))
+        resolution = max(resolution, digit(raw))
+    if first is None:
+        return Stamps(seconds[0], resolution, is_single=False)
+    digits = min(max(math.floor(1e-9 - math.log10(resolution)), 0), 6)
+    start = first.utc.copy(format="isot")
+    start.precision = digits
+    whole, _, fraction = str(start.value).partition(".")
+    fraction = fraction.rstrip("0")
+    t0 = f"{whole}.{fraction}Z" if fraction else f"{whole}Z"
+    if whole.endswith(":60"):
+        raise InputError(
+            f"{place}: begins within a leap second, at {t0}, expected a run that begins after it"
+        )
+    return Stamps(np.concatenate(seconds), resolution, is_single=False, t0=t0)
+
+
+def _instants(place: str, values: Array, format_: Format, scale: Scale | None) -> "Time":
+    """Return the instants that numbers of a format stand for."""
+    from astropy.time import Time, TimeDelta
+
+    if format_ == "unix":  # astropy's own has days of one length, but a POSIX clock steps
+        days = np.floor(values / _DAY)
+        _check_range(place, values, _UNIX_EPOCH + days, format_)
+        midnight = Time(_UNIX_EPOCH + days, format="mjd", scale="utc")
+        return midnight.tai + TimeDelta(values - days * _DAY, format="sec")
+    if format_ in SECONDS:
+        epoch = Time(0.0, format=format_)
+        _check_range(place, values, epoch.mjd + values / _DAY, format_)
+        return epoch + TimeDelta(values, format="sec")
+    _check_range(place, values, values - (2400000.5 if format_ == "jd" else 0.0), format_)
+    return Time(values, format=format_, scale=scale or "utc")
+
+
+def _check_range(place: str, values: Array, mjd: Array, format_: str) -> None:
+    beyond = ~((mjd >= _FIRST) & (mjd < _LAST))
+    if beyond.any():
+        n = int(np.argmax(beyond))
+        raise InputError(
+            f"{place}: {values[n]:.16g} at sample {n}, expected a time of format {format_!r}, 1960 to 2100"
+        )
+
+
+def _numbers(place: str, blocks: Iterable[Sequence[str]]) -> Iterator[Array]:
+    start = 0
+    for cells in blocks:
+        try:
+            yield np.array([float(cell) for cell in cells])
+        except ValueError:
+            n = next(n for n, cell in enumerate(cells) if not _is_number(cell))
+            raise InputError(f"{place}: {quote(cells[n])} at sample {start + n}, expected a number") from None
+        start += len(cells)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def format_of(cell: str) -> str | None:
+    """Return the format of a text that is a time stamp, None if it is none."""
+    return next((name for name, pattern in _TEXTS.items() if pattern.fullmatch(cell.strip())), None)
+
+
+def _recognised(place: str, cells: Sequence[str]) -> str:
+    known = format_of(cells[0])
+    if known is None:
+        raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_WANTED}")
+    return known
+
+
+def _parsed(place: str, cells: Sequence[str], format_: str, scale: Scale | None, start: int) -> "Time":
+    """Return the instants of texts, the first of which has number `start`."""
+    matches = [_TEXTS[format_].fullmatch(cell.strip()) for cell in cells]
+    if not all(matches):
+        raise _no_stamp(place, cells, start, matches.index(None), format_)
+    hyphen, separator = ("-", "T") if format_ == "isot" else (":", ":")
+    spelt = [
+        f"{m['day'].replace('/', '-').replace('-', hyphen)}{separator}{m['clock'].replace(',', '.')}"
+        for m in matches
+        if m is not None
+    ]
+    try:
+        return _time(spelt, format_, scale)
+    except (ValueError, Warning):
+        for n, one in enumerate(spelt):
+            try:
+                _time([one], format_, scale)
+            except (ValueError, Warning):
+                raise _no_stamp(place, cells, start, n, format_) from None
+        raise
+
+
+def _time(spelt: Sequence[str], format_: str, scale: Scale | None) -> "Time":
+    from astropy.time import Time
+
+    times = Time(spelt, format=format_, scale=scale or "utc")
+    if not np.all((times.mjd >= _FIRST) & (times.mjd < _LAST)):
+        raise ValueError("years that nothing flies in")
+    return times
+
+
+def _no_stamp(place: str, cells: Sequence[str], start: int, n: int, format_: str) -> InputError:
+    wanted = f"expected a time stamp such as {_EXAMPLES[format_]!r}"
+    return InputError(f"{place}: {quote(cells[n])} at sample {start + n}, {wanted}")
+
+
+def _last_digit(cells: Sequence[str]) -> float:
+    """Return what the last digit of time stamps stands for [s]."""
+    longest = max((cell.strip() for cell in cells), key=len)
+    match = next(m for m in (pattern.fullmatch(longest) for pattern in _TEXTS.values()) if m)
+    if match["clock"].count(":") == 1:
+        return 60.0
+    return float(10.0 ** -len(match["digits"] or ""))
+
+
+def _resolution(values: Array) -> tuple[float, bool]:
+    """Return what the last digit of numbers stands for, and whether it is that of single precision."""
+    largest = np.abs(values).max(initial=0.0)
+    spacing = float(np.spacing(largest))
+    digit = next(
+        (
+            10.0**-n
+            for n in range(16)
+            if np.all(np.abs(values * 10.0**n - np.round(values * 10.0**n)) <= 4 * spacing * 10.0**n)
+        ),
+        spacing,
+    )
+    with np.errstate(over="ignore"):
+        coarse = values.astype(np.float32)
+    single = float(np.spacing(np.float32(largest))) if np.array_equal(values, coarse) else 0.0
+    return max(digit, spacing, single), single > digit
+
+
+def _refuse_single(place: str, stamps: Stamps) -> None:
+    if stamps.is_single:
+        raise InputError(
+            f"{place}: kept in single precision, the time stamps have lost their digits: they are rounded to "
+            f"{stamps.resolution:g} s, expected double precision, or no [time] but attributes fs and t0"
+        )
+
+
+def _remove_step(unix: Array, seconds: Array) -> Array:
+    """Return seconds without the leap second that a POSIX clock counts twice, before midnight or after it."""
+    steps = np.diff(seconds)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    early, late = (np.flatnonzero(np.abs(steps - usual - by) < 0.01) + 1 for by in (-1.0, 1.0))
+    if early.size != 1 or late.size != 1:
+        return seconds
+    first, last = sorted((int(early[0]), int(late[0])))
+    to_midnight = (unix[[first, last]] + _DAY / 2) % _DAY - _DAY / 2
+    if np.any(np.abs(to_midnight) > 1.5):
+        return seconds
+    steady = seconds.copy()
+    steady[first:last] -= 1.0 if late[0] < early[0] else -1.0
+    return steady
+
+
+def _rates(seconds: Array, digit: float) -> list[float]:
+    """Return sample rates [Hz] to try: round ones, those of round periods, the mean, and the best fit."""
+    span = float(seconds[-1])
+    mean = (seconds.size - 1) / span
+    tolerance = max(_CLOCK_ERROR, 2 * digit / span)
+    spelt = [f"{{:.{digits}g}}" for digits in range(1, 6)]
+    candidates = (rate for s in spelt for rate in (float(s.format(mean)), 1 / float(s.format(1 / mean))))
+    rates = [rate for rate in candidates if math.isclose(rate, mean, rel_tol=tolerance)]
+    slope = float(np.polyfit(np.arange(seconds.size), seconds, 1)[0])
+    return [*dict.fromkeys(rates[:2]), mean, *([1 / slope] if slope > 0 else [])]

@@ -1,0 +1,455 @@
+"""Archives as users have them: what a map makes of them is the telemetry they were written from, and its t0.
+
+Time stamps are written by `astropy.time` from the instants of an exact grid, and rounded as archives do it.
+"""
+
+import re
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+import pytest
+from astropy.time import Time, TimeDelta
+from scipy.io import savemat
+
+from fit.errors import InputError
+from fit.telemetry.conversion import convert
+from fit.telemetry.reader import read, utc
+
+N = 2400
+CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
+M_TM = 1.928
+T0 = "2016-04-16T14:00:00Z"
+ATTRIBUTES = f"""
+m_tm = {M_TM}
+F_max_1 = 0.0
+F_max_2 = 2.2e-9
+N_max_1 = 1e-11
+N_max_2 = 1e-11
+alignment_epoch = 1
+experiment = "A"
+kind = "sysid"
+"""
+
+
+@pytest.fixture(scope="module")
+def channels():
+    rng = np.random.default_rng(41)
+    return {name: rng.normal(0.0, 1e-9 if name[0] == "o" else 1e-12, N) for name in CHANNELS}
+
+
+@dataclass
+class Archive:
+    """A folder with archives, and what a map makes of them."""
+
+    folder: object
+
+    def convert(self, *, clock='column = "t"', columns=None, run='file = "A.csv"', t0=T0, top="", more=""):
+        """Convert run A; `columns` are what stands for each channel."""
+        columns = {name: f'{{ column = "{name}" }}' for name in CHANNELS} | (columns or {})
+        lines = "".join(f"{name} = {column}\n" for name, column in columns.items())
+        start = f"t0 = {t0}\n" if t0 else ""
+        time = f"[time]\n{clock}\n" if clock else ""
+        path = self.folder / "map.toml"
+        path.write_text(
+            f'schema = "lpf-map/1"\n{top}\n[attributes]\n{ATTRIBUTES}{more}\n{time}[channels]\n{lines}'
+            f'[[runs]]\nrun = "A"\n{run}\n{start}',
+            encoding="utf-8",
+        )
+        (converted,) = convert([path], self.folder / "out", any_gaps=False)
+        return read(converted)
+
+    def refusal(self, **changes):
+        with pytest.raises(InputError) as refused:
+            self.convert(**changes)
+        text = str(refused.value)
+        assert "\n" not in text and text.startswith(str(self.folder))
+        return text.replace(f"{self.folder}/", "")
+
+
+@pytest.fixture
+def archive(tmp_path):
+    return Archive(tmp_path)
+
+
+def write(path, columns, *, names=True, delimiter=","):
+    rows = [delimiter.join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join([delimiter.join(columns)] * names + rows) + "\n", encoding="utf-8")
+
+
+def listed(channels):
+    return {name: values.tolist() for name, values in channels.items()}
+
+
+def same(run, channels, rtol=1e-15):
+    for name, values in channels.items():
+        np.testing.assert_allclose(run.channels[name], values, rtol=rtol, atol=0)
+
+
+# Time stamps ---------------------------------------------------------------------------------------------
+
+
+def instants(fs, start="2016-04-16T14:00:00", scale="utc"):
+    return Time(start, scale="utc") + TimeDelta(np.arange(N) / fs, format="sec")
+
+
+def isot(times, digits=3):
+    times.precision = digits
+    return times.isot.tolist()
+
+
+def blank_z(times):
+    return [f"{stamp.replace('T', ' ')}Z" for stamp in isot(times, 1)]
+
+
+def yday(times):
+    times.precision = 3
+    return times.yday.tolist()
+
+
+def posix(times):
+    """POSIX time: days of 86400 s, counted in UTC."""
+    days = times.ymdhms
+    midnight = Time({"year": days["year"], "month": days["month"], "day": days["day"]}, scale="utc")
+    return np.round((midnight.mjd - 40587) * 86400 + (times - midnight).to_value("s"), 6).tolist()
+
+
+STAMPS = {
+    "ISO with T": (isot, ""),
+    "ISO with a blank and Z": (blank_z, ""),
+    "with strokes": (lambda times: [stamp.replace("-", "/") for stamp in blank_z(times)], ""),
+    "ISO, of microseconds": (lambda times: isot(times, 6), 'format = "isot"'),
+    "day of year": (yday, ""),
+    "day of year of CCSDS": (
+        lambda times: [s.replace(":", "-", 1).replace(":", "T", 1) for s in yday(times)],
+        "",
+    ),
+    "GPS": (lambda times: np.round(times.gps, 4).tolist(), 'format = "gps"'),
+    "GPS in ms": (
+        lambda times: np.round(times.gps * 1e3).astype(int).tolist(),
+        'format = "gps"\nunit = "ms"',
+    ),
+    "Unix": (posix, 'format = "unix"'),
+    "Unix of TAI": (lambda times: np.round(times.unix_tai, 4).tolist(), 'format = "unix_tai"'),
+    "MJD": (lambda times: times.mjd.tolist(), 'format = "mjd"'),
+    "JD": (lambda times: times.jd.tolist(), 'format = "jd"'),
+    "MJD of TT": (lambda times: times.tt.mjd.tolist(), 'format = "mjd"\nscale = "tt"'),
+    "ISO of TAI": (lambda times: isot(times.tai), 'scale = "tai"'),
+}
+
+
+@pytest.mark.parametrize("stamps", STAMPS)
+@pytest.mark.parametrize("fs", [10.0, 1.0])
+def test_time_stamps(archive, channels, stamps, fs):
+    spell, keys = STAMPS[stamps]
+    write(archive.folder / "A.csv", {"t": spell(instants(fs)), **listed(channels)})
+    run = archive.convert(clock=f'column = "t"\n{keys}', t0="")
+    assert (run.t0, run.fs) == (T0, fs)
+    np.testing.assert_array_equal(run.time, np.arange(N) / fs)
+    same(run, channels)
+
+
+@pytest.mark.parametrize(("fs", "error"), [(3.0, 1e-12), (8.0, 1e-12), (2.99998, 1e-6)])
+@pytest.mark.parametrize("stamps", ["ISO with T", "elapsed"])
+def test_the_last_digit_of_stamps_is_no_jitter(archive, channels, fs, error, stamps):
+    times = instants(fs) if stamps != "elapsed" else None
+    spelt = isot(times) if times is not None else np.round(77 + np.arange(N) / fs, 3).tolist()
+    write(archive.folder / "A.csv", {"t": spelt, **listed(channels)})
+    run = archive.convert()
+    assert run.fs == pytest.approx(fs, rel=error)
+    np.testing.assert_allclose(run.time, np.arange(N) / fs, rtol=error)
+
+
+@pytest.mark.parametrize("stamps", ["ISO with T", "day of year", "GPS", "Unix", "ISO of TAI"])
+def test_a_run_over_a_leap_second_is_uniform(archive, channels, stamps):
+    spell, keys = STAMPS[stamps]
+    times = instants(10.0, "2016-12-31T23:58:00")
+    assert times[1205].isot == "2016-12-31T23:59:60.500"
+    write(archive.folder / "A.csv", {"t": spell(times), **listed(channels)})
+    run = archive.convert(clock=f'column = "t"\n{keys}', t0="")
+    assert (run.t0, run.fs, run.time[-1]) == ("2016-12-31T23:58:00Z", 10.0, (N - 1) / 10)
+
+
+@pytest.mark.filterwarnings("ignore:.*dubious year")  # of the oracle: leap seconds to come
+@pytest.mark.parametrize("start", ["2016-04-16T14:00:00.300", "1999-12-31T23:59:59.9", "2030-01-01T00:00:00"])
+def test_t0_is_the_first_stamp(archive, channels, start):
+    for stamps in ("ISO with T", "GPS", "MJD", "Unix"):
+        spell, keys = STAMPS[stamps]
+        write(archive.folder / "A.csv", {"t": spell(instants(10.0, start)), **listed(channels)})
+        assert utc(archive.convert(clock=f'column = "t"\n{keys}', t0="").t0) == utc(start)
+
+
+def test_a_t0_that_is_stated_too(archive, channels):
+    write(archive.folder / "A.csv", {"t": isot(instants(1.0)), **listed(channels)})
+    assert archive.convert(t0="2016-04-16T14:00:00.4Z").t0 == T0
+    said = archive.refusal(t0="2016-04-16T15:00:00Z")
+    assert said.startswith(
+        "map.toml: runs[0].t0: '2016-04-16T15:00:00+00:00' is 3600 s after the first time stamp"
+    )
+
+
+def later(times, at, by):
+    seconds = np.zeros(N)
+    seconds[at:] = by
+    return times + TimeDelta(seconds, format="sec")
+
+
+TIME_FAULTS = {
+    "a gap": (
+        lambda t: isot(later(t, 900, 0.1)),
+        "",
+        "column t: from 89.9 s to 90.1 s at sample 900, expected",
+    ),
+    "too few digits": (lambda t: isot(t, 0), "", "column t: from 0 s to 0 s at sample 1, expected uniform"),
+    "single precision": (
+        lambda t: t.gps.astype("f4").astype(float).tolist(),
+        'format = "gps"',
+        "column t: kept in single precision, the time stamps have lost their digits",
+    ),
+    "single precision, elapsed": (
+        lambda t: (1e6 + np.arange(N) / 10).astype("f4").astype(float).tolist(),
+        "",
+        "column t: kept in single precision, the time stamps have lost their digits",
+    ),
+    "no month 13": (
+        lambda t: [*isot(t)[:7], "2016-13-16T14:00:00.700", *isot(t)[8:]],
+        "",
+        'column t: "2016-13-16T14:00:00.700" at sample 7, expected a time stamp such as',
+    ),
+    "no leap second": (
+        lambda t: [*isot(t)[:7], "2016-04-16T23:59:60.700", *isot(t)[8:]],
+        "",
+        'column t: "2016-04-16T23:59:60.700" at sample 7, expected a time stamp such as',
+    ),
+    "unknown texts": (
+        lambda t: ["16 April"] * N,
+        "",
+        'column t: "16 April" at sample 0, texts of no known format',
+    ),
+    "another format": (
+        lambda t: t.gps.tolist(),
+        'format = "mjd"',
+        "expected a time of format 'mjd', 1960 to 2100",
+    ),
+    "numbers for texts": (
+        lambda t: t.gps.tolist(),
+        'format = "iso"',
+        "column t: numbers, expected texts of format",
+    ),
+    "texts for numbers": (isot, 'format = "gps"', "at sample 0, expected a number"),
+    "texts with a unit": (isot, 'unit = "s"', "texts, but the map has unit = 's'"),
+}
+
+
+@pytest.mark.parametrize("fault", TIME_FAULTS)
+def test_a_fault_of_time_stamps(archive, channels, fault):
+    spell, keys, expected = TIME_FAULTS[fault]
+    write(archive.folder / "A.csv", {"t": spell(instants(10.0)), **listed(channels)})
+    said = archive.refusal(clock=f'column = "t"\n{keys}')
+    assert expected in said, said
+
+
+@pytest.mark.parametrize(
+    ("samples", "expected"), [(0, "empty, expected a row"), (1, "1 samples, expected 2 to")]
+)
+@pytest.mark.parametrize("keys", ["", 'format = "gps"', 'format = "unix"'])
+def test_hardly_any_samples(archive, samples, expected, keys):
+    np.savez(archive.folder / "A.npz", **{name: np.full(samples, 1.1e9) for name in ("t", *CHANNELS)})
+    said = archive.refusal(run='file = "A.npz"', clock=f'column = "t"\n{keys}')
+    assert said.startswith("A.npz: ") and expected in said
+
+
+# Missing samples -----------------------------------------------------------------------------------------
+
+
+def marked(channels, marker, name="o_12"):
+    """Return archive columns in nm and pm s-2, of which one has a marker in every 150th sample."""
+    columns = {key: values * (1e9 if key[0] == "o" else 1e12) for key, values in channels.items()}
+    columns[name][50::150] = marker
+    return {"t": np.arange(N) / 10, **columns}
+
+
+SCALED = {
+    name: f'{{ column = "{name}", unit = "{"nm" if name[0] == "o" else "pm/s^2"}" }}' for name in CHANNELS
+}
+
+
+@pytest.mark.parametrize(
+    ("marker", "top", "key"),
+    [
+        (-9999, "missing = -9999", ""),
+        (1e20, "", "missing = [-999, 1e20]"),
+        (float(np.float32(9.96921e36)), "missing = 9.96921e36", ""),
+        (0.0, "missing = -1", "missing = 0"),
+        (np.inf, "missing = [nan, inf]", ""),
+        (-1e308, "missing = [1e308, -1e308]", ""),
+    ],
+)
+def test_numbers_of_missing_samples(archive, channels, marker, top, key):
+    write(archive.folder / "A.csv", listed(marked(channels, marker)))
+    columns = SCALED | {"o_12": SCALED["o_12"].replace(" }", f", {key} }}")} if key else SCALED
+    run = archive.convert(top=top, columns=columns)
+    expected = channels["o_12"].copy()
+    expected[50::150] = np.nan
+    same(run, channels | {"o_12": expected}, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("marker", [-9999, 999, 1e20, 9.96921e36, -32768])
+def test_a_marker_that_the_map_does_not_state(archive, channels, name, marker):
+    write(archive.folder / "A.csv", listed(marked(channels, marker, name)))
+    said = archive.refusal(columns=SCALED)
+    where = f"A.csv: column {name} (channel {name}): {marker:.7g} at sample 50 (t = 5 s), 16 times in all"
+    assert said.startswith(where)
+    assert f"expected missing = {marker:.7g} in the map, at its top or in channels.{name}" in said
+
+
+@pytest.mark.parametrize("marker", [-9999.0, -99.0, 3e-3, 1e20, 9.96921e36])
+def test_a_marker_in_telemetry(archive, channels, marker):
+    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels)})
+    path = archive.convert().path
+    with h5py.File(path, "r+") as file:
+        file["o_12"][50::500] = marker
+    with pytest.raises(InputError) as refused:
+        read(path)
+    said = str(refused.value)
+    assert f"A.h5: channel o_12: {marker:.7g} at sample 50 (t = 50 s)" in said
+    assert "seems to mark missing samples, expected NaN" in said
+
+
+def test_what_is_no_marker(archive, channels):
+    steps = {"guidance_o_1": np.repeat([0.0, 1e-8], N // 2), "guidance_o_12": np.full(N, 5e-9)}
+    spike = channels["o_1"].copy()
+    spike[7] = 1e-4
+    table = {**channels, **steps, "o_1": spike}
+    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(table)})
+    columns = {name: f'{{ column = "{name}" }}' for name in steps}
+    same(archive.convert(columns=columns), table)
+
+
+# Units ---------------------------------------------------------------------------------------------------
+
+
+def test_forces_are_divided_by_the_mass(archive, channels):
+    forces = {name: channels[name] * M_TM * 1e12 for name in ("f_x_1", "f_x_2")}
+    write(archive.folder / "A.csv", {"t": np.arange(N).tolist(), **listed(channels | forces)})
+    run = archive.convert(
+        columns=dict.fromkeys(forces, "") | {n: f'{{ column = "{n}", unit = "pN" }}' for n in forces}
+    )
+    same(run, channels, rtol=1e-14)
+    assert run.units["f_x_1"] == "m s-2"
+    for unit in ("m/s", "pN m", "N/m"):
+        said = archive.refusal(columns={"f_x_1": f'{{ column = "f_x_1", unit = "{unit}" }}'})
+        assert f"map.toml: channels.f_x_1.unit: unit '{unit}' does not measure what 'm s-2' does" in said
+        assert "expected 'm s-2', 'N' or a multiple of one" in said
+
+
+# Files and tables ----------------------------------------------------------------------------------------
+
+
+def export(folder, channels, change=None):
+    """Write a file for each channel, without names: time and value, as LTPDA exports its objects."""
+    for name, values in channels.items():
+        times = np.arange(N) / 10
+        table = np.column_stack([change(name, times) if change else times, values])
+        np.savetxt(folder / f"A_{name}.txt", table, "%.17g", "\t")
+
+
+NUMBERED = dict.fromkeys(CHANNELS, "{ column = 2 }")
+EACH = ", ".join(f'{name} = "A_{name}.txt"' for name in CHANNELS)
+FILES = {
+    "template": ('file = "{run}_{channel}.txt"', "column = 1", NUMBERED),
+    "table": (f"file = {{ {EACH}}}", "column = 1", NUMBERED),
+    "table with time": (f'file = {{ {EACH}, time = "A_o_12.txt" }}', "column = 1", NUMBERED),
+    "in the channels": (
+        'file = "A_o_1.txt"',
+        "column = 1",
+        {name: f'{{ column = 2, file = "{{run}}_{name}.txt" }}' for name in CHANNELS},
+    ),
+    "one clock": ('file = "A_{channel}.txt"', 'column = 1\nfile = "A_o_1.txt"', NUMBERED),
+}
+
+
+@pytest.mark.parametrize("way", FILES)
+def test_a_file_for_each_channel(archive, channels, way):
+    run, clock, columns = FILES[way]
+    export(archive.folder, channels)
+    found = archive.convert(run=run, clock=clock, columns=columns)
+    assert (found.t0[:19], found.fs) == (T0[:19], 10.0)
+    same(found, channels)
+    with h5py.File(found.path) as file:
+        names, digests = (file.attrs[key].split(", ") for key in ("archive", "archive_sha256"))
+    assert set(names) == {f"A_{name}.txt" for name in CHANNELS}
+    assert len(set(digests)) == 4 and all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests)
+
+
+def test_a_list_of_files_is_searched_for_the_columns(archive, channels):
+    times = {"t": isot(instants(10.0))}
+    for file, names in (("oms", CHANNELS[:2]), ("fee", CHANNELS[2:])):
+        write(archive.folder / f"{file}.csv", times | listed({name: channels[name] for name in names}))
+    found = archive.convert(run='file = ["oms.csv", "fee.csv"]', t0="")
+    assert found.t0 == T0
+    same(found, channels)
+    write(archive.folder / "both.csv", times | listed({name: channels[name] for name in CHANNELS[1:]}))
+    said = archive.refusal(run='file = ["oms.csv", "both.csv"]')
+    assert (
+        "map.toml: runs[0].file: column o_12 (channel o_12): in each of oms.csv, both.csv, expected it in one"
+        in said
+    )
+    said = archive.refusal(run='file = ["oms.csv", "oms.csv"]')
+    assert "oms.csv: column f_x_1 (channel f_x_1): missing" in said
+    write(archive.folder / "more.csv", times)
+    said = archive.refusal(run='file = ["oms.csv", "more.csv"]')
+    assert "column f_x_1 (channel f_x_1): in none of oms.csv, more.csv" in said
+
+
+DISAGREEMENTS = {
+    "start": (
+        lambda name, t: t + 5 * (name == "f_x_1"),
+        "A_f_x_1.txt: column 1: begins 5 s after ",
+    ),
+    "steps": (
+        lambda name, t: t + np.where(np.arange(N) > 99, 0.1, 0.0) * (name == "o_12"),
+        "A_o_12.txt: column 1: sample 100 is 0.1 s after that of ",
+    ),
+    "rate": (
+        lambda name, t: t * (1 + (name == "f_x_2")),
+        "A_f_x_2.txt: column 1: sample 1 is 0.1 s after that of ",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", DISAGREEMENTS)
+def test_files_that_disagree_about_the_time(archive, channels, fault):
+    change, expected = DISAGREEMENTS[fault]
+    export(archive.folder, channels, change)
+    run, clock, columns = FILES["template"]
+    said = archive.refusal(run=run, clock=clock, columns=columns)
+    assert said.startswith(expected) and "A_o_1.txt" in said
+    assert said.endswith("expected the same time stamps in all files of a run")
+
+
+def test_files_of_different_lengths(archive, channels):
+    export(archive.folder, channels)
+    path = archive.folder / "A_f_x_2.txt"
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]))
+    run, clock, columns = FILES["template"]
+    said = archive.refusal(run=run, clock=clock, columns=columns)
+    assert said.startswith("A_f_x_2.txt: column 1: 2399 samples, but A_o_1.txt: column 1 has 2400, expected")
+
+
+def test_a_table_for_each_channel(archive, channels):
+    structs = {name: {"t": np.arange(N) / 10, "y": values} for name, values in channels.items()}
+    savemat(archive.folder / "A.mat", structs)
+    columns = dict.fromkeys(CHANNELS, '{ column = "y" }')
+    same(archive.convert(run='file = "A.mat"\ntable = "{channel}"', columns=columns), channels)
+    tables = {name: f'{{ column = "y", table = "{name}" }}' for name in CHANNELS}
+    same(archive.convert(run='file = "A.mat"', clock='column = "t"\ntable = "o_1"', columns=tables), channels)
+
+
+def test_columns_of_a_matrix(archive, channels):
+    savemat(archive.folder / "out.mat", {"out": np.column_stack([np.arange(N) / 10, *channels.values()])})
+    by_name = {name: f'{{ column = "out[{k}]" }}' for k, name in enumerate(CHANNELS, 2)}
+    same(archive.convert(run='file = "out.mat"', clock='column = "out[1]"', columns=by_name), channels)
+    by_number = {name: f"{{ column = {k} }}" for k, name in enumerate(CHANNELS, 2)}
+    same(archive.convert(run='file = "out.mat"', clock="column = 1", columns=by_number), channels)

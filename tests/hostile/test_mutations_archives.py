@@ -1,0 +1,152 @@
+"""Archives that are damaged or hostile: the process that tries them may crash, this one not."""
+
+import gzip
+import random
+
+import h5py
+import matio
+import numpy as np
+import pytest
+import scipy
+from astropy.io import fits as astropy
+from matio.utils import MatlabOpaque
+
+from fit.telemetry import guard as probe
+from fit.telemetry.archives import look as look_at_table
+from fit.telemetry.archives import opened
+from tests.fit.telemetry.columns import pandas_file
+from tests.hostile.mutations import damaged, survives, try_all
+
+pytestmark = pytest.mark.slow
+
+GIGA = 2**30
+
+
+def matlab(path):
+    scipy.io.savemat(
+        path, {"OMS": {"o1": np.arange(50.0), "x": np.zeros((3, 3)), "s": "text"}}, do_compression=True
+    )
+    return path
+
+
+def matlab_7_3(path):
+    with h5py.File(path, "w", userblock_size=512) as h5:
+        h5.create_dataset("OMS/o1", data=np.arange(50.0), compression="gzip")
+    return path
+
+
+def fits(path):
+    columns = [
+        astropy.Column("o1", "D", unit="m", array=np.arange(50.0)),
+        astropy.Column("n", "A", array=["x"] * 50),
+    ]
+    astropy.HDUList([astropy.PrimaryHDU(), astropy.BinTableHDU.from_columns(columns)]).writeto(path)
+    return path
+
+
+def ascii_fits(path):
+    columns = [
+        astropy.Column("o1", "E15.7", unit="m", array=np.arange(50.0)),
+        astropy.Column("n", "I5", null="-99", array=np.arange(50)),
+    ]
+    astropy.HDUList([astropy.PrimaryHDU(), astropy.TableHDU.from_columns(columns)]).writeto(path)
+    return path
+
+
+def matlab_objects(version):
+    def write(path):
+        series = MatlabOpaque({"y": np.arange(50.0), "yunits": "m"}, "tsdata")
+        times = np.datetime64("2016-04-16", "ns") + np.arange(50).astype("m8[s]")
+        matio.save_to_mat(
+            path, {"a": MatlabOpaque({"data": series}, "ao"), "utc": times, "x": np.eye(3)}, version=version
+        )
+        return path
+
+    return write
+
+
+def hdf5(path):
+    pandas_file(path)
+    with h5py.File(path, "a") as h5:
+        h5.create_dataset("records", data=np.zeros(50, "f8, f4, S3, 2i2"), chunks=(20,), compression="lzf")
+        h5["utc"], h5["packed"] = ["2016-04-16T14:00:00Z"] * 50, np.arange(50, dtype="i2")
+        h5["packed"].attrs.update({"units": "nm", "_FillValue": np.int16(3), "scale_factor": 0.5})
+    return path
+
+
+def netcdf(path):
+    with scipy.io.netcdf_file(path, "w") as file:
+        file.createDimension("n", 50)
+        file.createVariable("o1", "f8", ("n",))[:] = np.arange(50.0)
+    return path
+
+
+def numpy_array(path):
+    np.save(path, np.zeros(50, "f8, S3, 2i2"))
+    return path
+
+
+def numpy_arrays(path):
+    np.savez_compressed(path, t=np.arange(50.0), out=np.ones((50, 3)))
+    return path
+
+
+def text(path):
+    rows = "".join(f'2016-04-16T14:00:{i:02},{i}.5e-9,"{-i}",\n' for i in range(50))
+    path.write_text("# made by hand\ntime,x [nm],y,\nUTC,nm,1,\n" + rows)
+    return path
+
+
+def read_table(path):
+    found = {}
+    with opened(path, None) as table:
+        for name, column in table.columns.items():
+            if column.text:
+                texts = [each for block in table.texts(name) for each in block]
+                assert len(texts) == column.size
+                assert all(isinstance(each, str) for each in texts), name
+            elif column.size:
+                found[name] = np.concatenate([block for (block,) in table.blocks([name])])
+                assert found[name].size == column.size, name
+    # a compressed file has a checksum: it is read as it was, or not at all
+    assert not path.name.endswith(".fits.gz") or np.array_equal(found["o1"], np.arange(50.0))
+
+
+def test_damaged_archives(tmp_path, cases, monkeypatch):
+    monkeypatch.setattr(probe, "PATIENCE", 20.0)
+    writers = {
+        ".mat": [matlab, matlab_7_3, matlab_objects("v7"), matlab_objects("v7.3")],
+        ".fits": [fits, ascii_fits],
+        ".h5": [hdf5],
+        ".nc": [netcdf],
+        ".npy": [numpy_array],
+        ".npz": [numpy_arrays],
+        ".csv": [text],
+    }
+    sources = {
+        suffix: [write(tmp_path / f"{i}.source{suffix}").read_bytes() for i, write in enumerate(some)]
+        for suffix, some in writers.items()
+    }
+    sources[".csv.gz"] = [gzip.compress(sources[".csv"][0])]
+    sources[".fits.gz"] = [gzip.compress(sources[".fits"][0])]
+    total = cases(0.1, 80)
+    made = {}
+    for n in range(total):
+        rng = random.Random(n)
+        suffix = rng.choice(list(sources))
+        path = tmp_path / f"{n}{suffix}"
+        path.write_bytes(damaged(rng.choice(sources[suffix]), rng))
+        made[path] = f"archive {n}"
+    counts = try_all(made, read_table, look_at_table, dict.fromkeys(made))
+    assert min(counts["sound"], counts["refused"]) > 0
+
+
+def test_a_bomb_of_an_archive(tmp_path, monkeypatch):
+    monkeypatch.setattr(probe, "MEMORY", 2 * GIGA)
+    path = tmp_path / "a.fits.gz"
+    monkeypatch.setattr(probe, "PATIENCE", 3.0)
+    path.write_bytes(
+        gzip.compress(fits(tmp_path / "c.fits").read_bytes()) + 400 * gzip.compress(bytes(2**24))
+    )
+    assert path.stat().st_size < 2**25
+    survives(lambda: probe.check(look_at_table, [path], {path: None}), path, "bomb")
