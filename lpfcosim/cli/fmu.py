@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lpfcosim.cli.common import CampaignFile, Quiet, about, check_folder, examples, help_without_command
+from lpfcosim.cli.common import (
+    CampaignFile,
+    Quiet,
+    about,
+    check_file,
+    check_folder,
+    examples,
+    help_without_command,
+)
 from lpfcosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -156,10 +164,12 @@ def export_ssp(
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
+    path = out or Path(f"{campaign.stem}.ssp")
+    check_file(path, loading.sources(campaign), parents=True)
     came = outcome.gather(results, plan) if results else None
     with about(campaign):
         archives = fmus(plan, console, ssp.fmi(version))
-        written = ssp.export(plan, archives, out or Path(f"{campaign.stem}.ssp"), version, came)
+        written = ssp.export(plan, archives, path, version, came)
     console.say(str(written))
 
 
@@ -188,9 +198,11 @@ def container(
     runs = {r.name: r for r in plan.runs}
     if run_name not in runs:
         raise InputError(f"{campaign}: no run {quote(run_name)}{closest(run_name, runs)}")
+    path = out or Path(f"{run_name}.fmu")
+    check_file(path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True)
     with about(campaign):
         archives = fmus(plan, console, "2.0")
-        written = containers.container(runs[run_name], archives, out or Path(f"{run_name}.fmu"))
+        written = containers.container(runs[run_name], archives, path)
     console.say(str(written))
 
 

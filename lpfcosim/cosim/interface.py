@@ -119,14 +119,13 @@ class Interface:
         Ours are known: what `moves` has none, the others have all. Of another FMU its description tells; what
         it leaves open is taken like ours.
         """
-        everything = [] if self.component.moves else list(self.component.inputs)
         told = {u.variable.name: u.dependencies for u in self.description.outputs} if self.replacement else {}
         found = {}
         for output in self.component.outputs:
             on = told.get(self.variable(self.name(output)).name)
             names = None if on is None else {v.name for v in on}
             found[output] = (
-                everything
+                self.component.direct[output]
                 if names is None
                 else [v for v in self.component.inputs if self.variable(self.name(v)).name in names]
             )

@@ -32,7 +32,7 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     run : Run
         Gives the parameters, the step size and what is put in the place of ours.
     fmus : mapping of str to Path
-        The FMU of each component.
+        The FMU of each component. Of a component without one, nothing is read but what its place tells.
 
     Raises
     ------
@@ -44,7 +44,11 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     found = []
     world = world_of(run)
     settings = world.parameters(run)
+    direct: dict[str, Mapping[str, Iterable[str]]] = {}
     for component in world.steps(run):
+        if component.model not in fmus:
+            direct[component.model] = component.direct
+            continue
         replacement = replaced.get(component.model)
         try:
             interface = read(component, fmus[component.model], settings[component.model], replacement)
@@ -53,7 +57,8 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
         found.append(interface)
-    check_feedthrough([i.component for i in found], {i.model: i.direct for i in found})
+        direct[component.model] = interface.direct
+    check_feedthrough(world.steps(run), direct)
     return found
 
 
