@@ -13,8 +13,7 @@ from lpfcosim.messages import grouped
 from lpfcosim.plant import saturation
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder as results
-from lpfcosim.running import runner, telemetry
-from lpfcosim.running.validation import validate
+from lpfcosim.running import runner, telemetry, validation
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -73,7 +72,7 @@ def simulate(
         If a run failed. The others are finished first.
     """
     plan = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
-    validate(plan, fitted=False)
+    validation.validate(plan, fitted=False)
     directory = Path(folder) / "telemetry"
     with results.held(Path(folder)):
         if not fmus:

@@ -122,8 +122,9 @@ def stuck(x: Row, fs: float) -> Iterator[Oddity]:
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
-    if (different := _different(looked)) < FEW * looked.size:
-        what = f"is rounded: it has {different} values in {looked.size} samples"
+    there = looked[~np.isnan(looked)]  # what is masked is no value
+    if (different := _different(there)) < FEW * there.size:
+        what = f"is rounded: it has {different} values in {there.size} samples"
         if again := _period(looked):
             what = f"comes again every {again / fs:g} s"
         if again or rounded == 0:

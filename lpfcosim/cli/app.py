@@ -79,7 +79,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, schema lpf-check/1.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Validate a campaign, and print what to expect of it, before it is run.
+    """Validate a campaign and print what to expect of it.
 
     What `run` would refuse is refused, with exit status 2: third-party FMUs that do not fit their places,
     unstable loops, commands at their limits for too long. A campaign with a command at its limit, or with

@@ -33,7 +33,7 @@ from lpfcosim.design import (
 )
 from lpfcosim.design import design as sought
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.running.validation import check_linear_model, validate
+from lpfcosim.running import validation
 
 SCHEMA = "lpf-design/1"
 HOUR = 3600.0
@@ -54,8 +54,8 @@ def design(
         check_file(figure, [*inputs, path], FORMATS)
     chosen = settings(plan.fit, f"{campaign}: fit")
     with about(campaign):
-        check_linear_model(plan, "a design is")
-        for line in validate(plan).doubts:
+        validation.check_linear_model(plan, "a design is")
+        for line in validation.validate(plan).doubts:
             console.note(f"warning: {line}")
     foresees = foresight(plan, chosen)
     told = Told(

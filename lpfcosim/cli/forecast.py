@@ -16,7 +16,7 @@ from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned, turning
 from lpfcosim.errors import UnavailableError, ours
 from lpfcosim.messages import grouped
-from lpfcosim.running.validation import check_linear_model, validate
+from lpfcosim.running import validation
 
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:
@@ -27,12 +27,12 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
     chosen = settings(plan.fit, f"{campaign}: fit")
     with about(campaign), ours():
         try:
-            check_linear_model(plan, "forecast is", "lpfcosim run gives the sigmas of its fit")
+            validation.check_linear_model(plan, "a forecast is", "lpfcosim run gives the sigmas of its fit")
         except UnavailableError as error:
             document = {"schema": forecasts.SCHEMA, "parameters": None, "unavailable": str(error)}
             console.document(json.dumps(document, indent=1))
             raise
-        for line in (*validate(plan).doubts, *map(left_out, plan.truth.living)):
+        for line in (*validation.validate(plan).doubts, *map(left_out, plan.truth.living)):
             console.note(f"warning: {line}")
         with console.stage("forecast"):
             gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)

@@ -26,8 +26,7 @@ from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
 from lpfcosim.identify import Simulation, Target, check, targets
 from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder, runner, workers
-from lpfcosim.running.validation import validate
+from lpfcosim.running import folder, runner, validation, workers
 
 RESULTS = "identified.json"  # which the report looks for
 FAR = 100.0  # natural scales from where the campaign has a parameter: there the search would not begin
@@ -53,7 +52,7 @@ def identify_files(
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
     check_folder(directory, "telemetry")
     with about(campaign):
-        validate(plan)
+        validation.validate(plan)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
         for target in targets(plan, plan.runs[0], interfaces(plan.runs[0], fmus)):

@@ -13,7 +13,7 @@ from lpfcosim.cli.console import Console
 from lpfcosim.errors import UnavailableError
 from lpfcosim.plant import margins as loop_margins
 from lpfcosim.plant import stability
-from lpfcosim.running.validation import check_linear_model
+from lpfcosim.running import validation
 
 
 def margins(campaign: Path, console: Console) -> None:
@@ -22,7 +22,7 @@ def margins(campaign: Path, console: Console) -> None:
     document = {"schema": "lpf-margins/1", "campaign": plan.name}
     with about(campaign):
         try:
-            check_linear_model(plan, "margins are")
+            validation.check_linear_model(plan, "margins are")
         except UnavailableError as error:
             console.document(json.dumps({**document, "loops": None, "unavailable": str(error)}, indent=1))
             raise

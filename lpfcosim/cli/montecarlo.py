@@ -35,9 +35,8 @@ from lpfcosim.cosim import Shelf, Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
 from lpfcosim.messages import grouped
 from lpfcosim.plant import spectral, stability
-from lpfcosim.running import cluster, folder, ledger, runner, telemetry, workers
+from lpfcosim.running import cluster, folder, ledger, runner, telemetry, validation, workers
 from lpfcosim.running import fmus as fmu_archives
-from lpfcosim.running.validation import Validation, check_linear_model
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
@@ -69,10 +68,10 @@ class Work:
     redraw: bool
 
 
-def _check_spectra(plan: Campaign, found: Validation, campaign: Path) -> None:
+def _check_spectra(plan: Campaign, found: validation.Validation, campaign: Path) -> None:
     """Refuse what telemetry that is drawn from spectra does not have."""
     with about(campaign):
-        check_linear_model(plan, "the spectra that telemetry is drawn from are", "add --fmus")
+        validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", "add --fmus")
     if found.saturation:
         raise InputError(
             f"{campaign}: {'; '.join(found.saturation)}; expected --fmus, as telemetry drawn from spectra "
@@ -103,9 +102,9 @@ def montecarlo(
     scheduler: str | None,
 ) -> None:
     """Repeat a campaign with new noise, fit each, report pulls and coverage."""
-    plan, chosen, found = prepare(campaign, jobs, scheduler)
     directory = out or Path(f"{campaign.stem}-montecarlo")
     check_folder(directory, "figures")
+    plan, chosen, found = prepare(campaign, jobs, scheduler)
     archives: dict[str, Path] = {}
     if fmus:
         archives = cli_fmu.fmus(plan, console)

@@ -6,10 +6,12 @@ from fit.settings import Settings, settings
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli.common import about
 from lpfcosim.errors import InputError
-from lpfcosim.running.validation import Validation, validate
+from lpfcosim.running import validation
 
 
-def prepare(campaign: Path, jobs: int | None, scheduler: str | None) -> tuple[Campaign, Settings, Validation]:
+def prepare(
+    campaign: Path, jobs: int | None, scheduler: str | None
+) -> tuple[Campaign, Settings, validation.Validation]:
     """Read a campaign that is to be simulated, validate it, and read what it says of the fit.
 
     Raises
@@ -22,5 +24,5 @@ def prepare(campaign: Path, jobs: int | None, scheduler: str | None) -> tuple[Ca
     plan = loading.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
     with about(campaign):
-        found = validate(plan)
+        found = validation.validate(plan)
     return plan, chosen, found

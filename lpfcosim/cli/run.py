@@ -45,9 +45,9 @@ def run(
     trusted: bool,
 ) -> None:
     """Simulate a campaign, fit it, report."""
-    plan, chosen, found = prepare(campaign, jobs, scheduler)
     directory = out or Path(campaign.stem)
     check_folder(directory, "telemetry")
+    plan, chosen, found = prepare(campaign, jobs, scheduler)
     fmus = cli_fmu.fmus(plan, console)
     how = runner.How(jobs, scheduler, engine, rerun, time_limit)
     with folder.held(directory, "--out"), ExitStack() as stack:

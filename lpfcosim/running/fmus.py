@@ -50,7 +50,7 @@ def held(
 
 
 def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False) -> None:
-    """Refuse FMUs that are not the ones meant, and those of other origin that the user has not approved.
+    """Refuse FMUs that are not the ones meant, and third-party FMUs that the user has not approved.
 
     Parameters
     ----------
@@ -66,23 +66,20 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
     InputError
         If an FMU is not approved, or another than the one that the campaign gives the digest of.
     """
+    check_digests(plan, archives)
     for sentence in unapproved(plan, archives):
         if not trusted:
             raise InputError(f"{sentence}, or add --trust for once")
 
 
-def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
-    """Tell of every FMU of other origin that the user has not approved what there is to do.
-
-    That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
+def check_digests(plan: Campaign, archives: Mapping[str, Path]) -> None:
+    """Refuse FMUs that are others than the campaign gives the digests of.
 
     Raises
     ------
     InputError
-        If an FMU is another than the one that the campaign gives the digest of.
+        Gives both digests.
     """
-    told = []
-    known = _ours() | approvals.digests() if plan.replacements else set()
     for replacement in plan.replacements:
         model, found = replacement.model, ledger.digest(archives[replacement.model])
         if replacement.sha256 and found != replacement.sha256:
@@ -90,7 +87,18 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
                 f"fmus.{model}.sha256: {replacement.archive} has the digest {found}; expected "
                 f"{replacement.sha256}, the FMU is another one"
             )
-        if found not in known:
+
+
+def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
+    """Return one sentence about each third-party FMU that the user has not approved, and how to approve it.
+
+    That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
+    """
+    told = []
+    known = _ours() | approvals.digests() if plan.replacements else set()
+    for replacement in plan.replacements:
+        model = replacement.model
+        if ledger.digest(archives[model]) not in known:
             told.append(
                 f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
                 f"run with all your rights: if you trust it, give the command lpfcosim trust "

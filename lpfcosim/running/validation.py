@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fit.requirements import F_MAX, MOST_SATURATED, SHORTEST, TAPER
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Interface, placement
 from lpfcosim.errors import InputError, RunError, UnavailableError
 from lpfcosim.messages import grouped
 from lpfcosim.plant import saturation, stability
 from lpfcosim.spacecraft import HalfCosine, Injection, Run, Sine
+
+if TYPE_CHECKING:
+    from lpfcosim.cosim import Interface
 
 _CURE = "inject less or allow more"
 FADED = 0.1  # of an injection, as the window counts it: less is as good as nothing
@@ -59,19 +62,24 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     Raises
     ------
     InputError
-        If an experiment is too short, an FMU does not fit its place, a loop is not stable, a read-out leaves
+        If an experiment is too short, an FMU does not fit its place or is not the one meant, a loop is not stable, a read-out leaves
         its range, or a command is at its limit for longer than a fit masks.
     """
     if fitted:
         _check_durations(plan)
-    theirs = {r.model: r.archive for r in plan.replacements}
-    interfaces = tuple(placement.interfaces(plan.runs[0], theirs)) if theirs else ()
-    saturated: list[str] = []
-    if not theirs:
+    interfaces, saturated = list["Interface"](), list[str]()
+    if plan.replacements:
+        from lpfcosim.cosim import placement  # takes its time, and few campaigns need it
+        from lpfcosim.running import fmus
+
+        theirs = {r.model: r.archive for r in plan.replacements}
+        interfaces = placement.interfaces(plan.runs[0], theirs)  # the other runs have the same
+        fmus.check_digests(plan, theirs)
+    else:
         stability.check(*plan.runs)
         saturated = _saturation(plan)
     idle = [(run.name, cause) for run in plan.runs for cause in _idle(run)] if fitted else []
-    return Validation(interfaces, tuple(saturated), tuple(grouped(idle)))
+    return Validation(tuple(interfaces), tuple(saturated), tuple(grouped(idle)))
 
 
 def check_linear_model(plan: Campaign, what: str, instead: str = "") -> None:
@@ -82,7 +90,7 @@ def check_linear_model(plan: Campaign, what: str, instead: str = "") -> None:
     plan : Campaign
         Which may replace FMUs.
     what : str
-        What is computed, for the sentence.
+        What is computed, and "is" or "are".
     instead : str
         What to do instead.
 
@@ -93,9 +101,10 @@ def check_linear_model(plan: Campaign, what: str, instead: str = "") -> None:
         spectra and response of the whole.
     """
     if plan.replacements:
-        named = " and ".join(f"{r.archive} in the place of {r.model}" for r in plan.replacements)
+        places = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
+        archives = " and ".join(str(r.archive) for r in plan.replacements)
         raise UnavailableError(
-            f"fmus: {what} not available with {named}, whose dynamics are not known beforehand"
+            f"{places}: {what} not available, since the dynamics of {archives} are not known beforehand"
             f"{f'; {instead}' if instead else ''}"
         )
 
@@ -171,7 +180,7 @@ def _limited(run: Run, demand: saturation.Demand) -> str:
 
 
 def _cause(demand: saturation.Demand) -> str:
-    return described(demand.injection) if demand.injection else "what the suspension holds"
+    return described(demand.injection) if demand.injection else "what holds dc"
 
 
 def _idle(run: Run) -> Iterator[str]:
@@ -185,7 +194,7 @@ def _idle(run: Run) -> Iterator[str]:
         elif isinstance(injection, Sine) and _weight(run, injection) < FADED:
             yield (
                 f"{described(injection)} is at an end of the run, where the window of the fit fades: "
-                f"{100 * _weight(run, injection):.1g} % of its power counts"
+                f"{100 * _weight(run, injection):.2g} % of its power counts"
             )
 
 
