@@ -228,21 +228,21 @@ def verdict(found: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
     reasons = []
     for name, p in found.items():
         departures = [
-            (_of_mean(p), f"mean pull {p.pull_mean:+.2g} ± {p.pull_mean_error:.2g}, expected 0"),
+            (_of_mean(p), f"mean pull {p.pull_mean:+.2g} ± {p.pull_mean_error:.2g} instead of 0"),
             (
                 _of_std(p),
-                f"standard deviation of pulls {p.pull_std:.3g} ± {p.pull_std_error:.2g}, expected 1",
+                f"standard deviation of pulls {p.pull_std:.3g} ± {p.pull_std_error:.2g} instead of 1",
             ),
             (
                 _two_sided(round(p.coverage_1sigma * p.n), p.n, WITHIN),
-                f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} % within 1 sigma, "
-                f"expected {100 * WITHIN:.0f} %",
+                f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} % within 1 sigma "
+                f"instead of {100 * WITHIN:.0f} %",
             ),
         ]
         if said := [text for probability, text in departures if probability < level]:
             reasons.append(f"{name}: {', '.join(said)}")
     if failed and scipy.special.bdtrc(failed - 1, n + failed, FAILURES) < level:
-        reasons.append(f"{failed} of {n + failed} failed, expected {100 * FAILURES:g} %")
+        reasons.append(f"{failed} of {n + failed} failed, of sound ones {100 * FAILURES:g} % may")
     return Verdict(not reasons, tuple(reasons))
 
 

@@ -175,7 +175,8 @@ def _report(
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed{not_done}: {directory / 'montecarlo.json'}")
     verdict = pulls.verdict(found, len(drawn), len(failed))
     if verdict.valid:
-        console.say(f"valid: pulls and coverage of {len(found)} parameters are those of true sigmas")
+        parameters = f"{len(found)} parameter{'s' * (len(found) > 1)}"
+        console.say(f"valid: pulls and coverage of {parameters} are those of true sigmas")
     return verdict
 
 

@@ -62,8 +62,8 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     Raises
     ------
     InputError
-        If an experiment is too short, an FMU does not fit its place or is not the one meant, a loop is not stable, a read-out leaves
-        its range, or a command is at its limit for longer than a fit masks.
+        If an experiment is too short, an FMU does not fit its place or is not the one meant, a loop is not
+        stable, a read-out leaves its range, or a command is at its limit for longer than a fit masks.
     """
     if fitted:
         _check_durations(plan)

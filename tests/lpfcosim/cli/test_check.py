@@ -139,15 +139,14 @@ def test_unavailable_is_an_input_error(third_party):
     ("changes", "options", "fault"),
     [
         ([], {"keys": 'variables = { f_control_2 = "forze" }\n'}, "variable 'forze' is missing"),
-        ([], {"keys": 'variables = { o_12 = "f_control_2" }\n'}, "is of causality 'output'; expected causality"),
+        ([], {"keys": 'variables = { o_12 = "f_control_2" }\n'}, "is of causality 'output'; expected"),
         ([], {"keys": "values = { gain = 2.0 }\n"}, "has no parameter 'gain'"),
         ([], {"keys": f'sha256 = "{"0" * 64}"\n'}, "the FMU is another one"),
         ([], {"platform": "amiga68"}, "has a binary for amiga68 only; expected one for"),
         ([('"0" causality="input" variability="continuous">\n<Real unit="m"',
-           '"0" causality="input" variability="continuous">\n<Real unit="nm"')], {}, "by which it means 1e-09 m"),
+           '"0" causality="input" variability="continuous">\n<Real unit="nm"')], {}, "means 1e-09 m"),
         ([("<CoSimulation", "<ModelExchange"), ('canHandleVariableCommunicationStepSize="true"', "")], {},
          "expected an FMU for co-simulation"),
-        ([('fmiVersion="2.0"', 'fmiVersion="1.0"')], {}, "Mine.fmu: "),
         ([("<ModelVariables>", "<ModelVariable>")], {}, "Mine.fmu: "),
     ],
 )  # fmt: skip
@@ -183,7 +182,7 @@ def test_digest_that_is_meant_is_no_fault(lpfcosim, third_party, tmp_path):
     ("old", "new", "parts"),
     [
         (FIRST, FIRST.replace("10 nm", "10 um"), ["run D: command f_x_2", "0.833 mHz and 10 um", "586.5 pN"]),
-        ('F_max_2 = "50 pN"', 'F_max_2 = "7.8 pN"', ["run", "F_max_2 of authority set", "is 7.8 pN"]),
+        ('F_max_2 = "50 pN"', 'F_max_2 = "7.3 pN"', ["takes 9.762 pN at 8394 s", "is 7.3 pN"]),
         ('cycles = 4, start = "900 s" },\n', 'cycles = 4, start = "900 s" },\n  { into = "guidance_o_12", '
          'shape = "half_cosine", amplitude = "90 um", start = "1000 s", end = "1001 s" },\n',
          ["the step of 90 um into guidance_o_12 from 1000 s"]),
@@ -245,14 +244,14 @@ def test_shipped_campaigns_are_valid(quickstart, name):
         (
             'frequency = "0.833 mHz", amplitude = "10 nm", cycles = 4, start = "900 s"',
             'frequency = "0.833 Hz", amplitude = "10 nm", cycles = 4, start = "900 s"',
-            "runs A, B, C, D: the sine of 833 mHz and 10 nm into guidance_o_12 from 900 s is above the fitted band, "
-            "which ends at 100 mHz: no estimate takes anything from it",
+            "the sine of 833 mHz and 10 nm into guidance_o_12 from 900 s is above the fitted band, which "
+            "ends at 100 mHz: no estimate takes anything from it",
         ),
         (
             'frequency = "53.3 mHz", amplitude = "0.7 nm", cycles = 32, start = "20941 s"',
             'frequency = "53.3 mHz", amplitude = "0.7 nm", cycles = 16, start = "21280 s"',
-            "runs A, B, C, D: the sine of 53.3 mHz and 0.7 nm into guidance_o_1 from 21280 s is at an end of the "
-            "run, where the window of the fit fades: 1 % of its power counts",
+            "the sine of 53.3 mHz and 0.7 nm into guidance_o_1 from 21280 s is at an end of the run, where "
+            "the window of the fit fades: 0.9 % of its power counts",
         ),
     ],
 )
@@ -261,7 +260,7 @@ def test_injection_that_tells_a_fit_nothing_is_doubtful(lpfcosim, campaign, old,
     status, out, err = lpfcosim("check", path)
     assert status == 0, err
     assert out.startswith(f"{path}: doubtful")
-    assert f"warning: {sentence}" in err.splitlines()
+    assert f"warning: runs A, B, C, D: {sentence}" in err.splitlines()
 
 
 def test_short_runs_may_be_simulated_but_not_fitted(quickstart):
