@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 _MOST = 8  # names in a row
-_TIME = re.compile(r" at [\d.]+ s\b")
+_DECIMAL = re.compile(r"\d+\.\d+(e[-+]?\d+)?")  # a time, or what an FMU says of a value
 
 
 def line(said: object) -> str:
@@ -17,7 +17,7 @@ def line(said: object) -> str:
 def grouped(causes: Iterable[tuple[str, str]], noun: str = "run") -> list[str]:
     """Return one sentence for each cause, with the names of all that it holds for.
 
-    Causes are the same if they differ in nothing but the name they are about, and times.
+    Causes are the same if they differ in nothing but the name they are about, and decimal numbers.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def grouped(causes: Iterable[tuple[str, str]], noun: str = "run") -> list[str]:
     """
     same: dict[str, dict[str, str]] = {}
     for name, cause in causes:
-        same.setdefault(_TIME.sub("", _bare(name, cause, noun)), {}).setdefault(name, cause)
+        same.setdefault(_DECIMAL.sub("", _bare(name, cause, noun)), {}).setdefault(name, cause)
     return [_sentence(of, noun) for of in same.values()]
 
 
@@ -46,7 +46,7 @@ def _sentence(causes: dict[str, str], noun: str) -> str:
     if not others:
         return cause if bare != cause else f"{noun} {name}: {cause}"
     differ = len({_bare(each, said, noun) for each, said in causes.items()}) > 1
-    at = f" ({name}; the others at other times)" if differ else ""
+    at = f" ({name}; the others with other numbers)" if differ else ""
     return f"{noun}s {names(list(causes))}: {bare}{at}"
 
 

@@ -20,7 +20,7 @@ EIGHT = [f"{name}{kind}" for name in "ABCD" for kind in ("-noise", "")]
         (
             [("A", "run 'A' diverges: o_12 at 3.2 s"), ("B", "run 'B' diverges: o_12 at 4.1 s")],
             "run",
-            ["runs A, B: diverges: o_12 at 3.2 s (A; the others at other times)"],
+            ["runs A, B: diverges: o_12 at 3.2 s (A; the others with other numbers)"],
         ),
         (
             [
