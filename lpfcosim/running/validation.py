@@ -172,10 +172,14 @@ def _out_of_range(demand: saturation.Demand) -> str:
 def _limited(run: Run, demand: saturation.Demand) -> str:
     j = demand.channel[-1]
     peak, limit, rms = (1e12 * run.m_tm * x for x in (demand.peak, demand.limit, demand.rms))
-    noise = f" beside noise of {rms:.3g} pN rms" if demand.peak <= demand.limit else ""
+    asked = (
+        f"{_cause(demand)} takes {peak:.4g} pN at {demand.time:.0f} s"
+        if demand.peak > demand.limit
+        else f"noise of {rms:.3g} pN rms adds to {peak:.4g} pN"
+    )
     return (
-        f"command {demand.channel} reaches its limit: {_cause(demand)} takes {peak:.4g} pN{noise} at "
-        f'{demand.time:.0f} s, F_max_{j} of authority set "{run.authority.name}" is {limit:.4g} pN'
+        f"command {demand.channel} reaches its limit: {asked}, F_max_{j} of authority set "
+        f'"{run.authority.name}" is {limit:.4g} pN'
     )
 
 
