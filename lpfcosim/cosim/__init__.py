@@ -7,12 +7,16 @@ the same bits.
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.master import Engine, Where
-from lpfcosim.cosim.placement import driver, interfaces
+from lpfcosim.cosim.placement import driver, interfaces, warnings
+from lpfcosim.cosim.slave import Slave
+from lpfcosim.cosim.variables import Value
 
 __all__ = [
     "Engine",
     "Interface",
     "Shelf",
+    "Slave",
+    "Value",
     "Where",
     "archive",
     "checks",
@@ -21,4 +25,5 @@ __all__ = [
     "interfaces",
     "master",
     "placement",
+    "warnings",
 ]

@@ -111,7 +111,10 @@ EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const S
         for (int64_t j = 0; j < feeds->n; j++) bus[j] = feed[j * feeds->per_signal];
         for (size_t j = 0; j < n_slaves; j++) {
             where->slave = (int32_t)j;
-            int status = exchange(slaves + j, bus, (double)(first + i) * h, h);
+            /* A third-party FMU that adds up its steps finds the time that it is given, without rounding. */
+            double time = (double)(first + i) * h;
+            double step = slaves[j].guarded ? (double)(first + i + 1) * h - time : h;
+            int status = exchange(slaves + j, bus, time, step);
             if (status > WARNING) {
                 where->status = status;
                 return;

@@ -123,21 +123,34 @@ def refusing(run: str, slaves: Iterable[Slave]) -> Iterator[None]:
         raise RunError(f"run '{run}': an FMU refused a call: {error}{said}") from None
 
 
-def start(
+def load(
     stack: contextlib.ExitStack,
-    run: Run,
     found: Iterable[Interface],
     where: Where | None = None,
     shelf: Shelf | None = None,
 ) -> list[Slave]:
-    """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
+    """Load the FMUs of a run and make an instance of each, not initialised yet; ``stack`` frees them."""
     where = where or Where()
-    values = world_of(run).parameters(run)
     slaves = []
     for where.slave, i in enumerate(found):
-        its = i.archive, i.model, i.parameters(values[i.model]), i.inputs, i.outputs
         theirs = i.replacement is not None
-        slaves.append(Slave(stack, *its, guarded=theirs, shelf=None if theirs else shelf))
+        slaves.append(Slave(stack, i, guarded=theirs, shelf=None if theirs else shelf))
+    return slaves
+
+
+def start(
+    stack: contextlib.ExitStack,
+    run: Run,
+    found: Sequence[Interface],
+    where: Where | None = None,
+    shelf: Shelf | None = None,
+) -> list[Slave]:
+    """Load the FMUs of a run and give them their parameters; ``stack`` frees them."""
+    where = where or Where()
+    values = world_of(run).parameters(run)
+    slaves = load(stack, found, where, shelf)
+    for where.slave, (slave, i) in enumerate(zip(slaves, found, strict=True)):
+        slave.initialize(i.parameters(values[i.model]))
     return slaves
 
 
@@ -200,7 +213,18 @@ class Network:
             self._sources.append(sources)
         self._bus = np.array(bus)
         self._record = np.array([place[source] for source in record], dtype=np.int32)
-        self._compiled = _Compiled(slaves, self._sources, self._outputs) if engine == "compiled" else None
+        self._engine = engine
+        self.connect()
+
+    def connect(self) -> None:
+        """Take up the instances that the slaves have now."""
+        tables = self._engine == "compiled"
+        self._compiled = _Compiled(self._slaves, self._sources, self._outputs) if tables else None
+
+    @property
+    def signals(self) -> Array:
+        """What was last on the bus: feeds, then all outputs, then constants; a copy."""
+        return self._bus.copy()
 
     def initialize(self, feeds: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
@@ -242,7 +266,8 @@ class Network:
             bus[: self._n_feeds] = feed
             for where.slave, (slave, sources, outputs) in enumerate(steps):
                 slave.inputs.values[:] = [bus[k] for k in sources]
-                status = slave.step((start + i) * h, h)
+                time = (start + i) * h
+                status = slave.step(time, (start + i + 1) * h - time if slave.guarded else h)
                 if status > 1:  # beyond a warning
                     where.status = status
                     return
