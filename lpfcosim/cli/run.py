@@ -56,6 +56,8 @@ def run(
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
         for line in _told_of_replacements(plan, found):
             console.note(line)
+        for line in placement.warnings(found):
+            console.note(f"warning: {line}")
         done = _simulated(plan, directory, held, how, console)
         _fitted(plan, directory, done, chosen, console)
 

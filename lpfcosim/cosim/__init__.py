@@ -20,6 +20,7 @@ __all__ = [
     "Where",
     "archive",
     "checks",
+    "compilation",
     "compiled",
     "driver",
     "interfaces",

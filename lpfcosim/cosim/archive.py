@@ -29,8 +29,8 @@ def check(path: Path, named: Path | None = None) -> None:
 
     Every file must have a name of its own inside the archive's folder, be neither a link nor encrypted, and
     all together must not unpack to more than `MAX_SIZE`: `zipfile` takes out what is declared and no more. A
-    description must not declare entities, which can read other files or grow without bound. Messages call it `named`, if
-    `path` is a copy.
+    description must not declare entities, which can read other files or grow without bound. Messages
+    call it `named`, if `path` is a copy.
 
     Raises
     ------

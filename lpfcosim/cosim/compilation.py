@@ -15,6 +15,7 @@ from typing import Any
 import fmpy
 
 from fit.errors import quote
+from lpfcosim.cosim.interface import describe
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.messages import line
 from lpfcosim.modelica import build, compiler
@@ -89,6 +90,20 @@ def _check_language(files: Any, names: Sequence[str], named: Path) -> None:
     for file in files.sourceFiles:
         if f"{_SOURCES}{file}" not in names:
             raise InputError(f"{named}: {_SOURCES}{file}: is missing, which its description lists")
+
+
+def prepare(archive: Path, named: Path, *, validate: bool) -> None:
+    """Compile an FMU that may run and has no binary for this platform, so that no run waits or fails for it.
+
+    Raises
+    ------
+    InputError, RunError
+        As `compiled`, and if the archive cannot be read.
+    """
+    description, _ = describe(archive, named, validate=validate)
+    if description.coSimulation is not None and not has_binary(archive, description):
+        check_platform(archive, description, named)
+        compiled(archive, description, named)
 
 
 def compiled(archive: Path, description: Any, named: Path) -> Path:

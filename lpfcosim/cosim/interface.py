@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -218,13 +218,17 @@ def describe(
         raise InputError(f"{named or archive}: not a readable FMU: {error.strerror}") from None
     description, faults = _describe(archive, named or archive, status.st_mtime_ns, status.st_size)
     if faults and validate:
-        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise InputError(
-            f"{named or archive}: its modelDescription.xml is not valid by the schema and the rules of FMI: "
-            f"{line(faults[0])}{more}; correct the archive, or accept it as it is with validate = false in "
-            "its table [fmus.MODEL] of the campaign"
+            f"{named or archive}: {nonconformity(faults)}; correct the archive, or accept it as it is with "
+            "validate = false in its table [fmus.MODEL] of the campaign"
         )
     return description, faults
+
+
+def nonconformity(faults: Sequence[str]) -> str:
+    """Return one line about the faults of a description against the FMI schema."""
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    return f"its modelDescription.xml does not conform to the FMI schema: {line(faults[0]).rstrip('.')}{more}"
 
 
 @lru_cache(maxsize=32)

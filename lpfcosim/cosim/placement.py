@@ -10,10 +10,9 @@ from pathlib import Path
 
 from fit.errors import quote
 from lpfcosim.cosim import compilation
-from lpfcosim.cosim.interface import BASE_UNITS, Interface, read
+from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
 from lpfcosim.cosim.variables import REALS, known, stage
 from lpfcosim.errors import InputError
-from lpfcosim.messages import line
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -72,11 +71,7 @@ def warnings(found: Iterable[Interface]) -> list[str]:
     for interface in found:
         place = f"fmus.{interface.model}: {interface.named}"
         if interface.faults:
-            more = f" (and {len(interface.faults) - 1} more)" if len(interface.faults) > 1 else ""
-            said.append(
-                f"{place}: its modelDescription.xml is not valid by the schema and the rules of FMI, "
-                f"accepted because of validate = false: {line(interface.faults[0])}{more}"
-            )
+            said.append(f"{place}: {nonconformity(interface.faults)}; accepted because of validate = false")
         if interface.replacement and not compilation.has_binary(interface.archive, interface.description):
             said.append(f"{place}: has no binary for this platform, its sources are compiled")
     return said
