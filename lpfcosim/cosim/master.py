@@ -105,10 +105,32 @@ def blocks(
     RunError
         If an FMU reports an error or a read-out leaves its range.
     """
+    try:
+        yield from _blocks(run, found, engine, where, shelf)
+    except _SilentError as error:
+        # Once more, with what it logs: it may say why.
+        for _ in _blocks(run, found, engine, where, shelf, logging=True):
+            pass
+        raise RunError(str(error)) from None
+
+
+class _SilentError(RunError):
+    """An FMU refused a step without a word."""
+
+
+def _blocks(
+    run: Run,
+    found: Sequence[Interface],
+    engine: Engine,
+    where: Where | None,
+    shelf: Shelf | None,
+    *,
+    logging: bool = False,
+) -> Iterator[dict[str, Array]]:
     where = where or Where()
     where.reset()
     with contextlib.ExitStack() as stack:
-        slaves = start(stack, run, found, where, shelf)
+        slaves = start(stack, run, found, where, shelf, logging=logging)
         with refusing(run.name, slaves):
             yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
 
@@ -128,13 +150,17 @@ def load(
     found: Iterable[Interface],
     where: Where | None = None,
     shelf: Shelf | None = None,
+    *,
+    logging: bool = False,
 ) -> list[Slave]:
     """Load the FMUs of a run and make an instance of each, not initialised yet; ``stack`` frees them."""
     where = where or Where()
     slaves = []
     for where.slave, i in enumerate(found):
         theirs = i.replacement is not None
-        slaves.append(Slave(stack, i, guarded=theirs, shelf=None if theirs else shelf))
+        slaves.append(
+            Slave(stack, i, guarded=theirs, logging=logging and theirs, shelf=None if theirs else shelf)
+        )
     return slaves
 
 
@@ -144,11 +170,13 @@ def start(
     found: Sequence[Interface],
     where: Where | None = None,
     shelf: Shelf | None = None,
+    *,
+    logging: bool = False,
 ) -> list[Slave]:
     """Load the FMUs of a run and give them their parameters; ``stack`` frees them."""
     where = where or Where()
     values = world_of(run).parameters(run)
-    slaves = load(stack, found, where, shelf)
+    slaves = load(stack, found, where, shelf, logging=logging)
     for where.slave, (slave, i) in enumerate(zip(slaves, found, strict=True)):
         slave.initialize(i.parameters(values[i.model]))
     return slaves
@@ -156,7 +184,8 @@ def start(
 
 def _refused(run: str, slave: Slave, status: int, time: float) -> RunError:
     said = _SAID.get(status, f"returns status {status}")
-    return RunError(f"run '{run}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
+    kind = _SilentError if slave.is_silent and status not in (ENDS, EARLY, NOT_FINITE) else RunError
+    return kind(f"run '{run}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
 
 
 class Network:

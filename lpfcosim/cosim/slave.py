@@ -6,8 +6,9 @@ import contextlib
 import ctypes
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,9 @@ class Slave:
     interface : Interface
         The FMU in its place.
     guarded : bool
-        Look at every output of a step: it must be finite.
+        It is one of the user: look at every output of a step, which must be finite.
+    logging : bool
+        Have it log all that it does.
     shelf : Shelf, optional
         Where libraries come from and go to.
 
@@ -81,12 +84,13 @@ class Slave:
         interface: Interface,
         *,
         guarded: bool = False,
+        logging: bool = False,
         shelf: loaded.Shelf | None = None,
     ) -> None:
         self.name = interface.model
         self.guarded = guarded
         self.said = ""
-        self._interface, self._shelf = interface, shelf
+        self._interface, self._shelf, self._logging = interface, shelf, logging
         self.version = int(interface.version[0])
         self.inputs, self.outputs = self._port(interface.inputs), self._port(interface.outputs)
         self._starts = list(self.inputs.values)
@@ -119,6 +123,7 @@ class Slave:
             raise
         except Exception as error:  # as bare as FMPy has it
             named = self._interface.named
+            self._ask(partial(self._repeat, parameters))
             raise InputError(f"{named}: cannot be initialised: {line(error)}{self.reason}") from None
 
     def restart(self, parameters: Mapping[str, Value]) -> None:
@@ -159,12 +164,23 @@ class Slave:
         """What the FMU said was wrong, to go behind a sentence about it."""
         return f" ({self.said})" if self.said else ""
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether it is one of the user that said nothing, and might with debug logging."""
+        return self.guarded and not self.said and not self._logging
+
     def hear(self, status: int, message: bytes | None) -> None:
         """Log a message of the FMU, and note one that is worse than a warning."""
         text = (message or b"").decode("utf-8", "replace")
         _messages.info("%s: %s", self.name, text.strip() if status > 1 else line(text))
         if status > 1:
             self.said = line(_last(text))
+
+    def _repeat(self, parameters: Mapping[str, Value], logging: bool) -> None:
+        self._logging = logging
+        self._resources.close()
+        self._load()
+        self._initialize(parameters)
 
     def _load(self) -> None:
         stack, named = self._resources, self._interface.named
@@ -173,20 +189,28 @@ class Slave:
         else:
             self.fmu = loaded.anew(stack, self._interface)
         try:
-            self._instantiate()
+            self._instantiate(self._logging)
         except Exception as error:  # as bare as FMPy has it
-            why = line(error).replace(self.fmu.unzipDirectory, str(named))
-            reason = self.reason.replace(self.fmu.unzipDirectory, str(named))
-            raise InputError(f"{named}: cannot be loaded: {why}{reason}") from None
+            self._ask(self._instantiate)
+            why = f"{line(error)}{self.reason}".replace(self.fmu.unzipDirectory, str(named))
+            raise InputError(f"{named}: cannot be loaded: {why}") from None
         stack.callback(self._free)
 
-    def _instantiate(self) -> None:
+    def _instantiate(self, logging: bool) -> None:
         if self.version == 2:
             callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(_callbacks)
             callbacks.componentEnvironment = id(self)
-            self.fmu.instantiate(callbacks=callbacks)
+            self.fmu.instantiate(callbacks=callbacks, loggingOn=logging)
         else:
-            self.fmu.instantiate(logMessage=lambda _, status, __, message: self.hear(status, message))
+            self.fmu.instantiate(
+                logMessage=lambda _, status, __, message: self.hear(status, message), loggingOn=logging
+            )
+
+    def _ask(self, call: Callable[[bool], None]) -> None:
+        """Repeat with debug logging what an FMU of the user refused without a word; it may say why."""
+        if self.is_silent:
+            with contextlib.suppress(Exception):  # it fails again
+                call(True)
 
     def _initialize(self, parameters: Mapping[str, Value]) -> None:
         values = self._values(parameters)
