@@ -19,6 +19,7 @@ from lpfcosim.cosim import compiled
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
+from lpfcosim.cosim.stepping import CompiledLoop
 from lpfcosim.errors import RunError
 from lpfcosim.network import Component
 from lpfcosim.signals import plain
@@ -248,7 +249,7 @@ class Network:
     def connect(self) -> None:
         """Take up the instances that the slaves have now."""
         tables = self._engine == "compiled"
-        self._compiled = _Compiled(self._slaves, self._sources, self._outputs) if tables else None
+        self._compiled = CompiledLoop(self._slaves, self._sources, self._outputs) if tables else None
 
     @property
     def signals(self) -> Array:
@@ -364,87 +365,3 @@ def check_range(run: Run, channels: Sequence[str], recorded: Array, start: int) 
         how = f"leaves its range of {READ_OUT_RANGE:g} m" if finite else "is not finite"
         time = (start + i) * run.h
         raise RunError(f"run '{run.name}' diverges: {channels[j]} {how} at {time:.1f} s")
-
-
-class _SlaveTable(ctypes.Structure):
-    _fields_ = (
-        ("instance", ctypes.c_void_p),
-        ("set", ctypes.c_void_p),
-        ("get", ctypes.c_void_p),
-        ("step", ctypes.c_void_p),
-        ("inputs", ctypes.c_void_p),
-        ("outputs", ctypes.c_void_p),
-        ("n_inputs", ctypes.c_size_t),
-        ("n_outputs", ctypes.c_size_t),
-        ("sources", ctypes.c_void_p),
-        ("values", ctypes.c_void_p),
-        ("n_values", ctypes.c_size_t),
-        ("place", ctypes.c_size_t),
-        ("n_places", ctypes.c_size_t),
-        ("version", ctypes.c_int32),
-        ("guarded", ctypes.c_int32),
-    )
-
-
-class _Signals(ctypes.Structure):
-    _fields_ = (
-        ("values", ctypes.c_void_p),
-        ("n", ctypes.c_int64),
-        ("per_sample", ctypes.c_int64),
-        ("per_signal", ctypes.c_int64),
-    )
-
-
-def _signals(values: Array) -> _Signals:
-    """Return where the signals of an array, shape (samples, signals), lie in memory."""
-    per_sample, per_signal = (stride // values.itemsize for stride in values.strides)
-    return _Signals(values.ctypes.data, values.shape[1], per_sample, per_signal)
-
-
-_FUNCTIONS = {
-    2: ("fmi2SetReal", "fmi2GetReal", "fmi2DoStep"),
-    3: ("fmi3SetFloat64", "fmi3GetFloat64", "fmi3DoStep"),
-}
-
-
-class _Compiled:
-    """The compiled loop with its tables; keeps alive what they point to."""
-
-    def __init__(self, slaves: list[Slave], sources: list[list[int]], outputs: list[slice]) -> None:
-        self._slaves = slaves
-        self._sources = [np.array(s, dtype=np.int32) for s in sources]
-        self._table = (_SlaveTable * len(slaves))()
-        for row, slave, source, output in zip(self._table, slaves, self._sources, outputs, strict=True):
-            functions = (getattr(slave.fmu.dll, name) for name in _FUNCTIONS[slave.version])
-            row.set, row.get, row.step = (ctypes.cast(f, ctypes.c_void_p) for f in functions)
-            row.instance = slave.fmu.component
-            row.inputs = ctypes.addressof(slave.inputs.references)
-            row.outputs = ctypes.addressof(slave.outputs.references)
-            row.n_inputs, row.n_outputs = len(slave.inputs.references), len(slave.outputs.references)
-            row.sources = source.ctypes.data
-            row.values, row.n_values = ctypes.addressof(slave.inputs.values), len(slave.inputs.values)
-            row.place, row.n_places = output.start, output.stop - output.start
-            row.version, row.guarded = slave.version, slave.guarded
-
-    def __call__(
-        self,
-        bus: Array,
-        feeds: Array,
-        record: npt.NDArray[np.int32],
-        recorded: Array,
-        start: int,
-        h: float,
-        where: Where,
-    ) -> None:
-        compiled.library().run_block(
-            self._table,
-            ctypes.c_size_t(len(self._table)),
-            ctypes.c_void_p(bus.ctypes.data),
-            ctypes.byref(_signals(feeds)),
-            ctypes.c_void_p(record.ctypes.data),
-            ctypes.byref(_signals(recorded)),
-            ctypes.c_int64(start),
-            ctypes.c_int64(len(feeds)),
-            ctypes.c_double(h),
-            ctypes.byref(where),
-        )

@@ -40,11 +40,15 @@ class Port:
         The values, arrays row by row.
     places : tuple of int
         For every name asked for, its place among the values.
+    n_doubles, n_double_values : int
+        Number of variables, and of their values, that are not of type Float32; they come first.
     """
 
     references: Any
     values: Any
     places: tuple[int, ...]
+    n_doubles: int
+    n_double_values: int
 
 
 class Slave:
@@ -264,20 +268,23 @@ class Slave:
         return resolve(interface.named, interface.variables, name, self.name)
 
     def _port(self, names: Sequence[str]) -> Port:
+        meant = [self._resolve(name) for name in names]
+        distinct = {variable.name: variable for variable, _ in meant}
+        variables = sorted(distinct.values(), key=lambda v: bool(v.type == "Float32"))
         first: dict[str, int] = {}  # variable to the place of its first value
         starts: list[float] = []
-        references, places = [], []
-        for name in names:
-            variable, element = self._resolve(name)
-            if variable.name not in first:
-                first[variable.name] = len(starts)
-                starts += _starts(self._interface.named, variable)
-                references.append(variable.valueReference)
-            places.append(first[variable.name] + element)
+        n_doubles = n_double_values = 0
+        for variable in variables:
+            first[variable.name] = len(starts)
+            starts += _starts(self._interface.named, variable)
+            if variable.type != "Float32":
+                n_doubles, n_double_values = n_doubles + 1, len(starts)
         return Port(
-            (ctypes.c_uint32 * len(references))(*references),
+            (ctypes.c_uint32 * len(variables))(*(v.valueReference for v in variables)),
             (ctypes.c_double * len(starts))(*starts),
-            tuple(places),
+            tuple(first[variable.name] + element for variable, element in meant),
+            n_doubles,
+            n_double_values,
         )
 
     def exchange(self) -> None:
@@ -305,21 +312,29 @@ class Slave:
             return NOT_FINITE
         return 0
 
+    @property
+    def has_singles(self) -> bool:
+        """Whether inputs or outputs are of type Float32."""
+        return any(p.n_doubles < len(p.references) for p in (self.inputs, self.outputs))
+
     def _set(self, port: Port) -> None:
-        n = len(port.references)
-        if not n:
-            return
-        if self.version == 2:
+        n, n_values = port.n_doubles, port.n_double_values
+        if n and self.version == 2:
             self.fmu.fmi2SetReal(self.fmu.component, port.references, n, port.values)
-        else:
-            self.fmu.fmi3SetFloat64(self.fmu.component, port.references, n, port.values, len(port.values))
+        elif n:
+            self.fmu.fmi3SetFloat64(self.fmu.component, port.references, n, port.values, n_values)
+        if n < len(port.references):
+            self.fmu.setFloat32(port.references[n:], port.values[n_values:])
 
     def _get(self, port: Port) -> None:
-        n = len(port.references)
-        if self.version == 2:
+        n, n_values = port.n_doubles, port.n_double_values
+        if n and self.version == 2:
             self.fmu.fmi2GetReal(self.fmu.component, port.references, n, port.values)
-        else:
-            self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, len(port.values))
+        elif n:
+            self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, n_values)
+        if n < len(port.references):
+            more = len(port.values) - n_values
+            port.values[n_values:] = self.fmu.getFloat32(port.references[n:], more)
 
 
 _listening: dict[int, Slave] = {}  # FMI 2.0 instances by what they pass to the logger
