@@ -235,11 +235,11 @@ def nonconformity(faults: Sequence[str]) -> str:
 def _describe(archive: Path, named: Path, _changed: int, _size: int) -> tuple[Any, tuple[str, ...]]:
     archives.check(archive, named)
     try:
-        return fmpy.read_model_description(str(archive)), ()
+        return _read(archive, validate=True), ()
     except Exception as error:  # FMPy raises bare exceptions for broken archives
         fault = error
     try:
-        description = fmpy.read_model_description(str(archive), validate=False)
+        description = _read(archive, validate=False)
         usable = all(v.name and v.type for v in description.modelVariables)
     except Exception:
         usable = False
@@ -247,6 +247,11 @@ def _describe(archive: Path, named: Path, _changed: int, _size: int) -> tuple[An
         raise InputError(f"{named}: not a readable FMU: {line(fault)}") from None
     faults = fault.problems if isinstance(fault, ValidationError) else [_spelled(fault)]
     return description, tuple(map(str, faults))
+
+
+def _read(archive: Path, *, validate: bool) -> Any:
+    with archive.open("rb") as file:  # by name, FMPy would leave open what it fails on
+        return fmpy.read_model_description(file, validate=validate)
 
 
 def _spelled(fault: Exception) -> str:

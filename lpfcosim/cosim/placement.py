@@ -155,9 +155,15 @@ def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
     own = interface.replacement.values if interface.replacement else ()
     set_by: dict[tuple[int, int], str] = {}
     for name in (*interface.inputs, *map(interface.name, parameters), *own):
-        other = set_by.setdefault(interface.place(name), name)
-        if other != name:
+        place = interface.place(name)
+        if set_by.get(place) == name:
+            raise InputError(
+                f"{interface.named}: '{name}' is set by the loop and under values; expected once"
+            )
+        if place in set_by:
+            other = set_by[place]
             raise InputError(f"{interface.named}: '{other}' and '{name}' are one variable; expected two")
+        set_by[place] = name
 
 
 def _check_variable(interface: Interface, ours: str, causality: str) -> None:

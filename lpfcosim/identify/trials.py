@@ -102,7 +102,6 @@ class Trials:
         RunError
             If an FMU refuses, or the loop is not stable.
         """
-        self._where.reset()
         try:
             with master.refusing(self._run.name, self._slaves):
                 return self._simulated(n, inputs, changed)
@@ -138,6 +137,7 @@ class Trials:
 
     def _start(self, changed: Values, renewed: Sequence[Slave]) -> None:
         """Take all FMUs to their start, those in `renewed` by new instances if they were used."""
+        self._where.reset()
         for slave, parameters in self._parameters(changed):
             if not self._used:
                 slave.initialize(parameters)
