@@ -38,10 +38,12 @@ def anew(stack: contextlib.ExitStack, interface: Interface) -> Any:
     """
     archive, description, named = interface.archive, interface.description, interface.named
     folder = _unpack(stack, archive, named, plain=interface.version.startswith("2"))
-    binary = Path(folder) / compilation.library(description)
-    if not binary.is_file() and not compilation.has_binary(archive, description):
+    if not compilation.has_binary(archive, description):
+        compilation.check_platform(archive, description, named)
+        made = compilation.compiled(archive, description, named)
+        binary = Path(folder) / compilation.library(description)
         binary.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(compilation.compiled(archive, description, named), binary)
+        shutil.copyfile(made, binary)
     kind = FMU2Slave if interface.version.startswith("2") else FMU3Slave
     try:
         with contextlib.chdir("."):  # FMPy stays in the folder of a library that it cannot load

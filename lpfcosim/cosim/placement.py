@@ -13,6 +13,7 @@ from lpfcosim.cosim import compilation
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
 from lpfcosim.cosim.variables import REALS, known, stage
 from lpfcosim.errors import InputError
+from lpfcosim.messages import line
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -177,11 +178,12 @@ def _check_variable(interface: Interface, ours: str, causality: str) -> None:
         raise InputError(f"{error}{purpose}{hint}") from None
     place = f"{interface.named}: variable '{name}'"
     if variable.causality != causality or variable.variability == "constant":
-        given = "constant" if variable.variability == "constant" else f"of causality '{variable.causality}'"
+        constant = variable.variability == "constant"
+        given = "constant" if constant else f"of causality '{line(variable.causality)}'"
         raise InputError(f"{place} is {given}; expected causality '{causality}' for {ours}")
     kind = "Real" if interface.version.startswith("2") else "Float64"
     if variable.type not in REALS:
-        raise InputError(f"{place} is of type {variable.type}; expected {kind} for {ours}")
+        raise InputError(f"{place} is of type {line(variable.type)}; expected {kind} for {ours}")
 
 
 def _check_settable(interface: Interface, name: str) -> None:
@@ -196,10 +198,12 @@ def _check_settable(interface: Interface, name: str) -> None:
             f"{interface.named}: has no parameter {quote(name)}, which values names{known(every, name)}"
         ) from None
     if stage(variable) is None:
+        kinds = line(
+            f"'{variable.causality}', variability '{variable.variability}', initial '{variable.initial}'"
+        )
         raise InputError(
-            f"{interface.named}: variable '{name}' of values cannot be set: it is of causality "
-            f"'{variable.causality}', variability '{variable.variability}' and initial "
-            f"'{variable.initial}'; expected a parameter, an input or a variable with a start value"
+            f"{interface.named}: variable '{name}' of values cannot be set: it is of causality {kinds}; "
+            "expected a parameter, an input or a variable with a start value"
         )
 
 
@@ -210,7 +214,7 @@ def _check_unit(interface: Interface, ours: str, wanted: str) -> None:
     if unit is None:
         return
     base = interface.units.get(unit)
-    place = f"{interface.named}: variable '{name}' is in {unit}"
+    place = f"{interface.named}: variable '{name}' is in {line(unit)}"
     if base is None:
         if _exponents(unit) != _exponents(wanted):
             raise InputError(

@@ -13,6 +13,7 @@ from typing import Any
 from fit.errors import quote
 from fit.files import closest
 from lpfcosim.errors import InputError
+from lpfcosim.messages import line
 
 Value = bool | int | float | str
 
@@ -24,7 +25,7 @@ _RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
-_MOST_NAMES = 12  # that a message lists
+_MOST_NAMES, _LONGEST = 12, 250  # that a message lists, and their letters
 
 
 class Stage(Enum):
@@ -65,9 +66,11 @@ def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) 
 
 
 def known(names: Collection[str], name: str) -> str:
-    """Return which name of an FMU was probably meant, and which there are unless they are many."""
+    """Return which name of an FMU was probably meant, and which there are unless that is much to say."""
     hint = closest(name, names)
-    return hint if len(names) <= _MOST_NAMES else hint.partition(" (known: ")[0]
+    if len(names) > _MOST_NAMES or len(hint) > _LONGEST:
+        hint = hint.partition(" (known: ")[0]
+    return line(hint) if len(hint) <= _LONGEST else ""
 
 
 def size(variable: Any) -> int:
@@ -155,7 +158,7 @@ def _item(variable: Any, value: Value) -> int:
         return items[value]
     if isinstance(value, int) and not isinstance(value, bool) and (value in items.values() or not items):
         return value
-    names = ", ".join(f"{quote(name)} ({number})" for name, number in items.items())
+    names = line(", ".join(f"{quote(name)} ({number})" for name, number in items.items()))
     hint = closest(value, items).partition(" (known: ")[0] if isinstance(value, str) else ""
     raise InputError(
         f"{quote(value)}{hint or ','} expected one of {names or 'the numbers'} (type Enumeration)"
@@ -172,4 +175,4 @@ def _check_range(variable: Any, value: float) -> None:
         except ValueError:
             continue  # only in an archive that is not valid
         if limit is not None and sign * (float(value) - limit) < 0:
-            raise InputError(f"{quote(value)} is beyond the {name} of {text} that the FMU states")
+            raise InputError(f"{quote(value)} is beyond the {name} of {line(text)} that the FMU states")
