@@ -11,6 +11,7 @@ from typing import Any
 import fmpy
 from fmpy.model_description import ValidationError
 
+from fit.errors import quote
 from lpfcosim.cosim import archive as archives
 from lpfcosim.cosim.variables import Value, convert, resized, resolve
 from lpfcosim.errors import InputError
@@ -18,6 +19,7 @@ from lpfcosim.messages import line
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Replacement
 
+_LONGEST_NAME = 200  # bytes, of a binary without its extension
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -173,6 +175,11 @@ def read(
     if description.coSimulation is None or not description.coSimulation.modelIdentifier:
         also = " (it is one for model exchange)" if description.modelExchange else ""
         raise InputError(f"{named}: expected an FMU for co-simulation{also}")
+    identifier = description.coSimulation.modelIdentifier
+    if len(identifier.encode()) > _LONGEST_NAME or set(identifier) & set("/\\"):
+        raise InputError(
+            f"{named}: has the model identifier {quote(identifier)}; expected one that names a file"
+        )
     variables = {v.name: v for v in description.modelVariables}
     own = replacement.values if replacement else {}
     structure = {n: v for n, v in own.items() if n in variables and _is_structural(variables[n])}
