@@ -9,9 +9,10 @@ from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.master import Engine, Where
 from lpfcosim.cosim.placement import driver, interfaces, warnings
 from lpfcosim.cosim.slave import Slave
-from lpfcosim.cosim.variables import Value
+from lpfcosim.cosim.variables import REALS, Value
 
 __all__ = [
+    "REALS",
     "Engine",
     "Interface",
     "Shelf",

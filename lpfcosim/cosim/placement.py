@@ -123,8 +123,8 @@ def problems(
         (parameters, "parameter"),
     ):
         for name in names:
-            checks.append(partial(_check_variable, interface, name, causality))
-            checks.append(partial(_check_unit, interface, name, units[name]))
+            checks.append(partial(check_variable, interface, name, causality))
+            checks.append(partial(check_unit, interface, name, units[name]))
     own = interface.replacement.values if interface.replacement else {}
     checks += [partial(_check_settable, interface, name) for name in own]
     missing = False
@@ -167,7 +167,7 @@ def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
         set_by[place] = name
 
 
-def _check_variable(interface: Interface, ours: str, causality: str) -> None:
+def check_variable(interface: Interface, ours: str, causality: str) -> None:
     """Refuse a variable for one of ours that is missing, or of another causality or type."""
     name = interface.name(ours)
     try:
@@ -207,8 +207,8 @@ def _check_settable(interface: Interface, name: str) -> None:
         )
 
 
-def _check_unit(interface: Interface, ours: str, wanted: str) -> None:
-    """Refuse a variable in another unit than ours; one that tells none is taken to be in ours."""
+def check_unit(interface: Interface, ours: str, wanted: str) -> None:
+    """Refuse a variable in another unit than ours; one that states none is taken to be in ours."""
     name = interface.name(ours)
     unit = interface.stated_unit(name)
     if unit is None:
