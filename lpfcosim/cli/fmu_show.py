@@ -14,8 +14,7 @@ from fit.errors import quote
 from fit.files import closest
 from fit.tables import Lines
 from lpfcosim.cli.console import Console
-from lpfcosim.cosim import Interface, compilation, placement
-from lpfcosim.cosim.interface import describe, nonconformity, read
+from lpfcosim.cosim import Interface, compilation, describe, nonconformity, placement, read
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 from lpfcosim.network import Component

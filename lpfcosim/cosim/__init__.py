@@ -4,7 +4,7 @@ It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`); 
 the same bits.
 """
 
-from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
 from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.master import Engine, Where
 from lpfcosim.cosim.placement import driver, interfaces, warnings
@@ -23,9 +23,12 @@ __all__ = [
     "checks",
     "compilation",
     "compiled",
+    "describe",
     "driver",
     "interfaces",
     "master",
+    "nonconformity",
     "placement",
+    "read",
     "warnings",
 ]
