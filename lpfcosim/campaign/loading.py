@@ -199,6 +199,7 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
         tuple(entry.unused),
         dict(entry.values),
         entry.sha256,
+        entry.validate_,
     )
 
 

@@ -38,7 +38,7 @@ def check(campaign: Path, console: Console) -> None:
     with about(campaign), ours():
         found = validation.validate(plan)
         expectation = _expectation(plan, chosen, jobs, console)
-    warnings = [*found.doubts, *expectation.warnings]
+    warnings = [*found.warnings, *expectation.warnings]
     loops, expected, periods = expectation.loops, expectation.joint, expectation.periods
     document = {
         "schema": SCHEMA,

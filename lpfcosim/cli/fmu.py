@@ -1,4 +1,4 @@
-"""The commands about FMUs: build, list, validate, export."""
+"""The commands about FMUs: build, list, show, validate, export."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from lpfcosim.cli.console import Console
 
 app = typer.Typer(
-    help="Build, list, check and export FMUs.",
+    help="Build, list, show, check and export FMUs.",
     epilog=examples("lpfcosim fmu list", "lpfcosim fmu build Plant Actuation --out here"),
     rich_markup_mode=None,
 )
@@ -89,6 +89,33 @@ def list_(as_json: AsJson = False) -> None:
         return
     for fmu in found:
         print(f"{fmu['model']:18s} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
+
+
+@app.command(
+    epilog=examples(
+        "lpfcosim fmu show SuspensionControl",
+        "lpfcosim fmu show my_controller.fmu --json",
+        "lpfcosim fmu show SuspensionControl my_controller.fmu",
+    )
+)
+def show(
+    given: Annotated[
+        list[str],
+        typer.Argument(metavar="PLACE|FILE.fmu", help="A place of the loop, an FMU, or one of each."),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Show what a place of the loop needs, what an FMU has, or whether the one fits the other.
+
+    With both, print a proposal for the table of the campaign; exit status 1 if the FMU does not fit, or if a
+    name has to be chosen. The code of the FMU is not run.
+    """
+    from lpfcosim.cli import fmu_show
+    from lpfcosim.cli.console import Console
+
+    console = Console(quiet=False, as_json=as_json)
+    if fmu_show.show(given, lambda models: _built(models, Console(quiet=True)), console):
+        raise typer.Exit(1)
 
 
 @app.command(epilog=examples("lpfcosim fmu validate", "lpfcosim fmu validate my_controller.fmu"))

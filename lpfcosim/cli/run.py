@@ -53,8 +53,10 @@ def run(
     with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
-        for line in (*_replacements(plan, found.interfaces), *(f"warning: {line}" for line in found.doubts)):
+        for line in _replacements(plan, found.interfaces):
             console.note(line)
+        for line in found.warnings:
+            console.note(f"warning: {line}")
         done = _simulated(plan, directory, held, how, console)
         _fitted(plan, directory, done, chosen, console)
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import compilation
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.running import approvals, ledger
@@ -36,7 +37,7 @@ def held(
     Raises
     ------
     InputError
-        If one cannot be read, or `check` refuses the copy.
+        If one cannot be read, or `check` refuses the copy, or its sources do not compile.
     """
     with ledger.scratch(directory) as folder:
         copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
@@ -46,6 +47,8 @@ def held(
             except OSError as error:
                 raise InputError(f"fmus.{model}: {fmus[model]}: {error.strerror}") from None
         check(plan, copies, trusted=trusted)
+        for r in plan.replacements:
+            compilation.prepare(copies[r.model], r.archive, validate=r.validate)
         yield {**fmus, **copies}
 
 

@@ -30,6 +30,8 @@ class Validation:
     ----------
     interfaces : tuple of Interface
         Of the third-party FMUs, in the order of their steps.
+    fmus : tuple of str
+        Sentences about what is odd about third-party FMUs that can be run.
     saturation : tuple of str
         Sentences about commands that will reach their limits.
     injections : tuple of str
@@ -37,13 +39,19 @@ class Validation:
     """
 
     interfaces: tuple[Interface, ...]
+    fmus: tuple[str, ...]
     saturation: tuple[str, ...]
     injections: tuple[str, ...]
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """All sentences: what is hardly meant, but can be simulated."""
+        """What is hardly meant, but can be simulated."""
         return (*self.saturation, *self.injections)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All sentences."""
+        return (*self.fmus, *self.doubts)
 
 
 def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
@@ -67,19 +75,20 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
     """
     if fitted:
         _check_durations(plan)
-    interfaces, saturated = list["Interface"](), list[str]()
+    interfaces, odd, saturated = list["Interface"](), list[str](), list[str]()
     if plan.replacements:
         from lpfcosim.cosim import placement  # takes its time, and few campaigns need it
         from lpfcosim.running import fmus
 
         theirs = {r.model: r.archive for r in plan.replacements}
         interfaces = placement.interfaces(plan.runs[0], theirs)  # the other runs have the same
+        odd = placement.warnings(interfaces)
         fmus.check_digests(plan, theirs)
     else:
         stability.check(*plan.runs)
         saturated = _saturation(plan)
     idle = [(run.name, cause) for run in plan.runs for cause in _idle(run)] if fitted else []
-    return Validation(tuple(interfaces), tuple(saturated), tuple(grouped(idle)))
+    return Validation(tuple(interfaces), tuple(odd), tuple(saturated), tuple(grouped(idle)))
 
 
 def check_linear_model(plan: Campaign, what: str, instead: str = "") -> None:
