@@ -140,7 +140,7 @@ def test_unavailable_is_an_input_error(third_party):
     [
         ([], {"keys": 'variables = { f_control_2 = "forze" }\n'}, "variable 'forze' is missing"),
         ([], {"keys": 'variables = { o_12 = "f_control_2" }\n'}, "is of causality 'output'; expected"),
-        ([], {"keys": "values = { gain = 2.0 }\n"}, "has no parameter 'gain'"),
+        ([], {"keys": "values = { gain = 2.0 }\n"}, "has no parameter"),
         ([], {"keys": f'sha256 = "{"0" * 64}"\n'}, "the FMU is another one"),
         ([], {"platform": "amiga68"}, "has a binary for amiga68 only; expected one for"),
         ([('"0" causality="input" variability="continuous">\n<Real unit="m"',
