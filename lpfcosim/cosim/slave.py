@@ -197,6 +197,10 @@ class Slave:
         except Exception as error:  # as bare as FMPy has it
             self._ask(self._instantiate)
             why = f"{line(error)}{self.reason}".replace(self.fmu.unzipDirectory, str(named))
+            if self._interface.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+                why += (
+                    "; its description allows one instance in a process (canBeInstantiatedOnlyOncePerProcess)"
+                )
             raise InputError(f"{named}: cannot be loaded: {why}") from None
         stack.callback(self._free)
 
