@@ -242,7 +242,7 @@ class Slave:
         found: dict[Stage, dict[str, list[tuple[int, list[Value]]]]] = {}
         for name, value in parameters.items():
             variable, element = self._resolve(name)
-            if variable.causality == "structuralParameter" and value == int(variable.start or 0):
+            if variable.causality == "structuralParameter" and str(value).lower() == variable.start:
                 continue  # nothing changes, and not every FMU has a configuration mode
             if variable.name not in arrays:
                 single = size(variable) == 1
