@@ -105,7 +105,7 @@ def show(
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Show what a place of the loop needs, what an FMU has, or whether the one fits the other.
+    """Show what a place needs, what an FMU has, how they fit.
 
     With both, print a proposal for the table of the campaign; exit status 1 if the FMU does not fit, or if a
     name has to be chosen. The code of the FMU is not run.

@@ -209,6 +209,7 @@ def _faults(path: Path, description: Any, faults: Sequence[str]) -> Iterator[str
     """Say what keeps an FMU from every place, and what its user has to accept."""
     if description.fmiVersion[:2] not in ("2.", "3."):
         yield f"is FMI {line(description.fmiVersion)}; expected 2.0 or 3.0"
+        return
     if faults:
         yield f"{nonconformity(faults)}; validate = false accepts that"
     if description.coSimulation is None:

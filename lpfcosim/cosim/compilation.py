@@ -22,9 +22,11 @@ from lpfcosim.modelica import build, compiler
 
 _SOURCES = "sources/"
 _HEADERS = Path(fmpy.__file__).parent / "c-code"  # of FMI 2 and 3
-_FLAGS = ("-O2", "-fPIC", "-shared", "-ffp-contract=off", "-w")
+_FLAGS = ("-O2", "-fPIC", "-ffp-contract=off", "-w")
 _OPTIONS = {"C89": "-std=gnu89", "C90": "-std=gnu90", "C99": "-std=gnu99", "C11": "-std=gnu11"}
 _OPTIONS |= {"C17": "-std=gnu17", "C23": "-std=gnu2x"}
+_OPTIONS |= {f"C++{year}": f"-std=gnu++{year}" for year in ("98", "11", "14", "17", "20", "23", "26")}
+_PLUS = (".cpp", ".cc", ".cxx")
 _MATH = () if os.name == "nt" else ("-lm",)
 _TIME_LIMIT = 600.0  # s, of a compilation
 
@@ -54,7 +56,7 @@ def _names(archive: Path, named: Path) -> list[str]:
 
 
 def check_platform(archive: Path, description: Any, named: Path) -> None:
-    """Refuse an archive that has neither a binary for this platform nor sources in C that make one.
+    """Refuse an archive that has neither a binary for this platform nor sources in C or C++ that make one.
 
     Raises
     ------
@@ -83,10 +85,10 @@ def _file_sets(description: Any) -> list[Any]:
 
 
 def _check_language(files: Any, names: Sequence[str], named: Path) -> None:
-    others = [f for f in files.sourceFiles if not f.endswith(".c")]
+    others = [f for f in files.sourceFiles if not f.endswith((".c", *_PLUS))]
     if others or (files.language or "C99") not in _OPTIONS:
         what = quote(others[0]) if others else f"language {quote(files.language)}"
-        raise InputError(f"{named}: has no binary for this platform, and sources: {what}; expected C")
+        raise InputError(f"{named}: has no binary for this platform, and sources: {what}; expected C or C++")
     for file in files.sourceFiles:
         if f"{_SOURCES}{file}" not in names:
             raise InputError(f"{named}: {_SOURCES}{file}: is missing, which its description lists")
@@ -145,8 +147,8 @@ def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Comp
         with zipfile.ZipFile(archive) as file:
             file.extractall(root, [n for n in file.namelist() if n.startswith(_SOURCES)])
         sources, objects, said = root / _SOURCES, list[str](), list[str]()
-        base = [*chosen.command, *_FLAGS]
         failed = False
+        linker = chosen.command
         for files in _file_sets(description):
             options = [_OPTIONS[files.language]] if files.language else []
             options += [
@@ -156,11 +158,14 @@ def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Comp
             options += [f"-I{place}" for place in places]
             for name in files.sourceFiles:
                 made = root / f"{len(objects)}.o"
-                unit = [*base, *options, "-c", str(sources / name), "-o", str(made)]
-                failed |= _call([o for o in unit if o != "-shared"], sources, said)
+                command = _plus(chosen, named) if name.endswith(_PLUS) else chosen.command
+                linker = command if name.endswith(_PLUS) else linker
+                unit = ["-c", str(sources / name), "-o", str(made)]
+                failed |= _call([*command, *_FLAGS, *options, *unit], sources, said)
                 objects.append(str(made))
         made = root / binary.name
-        failed = failed or _call([*base, *objects, "-o", str(made), *_MATH], root, said)
+        link = ["-shared", *objects, "-o", str(made), *_MATH]
+        failed = failed or _call([*linker, *_FLAGS, *link], root, said)
         if failed:
             log = binary.with_suffix(".log")
             log.write_text("\n".join(said), encoding="utf-8")
@@ -174,6 +179,17 @@ def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Comp
         partial = binary.with_name(f"{binary.name}.{os.getpid()}.part")
         shutil.copyfile(made, partial)
         partial.replace(binary)
+
+
+def _plus(chosen: compiler.Compiler, named: Path) -> tuple[str, ...]:
+    """Return the command of the compiler for C++ that goes with one for C."""
+    if "ziglang" in chosen.command:
+        return (*chosen.command[:-1], "c++")
+    candidates = [tuple(os.environ.get("CXX", "").split()), ("c++",), ("g++",), ("clang++",)]
+    for command in candidates:
+        if command and shutil.which(command[0]):
+            return command
+    raise InputError(f"{named}: has sources in C++, and no compiler was found; install one, or set CXX")
 
 
 def _call(command: Sequence[str], folder: Path, said: list[str]) -> bool:

@@ -197,6 +197,10 @@ class Slave:
         except Exception as error:  # as bare as FMPy has it
             self._ask(self._instantiate)
             why = f"{line(error)}{self.reason}".replace(self.fmu.unzipDirectory, str(named))
+            if self._interface.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+                why += (
+                    "; its description allows one instance in a process (canBeInstantiatedOnlyOncePerProcess)"
+                )
             raise InputError(f"{named}: cannot be loaded: {why}") from None
         stack.callback(self._free)
 
@@ -238,7 +242,7 @@ class Slave:
         found: dict[Stage, dict[str, list[tuple[int, list[Value]]]]] = {}
         for name, value in parameters.items():
             variable, element = self._resolve(name)
-            if variable.causality == "structuralParameter" and value == int(variable.start or 0):
+            if variable.causality == "structuralParameter" and str(value).lower() == variable.start:
                 continue  # nothing changes, and not every FMU has a configuration mode
             if variable.name not in arrays:
                 single = size(variable) == 1

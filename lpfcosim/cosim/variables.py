@@ -19,6 +19,7 @@ Value = bool | int | float | str
 
 REALS = ("Real", "Float64", "Float32")
 _ELEMENT = re.compile(r"(.+)\[(\d+(?:\s*,\s*\d+)*)\]")
+_NUMBER = re.compile(r"[+-]?\d{1,18}")
 _LARGEST_FLOAT32 = 3.4028234663852886e38
 _RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     f"{sign}Int{bits}": (0, 2**bits - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
@@ -153,7 +154,8 @@ def _refused(kind: str, value: Value, expected: str) -> InputError:
 
 def _item(variable: Any, value: Value) -> int:
     """Return the number of an item of an enumeration, given by name or number."""
-    items = {i.name: int(i.value) for i in (variable.declaredType.items if variable.declaredType else ())}
+    declared = variable.declaredType.items if variable.declaredType else ()
+    items = {i.name: int(i.value) for i in declared if _NUMBER.fullmatch(str(i.value))}
     if isinstance(value, str) and value in items:
         return items[value]
     if isinstance(value, int) and not isinstance(value, bool) and (value in items.values() or not items):

@@ -28,12 +28,13 @@ _messages = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class _Reference:
-    """What instances that nobody had used made of the inputs of `_excitation`, with which parameters.
+    """What instances that nobody had used made of some parameters and feeds of `STRETCH` samples.
 
     `recorded` has the shape (channels, STRETCH); `signals` is all that was on the bus after the last sample.
     """
 
     changed: Values
+    feeds: Mapping[str, Array]
     recorded: Array
     signals: Array
 
@@ -110,7 +111,7 @@ class Trials:
 
     def _simulated(self, n: int, inputs: Mapping[str, Array], changed: Values) -> dict[str, Array]:
         if self._theirs and not self._renewed:
-            self._check_reset(changed)
+            self._check_reset(changed, inputs)
         self._start(changed, self._renewed)
         recorded = np.empty((len(self._record), n))
         for start in range(0, n, BLOCK):
@@ -149,8 +150,10 @@ class Trials:
             self._network.connect()
         self._used = True
 
-    def _check_reset(self, changed: Values) -> None:
+    def _check_reset(self, changed: Values, inputs: Mapping[str, Array]) -> None:
         """See whether a reset takes the FMUs of the user to their start, else use new instances from now on.
+
+        The inputs have noise added: in a loop at rest a reset that does nothing would not be seen.
 
         Raises
         ------
@@ -158,8 +161,14 @@ class Trials:
             If new instances do not repeat what the first did either.
         """
         if self._reference is None:
+            feeds: dict[str, Array] = {}
+            for name in self._feeds:
+                noise = np.random.default_rng(len(feeds)).uniform(-EXCITATION, EXCITATION, STRETCH)
+                x = inputs.get(name, np.zeros(1))[:STRETCH]
+                feeds[name] = noise + np.pad(x, (0, STRETCH - x.size), mode="edge")
             self._start(changed, self._theirs)
-            self._reference = _Reference(changed, *self._excited())
+            recorded = self._advance(0, STRETCH, feeds)
+            self._reference = _Reference(changed, feeds, recorded, self._network.signals)
         fault = self._difference(self._reference, ())
         if not fault:
             return
@@ -180,17 +189,12 @@ class Trials:
         try:
             with master.refusing(self._run.name, self._slaves):
                 self._start(first.changed, renewed)
-                recorded, signals = self._excited()
+                recorded = self._advance(0, STRETCH, first.feeds)
         except (RunError, InputError) as error:
             return str(error)
+        signals = self._network.signals
         same = np.array_equal(recorded, first.recorded) and np.array_equal(signals, first.signals)
         return "" if same else f"its outputs in the first {STRETCH * self._run.h:g} s are not the same"
-
-    def _excited(self) -> tuple[Array, Array]:
-        """Return what is recorded, and all signals in the end, where noise enters at every feed."""
-        noise = np.random.default_rng(0).uniform(-EXCITATION, EXCITATION, (len(self._feeds), STRETCH))
-        recorded = self._advance(0, STRETCH, dict(zip(self._feeds, noise, strict=True)))
-        return recorded, self._network.signals
 
 
 def whole_loop(

@@ -14,6 +14,7 @@ from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.worlds import world_of
 from tests import third_party
 from tests.lpfcosim.cosim import in_memory
+from tests.lpfcosim.cosim.foreign import edited
 
 pytestmark = [pytest.mark.fmu]
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
@@ -249,6 +250,19 @@ def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"has sources but no binary for .*'no-such-compiler', is not there"):
         simulate(run, fmus, archive)
     placement.compilation.compiler.compiler.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        ("slave.f90", 'has no binary for this platform, and sources: "slave.f90"; expected C or C++'),
+        ("other.c", "sources/other.c: is missing, which its description lists"),
+    ],
+)
+def test_sources_that_are_not_there_or_of_another_language(run, fmus, tmp_path, listed, said):
+    archive = third_party.built(tmp_path, sources=True)
+    changed = edited(archive, tmp_path / "changed.fmu", (r"slave\.c", listed))
+    assert refusal(run, fmus, changed).endswith(said)
 
 
 @pytest.mark.parametrize(

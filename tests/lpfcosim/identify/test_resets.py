@@ -43,6 +43,7 @@ def simulated(make_run, fmus, archive):
         ["RESET_KEEPS_TIME", "AGES"],
         ["RESET_IDLE", "CHECKS_TIME"],
         ["RESET_FAILS", "ONCE"],
+        ["RESET_IDLE", "EARLY"],
     ],
     ids=" ".join,
 )
