@@ -176,7 +176,7 @@ def _report(
     verdict = pulls.verdict(found, len(drawn), len(failed))
     if verdict.valid:
         parameters = f"{len(found)} parameter{'s' * (len(found) > 1)}"
-        console.say(f"valid: pulls and coverage of {parameters} are those of true sigmas")
+        console.say(f"valid: pulls and coverage of {parameters} are consistent with true sigmas")
     return verdict
 
 
