@@ -77,6 +77,8 @@ def _default(known: dict[str, Any]) -> str:
     value = known.get("default")
     if value in (None, "") or isinstance(value, dict | list):
         return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"  # as TOML has it
     return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
 
 

@@ -22,9 +22,9 @@ from fit.estimate import (
 from fit.inspection import LeftOut, Prepared, Ready, admission, prepare_each, searches
 from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation
+from fit.requirements import F_MAX, TAPER
 from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
-from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.threads import each, give_back, one_thread, upto
 from fit.warnings import FitWarning
@@ -345,8 +345,8 @@ def _provenance(ready: Ready, together: _Together | None, chosen: Settings) -> P
     return Provenance(
         joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
         noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},
-        f_max=derivatives.F_MAX,
-        window=f"Tukey {spectra.TAPER:g}",
+        f_max=F_MAX,
+        window=f"Tukey {TAPER:g}",
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=best or None,
         settings=chosen.model_dump(),

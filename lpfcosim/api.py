@@ -8,12 +8,12 @@ from pathlib import Path
 
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign, loading
-from lpfcosim.cosim import placement
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.plant import saturation, stability
+from lpfcosim.messages import grouped
+from lpfcosim.plant import saturation
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder as results
-from lpfcosim.running import runner, telemetry
+from lpfcosim.running import runner, telemetry, validation
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -66,32 +66,30 @@ def simulate(
     Raises
     ------
     InputError
-        If the campaign is wrong, a loop is unstable, an FMU does not fit its place, or the folder holds
-        telemetry of another campaign.
+        If the campaign is wrong or cannot be simulated, as `lpfcosim check` would say (a run may be shorter
+        than a fit takes), or the folder holds telemetry of another campaign.
     RunError
         If a run failed. The others are finished first.
     """
     plan = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
-    for run in plan.runs if not plan.replacements else ():  # the poles are those of our loop
-        stability.check(run)
+    validation.validate(plan, fitted=False)
     directory = Path(folder) / "telemetry"
     with results.held(Path(folder)):
         if not fmus:
             directory.mkdir(exist_ok=True)
             return _without_fmus(plan, directory)
-        found = archives.archives_of(plan)
-        placement.interfaces(plan.runs[0], found)  # the others have the same
-        with archives.held(plan, found, Path(folder), trusted=trusted) as copies:
+        with archives.held(plan, archives.archives_of(plan), Path(folder), trusted=trusted) as copies:
             simulated = runner.simulate(plan, directory, copies, runner.How(jobs))
     if simulated.failures:
-        raise RunError("; ".join(dict.fromkeys(map(str, simulated.failures.values()))))
+        failures = ((name, str(error)) for name, error in simulated.failures.items())
+        raise RunError("; ".join(grouped(failures)))
     return list(simulated.files.values())
 
 
 def _without_fmus(plan: Campaign, directory: Path) -> list[Path]:
     if plan.replacements:
-        named = ", ".join(r.model for r in plan.replacements)
-        raise InputError(f"{named}: an FMU of another origin, expected fmus=True where a campaign names one")
+        named = ", ".join(f"fmus.{r.model}" for r in plan.replacements)
+        raise InputError(f"{named}: a third-party FMU, expected fmus=True where a campaign names one")
     origin = {**runner.provenance(plan, {}), "simulated_by": "reference plant"}
     paths = []
     for run in plan.runs:

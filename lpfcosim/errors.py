@@ -14,6 +14,10 @@ class InputError(LpfcosimError):
     """The input is wrong; the message names the file, the place in it and what was expected (exit 2)."""
 
 
+class UnavailableError(InputError):
+    """What is asked for cannot be computed for this input, which is otherwise sound (exit 2)."""
+
+
 class RunError(LpfcosimError):
     """The input is sound but the work failed (exit 1)."""
 

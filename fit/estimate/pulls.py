@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from fit.estimate import bump
 from fit.files import atomic
@@ -15,6 +16,9 @@ from fit.results import Fit, Results
 from fit.telemetry import Telemetry, inertial_period, read_truth
 
 SCHEMA = "lpf-montecarlo/1"
+FALSE_ALARM = 0.01  # probability that sound calibrations do not pass for such
+FAILURES = 0.01  # share of sound calibrations whose checks may raise an alarm
+WITHIN = 0.6826894921370859  # of a normal distribution, within one standard deviation
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
 
 
@@ -190,6 +194,79 @@ def summary(drawn: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, Pulls]:
     return found
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """Whether many calibrations are what calibrations with true sigmas are.
+
+    Attributes
+    ----------
+    valid : bool
+        True if chance explains every departure.
+    reasons : tuple of str
+        Departures that chance does not explain, each in words.
+    """
+
+    valid: bool
+    reasons: tuple[str, ...]
+
+
+def verdict(found: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
+    """Test pulls against a standard normal distribution, and failures against `FAILURES`.
+
+    Of each parameter the mean is tested (Student's t), the standard deviation (chi squared) and the coverage
+    (binomial), and the number of failures (binomial). Sound calibrations fail one test or more with the
+    probability `FALSE_ALARM` at most, whatever their number: it is divided among the tests.
+
+    Parameters
+    ----------
+    found : mapping of str to Pulls
+        By parameter.
+    n, failed : int
+        Calibrations that succeeded, and that did not.
+    """
+    level = FALSE_ALARM / (3 * len(found) + 1)
+    reasons = []
+    for name, p in found.items():
+        departures = [
+            (_of_mean(p), f"mean pull {p.pull_mean:+.2g} ± {p.pull_mean_error:.2g} instead of 0"),
+            (
+                _of_std(p),
+                f"standard deviation of pulls {p.pull_std:.3g} ± {p.pull_std_error:.2g} instead of 1",
+            ),
+            (
+                _two_sided(round(p.coverage_1sigma * p.n), p.n, WITHIN),
+                f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} % within 1 sigma "
+                f"instead of {100 * WITHIN:.0f} %",
+            ),
+        ]
+        if said := [text for probability, text in departures if probability < level]:
+            reasons.append(f"{name}: {', '.join(said)}")
+    if failed and scipy.special.bdtrc(failed - 1, n + failed, FAILURES) < level:
+        reasons.append(f"{failed} of {n + failed} failed, of sound ones {100 * FAILURES:g} % may")
+    return Verdict(not reasons, tuple(reasons))
+
+
+def _of_mean(p: Pulls) -> float:
+    """Return the probability of a mean as far from 0, or farther."""
+    if p.pull_mean_error == 0:
+        return float(p.pull_mean == 0)
+    return float(2 * scipy.special.stdtr(p.n - 1, -abs(p.pull_mean) / p.pull_mean_error))
+
+
+def _of_std(p: Pulls) -> float:
+    """Return the probability of a standard deviation as far from 1, or farther."""
+    squares = (p.n - 1) * p.pull_std**2
+    tails = scipy.special.chdtr(p.n - 1, squares), scipy.special.chdtrc(p.n - 1, squares)
+    return float(2 * min(tails))
+
+
+def _two_sided(k: int, n: int, probability: float) -> float:
+    """Return the probability of a number of successes as far from the expected one, or farther."""
+    below = scipy.special.bdtr(k, n, probability)
+    above = scipy.special.bdtrc(k - 1, n, probability) if k else 1.0
+    return float(2 * min(below, above))
+
+
 def write(
     found: Mapping[str, Pulls], n: int, failed: Mapping[int, str], more: Mapping[str, object], path: Path
 ) -> str:
@@ -208,9 +285,15 @@ def write(
     path : Path
         Of the file.
     """
+    result = verdict(found, n, len(failed))
     document = {
         "schema": SCHEMA,
         "n": n,
+        "verdict": {
+            "valid": result.valid,
+            "false_alarm": FALSE_ALARM,
+            "reasons": list(result.reasons),
+        },
         "failed": {str(number): told for number, told in failed.items()},
         "parameters": {name: vars(pulls) for name, pulls in found.items()},
         "provenance": dict(more),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.inspection import authority
 from fit.inspection.glitches import TOO_MANY, Hunt
+from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
@@ -20,9 +21,6 @@ from fit.threads import each
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Run
 
-MOST_SATURATED = (
-    0.3  # of a run; if saturation would take more, nothing is masked and the run cannot be trusted
-)
 SATURATED, TOO_LONG = "saturated", "saturated_too_long"  # codes of the warnings
 _SPOILT = (TOO_MANY, TOO_LONG)
 

@@ -107,10 +107,11 @@ def stuck(x: Row, fs: float, resolution: Resolution | None) -> Iterator[Oddity]:
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
-    if (different := _different(looked)) < FEW * looked.size:
+    there = looked[~np.isnan(looked)]  # what is masked is no value
+    if (different := _different(there)) < FEW * there.size:
         again = _period(looked)
         if again or resolution is None:
-            what = f"is rounded: it has {different} values in {looked.size} samples"
+            what = f"is rounded: it has {different} values in {there.size} samples"
             yield Oddity(f"comes again every {again / fs:g} s" if again else what, 0.0, x.size / fs)
             return
     typical = np.abs(_bends(x)(slice(0, LOOKED)))

@@ -13,12 +13,13 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from fit import requirements
 from fit.signal import pages, windows
 from fit.telemetry import PIECE, Row, pieces
 
 Array = NDArray[np.float64]
 
-F_MAX = 0.1  # Hz, end of the fitted band; archives at 1 Hz are flat up to here
+F_MAX = requirements.F_MAX
 RATE = 1.0  # Hz, least rate after decimation
 HALF = 10  # samples on either side of a stencil: gain right to 1e-10 below F_MAX at 1 Hz
 RIPPLE = 100.0  # dB, what the low-pass leaves of what would alias into the band

@@ -8,16 +8,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.requirements import F_MAX, GAP_TAPER, TAPER
 from fit.signal import folded, pages, patches, windows
-from fit.signal.derivatives import F_MAX, stretches
+from fit.signal.derivatives import stretches
 from fit.telemetry import pieces
 from fit.threads import kept
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
-
-TAPER = 0.1  # fraction of the run under the two cosine flanks of the window
-GAP_TAPER = 60.0  # s, flank beside a masked stretch
 
 
 def window(valid: NDArray[np.bool_], fs: float) -> Array:

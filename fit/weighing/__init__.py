@@ -9,7 +9,6 @@ from fit.weighing.linear import Block
 from fit.weighing.minimum import minimise, minimiser
 from fit.weighing.run import Run, check_left
 from fit.weighing.runs import (
-    SHORTEST,
     Experiment,
     Left,
     divide,
@@ -22,7 +21,6 @@ from fit.weighing.tones import drives, single_tone
 
 __all__ = [
     "NU",
-    "SHORTEST",
     "Block",
     "Experiment",
     "Glitch",

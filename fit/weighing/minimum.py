@@ -61,9 +61,14 @@ def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, 
     p = lmfit.Parameters()
     for i, value in enumerate(start / width):
         p.add(f"p_{i}", value=value)
-    found = lmfit.minimize(
-        residuals, p, method="leastsq", scale_covar=False, Dfun=jacobian, ftol=1e-14, xtol=1e-12
-    )
+    options = {"scale_covar": False, "Dfun": jacobian, "ftol": 1e-14, "xtol": 1e-12}
+    try:
+        found = lmfit.minimize(residuals, p, method="leastsq", **options)
+    except ValueError:  # lmfit's word for residuals that are not finite
+        raise FitError(
+            "the minimisation failed: chi2 is not finite for parameters that were tried; expected data and "
+            "responses without infinite values"
+        ) from None
     if not found.success or not np.isfinite(theta := parameters(found.params)).all():
         raise FitError(f"the minimisation failed: {found.message}")
     return theta

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics
+from fit.requirements import SHORTEST
 from fit.settings import Settings
 from fit.signal import NoiseModel, Spectra, fit_noise
 from fit.telemetry import Telemetry
@@ -19,7 +20,6 @@ from fit.weighing.run import Run
 Array = NDArray[np.float64]
 
 JOINT_DURATION = 21600.0  # s: shorter runs hardly see the stiffness and take part only when asked to
-SHORTEST = 1800.0  # s: below, the band holds too few bins for a noise PSD
 SLOWER = 0.95  # of the first bin of a noise run, below which it tells nothing
 AGAIN = 2.0  # times as loud as it seems: from there slow noise left alone is heard again, lest fits cycle
 TRIMMED = 0.005  # fraction a decimation may have cut from a run's ends

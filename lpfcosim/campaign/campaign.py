@@ -146,13 +146,20 @@ class Campaign:
                 if not _asked(place[key]):
                     del place[key]
         for replacement in said["replacements"]:
-            del replacement["archive"], replacement["sha256"]
+            del replacement["archive"], replacement["sha256"], replacement["validate"]
+            replacement["values"] = {name: _number(value) for name, value in replacement["values"].items()}
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
 def _asked(value: object) -> bool:
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
     return any(parts)
+
+
+def _number(value: bool | int | float | str) -> bool | int | float | str:
+    """Return an integer as the float that equals it, if one does: 2 and 2.0 are one number."""
+    exact = isinstance(value, int) and not isinstance(value, bool) and abs(value) <= 2**53
+    return float(value) if exact else value
 
 
 def iso(time: datetime) -> str:

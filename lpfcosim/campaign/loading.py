@@ -22,7 +22,7 @@ from lpfcosim.campaign.injections import SHAPES
 from lpfcosim.campaign.schema import CampaignTable, ExperimentTable, FmuTable
 from lpfcosim.errors import InputError
 from lpfcosim.network import Component
-from lpfcosim.plant import saturation
+from lpfcosim.plant import saturation, stability
 from lpfcosim.spacecraft import (
     DRAG_FREE,
     FS,
@@ -62,6 +62,12 @@ def load(path: Path) -> Campaign:
     except ConflictError as error:
         raise InputError(f"{path}: {error}") from None
     return replace(found, tables={key: value for key, value in raw.items() if key != "extends"})
+
+
+def sources(path: Path) -> tuple[Path, ...]:
+    """Return a campaign file and those that it extends, one on top of the other; `load` must accept it."""
+    said = file.alone(path)
+    return (path, *(sources(path.parent / said["extends"]) if "extends" in said else ()))
 
 
 def _shown(path: Path) -> str:
@@ -147,13 +153,16 @@ def _check_order(campaign: Campaign, entries: Sequence[Entry]) -> None:
 def _check_swept(campaign: Campaign, entries: Sequence[Entry]) -> None:
     """Refuse a run of a sweep whose injections alone ask for more than its authority gives."""
     for run in campaign.runs:
-        if run.kind == "sysid" and (clipped := saturation.expected(run)):
-            (entry,) = (entry for entry in entries if entry.table.name == run.experiment)
-            channel, share = clipped
-            raise ConflictError(
-                f"{entry.where}: the injections of {quote(run.experiment)} take {channel} to "
-                f"{100 * share:.3g} % of its authority; expected more authority or less injected"
-            )
+        if run.kind != "sysid" or not stability.is_stable(run):
+            continue  # who simulates it is told of a loop that is not
+        for demand in saturation.demands(run):
+            if demand.channel not in saturation.READ_OUTS and demand.peak > demand.limit:
+                (entry,) = (entry for entry in entries if entry.table.name == run.experiment)
+                raise ConflictError(
+                    f"{entry.where}: the injections of {quote(run.experiment)} take {demand.channel} to "
+                    f"{100 * demand.peak / demand.limit:.3g} % of its authority; expected more authority or "
+                    "less injected"
+                )
 
 
 def _replacement(component: Component, parameters: Collection[str], entry: FmuTable) -> Replacement:
@@ -190,6 +199,7 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
         tuple(entry.unused),
         dict(entry.values),
         entry.sha256,
+        entry.validate_,
     )
 
 

@@ -55,6 +55,7 @@ from lpfcosim.campaign.values import (
     Gain,
     InertialPeriod,
     Number,
+    ParameterValue,
     SampleRate,
     Swept,
     Utc,
@@ -328,8 +329,9 @@ class FmuTable(Table):
     path: Annotated[str, Strict(), Field(min_length=1, examples=['path = "mine.fmu"'])]
     variables: dict[str, Annotated[str, Strict(), Field(min_length=1)]] = {}
     unused: list[Annotated[str, Strict()]] = []
-    values: dict[str, Number] = {}
+    values: dict[str, ParameterValue] = {}
     sha256: Annotated[str, Strict(), Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    validate_: Annotated[bool, Strict(), Field(alias="validate")] = True
 
 
 class CampaignTable(Table):

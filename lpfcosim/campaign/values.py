@@ -1,5 +1,6 @@
 """Values of a campaign file that are more than a quantity: whole samples, frequencies, times in UTC."""
 
+import math
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, TypeVar
 
@@ -44,6 +45,13 @@ def _utc(raw: object) -> datetime:
     return when.astimezone(UTC)
 
 
+def _parameter_value(raw: object) -> object:
+    if isinstance(raw, bool | int | str) or (isinstance(raw, float) and math.isfinite(raw)):
+        return raw
+    raise problem(f"{quote(raw)}, expected a finite number, a string, true or false")
+
+
+ParameterValue = Annotated[bool | int | float | str, BeforeValidator(_parameter_value)]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Gain = Annotated[Number, Field(ge=0.01, le=100)]
 ForceGain = Annotated[Number, Field(gt=0.7, lt=1.5)]  # beyond, a fit takes it for a wrong sign or unit

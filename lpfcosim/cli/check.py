@@ -1,22 +1,24 @@
 """The command ``check``: what to expect of a campaign before it is run."""
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-import fit.errors
 from fit import settings as fit_settings
 from fit.estimate import angles, forecast
 from fit.results import Fit
 from fit.tables import Lines
 from fit.threads import processors
-from fit.weighing import SHORTEST
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
+from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.forecast import left_out, messages, table
 from lpfcosim.cli.planned import planned, turning
-from lpfcosim.errors import InputError
-from lpfcosim.plant import margins, stability
+from lpfcosim.errors import UnavailableError, ours
+from lpfcosim.plant import margins
+from lpfcosim.running import validation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
@@ -29,49 +31,32 @@ RUN = 0.05
 
 
 def check(campaign: Path, console: Console) -> None:
-    """Tell what to expect of a campaign, before anything is simulated."""
+    """Validate a campaign and print what to expect of it, before anything is simulated."""
     plan = loading.load(campaign)
     chosen = fit_settings.settings(plan.fit, f"{campaign}: fit")
-    loops: list[margins.Margin] = []
-    expected, periods, warnings = None, dict[str, Fit](), []
-    try:
-        _check_durations(plan)
-        if plan.replacements:
-            warnings.append("FMUs of other origin: no margins and no forecast, which would be those of ours")
-            from lpfcosim.running import fmus  # takes its time, and few campaigns need it
-
-            warnings += fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
-        else:
-            stability.check(*plan.runs)
-            loops = margins.margins(plan.runs[0])
-            with console.stage("forecast"):
-                try:
-                    expected = forecast.expected_fit(planned(plan), chosen)
-                    periods = angles.expected_periods(turning(plan.runs), expected)
-                except forecast.NoneTakesPartError:
-                    warnings.append(_why_none(plan))
-                except forecast.NoiselessError as error:
-                    warnings.append(f"no forecast: {error}")
-            warnings += [left_out(name) for name in plan.truth.living]
-    except (InputError, fit.errors.InputError) as error:
-        raise InputError(f"{campaign}: {error}") from None
     jobs = processors()
-    seconds = wall_time(plan, jobs)
-    warnings += messages(expected, periods) if expected else []
-    told = {
+    with about(campaign), ours():
+        found = validation.validate(plan)
+        expectation = _expectation(plan, chosen, jobs, console)
+    warnings = [*found.warnings, *expectation.warnings]
+    loops, expected, periods = expectation.loops, expectation.joint, expectation.periods
+    document = {
         "schema": SCHEMA,
         "campaign": plan.name,
         "digest": plan.digest,
+        "valid": not found.doubts,
         "runs": [_run_document(run) for run in plan.runs],
         "duration": sum(map(_duration, plan.runs)),
-        "loops": cli_margins.documents(loops),
+        "loops": None if loops is None else cli_margins.documents(loops),
         "forecast": forecast.document(expected, periods) if expected else None,
+        "unavailable": expectation.unavailable,
         "warnings": warnings,
-        "wall_time": round(seconds),
+        "wall_time": None if expectation.seconds is None else round(expectation.seconds),
     }
-    console.document(json.dumps(told, indent=1, allow_nan=False))
-    runs = f"{len(plan.runs)} run{'s' * (len(plan.runs) > 1)}"
-    console.say(f"{campaign}: in order; {world_of(plan.runs[0]).name}, {runs}, {_hours(*plan.runs):g} h\n")
+    console.document(json.dumps(document, indent=1, allow_nan=False))
+    runs = f"{len(plan.runs)} run{'s' * (len(plan.runs) > 1)} {world_of(plan.runs[0]).name}"
+    verdict = "doubtful (see the warnings)" if found.doubts else "valid"
+    console.say(f"{campaign}: {verdict}: {runs}, {_hours(*plan.runs):g} h\n")
     console.show(_runs_table(plan))
     console.say("")
     if loops:
@@ -80,10 +65,62 @@ def check(campaign: Path, console: Console) -> None:
     if expected:
         console.show(table(expected, periods))
         console.say("")
-    idle = f"{jobs} idle processors" if jobs > 1 else "an idle processor"
-    console.say(f"run: about {_about(seconds)} on {idle}, once the FMUs are built")
+    if expectation.seconds is not None:
+        idle = f"{jobs} idle processors" if jobs > 1 else "an idle processor"
+        console.say(f"run: about {_about(expectation.seconds)} on {idle}, once the FMUs are built")
     for line in warnings:
         console.note(f"warning: {line}")
+
+
+@dataclass(frozen=True)
+class _Expectation:
+    """What our model of the loop says of a campaign.
+
+    Attributes
+    ----------
+    loops : list of Margin or None
+        None where it does not apply.
+    joint : Fit or None
+        To be expected; None where there is none.
+    periods : mapping of str to Fit
+        Euler fits, by inertial period.
+    seconds : float or None
+        That `run` will take.
+    unavailable : str or None
+        Why it does not apply.
+    warnings : tuple of str
+        What to know of it.
+    """
+
+    loops: list[margins.Margin] | None
+    joint: Fit | None
+    periods: Mapping[str, Fit]
+    seconds: float | None
+    unavailable: str | None
+    warnings: tuple[str, ...]
+
+
+def _expectation(plan: Campaign, chosen: fit_settings.Settings, jobs: int, console: Console) -> _Expectation:
+    try:
+        validation.check_linear_model(plan, "stability, margins, forecast and wall time are")
+    except UnavailableError as error:
+        from lpfcosim.running import fmus  # takes its time, and few campaigns need it
+
+        unapproved = fmus.unapproved(plan, {r.model: r.archive for r in plan.replacements})
+        return _Expectation(None, None, {}, None, str(error), (str(error), *unapproved))
+    joint, periods, warnings = None, dict[str, Fit](), list[str]()
+    loops = margins.margins(plan.runs[0])
+    with console.stage("forecast"):
+        try:
+            joint = forecast.expected_fit(planned(plan), chosen)
+            periods = angles.expected_periods(turning(plan.runs), joint)
+        except forecast.NoneTakesPartError:
+            warnings.append(_why_none(plan))
+        except forecast.NoiselessError as error:
+            warnings.append(f"no forecast: {error}")
+    warnings += [left_out(name) for name in plan.truth.living]
+    warnings += messages(joint, periods) if joint else []
+    return _Expectation(loops, joint, periods, wall_time(plan, jobs), None, tuple(warnings))
 
 
 def wall_time(plan: Campaign, jobs: int) -> float:
@@ -102,17 +139,6 @@ def _why_none(plan: Campaign) -> str:
         "no sysid run: run will write the telemetry and find nothing to calibrate with; fit it with "
         "--calibration RESULTS.json of an earlier result"
     )
-
-
-def _check_durations(plan: Campaign) -> None:
-    """Refuse runs that the fit would refuse, once they were simulated."""
-    driven = {run.experiment for run in plan.runs if run.kind == "sysid"}
-    for run in plan.runs:
-        if run.experiment in driven and _duration(run) < SHORTEST:
-            raise InputError(
-                f"run {run.name}: lasts {_duration(run):g} s, expected {SHORTEST:g} s or more, "
-                "which the fit needs"
-            )
 
 
 def _duration(run: Run) -> float:

@@ -6,7 +6,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
 import fit.errors
 from fit.estimate import angles, inertial, sight
@@ -17,7 +16,7 @@ from fit.settings import Settings, settings
 from fit.tables import Lines
 from fit.threads import following, tell
 from lpfcosim.campaign import Campaign, loading, names
-from lpfcosim.cli.common import about
+from lpfcosim.cli.common import about, check_file
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned, turning
 from lpfcosim.design import (
@@ -34,6 +33,7 @@ from lpfcosim.design import (
 )
 from lpfcosim.design import design as sought
 from lpfcosim.errors import InputError, RunError
+from lpfcosim.running import validation
 
 SCHEMA = "lpf-design/1"
 HOUR = 3600.0
@@ -47,12 +47,16 @@ def design(
     """Write a campaign with the best injections that are found."""
     plan = loading.load(campaign)
     path = out or Path(f"{campaign.stem}-designed.toml")
-    _check_name(path, campaign)
-    _check_figure(figure)
-    if plan.replacements:
-        raise InputError(f"{campaign}: fmus: a design knows the loops of our FMUs alone, expected no others")
+    inputs = loading.sources(campaign)
+    check_file(path, inputs, [".toml"])
+    names.check_stem(path)
+    if figure:
+        check_file(figure, [*inputs, path], FORMATS)
     chosen = settings(plan.fit, f"{campaign}: fit")
-
+    with about(campaign):
+        validation.check_linear_model(plan, "a design is")
+        for line in validation.validate(plan).doubts:
+            console.note(f"warning: {line}")
     foresees = foresight(plan, chosen)
     told = Told(
         lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
@@ -125,13 +129,6 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
     return Foresight(told_by, expected, calibration)
 
 
-def _check_figure(figure: Path | None) -> None:
-    if figure and figure.suffix not in FORMATS:
-        raise InputError(f"{figure}: expected a name that ends in {', '.join(FORMATS)}")
-    if figure and not figure.parent.is_dir():
-        raise InputError(f"{figure}: {figure.parent} is not a folder, expected one that is there")
-
-
 def _draw(found: Design, path: Path) -> None:
     """Draw what tones tell by frequency, with those of the design."""
     from fit.figures import tones
@@ -144,19 +141,6 @@ def _draw(found: Design, path: Path) -> None:
         for tone in of
     ]
     save(drawn(tones.tones(frequency, telling(found, frequency), chosen)), path)
-
-
-def _check_name(path: Path, campaign: Path) -> None:
-    if path.suffix != ".toml":
-        raise InputError(f"{path}: expected a name that ends in .toml, such as {path.with_suffix('.toml')}")
-    try:
-        TypeAdapter(names.Name).validate_python(path.stem)
-    except ValidationError as error:
-        raise InputError(f"{path}: {error.errors()[0]['msg']}") from None
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: {path.parent} is not a folder, expected one that is there")
-    if path.exists() and path.samefile(campaign):
-        raise InputError(f"{path}: is the campaign itself, expected another name")
 
 
 def _document(

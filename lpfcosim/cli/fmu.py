@@ -1,4 +1,4 @@
-"""The commands about FMUs: build, list, validate, export."""
+"""The commands about FMUs: build, list, show, validate, export."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lpfcosim.cli.common import CampaignFile, Quiet, about, check_folder, examples, help_without_command
+from lpfcosim.cli.common import (
+    CampaignFile,
+    Quiet,
+    about,
+    check_file,
+    check_folder,
+    examples,
+    help_without_command,
+)
 from lpfcosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,7 +25,7 @@ if TYPE_CHECKING:
     from lpfcosim.cli.console import Console
 
 app = typer.Typer(
-    help="Build, list, check and export FMUs.",
+    help="Build, list, show, check and export FMUs.",
     epilog=examples("lpfcosim fmu list", "lpfcosim fmu build Plant Actuation --out here"),
     rich_markup_mode=None,
 )
@@ -81,6 +89,33 @@ def list_(as_json: AsJson = False) -> None:
         return
     for fmu in found:
         print(f"{fmu['model']:18s} {'built    ' if fmu['built'] else 'not built'} {fmu['path']}")
+
+
+@app.command(
+    epilog=examples(
+        "lpfcosim fmu show SuspensionControl",
+        "lpfcosim fmu show my_controller.fmu --json",
+        "lpfcosim fmu show SuspensionControl my_controller.fmu",
+    )
+)
+def show(
+    given: Annotated[
+        list[str],
+        typer.Argument(metavar="PLACE|FILE.fmu", help="A place of the loop, an FMU, or one of each."),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Show what a place needs, what an FMU has, how they fit.
+
+    With both, print a proposal for the table of the campaign; exit status 1 if the FMU does not fit, or if a
+    name has to be chosen. The code of the FMU is not run.
+    """
+    from lpfcosim.cli import fmu_show
+    from lpfcosim.cli.console import Console
+
+    console = Console(quiet=False, as_json=as_json)
+    if fmu_show.show(given, lambda models: _built(models, Console(quiet=True)), console):
+        raise typer.Exit(1)
 
 
 @app.command(epilog=examples("lpfcosim fmu validate", "lpfcosim fmu validate my_controller.fmu"))
@@ -156,10 +191,12 @@ def export_ssp(
 
     console = Console(quiet=quiet)
     plan = loading.load(campaign)
+    path = out or Path(f"{campaign.stem}.ssp")
+    check_file(path, loading.sources(campaign), parents=True)
     came = outcome.gather(results, plan) if results else None
     with about(campaign):
         archives = fmus(plan, console, ssp.fmi(version))
-        written = ssp.export(plan, archives, out or Path(f"{campaign.stem}.ssp"), version, came)
+        written = ssp.export(plan, archives, path, version, came)
     console.say(str(written))
 
 
@@ -188,9 +225,11 @@ def container(
     runs = {r.name: r for r in plan.runs}
     if run_name not in runs:
         raise InputError(f"{campaign}: no run {quote(run_name)}{closest(run_name, runs)}")
+    path = out or Path(f"{run_name}.fmu")
+    check_file(path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True)
     with about(campaign):
         archives = fmus(plan, console, "2.0")
-        written = containers.container(runs[run_name], archives, out or Path(f"{run_name}.fmu"))
+        written = containers.container(runs[run_name], archives, path)
     console.say(str(written))
 
 

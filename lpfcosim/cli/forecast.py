@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import fit.errors
 from fit.estimate import angles
 from fit.estimate import forecast as forecasts
 from fit.paper import FLIGHT, misalignments
@@ -12,29 +11,33 @@ from fit.results import Fit
 from fit.settings import settings
 from fit.tables import Lines
 from lpfcosim.campaign import loading
-from lpfcosim.cli.common import check_folder
+from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.planned import planned, turning
-from lpfcosim.errors import InputError
+from lpfcosim.errors import UnavailableError, ours
+from lpfcosim.messages import grouped
+from lpfcosim.running import validation
 
 
 def forecast(campaign: Path, out: Path | None, console: Console) -> None:
-    """Tell the sigmas of the joint fit before anything is simulated."""
+    """Print the sigmas of the joint fit before anything is simulated."""
     if out is not None:
         check_folder(out)
     plan = loading.load(campaign)
     chosen = settings(plan.fit, f"{campaign}: fit")
-    if plan.replacements:
-        console.note("FMUs of other origin are taken to behave as ours do")
-    for name in plan.truth.living:
-        console.note(f"warning: {left_out(name)}")
-    try:
+    with about(campaign), ours():
+        try:
+            validation.check_linear_model(plan, "a forecast is", "lpfcosim run gives the sigmas of its fit")
+        except UnavailableError as error:
+            document = {"schema": forecasts.SCHEMA, "parameters": None, "unavailable": str(error)}
+            console.document(json.dumps(document, indent=1))
+            raise
+        for line in (*validation.validate(plan).doubts, *map(left_out, plan.truth.living)):
+            console.note(f"warning: {line}")
         with console.stage("forecast"):
             gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
             expected = forecasts.expected_fit(planned(plan), chosen, gains)
             periods = angles.expected_periods(turning(plan.runs), expected)
-    except (InputError, fit.errors.InputError) as error:
-        raise InputError(f"{campaign}: {error}") from None
     text = json.dumps(forecasts.document(expected, periods), indent=1, allow_nan=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
@@ -52,10 +55,8 @@ def left_out(name: str) -> str:
 
 def messages(expected: Fit, periods: Mapping[str, Fit]) -> list[str]:
     """Return what to know of a joint fit to expect, and of the Euler fits of its inertial periods."""
-    of_periods = [
-        f"inertial period {period}: {w.message}" for period, of in periods.items() for w in of.warnings
-    ]
-    return [*(w.message for w in expected.warnings), *of_periods]
+    of_periods = [(period, w.message) for period, of in periods.items() for w in of.warnings]
+    return [*(w.message for w in expected.warnings), *grouped(of_periods, "inertial period")]
 
 
 def table(expected: Fit, periods: Mapping[str, Fit]) -> Lines:

@@ -22,11 +22,11 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated, telemetry
-from lpfcosim.cosim import Where, interfaces
+from lpfcosim.cosim import Where, interfaces, warnings
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
 from lpfcosim.identify import Simulation, Target, check, targets
 from lpfcosim.running import fmus as archives
-from lpfcosim.running import folder, runner, workers
+from lpfcosim.running import folder, runner, validation, workers
 
 RESULTS = "identified.json"  # which the report looks for
 FAR = 100.0  # natural scales from where the campaign has a parameter: there the search would not begin
@@ -51,10 +51,15 @@ def identify_files(
         )
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
     check_folder(directory, "telemetry")
+    with about(campaign):
+        validation.validate(plan)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
-        for target in targets(plan, plan.runs[0], interfaces(plan.runs[0], fmus)):
+        placed = interfaces(plan.runs[0], fmus)
+        for target in targets(plan, plan.runs[0], placed):
             _free(target)  # before anything takes its time
+    for line in warnings(placed):
+        console.note(f"warning: {line}")
     if paths:
         _fitted(campaign, plan, paths, directory, console)
     elif not (directory / "results.json").is_file():

@@ -10,18 +10,25 @@ from fit.tables import Lines
 from lpfcosim.campaign import loading
 from lpfcosim.cli.common import about
 from lpfcosim.cli.console import Console
+from lpfcosim.errors import UnavailableError
 from lpfcosim.plant import margins as loop_margins
 from lpfcosim.plant import stability
+from lpfcosim.running import validation
 
 
 def margins(campaign: Path, console: Console) -> None:
     """Print the margins of every control loop."""
     plan = loading.load(campaign)
+    document = {"schema": "lpf-margins/1", "campaign": plan.name}
     with about(campaign):
+        try:
+            validation.check_linear_model(plan, "margins are")
+        except UnavailableError as error:
+            console.document(json.dumps({**document, "loops": None, "unavailable": str(error)}, indent=1))
+            raise
         stability.check(plan.runs[0])
     loops = loop_margins.margins(plan.runs[0])
-    told = {"schema": "lpf-margins/1", "campaign": plan.name, "loops": documents(loops)}
-    console.document(json.dumps(told, indent=1, allow_nan=False))
+    console.document(json.dumps({**document, "loops": documents(loops)}, indent=1, allow_nan=False))
     console.show(table(loops))
 
 

@@ -28,13 +28,14 @@ from fit.threads import alone, one_heap, one_thread, processors
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
-from lpfcosim.cli.begun import begun
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.planned import in_memory
+from lpfcosim.cli.preparation import prepare
 from lpfcosim.cosim import Shelf, Where
 from lpfcosim.errors import InputError, LpfcosimError, RunError
+from lpfcosim.messages import grouped
 from lpfcosim.plant import spectral, stability
-from lpfcosim.running import cluster, folder, ledger, runner, telemetry, workers
+from lpfcosim.running import cluster, folder, ledger, runner, telemetry, validation, workers
 from lpfcosim.running import fmus as fmu_archives
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -67,8 +68,15 @@ class Work:
     redraw: bool
 
 
-def _check_spectra(plan: Campaign, campaign: Path) -> None:
+def _check_spectra(plan: Campaign, found: validation.Validation, campaign: Path) -> None:
     """Refuse what telemetry that is drawn from spectra does not have."""
+    with about(campaign):
+        validation.check_linear_model(plan, "the spectra that telemetry is drawn from are", "add --fmus")
+    if found.saturation:
+        raise InputError(
+            f"{campaign}: {'; '.join(found.saturation)}; expected --fmus, as telemetry drawn from spectra "
+            "knows no limit"
+        )
     if plan.events and plan.events.noise_drift:
         raise InputError(
             f"{campaign}: events.noise_drift: the noise drawn from spectra keeps its level; expected --fmus, "
@@ -93,15 +101,15 @@ def montecarlo(
     jobs: int | None,
     scheduler: str | None,
 ) -> None:
-    """Repeat a campaign with new noise, fit each, tell pulls and coverage."""
-    plan, chosen = begun(campaign, jobs, scheduler)
+    """Repeat a campaign with new noise, fit each, report pulls and coverage."""
     directory = out or Path(f"{campaign.stem}-montecarlo")
     check_folder(directory, "figures")
+    plan, chosen, found = prepare(campaign, jobs, scheduler)
     archives: dict[str, Path] = {}
-    if not (fmus or plan.replacements):
-        _check_spectra(plan, campaign)
-    if fmus or plan.replacements:
+    if fmus:
         archives = cli_fmu.fmus(plan, console)
+    else:
+        _check_spectra(plan, found, campaign)
     with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(fmu_archives.held(plan, archives, directory, trusted=trusted))
@@ -127,31 +135,33 @@ def montecarlo(
                 file.flush()
                 progress(len(lines))
         asked = {k: line for k, line in sorted(lines.items()) if k < n}
+        verdict = None
         if not lost or any("estimates" in line for line in asked.values()):
-            _tell(console, directory, plan, header, asked, len(lost))
+            verdict = _report(console, directory, plan, header, asked, len(lost))
     if lost:
         first, *others = lost.values()
         more = f" and {len(others)} more" if others else ""
         raise RunError(f"{first}{more}; what is finished is kept, the same command continues")
+    if verdict and not verdict.valid:
+        raise RunError(f"{plan.name}: not valid: {'; '.join(verdict.reasons)}")
 
 
-def _tell(
+def _report(
     console: Console,
     directory: Path,
     plan: Campaign,
     header: Mapping[str, object],
     lines: Mapping[int, Line],
     lost: int,
-) -> None:
+) -> pulls.Verdict:
     """Write and print what the campaigns say together, though some are not done."""
     failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
     drawn = [line["estimates"] for line in lines.values() if "estimates" in line]
-    for number, told in failed.items():
-        console.note(f"campaign {number} failed: {told}")
+    for told in grouped(((str(number), f"failed: {why}") for number, why in failed.items()), "campaign"):
+        console.note(told)
     found = pulls.summary(drawn)
     if not found:
-        told = f"of {len(lines)} campaigns {len(failed)} failed; there are no pulls to tell of"
-        raise RunError(f"{plan.name}: {told}")
+        raise RunError(f"{plan.name}: of {len(lines)} campaigns {len(failed)} failed; there are no pulls")
     more = {"campaign": plan.name, **header}
     document = pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
     with console.stage("figure"):
@@ -163,6 +173,11 @@ def _tell(
     console.show(_table(found))
     not_done = f", {lost} not done" if lost else ""
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed{not_done}: {directory / 'montecarlo.json'}")
+    verdict = pulls.verdict(found, len(drawn), len(failed))
+    if verdict.valid:
+        parameters = f"{len(found)} parameter{'s' * (len(found) > 1)}"
+        console.say(f"valid: pulls and coverage of {parameters} are consistent with true sigmas")
+    return verdict
 
 
 class _Done(BaseModel, extra="allow", allow_inf_nan=False):

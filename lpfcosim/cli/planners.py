@@ -21,13 +21,14 @@ def forecast(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Tell the expected sigmas of the joint fit; needs no FMU.
+    """Print the expected sigmas of the joint fit; needs no FMU.
 
     They come from the Fisher matrix at the true parameters of the campaign. It includes the closed-loop
     noise of the channels, which carries information too. They are those of the estimator and of the scatter
     between experiments that the campaign asks for. They are means over many campaigns: those of one fit
     differ by up to 10 %, because it estimates the noise PSDs. Those of the angles of the inertial
-    calibration are told by period.
+    calibration are given by period. With a third-party FMU in the loop they are not available (exit
+    status 2; null in JSON).
     """
     from lpfcosim.cli import forecast as cli_forecast
     from lpfcosim.cli.console import Console

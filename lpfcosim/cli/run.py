@@ -16,11 +16,12 @@ from fit.settings import Settings
 from fit.warnings import FitWarning
 from lpfcosim.campaign import Campaign
 from lpfcosim.cli import fmu as cli_fmu
-from lpfcosim.cli.begun import begun
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.preparation import prepare
 from lpfcosim.cosim import Engine, Interface, placement
 from lpfcosim.errors import RunError
+from lpfcosim.messages import grouped, names
 from lpfcosim.running import fmus as archives
 from lpfcosim.running import folder, runner
 from lpfcosim.worlds import world_of
@@ -44,18 +45,18 @@ def run(
     trusted: bool,
 ) -> None:
     """Simulate a campaign, fit it, report."""
-    plan, chosen = begun(campaign, jobs, scheduler)
     directory = out or Path(campaign.stem)
     check_folder(directory, "telemetry")
+    plan, chosen, found = prepare(campaign, jobs, scheduler)
     fmus = cli_fmu.fmus(plan, console)
-    with about(campaign):
-        found = placement.interfaces(plan.runs[0], fmus)  # the other runs have the same
     how = runner.How(jobs, scheduler, engine, rerun, time_limit)
     with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
-        for line in _told_of_replacements(plan, found):
+        for line in _replacements(plan, found.interfaces):
             console.note(line)
+        for line in found.warnings:
+            console.note(f"warning: {line}")
         done = _simulated(plan, directory, held, how, console)
         _fitted(plan, directory, done, chosen, console)
 
@@ -74,20 +75,22 @@ def _simulated(
     with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
         listener = runner.Listener(progress, kept, console.note, begin)
         done = runner.simulate(plan, directory / "telemetry", fmus, how, listener)
-    for name, n in runner.saturated(done.files.values()).items():
-        console.note(f"run {name}: a command is at its limit in {n} samples, which the fit masks")
+    if saturated := runner.saturated(done.files.values()):
+        told = ", ".join(f"{n} samples of {name}" for name, n in saturated.items())
+        console.note(f"warning: a command is at its limit, which the fit masks: {told}")
     return done
 
 
 def _fitted(
     plan: Campaign, directory: Path, done: runner.Simulated, chosen: Settings, console: Console
 ) -> None:
-    """Fit the experiments that are complete, and report; tell what failed."""
+    """Fit the experiments that are complete, and report them and what failed."""
     complete, missing = _divide(plan, done)
     if not complete:
         raise _error(plan, done, directory)
     calibrated = import_module(_FIT).calibrated
-    told = partial(_with_missing, missing=missing)
+    causes = "; ".join(_causes(done))
+    told = partial(_with_missing, missing=missing, causes=causes)
     try:
         calibrated(console, directory, complete, chosen, own=True, origin=done.origin, told=told)
     except fit.errors.CalibrationError as error:
@@ -99,28 +102,27 @@ def _fitted(
 
 
 def _divide(plan: Campaign, done: runner.Simulated) -> tuple[list[Path], dict[str, str]]:
-    """Return the telemetry of the experiments that are complete, and what is to be told of each other."""
+    """Return the telemetry of the experiments that are complete, and why each of the others is not."""
     complete: list[Path] = []
     missing = {}
     for experiment in plan.experiments:
-        failed = [str(done.failures[name]) for name in experiment.run_names if name in done.failures]
+        failed = [(name, str(done.failures[name])) for name in experiment.run_names if name in done.failures]
         if failed:
-            missing[experiment.name] = "; ".join(failed)
+            missing[experiment.name] = "; ".join(grouped(failed))
         else:
             complete += [done.files[name] for name in experiment.run_names]
     return complete, missing
 
 
-def _with_missing(results: Results, missing: Mapping[str, str]) -> Results:
+def _with_missing(results: Results, missing: Mapping[str, str], causes: str) -> Results:
     """Add what is missing to results, where report and readers of the file see it."""
     if not missing:
         return results
-    warnings = tuple(
-        FitWarning("missing_run", (), f"experiment {name} is missing: {why}") for name, why in missing.items()
-    )
+    which = "experiments {} are" if len(missing) > 1 else "experiment {} is"
+    warning = FitWarning("missing_run", (), f"{which.format(names(list(missing)))} missing: {causes}")
 
     def warned(fit: Fit) -> Fit:
-        return replace(fit, warnings=(*warnings, *fit.warnings))
+        return replace(fit, warnings=(warning, *fit.warnings))
 
     more = {**results.provenance.more, "missing": dict(missing)}
     provenance = replace(results.provenance, more=more)
@@ -133,19 +135,24 @@ def _with_missing(results: Results, missing: Mapping[str, str]) -> Results:
 def _error(plan: Campaign, done: runner.Simulated, directory: Path) -> RunError:
     """Return what a command says that could not do everything."""
     failed = f"{len(done.failures)} of {len(plan.runs)} runs failed, see {directory / 'logs'}"
-    return RunError(f"{failed}: {'; '.join(map(str, done.failures.values()))}")
+    return RunError(f"{failed}: {'; '.join(_causes(done))}")
 
 
-def _told_of_replacements(plan: Campaign, found: Sequence[Interface]) -> Iterator[str]:
+def _causes(done: runner.Simulated) -> list[str]:
+    return grouped((name, str(error)) for name, error in done.failures.items())
+
+
+def _replacements(plan: Campaign, found: Sequence[Interface]) -> Iterator[str]:
+    """Yield what there is to know of third-party FMUs in the loop."""
     run = plan.runs[0]
     by_model = {interface.model: interface for interface in found}
     for replacement in plan.replacements:
         interface = by_model[replacement.model]
-        names = interface.ignored
-        taken = [name for name in interface.settings if name not in names]
-        told = f"takes {', '.join(taken) or 'no parameter'}{'; not ' if names else ''}{', '.join(names)}"
-        yield f"{replacement.model}: {replacement.archive}, code of its own; {told}"
+        ignored = interface.ignored
+        taken = [name for name in interface.settings if name not in ignored]
+        told = f"takes {', '.join(taken) or 'no parameter'}{'; not ' if ignored else ''}{', '.join(ignored)}"
+        yield f"{replacement.model}: {replacement.archive}, a third-party FMU; {told}"
     if plan.replacements:
-        yield "stability is not checked beforehand: the poles are those of our FMUs"
+        yield "stability and saturation are not checked beforehand, as its dynamics are not known"
     if untold := sorted(world_of(run).untold(run, placement.ignored(found))):
         yield f"true values not known, left out of /truth: {', '.join(untold)}"

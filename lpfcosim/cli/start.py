@@ -26,7 +26,8 @@ def main(*, told: bool = True) -> None:
     """
     atexit.register(gc.freeze)  # lest Python look through all there is when it ends: up to half a second
     try:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it
+        if signal.getsignal(signal.SIGTERM) is not signal.SIG_IGN:
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it
         sys.exit(_status())
     except KeyboardInterrupt:
         if told:

@@ -4,21 +4,31 @@ It treats FMUs of any origin alike. The loop itself is compiled C (`engine.c`); 
 the same bits.
 """
 
-from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
 from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.master import Engine, Where
-from lpfcosim.cosim.placement import driver, interfaces
+from lpfcosim.cosim.placement import driver, interfaces, warnings
+from lpfcosim.cosim.slave import Slave
+from lpfcosim.cosim.variables import REALS, Value
 
 __all__ = [
+    "REALS",
     "Engine",
     "Interface",
     "Shelf",
+    "Slave",
+    "Value",
     "Where",
     "archive",
     "checks",
+    "compilation",
     "compiled",
+    "describe",
     "driver",
     "interfaces",
     "master",
+    "nonconformity",
     "placement",
+    "read",
+    "warnings",
 ]

@@ -24,31 +24,33 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # all that FMI allows; th
 _ENCRYPTED = 0x1
 
 
-def check(path: Path) -> None:
+def check(path: Path, named: Path | None = None) -> None:
     """Refuse an archive that could do harm when it is unpacked or its description parsed.
 
     Every file must have a name of its own inside the archive's folder, be neither a link nor encrypted, and
     all together must not unpack to more than `MAX_SIZE`: `zipfile` takes out what is declared and no more. A
-    description must not declare entities, which can read other files or grow without bound.
+    description must not declare entities, which can read other files or grow without bound. Messages
+    call it `named`, if `path` is a copy.
 
     Raises
     ------
     InputError
         If it is such an archive, or none at all.
     """
+    place = named or path
     if not path.is_file():  # opening a pipe would wait for somebody to write
-        raise InputError(f"{path}: not a readable FMU: {'not a file' if path.exists() else 'no such file'}")
+        raise InputError(f"{place}: not a readable FMU: {'not a file' if path.exists() else 'no such file'}")
     try:
         with zipfile.ZipFile(path) as archive:
-            _check_files(path, archive.infolist())
+            _check_files(place, archive.infolist())
             names = archive.namelist()
             if _DESCRIPTION not in names:
-                raise InputError(f"{path}: has no {_DESCRIPTION}; expected one")
+                raise InputError(f"{place}: has no {_DESCRIPTION}; expected one")
             for name in _PARSED:
                 if name in names:
-                    _check_xml(f"{path}: {name}", archive.read(name))
+                    _check_xml(f"{place}: {name}", archive.read(name))
     except (OSError, zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError) as error:
-        raise InputError(f"{path}: not a readable FMU: {line(error)}") from None
+        raise InputError(f"{place}: not a readable FMU: {line(error)}") from None
 
 
 def _check_files(path: Path, files: Sequence[zipfile.ZipInfo]) -> None:

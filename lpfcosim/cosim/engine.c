@@ -86,6 +86,45 @@ static int exchange(const Slave *s, double *bus, double time, double h) {
     return status;
 }
 
+/* An FMU of FMI 3.0 with Float32 variables, behind functions that take doubles; its Float64 variables come
+   first. The loop has it as the instance of a Slave. */
+typedef struct {
+    void *instance;
+    Set3 set;
+    Get3 get;
+    Step3 step;
+    int (*set_single)(void *, const uint32_t *, size_t, const float *, size_t);
+    int (*get_single)(void *, const uint32_t *, size_t, float *, size_t);
+    size_t n_inputs, n_input_values, n_outputs, n_output_values; /* of Float64 */
+    float *room;                                                 /* for all Float32 inputs, or outputs */
+} Mixed;
+
+EXPORT int mixed_set(void *mixed, const uint32_t *references, size_t n, const double *values, size_t n_values) {
+    const Mixed *m = mixed;
+    size_t wide = m->n_inputs, n_wide = m->n_input_values;
+    int status = wide ? m->set(m->instance, references, wide, values, n_wide) : 0;
+    if (status > WARNING || n == wide) return status;
+    for (size_t i = n_wide; i < n_values; i++) m->room[i - n_wide] = (float)values[i];
+    int other = m->set_single(m->instance, references + wide, n - wide, m->room, n_values - n_wide);
+    return other > status ? other : status;
+}
+
+EXPORT int mixed_get(void *mixed, const uint32_t *references, size_t n, double *values, size_t n_values) {
+    const Mixed *m = mixed;
+    size_t wide = m->n_outputs, n_wide = m->n_output_values;
+    int status = wide ? m->get(m->instance, references, wide, values, n_wide) : 0;
+    if (status > WARNING || n == wide) return status;
+    int other = m->get_single(m->instance, references + wide, n - wide, m->room, n_values - n_wide);
+    for (size_t i = n_wide; i < n_values; i++) values[i] = m->room[i - n_wide];
+    return other > status ? other : status;
+}
+
+EXPORT int mixed_step(void *mixed, double time, double h, _Bool keep, _Bool *event, _Bool *terminate,
+                      _Bool *early, double *last) {
+    const Mixed *m = mixed;
+    return m->step(m->instance, time, h, keep, event, terminate, early, last);
+}
+
 enum { OF_LINE = 8, AHEAD = 3 * OF_LINE }; /* samples in a cache line; how far ahead they are fetched */
 
 /* Every signal of a block lies by itself: more places than a processor looks ahead at. */
@@ -111,7 +150,10 @@ EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const S
         for (int64_t j = 0; j < feeds->n; j++) bus[j] = feed[j * feeds->per_signal];
         for (size_t j = 0; j < n_slaves; j++) {
             where->slave = (int32_t)j;
-            int status = exchange(slaves + j, bus, (double)(first + i) * h, h);
+            /* A third-party FMU that adds up its steps finds the time that it is given, without rounding. */
+            double time = (double)(first + i) * h;
+            double step = slaves[j].guarded ? (double)(first + i + 1) * h - time : h;
+            int status = exchange(slaves + j, bus, time, step);
             if (status > WARNING) {
                 where->status = status;
                 return;

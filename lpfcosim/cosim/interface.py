@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import fmpy
+from fmpy.model_description import ValidationError
 
+from fit.errors import quote
 from lpfcosim.cosim import archive as archives
+from lpfcosim.cosim.variables import Value, convert, resized, resolve
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 from lpfcosim.network import Component
 from lpfcosim.spacecraft import Replacement
 
+_LONGEST_NAME = 200  # bytes, of a binary without its extension
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-_ELEMENT = re.compile(r"(.+)\[(\d+(?:\s*,\s*\d+)*)\]")
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Interface:
         Our names of the parameters that its place has.
     replacement : Replacement or None
         What the user says of an FMU that is not ours.
+    faults : tuple of str
+        Of its description against the schema and the rules of FMI, which the user accepts.
     """
 
     component: Component
@@ -53,6 +57,12 @@ class Interface:
     units: Mapping[str, dict[str, str]]
     settings: tuple[str, ...] = ()
     replacement: Replacement | None = None
+    faults: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> Path:
+        """The user's file, of which `archive` may be a copy."""
+        return self.replacement.archive if self.replacement else self.archive
 
     @property
     def model(self) -> str:
@@ -88,19 +98,39 @@ class Interface:
         unused = self.replacement.unused if self.replacement else ()
         return tuple(dict.fromkeys([*unused, *(name for name in self.settings if not self.takes(name))]))
 
-    def parameters(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return what is to be set, by the FMU's names: ours as far as it takes them, then its own."""
-        own = self.replacement.values if self.replacement else {}
-        return {self.name(n): v for n, v in values.items() if self.takes(n)} | dict(own)
+    def parameters(self, values: Mapping[str, float]) -> dict[str, Value]:
+        """Return what is to be set, by the FMU's names: ours as far as it takes them, then its own.
+
+        Raises
+        ------
+        InputError
+            If a value is not one of its variable.
+        """
+        wanted: dict[str, Value] = {self.name(n): v for n, v in values.items() if self.takes(n)}
+        if self.replacement is None:
+            return wanted
+        own = self.replacement.values
+        for name, value in {**wanted, **own}.items():
+            variable = self.variable(name)
+            try:
+                wanted[name] = convert(variable, value)
+            except InputError as error:
+                place = f"values.{name}" if name in own else f"variable '{name}'"
+                raise InputError(f"{place}: {error}, for {self.named}") from None
+        return wanted
 
     def place(self, name: str) -> tuple[int, int]:
         """Return value reference and element, which aliases share, that a name of the FMU means."""
-        variable, element = resolve(self.archive, self.variables, name, self.model)
+        variable, element = resolve(self.named, self.variables, name, self.model)
         return variable.valueReference, element
 
     def variable(self, name: str) -> Any:
         """Return FMPy's record of the variable that a name of the FMU means; the name may be an element's."""
-        return resolve(self.archive, self.variables, name, self.model)[0]
+        return resolve(self.named, self.variables, name, self.model)[0]
+
+    def candidates(self, *causalities: str) -> list[str]:
+        """Return the FMU's names of its variables of some causalities."""
+        return [v.name for v in self.variables.values() if v.causality in causalities]
 
     def unit(self, name: str) -> str | None:
         """Return the unit of a variable, if it has one that the FMU defines in SI."""
@@ -119,14 +149,13 @@ class Interface:
         Ours are known: what `moves` has none, the others have all. Of another FMU its description tells; what
         it leaves open is taken like ours.
         """
-        everything = [] if self.component.moves else list(self.component.inputs)
         told = {u.variable.name: u.dependencies for u in self.description.outputs} if self.replacement else {}
         found = {}
         for output in self.component.outputs:
             on = told.get(self.variable(self.name(output)).name)
             names = None if on is None else {v.name for v in on}
             found[output] = (
-                everything
+                self.component.direct[output]
                 if names is None
                 else [v for v in self.component.inputs if self.variable(self.name(v)).name in names]
             )
@@ -137,70 +166,104 @@ def read(
     component: Component, archive: Path, settings: Iterable[str], replacement: Replacement | None
 ) -> Interface:
     """Read the description of an FMU for its place; InputError if that cannot be done."""
-    description = describe(archive)
+    named = replacement.archive if replacement else archive
+    validate = replacement is None or replacement.validate
+    description, faults = describe(archive, named, validate=validate)
     if description.fmiVersion[:2] not in ("2.", "3."):
-        raise InputError(f"{archive}: is FMI {description.fmiVersion}; expected 2.0 or 3.0")
-    if description.coSimulation is None:
-        raise InputError(f"{archive}: expected an FMU for co-simulation")
+        raise InputError(f"{named}: is FMI {description.fmiVersion}; expected 2.0 or 3.0")
+    if description.coSimulation is None or not description.coSimulation.modelIdentifier:
+        also = " (it is one for model exchange)" if description.modelExchange else ""
+        raise InputError(f"{named}: expected an FMU for co-simulation{also}")
+    identifier = description.coSimulation.modelIdentifier
+    if len(identifier.encode()) > _LONGEST_NAME or set(identifier) & set("/\\"):
+        raise InputError(
+            f"{named}: has the model identifier {quote(identifier)}; expected one that names a file"
+        )
+    variables = {v.name: v for v in description.modelVariables}
+    own = replacement.values if replacement else {}
+    structure = {n: v for n, v in own.items() if n in variables and _is_structural(variables[n])}
     return Interface(
         component,
         archive,
         description.fmiVersion,
         description,
-        {v.name: v for v in description.modelVariables},
+        resized(variables, {n: convert(variables[n], v) for n, v in structure.items()}),
         {u.name: _base(u.baseUnit) for u in description.unitDefinitions if u.baseUnit is not None},
         tuple(settings),
         replacement,
+        faults,
     )
 
 
-def describe(archive: Path) -> Any:
-    """Return FMPy's model description of an archive; InputError if it cannot be read."""
+def _is_structural(variable: Any) -> bool:
+    return bool(variable.causality == "structuralParameter")
+
+
+def describe(
+    archive: Path, named: Path | None = None, *, validate: bool = True
+) -> tuple[Any, tuple[str, ...]]:
+    """Return FMPy's model description of an archive, and its faults against the FMI schema.
+
+    Parameters
+    ----------
+    archive : Path
+        The ``.fmu``.
+    named : Path, optional
+        What messages call it, if it is a copy.
+    validate : bool
+        Refuse one that is not valid, so that no fault remains.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is not valid and should be.
+    """
     try:
         status = archive.stat()
     except OSError as error:
-        raise InputError(f"{archive}: not a readable FMU: {error.strerror}") from None
-    return _describe(archive, status.st_mtime_ns, status.st_size)
+        raise InputError(f"{named or archive}: not a readable FMU: {error.strerror}") from None
+    description, faults = _describe(archive, named or archive, status.st_mtime_ns, status.st_size)
+    if faults and validate:
+        raise InputError(
+            f"{named or archive}: {nonconformity(faults)}; correct the archive, or accept it as it is with "
+            "validate = false in its table [fmus.MODEL] of the campaign"
+        )
+    return description, faults
+
+
+def nonconformity(faults: Sequence[str]) -> str:
+    """Return one line about the faults of a description against the FMI schema."""
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    return f"its modelDescription.xml does not conform to the FMI schema: {line(faults[0]).rstrip('.')}{more}"
 
 
 @lru_cache(maxsize=32)
-def _describe(archive: Path, _changed: int, _size: int) -> Any:
-    archives.check(archive)
+def _describe(archive: Path, named: Path, _changed: int, _size: int) -> tuple[Any, tuple[str, ...]]:
+    archives.check(archive, named)
     try:
-        return fmpy.read_model_description(str(archive))
+        return _read(archive, validate=True), ()
     except Exception as error:  # FMPy raises bare exceptions for broken archives
-        raise InputError(f"{archive}: not a readable FMU: {line(error)}") from None
+        fault = error
+    try:
+        description = _read(archive, validate=False)
+        usable = all(v.name and v.type for v in description.modelVariables)
+    except Exception:
+        usable = False
+    if not usable:
+        raise InputError(f"{named}: not a readable FMU: {line(fault)}") from None
+    faults = fault.problems if isinstance(fault, ValidationError) else [_spelled(fault)]
+    return description, tuple(map(str, faults))
 
 
-def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) -> tuple[Any, int]:
-    """Find the variable and the element, counted row by row, that ``x``, ``x[2]`` or ``x[2,1]`` means."""
-    if name in variables:
-        variable = variables[name]
-        if size(variable) != 1:
-            extents = " by ".join(str(n) for n in variable.shape)
-            raise InputError(
-                f"{archive}: variable '{name}' is an array of {extents}; expected one of its elements, such "
-                f"as '{name}[{','.join('1' * len(variable.shape))}]'"
-            )
-        return variable, 0
-    match = _ELEMENT.fullmatch(name)
-    if match and match[1] in variables:
-        variable = variables[match[1]]
-        indices, shape = [int(i) - 1 for i in match[2].split(",")], variable.shape or ()
-        if len(indices) == len(shape) and all(0 <= i < n for i, n in zip(indices, shape, strict=True)):
-            place = 0
-            for i, n in zip(indices, shape, strict=True):
-                place = place * n + i
-            return variable, place
-    raise InputError(f"{archive}: variable '{name}' is missing; expected of the {model}")
+def _read(archive: Path, *, validate: bool) -> Any:
+    with archive.open("rb") as file:  # by name, FMPy would leave open what it fails on
+        return fmpy.read_model_description(file, validate=validate)
 
 
-def size(variable: Any) -> int:
-    """Count the elements of a variable."""
-    count = 1
-    for extent in variable.shape or ():
-        count *= int(extent)
-    return count
+def _spelled(fault: Exception) -> str:
+    if isinstance(fault, KeyError):  # FMPy looks up the unit of a display unit
+        return f"the unit {fault} is not defined"
+    return str(fault)
 
 
 def _base(unit: Any) -> dict[str, str]:

@@ -19,6 +19,7 @@ from lpfcosim.cosim import compiled
 from lpfcosim.cosim.interface import Interface
 from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
+from lpfcosim.cosim.stepping import CompiledLoop
 from lpfcosim.errors import RunError
 from lpfcosim.network import Component
 from lpfcosim.signals import plain
@@ -105,10 +106,32 @@ def blocks(
     RunError
         If an FMU reports an error or a read-out leaves its range.
     """
+    try:
+        yield from _blocks(run, found, engine, where, shelf)
+    except _SilentError as error:
+        # Once more, with what it logs: it may say why.
+        for _ in _blocks(run, found, engine, where, shelf, logging=True):
+            pass
+        raise RunError(str(error)) from None
+
+
+class _SilentError(RunError):
+    """An FMU refused a step without a word."""
+
+
+def _blocks(
+    run: Run,
+    found: Sequence[Interface],
+    engine: Engine,
+    where: Where | None,
+    shelf: Shelf | None,
+    *,
+    logging: bool = False,
+) -> Iterator[dict[str, Array]]:
     where = where or Where()
     where.reset()
     with contextlib.ExitStack() as stack:
-        slaves = start(stack, run, found, where, shelf)
+        slaves = start(stack, run, found, where, shelf, logging=logging)
         with refusing(run.name, slaves):
             yield from Loop(run, [i.component for i in found], slaves, engine, where).blocks()
 
@@ -123,27 +146,47 @@ def refusing(run: str, slaves: Iterable[Slave]) -> Iterator[None]:
         raise RunError(f"run '{run}': an FMU refused a call: {error}{said}") from None
 
 
-def start(
+def load(
     stack: contextlib.ExitStack,
-    run: Run,
     found: Iterable[Interface],
     where: Where | None = None,
     shelf: Shelf | None = None,
+    *,
+    logging: bool = False,
 ) -> list[Slave]:
-    """Load the FMUs of a run and set their parameters; ``stack`` frees them."""
+    """Load the FMUs of a run and make an instance of each, not initialised yet; ``stack`` frees them."""
     where = where or Where()
-    values = world_of(run).parameters(run)
     slaves = []
     for where.slave, i in enumerate(found):
-        its = i.archive, i.model, i.parameters(values[i.model]), i.inputs, i.outputs
         theirs = i.replacement is not None
-        slaves.append(Slave(stack, *its, guarded=theirs, shelf=None if theirs else shelf))
+        slaves.append(
+            Slave(stack, i, guarded=theirs, logging=logging and theirs, shelf=None if theirs else shelf)
+        )
+    return slaves
+
+
+def start(
+    stack: contextlib.ExitStack,
+    run: Run,
+    found: Sequence[Interface],
+    where: Where | None = None,
+    shelf: Shelf | None = None,
+    *,
+    logging: bool = False,
+) -> list[Slave]:
+    """Load the FMUs of a run and give them their parameters; ``stack`` frees them."""
+    where = where or Where()
+    values = world_of(run).parameters(run)
+    slaves = load(stack, found, where, shelf, logging=logging)
+    for where.slave, (slave, i) in enumerate(zip(slaves, found, strict=True)):
+        slave.initialize(i.parameters(values[i.model]))
     return slaves
 
 
 def _refused(run: str, slave: Slave, status: int, time: float) -> RunError:
     said = _SAID.get(status, f"returns status {status}")
-    return RunError(f"run '{run}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
+    kind = _SilentError if slave.is_silent and status not in (ENDS, EARLY, NOT_FINITE) else RunError
+    return kind(f"run '{run}': the {slave.name} FMU {said} at {time:.1f} s{slave.reason}")
 
 
 class Network:
@@ -200,7 +243,18 @@ class Network:
             self._sources.append(sources)
         self._bus = np.array(bus)
         self._record = np.array([place[source] for source in record], dtype=np.int32)
-        self._compiled = _Compiled(slaves, self._sources, self._outputs) if engine == "compiled" else None
+        self._engine = engine
+        self.connect()
+
+    def connect(self) -> None:
+        """Take up the instances that the slaves have now."""
+        tables = self._engine == "compiled"
+        self._compiled = CompiledLoop(self._slaves, self._sources, self._outputs) if tables else None
+
+    @property
+    def signals(self) -> Array:
+        """What was last on the bus: feeds, then all outputs, then constants; a copy."""
+        return self._bus.copy()
 
     def initialize(self, feeds: Array) -> None:
         """Pass the outputs on once, in the order of the steps, and begin to step."""
@@ -242,7 +296,8 @@ class Network:
             bus[: self._n_feeds] = feed
             for where.slave, (slave, sources, outputs) in enumerate(steps):
                 slave.inputs.values[:] = [bus[k] for k in sources]
-                status = slave.step((start + i) * h, h)
+                time = (start + i) * h
+                status = slave.step(time, (start + i + 1) * h - time if slave.guarded else h)
                 if status > 1:  # beyond a warning
                     where.status = status
                     return
@@ -310,87 +365,3 @@ def check_range(run: Run, channels: Sequence[str], recorded: Array, start: int) 
         how = f"leaves its range of {READ_OUT_RANGE:g} m" if finite else "is not finite"
         time = (start + i) * run.h
         raise RunError(f"run '{run.name}' diverges: {channels[j]} {how} at {time:.1f} s")
-
-
-class _SlaveTable(ctypes.Structure):
-    _fields_ = (
-        ("instance", ctypes.c_void_p),
-        ("set", ctypes.c_void_p),
-        ("get", ctypes.c_void_p),
-        ("step", ctypes.c_void_p),
-        ("inputs", ctypes.c_void_p),
-        ("outputs", ctypes.c_void_p),
-        ("n_inputs", ctypes.c_size_t),
-        ("n_outputs", ctypes.c_size_t),
-        ("sources", ctypes.c_void_p),
-        ("values", ctypes.c_void_p),
-        ("n_values", ctypes.c_size_t),
-        ("place", ctypes.c_size_t),
-        ("n_places", ctypes.c_size_t),
-        ("version", ctypes.c_int32),
-        ("guarded", ctypes.c_int32),
-    )
-
-
-class _Signals(ctypes.Structure):
-    _fields_ = (
-        ("values", ctypes.c_void_p),
-        ("n", ctypes.c_int64),
-        ("per_sample", ctypes.c_int64),
-        ("per_signal", ctypes.c_int64),
-    )
-
-
-def _signals(values: Array) -> _Signals:
-    """Return where the signals of an array, shape (samples, signals), lie in memory."""
-    per_sample, per_signal = (stride // values.itemsize for stride in values.strides)
-    return _Signals(values.ctypes.data, values.shape[1], per_sample, per_signal)
-
-
-_FUNCTIONS = {
-    2: ("fmi2SetReal", "fmi2GetReal", "fmi2DoStep"),
-    3: ("fmi3SetFloat64", "fmi3GetFloat64", "fmi3DoStep"),
-}
-
-
-class _Compiled:
-    """The compiled loop with its tables; keeps alive what they point to."""
-
-    def __init__(self, slaves: list[Slave], sources: list[list[int]], outputs: list[slice]) -> None:
-        self._slaves = slaves
-        self._sources = [np.array(s, dtype=np.int32) for s in sources]
-        self._table = (_SlaveTable * len(slaves))()
-        for row, slave, source, output in zip(self._table, slaves, self._sources, outputs, strict=True):
-            functions = (getattr(slave.fmu.dll, name) for name in _FUNCTIONS[slave.version])
-            row.set, row.get, row.step = (ctypes.cast(f, ctypes.c_void_p) for f in functions)
-            row.instance = slave.fmu.component
-            row.inputs = ctypes.addressof(slave.inputs.references)
-            row.outputs = ctypes.addressof(slave.outputs.references)
-            row.n_inputs, row.n_outputs = len(slave.inputs.references), len(slave.outputs.references)
-            row.sources = source.ctypes.data
-            row.values, row.n_values = ctypes.addressof(slave.inputs.values), len(slave.inputs.values)
-            row.place, row.n_places = output.start, output.stop - output.start
-            row.version, row.guarded = slave.version, slave.guarded
-
-    def __call__(
-        self,
-        bus: Array,
-        feeds: Array,
-        record: npt.NDArray[np.int32],
-        recorded: Array,
-        start: int,
-        h: float,
-        where: Where,
-    ) -> None:
-        compiled.library().run_block(
-            self._table,
-            ctypes.c_size_t(len(self._table)),
-            ctypes.c_void_p(bus.ctypes.data),
-            ctypes.byref(_signals(feeds)),
-            ctypes.c_void_p(record.ctypes.data),
-            ctypes.byref(_signals(recorded)),
-            ctypes.c_int64(start),
-            ctypes.c_int64(len(feeds)),
-            ctypes.c_double(h),
-            ctypes.byref(where),
-        )

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
-import fmpy
-
-from lpfcosim.cosim.interface import BASE_UNITS, Interface, read
+from fit.errors import quote
+from lpfcosim.cosim import compilation
+from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
+from lpfcosim.cosim.variables import REALS, known, stage
 from lpfcosim.errors import InputError
+from lpfcosim.messages import line
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -27,34 +29,59 @@ _FACTOR = re.compile(r"([A-Za-z]+)\^?([+-]?\d+)?|1")
 def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
     """Read the descriptions of the FMUs of a run, in the order of their steps, and check that they fit.
 
+    This is all that can be known of FMUs in their places before their code is loaded, which it never is here:
+    whoever wants to say whether a campaign can run calls this, and prints `warnings` of what it returns. To
+    list every fault of one FMU instead of raising the first, see `problems`.
+
     Parameters
     ----------
     run : Run
         Gives the parameters, the step size and what is put in the place of ours.
     fmus : mapping of str to Path
-        The FMU of each component.
+        The FMU of each component; of those of the user, the file itself or a copy. Of a component without
+        one, nothing is read but what its place tells.
 
     Raises
     ------
     InputError
         If an FMU cannot be read, is not for co-simulation, lacks a variable, has it with another causality,
-        type or unit, wants other steps, is not for this platform, or closes an algebraic loop.
+        type or unit, takes no such value, wants other steps, is neither for this platform nor comes with
+        sources, or closes an algebraic loop. The message names table and file of the user.
     """
     replaced = {r.model: r for r in run.replacements}
     found = []
     world = world_of(run)
     settings = world.parameters(run)
+    direct: dict[str, Mapping[str, Iterable[str]]] = {}
     for component in world.steps(run):
+        if component.model not in fmus:
+            direct[component.model] = component.direct
+            continue
         replacement = replaced.get(component.model)
+        values = settings[component.model]
         try:
-            interface = read(component, fmus[component.model], settings[component.model], replacement)
-            _check(interface, world.units, run.h)
+            interface = read(component, fmus[component.model], values, replacement)
+            for problem in problems(interface, world.units, values, run.h):
+                raise problem
         except InputError as error:
             place = f"fmus.{component.model}: " if replacement else ""
             raise InputError(f"{place}{error}") from None
         found.append(interface)
-    check_feedthrough([i.component for i in found], {i.model: i.direct for i in found})
+        direct[component.model] = interface.direct
+    check_feedthrough(world.steps(run), direct)
     return found
+
+
+def warnings(found: Iterable[Interface]) -> list[str]:
+    """Return what users should know of their FMUs that does not keep them from running, a sentence each."""
+    said = []
+    for interface in found:
+        place = f"fmus.{interface.model}: {interface.named}"
+        if interface.faults:
+            said.append(f"{place}: {nonconformity(interface.faults)}; accepted because of validate = false")
+        if interface.replacement and not compilation.has_binary(interface.archive, interface.description):
+            said.append(f"{place}: has no binary for this platform, its sources are compiled")
+    return said
 
 
 def driver(run: Run, found: Iterable[Interface], archive: Path) -> Interface:
@@ -78,58 +105,122 @@ def ignored(found: Iterable[Interface]) -> dict[str, tuple[str, ...]]:
     return {i.model: i.ignored for i in found if i.replacement}
 
 
-def _check(interface: Interface, units: Mapping[str, str], h: float) -> None:
+def problems(
+    interface: Interface, units: Mapping[str, str], values: Mapping[str, float], h: float
+) -> Iterator[InputError]:
+    """Yield what keeps an FMU from its place, one error each; none is raised.
+
+    Parameters
+    ----------
+    interface : Interface
+        The FMU in its place.
+    units : mapping of str to str
+        Unit of each variable of the place.
+    values : mapping of str to float
+        Parameters of the place, SI.
+    h : float
+        Step of the loop [s].
+    """
     parameters = [name for name in interface.settings if interface.takes(name)]
+    checks: list[Callable[[], object]] = []
     for names, causality in (
         (interface.component.inputs, "input"),
         (interface.component.outputs, "output"),
         (parameters, "parameter"),
     ):
         for name in names:
-            _check_variable(interface, interface.name(name), causality, f" for {name}")
-            _check_unit(interface, name, units[name])
-    for name in interface.replacement.values if interface.replacement else ():
-        _check_variable(interface, name, "parameter", "")
-    _check_once(interface, [interface.name(name) for name in parameters])
-    _check_step(interface, h)
-    _check_platform(interface)
+            checks.append(partial(check_variable, interface, name, causality))
+            checks.append(partial(check_unit, interface, name, units[name]))
+    own = interface.replacement.values if interface.replacement else {}
+    checks += [partial(_check_settable, interface, name) for name in own]
+    missing = False
+    for check in checks:
+        try:
+            check()
+        except InputError as error:
+            missing = True
+            yield error
+    general: list[Callable[[], object]] = [
+        partial(_check_step, interface, h),
+        partial(compilation.check_platform, interface.archive, interface.description, interface.named),
+    ]
+    if not missing:
+        general = [
+            partial(_check_once, interface, parameters),
+            partial(interface.parameters, values),
+            *general,
+        ]
+    for check in general:
+        try:
+            check()
+        except InputError as error:
+            yield error
 
 
 def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
     """Refuse a variable that would be set from two sides, be it under two names."""
     own = interface.replacement.values if interface.replacement else ()
     set_by: dict[tuple[int, int], str] = {}
-    for name in (*interface.inputs, *parameters, *own):
-        other = set_by.setdefault(interface.place(name), name)
-        if other != name:
-            raise InputError(f"{interface.archive}: '{other}' and '{name}' are one variable; expected two")
+    for name in (*interface.inputs, *map(interface.name, parameters), *own):
+        place = interface.place(name)
+        if set_by.get(place) == name:
+            raise InputError(
+                f"{interface.named}: '{name}' is set by the loop and under values; expected once"
+            )
+        if place in set_by:
+            other = set_by[place]
+            raise InputError(f"{interface.named}: '{other}' and '{name}' are one variable; expected two")
+        set_by[place] = name
 
 
-def _check_variable(interface: Interface, name: str, causality: str, purpose: str) -> None:
+def check_variable(interface: Interface, ours: str, causality: str) -> None:
+    """Refuse a variable for one of ours that is missing, or of another causality or type."""
+    name = interface.name(ours)
     try:
         variable = interface.variable(name)
     except InputError as error:
-        if not purpose:
-            raise InputError(f"{interface.archive}: has no parameter '{name}'") from None
-        hint = f" as its {causality}{purpose}" if interface.replacement else ""
-        raise InputError(f"{error}{hint}") from None
-    place = f"{interface.archive}: variable '{name}'"
+        purpose = f" as its {causality} for {ours}" if interface.replacement else ""
+        hint = known(interface.candidates(causality), name) if "is missing" in str(error) else ""
+        raise InputError(f"{error}{purpose}{hint}") from None
+    place = f"{interface.named}: variable '{name}'"
     if variable.causality != causality or variable.variability == "constant":
-        given = "constant" if variable.variability == "constant" else f"of causality '{variable.causality}'"
-        raise InputError(f"{place} is {given}; expected causality '{causality}'{purpose}")
+        constant = variable.variability == "constant"
+        given = "constant" if constant else f"of causality '{line(variable.causality)}'"
+        raise InputError(f"{place} is {given}; expected causality '{causality}' for {ours}")
     kind = "Real" if interface.version.startswith("2") else "Float64"
-    if variable.type != kind:
-        raise InputError(f"{place} is of type {variable.type}; expected {kind}{purpose}")
+    if variable.type not in REALS:
+        raise InputError(f"{place} is of type {line(variable.type)}; expected {kind} for {ours}")
 
 
-def _check_unit(interface: Interface, ours: str, wanted: str) -> None:
-    """Refuse a variable in another unit than ours; one that tells none is taken to be in ours."""
+def _check_settable(interface: Interface, name: str) -> None:
+    """Refuse a variable under ``values`` that is missing or cannot be set before the first step."""
+    every = {n: v for n, v in interface.variables.items() if stage(v)}
+    try:
+        variable = interface.variable(name)
+    except InputError as error:
+        if "is missing" not in str(error):
+            raise
+        raise InputError(
+            f"{interface.named}: has no parameter {quote(name)}, which values names{known(every, name)}"
+        ) from None
+    if stage(variable) is None:
+        kinds = line(
+            f"'{variable.causality}', variability '{variable.variability}', initial '{variable.initial}'"
+        )
+        raise InputError(
+            f"{interface.named}: variable '{name}' of values cannot be set: it is of causality {kinds}; "
+            "expected a parameter, an input or a variable with a start value"
+        )
+
+
+def check_unit(interface: Interface, ours: str, wanted: str) -> None:
+    """Refuse a variable in another unit than ours; one that states none is taken to be in ours."""
     name = interface.name(ours)
     unit = interface.stated_unit(name)
     if unit is None:
         return
     base = interface.units.get(unit)
-    place = f"{interface.archive}: variable '{name}' is in {unit}"
+    place = f"{interface.named}: variable '{name}' is in {line(unit)}"
     if base is None:
         if _exponents(unit) != _exponents(wanted):
             raise InputError(
@@ -170,24 +261,12 @@ def _check_step(interface: Interface, h: float) -> None:
         needed = experiment.stepSize
     if needed is None:
         return
-    steps = h / float(needed) if float(needed) > h * 1e-9 else math.nan
+    try:
+        own = float(needed)
+    except ValueError:  # in an archive that is not valid
+        own = math.nan
+    steps = h / own if own > h * 1e-9 else math.nan
     if not steps >= 0.5 or abs(steps - round(steps)) > 1e-6:
         raise InputError(
-            f"{interface.archive}: steps by {float(needed):g} s; expected a step that divides that of the "
-            f"loop, {h:g} s"
+            f"{interface.named}: steps by {own:g} s; expected a step that divides that of the loop, {h:g} s"
         )
-
-
-def _check_platform(interface: Interface) -> None:
-    here = fmpy.platform if interface.version.startswith("2") else fmpy.platform_tuple
-    try:
-        with zipfile.ZipFile(interface.archive) as archive:
-            names = archive.namelist()
-    except (OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"{interface.archive}: not a readable FMU: {error}") from None
-    identifier = interface.description.coSimulation.modelIdentifier
-    if f"binaries/{here}/{identifier}{fmpy.sharedLibraryExtension}" in names:
-        return
-    others = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-    given = f"has a binary for {', '.join(others)} only" if others else "has no binary"
-    raise InputError(f"{interface.archive}: {given}; expected one for {here}")

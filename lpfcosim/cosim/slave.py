@@ -6,8 +6,9 @@ import contextlib
 import ctypes
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from fmpy.fmi1 import FMICallException, printLogMessage
 
 from fit.errors import quote
 from lpfcosim.cosim import loaded
-from lpfcosim.cosim.interface import describe, resolve, size
+from lpfcosim.cosim.interface import Interface
+from lpfcosim.cosim.variables import REALS, Stage, Value, resolve, size, stage
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.messages import line
 
@@ -38,32 +40,32 @@ class Port:
         The values, arrays row by row.
     places : tuple of int
         For every name asked for, its place among the values.
+    n_doubles, n_double_values : int
+        Number of variables, and of their values, that are not of type Float32; they come first.
     """
 
     references: Any
     values: Any
     places: tuple[int, ...]
+    n_doubles: int
+    n_double_values: int
 
 
 class Slave:
     """An instance in step mode or on its way there.
 
+    It is not initialised yet: that takes `initialize`.
+
     Parameters
     ----------
     stack : ExitStack
         Frees the instance, its library and its temporary folder.
-    archive : Path
-        The ``.fmu``.
-    name : str
-        Name of the instance.
-    parameters : mapping of str to float
-        Values to set before initialisation.
-    inputs, outputs : sequence of str
-        Names of the variables to set and to read; ``x[2]`` is the second element of an array
-        ``x``.
-
+    interface : Interface
+        The FMU in its place.
     guarded : bool
-        Look at every output of a step: it must be finite.
+        It is one of the user: look at every output of a step, which must be finite.
+    logging : bool
+        Have it log all that it does.
     shelf : Shelf, optional
         Where libraries come from and go to.
 
@@ -75,8 +77,7 @@ class Slave:
     Raises
     ------
     InputError
-        If the archive cannot be read, is not for this platform, lacks one of the variables, or refuses to be
-        instantiated or initialised.
+        If the archive cannot be loaded, lacks one of the variables, or refuses to be instantiated.
     RunError
         If there is no room to unpack it.
     """
@@ -84,39 +85,52 @@ class Slave:
     def __init__(
         self,
         stack: contextlib.ExitStack,
-        archive: Path,
-        name: str,
-        parameters: Mapping[str, float],
-        inputs: Sequence[str],
-        outputs: Sequence[str],
+        interface: Interface,
         *,
         guarded: bool = False,
+        logging: bool = False,
         shelf: loaded.Shelf | None = None,
     ) -> None:
-        self.name = name
+        self.name = interface.model
         self.guarded = guarded
         self.said = ""
-        self._archive = archive
-        description = describe(archive)
-        if description.coSimulation is None:
-            raise InputError(f"{archive}: expected an FMU for co-simulation")
-        self.version = int(description.fmiVersion[0])
-        self._variables = {v.name: v for v in description.modelVariables}
-        self.inputs, self.outputs = self._port(inputs), self._port(outputs)
-        settings = self._settings(parameters)
-        self.fmu = (shelf.library if shelf else loaded.anew)(stack, archive, description, name)
-        try:
-            self._instantiate(stack)
-            stack.callback(self._free)
-        except Exception as error:  # as bare as FMPy has it
-            why = line(error).replace(self.fmu.unzipDirectory, str(archive))
-            raise InputError(f"{archive}: cannot be loaded: {why}{self.reason}") from None
-        try:
-            self._initialize(settings)
-        except FMICallException as error:
-            raise InputError(f"{archive}: cannot be initialised: {error}{self.reason}") from None
+        self._interface, self._shelf, self._logging = interface, shelf, logging
+        self.version = int(interface.version[0])
+        self.inputs, self.outputs = self._port(interface.inputs), self._port(interface.outputs)
+        self._starts = list(self.inputs.values)
+        self._resources = contextlib.ExitStack()
+        stack.push(self._resources)
+        if self.version == 2:
+            _listening[id(self)] = self
+            stack.callback(_listening.pop, id(self))
+        self._load()
 
-    def restart(self, parameters: Mapping[str, float]) -> None:
+    def initialize(self, parameters: Mapping[str, Value]) -> None:
+        """Give a new instance its parameters, and let it initialise.
+
+        As FMPy does, parameters and start values are set before initialization mode, in which many FMUs
+        compute what follows from them.
+
+        Parameters
+        ----------
+        parameters : mapping of str to bool, int, float or str
+            Values by the FMU's names, of the types of `variables.convert`.
+
+        Raises
+        ------
+        InputError
+            If it refuses.
+        """
+        try:
+            self._initialize(parameters)
+        except InputError:
+            raise
+        except Exception as error:  # as bare as FMPy has it
+            named = self._interface.named
+            self._ask(partial(self._repeat, parameters))
+            raise InputError(f"{named}: cannot be initialised: {line(error)}{self.reason}") from None
+
+    def restart(self, parameters: Mapping[str, Value]) -> None:
         """Take the instance back to its start, and give it these parameters; nothing is loaded anew.
 
         Raises
@@ -125,47 +139,127 @@ class Slave:
             If it refuses.
         """
         self.said = ""
+        self.inputs.values[:] = self._starts
         try:
             self.fmu.reset()
-            self._initialize(self._settings(parameters))
+            self._initialize(parameters)
         except FMICallException as error:
-            raise RunError(f"{self._archive}: cannot be started again: {error}{self.reason}") from None
+            named = self._interface.named
+            raise RunError(f"{named}: cannot be reset: {error}{self.reason}") from None
+
+    def renew(self, parameters: Mapping[str, Value]) -> None:
+        """Free the instance together with its library, and initialise a new one.
+
+        The new one is loaded from another copy of the archive, so that it shares nothing with the old.
+
+        Raises
+        ------
+        InputError
+            If it refuses.
+        """
+        self.said = ""
+        self.inputs.values[:] = self._starts
+        self._resources.close()
+        self._load()
+        self.initialize(parameters)
 
     @property
     def reason(self) -> str:
         """What the FMU said was wrong, to go behind a sentence about it."""
         return f" ({self.said})" if self.said else ""
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether it is one of the user that said nothing, and might with debug logging."""
+        return self.guarded and not self.said and not self._logging
+
     def hear(self, status: int, message: bytes | None) -> None:
         """Log a message of the FMU, and note one that is worse than a warning."""
-        text = line((message or b"").decode("utf-8", "replace"))
-        _messages.info("%s: %s", self.name, text)
+        text = (message or b"").decode("utf-8", "replace")
+        _messages.info("%s: %s", self.name, text.strip() if status > 1 else line(text))
         if status > 1:
-            self.said = text
+            self.said = line(_last(text))
 
-    def _instantiate(self, stack: contextlib.ExitStack) -> None:
+    def _repeat(self, parameters: Mapping[str, Value], logging: bool) -> None:
+        self._logging = logging
+        self._resources.close()
+        self._load()
+        self._initialize(parameters)
+
+    def _load(self) -> None:
+        stack, named = self._resources, self._interface.named
+        if self._shelf:
+            self.fmu = self._shelf.library(stack, self._interface)
+        else:
+            self.fmu = loaded.anew(stack, self._interface)
+        try:
+            self._instantiate(self._logging)
+        except Exception as error:  # as bare as FMPy has it
+            self._ask(self._instantiate)
+            why = f"{line(error)}{self.reason}".replace(self.fmu.unzipDirectory, str(named))
+            if self._interface.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+                why += (
+                    "; its description allows one instance in a process (canBeInstantiatedOnlyOncePerProcess)"
+                )
+            raise InputError(f"{named}: cannot be loaded: {why}") from None
+        stack.callback(self._free)
+
+    def _instantiate(self, logging: bool) -> None:
         if self.version == 2:
-            _listening[id(self)] = self
-            stack.callback(_listening.pop, id(self))
             callbacks = fmi2.fmi2CallbackFunctions.from_buffer_copy(_callbacks)
             callbacks.componentEnvironment = id(self)
-            self.fmu.instantiate(callbacks=callbacks)
+            self.fmu.instantiate(callbacks=callbacks, loggingOn=logging)
         else:
-            self.fmu.instantiate(logMessage=lambda _, status, __, message: self.hear(status, message))
+            self.fmu.instantiate(
+                logMessage=lambda _, status, __, message: self.hear(status, message), loggingOn=logging
+            )
 
-    def _initialize(self, settings: Port) -> None:
+    def _ask(self, call: Callable[[bool], None]) -> None:
+        """Repeat with debug logging what an FMU of the user refused without a word; it may say why."""
+        if self.is_silent:
+            with contextlib.suppress(Exception):  # it fails again
+                call(True)
+
+    def _initialize(self, parameters: Mapping[str, Value]) -> None:
+        values = self._values(parameters)
+        if Stage.CONFIGURATION in values:
+            self.fmu.enterConfigurationMode()
+            self._assign(values[Stage.CONFIGURATION])
+            self.fmu.exitConfigurationMode()
+        self._assign(values.get(Stage.INSTANTIATED, {}))
         if self.version == 2:
             self.fmu.setupExperiment(startTime=0.0)
             self.fmu.enterInitializationMode()
         else:
             self.fmu.enterInitializationMode(startTime=0.0)
-        self._set(settings)
+        self._assign(values.get(Stage.INITIALIZATION, {}))
 
-    def _settings(self, parameters: Mapping[str, float]) -> Port:
-        settings = self._port(list(parameters))
-        for place, value in zip(settings.places, parameters.values(), strict=True):
-            settings.values[place] = value
-        return settings
+    def _values(
+        self, parameters: Mapping[str, Value]
+    ) -> dict[Stage, dict[str, list[tuple[int, list[Value]]]]]:
+        """Return what is to be set, by stage and type: value references and values, arrays as a whole."""
+        arrays: dict[str, list[Value]] = {}
+        found: dict[Stage, dict[str, list[tuple[int, list[Value]]]]] = {}
+        for name, value in parameters.items():
+            variable, element = self._resolve(name)
+            if variable.causality == "structuralParameter" and str(value).lower() == variable.start:
+                continue  # nothing changes, and not every FMU has a configuration mode
+            if variable.name not in arrays:
+                single = size(variable) == 1
+                kind = float if variable.type in REALS else int
+                starts = [] if single else _starts(self._interface.named, variable)
+                arrays[variable.name] = [value] if single else list(map(kind, starts))
+                when = stage(variable) or Stage.INSTANTIATED
+                of_type = found.setdefault(when, {}).setdefault(variable.type, [])
+                of_type.append((variable.valueReference, arrays[variable.name]))
+            arrays[variable.name][element] = value
+        return found
+
+    def _assign(self, values: Mapping[str, list[tuple[int, list[Value]]]]) -> None:
+        for kind, assigned in values.items():
+            name = ("Integer" if self.version == 2 else "Int64") if kind == "Enumeration" else kind
+            references = [reference for reference, _ in assigned]
+            getattr(self.fmu, f"set{name}")(references, [v for _, values in assigned for v in values])
 
     def _free(self) -> None:
         if self.version == 2:
@@ -173,21 +267,28 @@ class Slave:
         else:
             self.fmu.fmi3FreeInstance(self.fmu.component)
 
+    def _resolve(self, name: str) -> tuple[Any, int]:
+        interface = self._interface
+        return resolve(interface.named, interface.variables, name, self.name)
+
     def _port(self, names: Sequence[str]) -> Port:
+        meant = [self._resolve(name) for name in names]
+        distinct = {variable.name: variable for variable, _ in meant}
+        variables = sorted(distinct.values(), key=lambda v: bool(v.type == "Float32"))
         first: dict[str, int] = {}  # variable to the place of its first value
         starts: list[float] = []
-        places = []
-        for name in names:
-            variable, element = resolve(self._archive, self._variables, name, self.name)
-            if variable.name not in first:
-                first[variable.name] = len(starts)
-                starts += _starts(self._archive, variable)
-            places.append(first[variable.name] + element)
-        references = [self._variables[n].valueReference for n in first]
+        n_doubles = n_double_values = 0
+        for variable in variables:
+            first[variable.name] = len(starts)
+            starts += _starts(self._interface.named, variable)
+            if variable.type != "Float32":
+                n_doubles, n_double_values = n_doubles + 1, len(starts)
         return Port(
-            (ctypes.c_uint32 * len(references))(*references),
+            (ctypes.c_uint32 * len(variables))(*(v.valueReference for v in variables)),
             (ctypes.c_double * len(starts))(*starts),
-            tuple(places),
+            tuple(first[variable.name] + element for variable, element in meant),
+            n_doubles,
+            n_double_values,
         )
 
     def exchange(self) -> None:
@@ -215,21 +316,29 @@ class Slave:
             return NOT_FINITE
         return 0
 
+    @property
+    def has_singles(self) -> bool:
+        """Whether inputs or outputs are of type Float32."""
+        return any(p.n_doubles < len(p.references) for p in (self.inputs, self.outputs))
+
     def _set(self, port: Port) -> None:
-        n = len(port.references)
-        if not n:
-            return
-        if self.version == 2:
+        n, n_values = port.n_doubles, port.n_double_values
+        if n and self.version == 2:
             self.fmu.fmi2SetReal(self.fmu.component, port.references, n, port.values)
-        else:
-            self.fmu.fmi3SetFloat64(self.fmu.component, port.references, n, port.values, len(port.values))
+        elif n:
+            self.fmu.fmi3SetFloat64(self.fmu.component, port.references, n, port.values, n_values)
+        if n < len(port.references):
+            self.fmu.setFloat32(port.references[n:], port.values[n_values:])
 
     def _get(self, port: Port) -> None:
-        n = len(port.references)
-        if self.version == 2:
+        n, n_values = port.n_doubles, port.n_double_values
+        if n and self.version == 2:
             self.fmu.fmi2GetReal(self.fmu.component, port.references, n, port.values)
-        else:
-            self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, len(port.values))
+        elif n:
+            self.fmu.fmi3GetFloat64(self.fmu.component, port.references, n, port.values, n_values)
+        if n < len(port.references):
+            more = len(port.values) - n_values
+            port.values[n_values:] = self.fmu.getFloat32(port.references[n:], more)
 
 
 _listening: dict[int, Slave] = {}  # FMI 2.0 instances by what they pass to the logger
@@ -255,6 +364,12 @@ def _make_callbacks() -> fmi2.fmi2CallbackFunctions:
 
 _logger = fmi2.fmi2CallbackLoggerTYPE(_log)
 _callbacks = _make_callbacks()
+
+
+def _last(text: str) -> str:
+    """Return the last line of a message of many: of a Python traceback the one that says what happened."""
+    lines = [each for each in text.splitlines() if each.strip()]
+    return lines[-1] if lines and lines[0].lstrip().startswith("Traceback") else text
 
 
 def _starts(archive: Path, variable: Any) -> list[float]:

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from lpfcosim.cosim import Interface, checks, interfaces
+from lpfcosim.cosim import Interface, Value, checks, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export.ssp import same_units
 from lpfcosim.modelica import build, markup
@@ -95,7 +95,7 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
                     else:
                         box.add_input(source, interface.model, variable)
                 for variable, value in interface.parameters(values[interface.model]).items():
-                    box.add_start_value(interface.model, variable, repr(float(value)))
+                    box.add_start_value(interface.model, variable, _written(value))
             for channel, source in world_of(run).record.items():
                 model, output = endpoint(source)
                 if model:
@@ -107,6 +107,13 @@ def _make(run: Run, found: Sequence[Interface], folder: Path) -> Path:
     if fatal:
         raise InputError(f"the FMUs do not fit into a container: {fatal[0]}")
     return folder / f"{IDENTIFIER}.fmu"
+
+
+def _written(value: Value) -> str:
+    """Return a start value as the toolbox reads it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, float) else str(value)
 
 
 def _describe(text: str, settings: bytes, run: Run, found: Sequence[Interface]) -> str:

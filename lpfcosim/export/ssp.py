@@ -17,10 +17,11 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import Interface, driver, interfaces
+from lpfcosim.cosim import REALS, Interface, Value, driver, interfaces
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import Outcome
@@ -34,8 +35,7 @@ _SSC, _SSD, _SSV = (f"{{{_NAMESPACE}{part}}}" for part in ("Common", "Descriptio
 for _prefix, _uri in (("ssc", _SSC), ("ssd", _SSD), ("ssv", _SSV)):
     ET.register_namespace(_prefix, _uri.strip("{}"))
 
-#: By version of SSP: the version of FMI inside, and what a real number is called.
-_INSIDE = {"1.0": ("2.0", "Real"), "2.0": ("3.0", "Float64")}
+_INSIDE = {"1.0": "2.0", "2.0": "3.0"}  # version of FMI by version of SSP
 
 
 def same_units(found: Sequence[Interface]) -> None:
@@ -49,7 +49,7 @@ def same_units(found: Sequence[Interface]) -> None:
 
 def fmi(version: str) -> str:
     """Return the version of FMI that goes into a version of SSP."""
-    return _INSIDE[version][0]
+    return _INSIDE[version]
 
 
 def export(
@@ -149,6 +149,16 @@ def _execution(run: Run) -> str:
     )
 
 
+def _typed(variable: Any, value: Value) -> tuple[str, str]:
+    """Return the type of a value and how it is written; an enumeration is written by name."""
+    if variable.type == "Enumeration" and variable.declaredType is not None:
+        names = {int(item.value): item.name for item in variable.declaredType.items}
+        return "Enumeration", str(names.get(int(value), value))
+    if variable.type in REALS:
+        return str(variable.type), repr(float(value))
+    return str(variable.type), str(value).lower() if isinstance(value, bool) else str(value)
+
+
 def _fmu_file(model: str) -> str:
     return f"resources/{model}.fmu"
 
@@ -173,7 +183,6 @@ class _Writer:
     def __init__(self, version: str, found: Sequence[Interface], driving: Interface) -> None:
         self.version = version
         self.driving = driving
-        self.real = _INSIDE[version][1]
         self.found = found
         self.by_model = {interface.model: interface for interface in found}
 
@@ -230,9 +239,11 @@ class _Writer:
         for prefix, interface in of:
             for name, value in interface.parameters(values[interface.model]).items():
                 parameter = ET.SubElement(parameters, f"{_SSV}Parameter", name=f"{prefix}{name}")
-                real = ET.SubElement(parameter, f"{_SSV}{self.real}", value=repr(float(value)))
-                if unit := interface.unit(name):
-                    real.set("unit", unit)
+                kind, text = _typed(interface.variable(name), value)
+                element = ET.SubElement(parameter, f"{_SSV}{kind}", value=text)
+                unit = interface.unit(name) if kind in REALS else None
+                if unit:
+                    element.set("unit", unit)
                     used.append(unit)
         self._units(root, f"{_SSV}Units", used)
         return root
@@ -261,9 +272,9 @@ class _Writer:
         element = ET.SubElement(parent, f"{_SSD}Connector", name=name, kind=kind)
         if text := interface.variable(variable).description:
             element.set("description", text)
-        real = ET.SubElement(element, f"{_SSC}{self.real}")
+        typed = ET.SubElement(element, f"{_SSC}{interface.variable(variable).type}")
         if unit := interface.unit(variable):
-            real.set("unit", unit)
+            typed.set("unit", unit)
             used.append(unit)
 
     def _connect(self, connections: ET.Element, source: str, end: dict[str, str]) -> None:

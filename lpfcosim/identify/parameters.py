@@ -140,8 +140,8 @@ def _target(key: str, name: str, interface: Interface, values: Mapping[str, floa
     name = {theirs: known for known, theirs in mapped.items()}.get(name, name)
     ours = name in interface.settings and interface.takes(name)
     variable = interface.name(name) if ours else name
-    where = f"identify.{key}: {interface.archive}"
-    parameters = [v.name for v in interface.variables.values() if v.causality == "parameter"]
+    where = f"identify.{key}: {interface.named}"
+    parameters = interface.candidates("parameter")
     try:
         record = interface.variable(variable)
     except InputError:
@@ -151,11 +151,14 @@ def _target(key: str, name: str, interface: Interface, values: Mapping[str, floa
     if record.causality != "parameter" or record.variability == "constant" or name in _HELD:
         kind = "held by the loop" if name in _HELD else f"of causality '{record.causality}'"
         raise InputError(f"{where}: {quote(variable)} is {kind}; expected a parameter that can be set")
-    if record.type not in ("Real", "Float64"):
+    if record.type not in ("Real", "Float64", "Float32"):
         raise InputError(f"{where}: {quote(variable)} is of type {record.type}; expected a real number")
     own = interface.replacement.values if interface.replacement else {}
-    given = values[name] if ours else own.get(variable)
-    if given is None:
+    if ours:
+        given = values[name]
+    elif variable in own:
+        given = float(own[variable])
+    else:
         given = float(str(record.start if record.start is not None else 0.0).split()[0])
     shared = ours and name in SHARED_NAMES
     told = key if key in DELAYS else name if shared else f"{interface.model}.{name}"

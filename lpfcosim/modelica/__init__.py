@@ -7,4 +7,4 @@ A construct that cannot be translated faithfully is refused with file, line and 
 from lpfcosim.modelica import markup
 from lpfcosim.modelica.build import engine_library
 
-__all__ = ["build", "engine_library", "markup"]
+__all__ = ["build", "compiler", "engine_library", "markup"]

@@ -34,6 +34,12 @@ class Component:
     moves: bool = False
     truths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
+    @property
+    def direct(self) -> dict[str, list[str]]:
+        """Outputs of our FMU, each with the inputs that it follows from at once: none, or all of them."""
+        everything = [] if self.moves else list(self.inputs)
+        return {output: list(everything) for output in self.outputs}
+
 
 def in_order(components: Iterable[Component]) -> tuple[Component, ...]:
     """Sort components so that each steps after those it listens to, and what `moves` after its listeners.

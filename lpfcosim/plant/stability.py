@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.threads import one_thread
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import Noise, Run
 from lpfcosim.worlds import world_of
@@ -16,6 +17,16 @@ def poles(run: Run) -> NDArray[np.complex128]:
     return np.asarray(z[np.argsort(-np.abs(z))])
 
 
+def is_stable(run: Run) -> bool:
+    """Tell whether the loop of a run is asymptotically stable."""
+    try:
+        check(run)
+    except InputError:
+        return False
+    return True
+
+
+@one_thread
 def check(*runs: Run) -> None:
     """Refuse runs whose loop is not asymptotically stable.
 

@@ -3,4 +3,15 @@
 What is finished is kept and checked by its digest, so that a campaign that was killed continues.
 """
 
-__all__ = ["approvals", "cluster", "fmus", "folder", "ledger", "nursery", "runner", "telemetry", "workers"]
+__all__ = [
+    "approvals",
+    "cluster",
+    "fmus",
+    "folder",
+    "ledger",
+    "nursery",
+    "runner",
+    "telemetry",
+    "validation",
+    "workers",
+]

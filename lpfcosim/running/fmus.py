@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from lpfcosim.campaign import Campaign
+from lpfcosim.cosim import compilation
 from lpfcosim.errors import InputError
 from lpfcosim.modelica import build
 from lpfcosim.running import approvals, ledger
@@ -36,7 +37,7 @@ def held(
     Raises
     ------
     InputError
-        If one cannot be read, or `check` refuses the copy.
+        If one cannot be read, or `check` refuses the copy, or its sources do not compile.
     """
     with ledger.scratch(directory) as folder:
         copies = {r.model: folder / f"{r.model}.fmu" for r in plan.replacements}
@@ -46,11 +47,13 @@ def held(
             except OSError as error:
                 raise InputError(f"fmus.{model}: {fmus[model]}: {error.strerror}") from None
         check(plan, copies, trusted=trusted)
+        for r in plan.replacements:
+            compilation.prepare(copies[r.model], r.archive, validate=r.validate)
         yield {**fmus, **copies}
 
 
 def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False) -> None:
-    """Refuse FMUs that are not the ones meant, and those of other origin that the user has not approved.
+    """Refuse FMUs that are not the ones meant, and third-party FMUs that the user has not approved.
 
     Parameters
     ----------
@@ -66,23 +69,20 @@ def check(plan: Campaign, archives: Mapping[str, Path], *, trusted: bool = False
     InputError
         If an FMU is not approved, or another than the one that the campaign gives the digest of.
     """
+    check_digests(plan, archives)
     for sentence in unapproved(plan, archives):
         if not trusted:
             raise InputError(f"{sentence}, or add --trust for once")
 
 
-def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
-    """Tell of every FMU of other origin that the user has not approved what there is to do.
-
-    That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
+def check_digests(plan: Campaign, archives: Mapping[str, Path]) -> None:
+    """Refuse FMUs that are others than the campaign gives the digests of.
 
     Raises
     ------
     InputError
-        If an FMU is another than the one that the campaign gives the digest of.
+        Gives both digests.
     """
-    told = []
-    known = _ours() | approvals.digests() if plan.replacements else set()
     for replacement in plan.replacements:
         model, found = replacement.model, ledger.digest(archives[replacement.model])
         if replacement.sha256 and found != replacement.sha256:
@@ -90,7 +90,18 @@ def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
                 f"fmus.{model}.sha256: {replacement.archive} has the digest {found}; expected "
                 f"{replacement.sha256}, the FMU is another one"
             )
-        if found not in known:
+
+
+def unapproved(plan: Campaign, archives: Mapping[str, Path]) -> list[str]:
+    """Return one sentence about each third-party FMU that the user has not approved, and how to approve it.
+
+    That a campaign gives its digest is no approval: who sends an FMU sends the campaign along.
+    """
+    told = []
+    known = _ours() | approvals.digests() if plan.replacements else set()
+    for replacement in plan.replacements:
+        model = replacement.model
+        if ledger.digest(archives[model]) not in known:
             told.append(
                 f"fmus.{model}: {replacement.archive} is native code that lpfcosim did not build and would "
                 f"run with all your rights: if you trust it, give the command lpfcosim trust "

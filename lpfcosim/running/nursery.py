@@ -82,5 +82,5 @@ def interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for number, handler in handlers.items():
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)
-        if came:
-            signal.raise_signal(came[0])
+        for caught in dict.fromkeys(came):  # one that is ignored, as in a background job, does nothing
+            signal.raise_signal(caught)

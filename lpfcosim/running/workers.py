@@ -312,8 +312,10 @@ def _logged(path: Path) -> Iterator[None]:
             _redirect(log)  # a full disk will be told by who writes what matters
         faulthandler.enable()
         logging.basicConfig(format="%(message)s", level=logging.INFO, force=True)
-        logging.getLogger().handlers[0].addFilter(_Limit())
+        limit = _Limit()
+        logging.getLogger().handlers[0].addFilter(limit)
         yield
+        limit.close()
         sys.stdout.flush()
         with suppress(Exception):  # what C keeps in its buffers, where the C library can be asked
             ctypes.CDLL(None).fflush(None)
@@ -329,15 +331,21 @@ def _redirect(file: TextIO) -> None:
 
 
 class _Limit(logging.Filter):
-    """Lets so many messages through that an FMU that complains at every step does not fill the disk."""
+    """Lets so many messages through that an FMU that complains at every step does not fill the disk.
+
+    `left` counts down, below zero those that were not let through.
+    """
 
     left = _MESSAGES
 
-    def filter(self, record: logging.LogRecord) -> bool:
+    def filter(self, _: logging.LogRecord) -> bool:
         self.left -= 1
-        if self.left == 0:
-            record.msg, record.args = "(and more)", None
         return self.left >= 0
+
+    def close(self) -> None:
+        """Count in the log what was not let through."""
+        if self.left < 0:
+            print(f"(and {-self.left} more messages)", file=sys.stderr)
 
 
 def _end_with_parent(setting: Setting, scratch: Path) -> None:

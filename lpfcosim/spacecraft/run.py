@@ -212,18 +212,21 @@ class Replacement:
         Our name of an input, output or parameter to the FMU's name; what is left out has our name.
     unused : tuple of str
         Inputs and parameters of the place that the FMU does without.
-    values : mapping of str to float
-        Values of the FMU's own parameters, in their own units.
+    values : mapping of str to bool, int, float or str
+        Values of the FMU's own parameters, in their own types and units.
     sha256 : str
-        Digest of the archive that is meant; ``""`` where the campaign does not tell it.
+        Digest of the archive that is meant; ``""`` where the campaign does not give it.
+    validate : bool
+        Refuse an archive whose description is not valid by the FMI schema, instead of a warning.
     """
 
     model: str
     archive: Path
     variables: Mapping[str, str] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, bool | int | float | str] = field(default_factory=dict)
     sha256: str = ""
+    validate: bool = True
 
 
 @dataclass(frozen=True)

@@ -264,7 +264,7 @@ def truth(run: Run) -> dict[str, float]:
 
 
 WORLD = World(
-    name="whole spacecraft",
+    name="of the whole spacecraft",
     equipment=Spacecraft,
     components=COMPONENTS,
     record=RECORD,

@@ -27,7 +27,7 @@ class World:
     Attributes
     ----------
     name : str
-        For whoever reads it.
+        In words that follow "runs".
     equipment : type
         Of `Run.spacecraft`, by which a run chooses its world.
     components : tuple of Component

@@ -252,6 +252,16 @@ def test_what_fails_is_one_sentence_and_a_status(lpfcosim, short, monkeypatch, e
         signal.signal(signal.SIGTERM, before)
 
 
+def test_one_cause_of_several_runs_is_one_sentence(lpfcosim, short, monkeypatch):
+    failures = {
+        name: RunError(f"run '{name}': the Plant FMU crashed at 0.1 s") for name in ("one-noise", "one")
+    }
+    monkeypatch.setattr(fmu_build, "build", lambda *_, **__: {})
+    monkeypatch.setattr(runner, "simulate", lambda *_, **__: runner.Simulated({}, failures, {}))
+    sentence = "2 of 2 runs failed, see short/logs: runs one-noise, one: the Plant FMU crashed at 0.1 s"
+    assert lpfcosim("run", short, "--quiet") == (1, "", f"lpfcosim: error: {sentence}\n")
+
+
 @pytest.mark.fmu
 @pytest.mark.skipif(os.name != "posix", reason="a terminal sends SIGINT to a process group on POSIX")
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from tests.campaign_text import ONE_EXPERIMENT
 GROUPS = {
     (): "new check run fit montecarlo margins trust schema forecast design identify "
     "report figures deltag compare mcmc reproduce fmu",
-    ("fmu",): "build list validate export-ssp container",
+    ("fmu",): "build list show validate export-ssp container",
 }
 COMMANDS = [(*group, name) for group, names in GROUPS.items() for name in names.split()]
 HEAVY = ("fmpy", "h5py", "lmfit", "matplotlib", "scipy", "sympy")

@@ -3,6 +3,7 @@
 import json
 import multiprocessing as mp
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -208,12 +209,56 @@ def test_what_is_not_looked_for_moves_nothing(small, monkeypatch):
     assert found["estimates"]
 
 
-def test_a_command_at_its_limit_is_told(small, lpfcosim):
+def test_a_command_at_its_limit_is_no_campaign_that_counts(small):
     small.write_text(SMALL.replace('"2200 pN"', '"0.5 pN"'), encoding="utf-8")
-    status, _, error = lpfcosim("montecarlo", small, "-n", 2, "--jobs", 1, "--out", "o")
+    work = cli_montecarlo.Work(loading.load(small), settings(), redraw=False)
+    assert "f_x_2 reaches its limit" in cli_montecarlo.trial(work, 1, {})["failed"]
+
+
+def test_pulls_that_chance_explains_are_valid_and_others_are_not():
+    """Of 500 studies of sound calibrations at most 1 % are called invalid: 13 or more come in one of 1000."""
+    rng = np.random.default_rng(11)
+    names = ("lambda_2", "C_2", "omega2_2_0")
+
+    def verdict(n, failed=0, mean=0.0, std=1.0):
+        drawn = [{name: (mean + std * rng.standard_normal(), 1.0) for name in names} for _ in range(n)]
+        return pulls.verdict(pulls.summary(drawn), n, failed)
+
+    assert sum(not verdict(n).valid for n in (2, 3, 10, 50, 200) for _ in range(100)) < 13
+    assert not verdict(200, mean=2.2).valid
+    assert not verdict(200, mean=0.5).valid
+    assert not verdict(100, std=1.5).valid
+    assert not verdict(100, std=0.6).valid
+    assert not verdict(20, mean=2.2).valid
+    assert verdict(99, failed=1).valid
+    assert verdict(4, failed=1).valid
+    (reason,) = verdict(90, failed=10).reasons
+    assert reason == "10 of 100 failed, of sound ones 1 % may"
+    *_, reason = verdict(200, mean=2.2).reasons
+    assert re.fullmatch(
+        r"omega2_2_0: mean pull \+2\.\d ± 0\.0\d+ instead of 0, \d+ ± \d % within 1 sigma instead of 68 %",
+        reason,
+    )
+
+
+def test_montecarlo_ends_with_its_verdict(small, lpfcosim, monkeypatch):
+    def drawn(mean):
+        rng = np.random.default_rng(3)
+        lines = [{"number": k, "estimates": {"C_2": (mean + rng.standard_normal(), 1.0)}} for k in range(40)]
+        monkeypatch.setattr(cli_montecarlo, "_done", lambda *_: (line for line in lines))
+        return "montecarlo", small, "-n", 40, "--out", f"o{mean}"
+
+    status, out, err = lpfcosim(*drawn(0.0))
+    assert status == 0, err
+    assert out.splitlines()[-1] == "valid: pulls and coverage of 1 parameter are consistent with true sigmas"
+    document = json.loads((small.parent / "o0.0" / "montecarlo.json").read_text(encoding="utf-8"))
+    assert document["verdict"] == {"valid": True, "false_alarm": 0.01, "reasons": []}
+    status, out, err = lpfcosim(*drawn(2.2))
     assert status == 1
-    assert "f_x_2 reaches its limit" in error
-    assert "there are no pulls" in error
+    assert err.splitlines()[-1].startswith("lpfcosim: error: small: not valid: C_2: mean pull +2.")
+    document = json.loads((small.parent / "o2.2" / "montecarlo.json").read_text(encoding="utf-8"))
+    assert not document["verdict"]["valid"]
+    assert document["verdict"]["reasons"][0] in err
 
 
 def test_gains_that_change_within_a_run_want_fmus(small, lpfcosim):

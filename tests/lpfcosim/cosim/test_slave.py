@@ -9,9 +9,10 @@ import zipfile
 import fmpy
 import pytest
 
-from lpfcosim.cosim import slave
+from lpfcosim.cosim import interface, slave
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.modelica import build
+from lpfcosim.network import Component
 from lpfcosim.spacecraft.run import Truth
 from tests.lpfcosim.cosim import in_memory
 
@@ -21,9 +22,15 @@ MODEL = "OpticalMetrology"
 FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 
 
+def load(stack, archive):
+    placed = interface.read(Component(MODEL, {"x_1": "Plant.x_1"}, ("o_1",)), archive, (), None)
+    loaded = slave.Slave(stack, placed)
+    loaded.initialize({"delta_ifo": 0.0})
+
+
 def start(archive):
     with contextlib.ExitStack() as stack:
-        slave.Slave(stack, archive, MODEL, {"delta_ifo": 0.0}, ["x_1"], ["o_1"])
+        load(stack, archive)
 
 
 def repack(archive, path, change):
@@ -96,7 +103,7 @@ def test_only_what_an_instance_can_reach_is_unpacked(tmp_path, monkeypatch, fmi)
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     with contextlib.ExitStack() as stack:
-        slave.Slave(stack, path, MODEL, {"delta_ifo": 0.0}, ["x_1"], ["o_1"])
+        load(stack, path)
         files = {file.relative_to(folder).parts[1] for file in folder.rglob("*") if file.is_file()}
         assert files - {"model.png"} == {"binaries", "resources", "modelDescription.xml"}
     assert not any(folder.iterdir())

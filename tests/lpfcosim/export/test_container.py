@@ -141,7 +141,7 @@ def test_unfit_fmus_are_told(run, tmp_path):
 
 def test_what_the_toolbox_refuses_is_told(run, tmp_path, monkeypatch):
     # An output where an input is due, which our own check would find first.
-    monkeypatch.setattr(placement, "_check", lambda *_: None)
+    monkeypatch.setattr(placement, "problems", lambda *_: ())
     sensors = along_x.COMPONENTS[0]
     wrong = replace(sensors, inputs={**sensors.inputs, "o_1": "n_1"})
     rewired = replace(along_x.WORLD, components=(wrong, *along_x.COMPONENTS[1:]))

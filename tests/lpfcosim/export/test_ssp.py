@@ -19,7 +19,7 @@ from lpfcosim.errors import InputError
 from lpfcosim.export import ssp
 from lpfcosim.modelica import build
 from lpfcosim.worlds import along_x, drive, world, world_of
-from tests import ROOT
+from tests import ROOT, third_party
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.lpfcosim.modelica.modelica_source import fmu
 
@@ -275,3 +275,32 @@ def test_units_of_one_name_must_mean_the_same(fmus, plan, tmp_path):
             changed.writestr(name, content)
     with pytest.raises(InputError, match=r": unit 'rad/s' is not what another FMU means by it"):
         ssp.export(plan, {**fmus, "DragFreeControl": other}, tmp_path / "loop.ssp")
+
+
+@pytest.mark.parametrize(("version", "fmi"), [("1.0", "2.0"), ("2.0", "3.0")])
+def test_values_are_written_with_their_types(fmus, tmp_path, version, fmi):
+    third_party.built(tmp_path, fmi=fmi)
+    values = "values = { mode = 2, enabled = false, label = 'half', law = 2, state = 1e-9 }"
+    file = tmp_path / "own.toml"
+    head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
+    file.write_text(f'{head}{third_party.TABLE}{values}\n{ONE_EXPERIMENT}duration = "60 s"\n')
+    others = build.build([c.model for c in along_x.COMPONENTS], fmi=fmi)
+    archives = {**others, "SuspensionControl": tmp_path / "ThirdParty.fmu"}
+    written = ssp.export(loading.load(file), archives, tmp_path / "loop.ssp", version)
+    with zipfile.ZipFile(written) as archive:
+        name = next(n for n in archive.namelist() if n.endswith(".ssv"))
+        root = etree.fromstring(archive.read(name))
+    found = {}
+    for parameter in root.iter(f"{{{root.tag[1:].partition('}')[0]}}}Parameter"):
+        (typed,) = parameter
+        found[parameter.get("name").removeprefix("SuspensionControl.")] = (
+            typed.tag.partition("}")[2],
+            typed.get("value"),
+        )
+    real = "Real" if fmi == "2.0" else "Float64"
+    assert found["mode"] == ("Integer" if fmi == "2.0" else "UInt8", "2")
+    assert found["enabled"] == ("Boolean", "false")
+    assert found["label"] == ("String", "half")
+    assert found["law"] == ("Enumeration", "stiff")
+    assert found["state"] == (real, "1e-09")
+    assert found["bandwidth"] == (real, "0.001")

@@ -74,6 +74,31 @@ def test_an_interrupt_waits_until_a_process_has_started(number):
     assert (done.stdout, done.stderr) == ("whole\ntold\n", "")
 
 
+IGNORED = """
+import os, signal
+from lpfcosim.running import nursery
+signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a job in the background begins
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+try:
+    with nursery.interrupts_held():
+        os.kill(os.getpid(), signal.SIGINT)
+    print("ignored", flush=True)
+    with nursery.interrupts_held():
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+except KeyboardInterrupt:
+    print("ended")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="signals are those of POSIX")
+def test_an_interrupt_that_is_ignored_stays_so_and_hides_no_other():
+    done = subprocess.run(
+        [sys.executable, "-c", IGNORED], capture_output=True, text=True, check=True, timeout=30
+    )
+    assert (done.stdout, done.stderr) == ("ignored\nended\n", "")
+
+
 def test_it_can_be_read_in_where_there_is_no_such_server(monkeypatch):
     """As on Windows, whose standard library lacks its context."""
     monkeypatch.delattr(multiprocessing.context, "ForkServerContext")

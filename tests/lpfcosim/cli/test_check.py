@@ -1,0 +1,272 @@
+"""What cannot be simulated as it is meant is refused by every command alike, before anything is simulated."""
+
+import hashlib
+import json
+import re
+import zipfile
+from dataclasses import replace
+
+import fmpy
+import pytest
+
+import fit
+import lpfcosim as package
+from lpfcosim.campaign import loading
+from lpfcosim.errors import InputError, UnavailableError
+from lpfcosim.modelica import build
+from lpfcosim.running import validation
+from tests import ROOT
+
+FIRST = 'frequency = "0.833 mHz", amplitude = "10 nm", cycles = 4, start = "900 s"'
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Mine" guid="{1}">
+<CoSimulation modelIdentifier="Mine" canHandleVariableCommunicationStepSize="true"/>
+<UnitDefinitions><Unit name="m"><BaseUnit m="1"/></Unit><Unit name="nm"><BaseUnit m="1" factor="1e-9"/></Unit>
+<Unit name="m/s2"><BaseUnit m="1" s="-2"/></Unit></UnitDefinitions>
+<ModelVariables>
+<ScalarVariable name="o_12" valueReference="0" causality="input" variability="continuous">
+<Real unit="m" start="0"/></ScalarVariable>
+<ScalarVariable name="guidance_o_12" valueReference="1" causality="input" variability="continuous">
+<Real unit="m" start="0"/></ScalarVariable>
+<ScalarVariable name="f_control_2" valueReference="2" causality="output" variability="continuous">
+<Real unit="m/s2"/></ScalarVariable>
+</ModelVariables>
+<ModelStructure><Outputs><Unknown index="3"/></Outputs></ModelStructure>
+</fmiModelDescription>"""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Write the quick start with replacements of text, which must be there."""
+
+    def write(*changes, more=""):
+        text = (ROOT / "campaigns" / "quickstart.toml").read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "mine.toml").write_text(text + more, encoding="utf-8")
+        return tmp_path / "mine.toml"
+
+    return write
+
+
+@pytest.fixture
+def third_party(campaign, tmp_path):
+    """Write a campaign with a third-party controller, whose binary is none: it must never be loaded."""
+
+    def write(*changes, platform=fmpy.platform, keys=""):
+        text = DESCRIPTION
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        with zipfile.ZipFile(tmp_path / "Mine.fmu", "w") as archive:
+            archive.writestr("modelDescription.xml", text)
+            archive.writestr(f"binaries/{platform}/Mine{fmpy.sharedLibraryExtension}", b"never loaded")
+        return campaign(more=f'\n[fmus.SuspensionControl]\npath = "Mine.fmu"\n{keys}')
+
+    return write
+
+
+def sentence(err):
+    """Return the only line of an error, without what it begins with."""
+    (line,) = err.splitlines()
+    assert line.startswith("lpfcosim: error: ")
+    return line.removeprefix("lpfcosim: error: ")
+
+
+def refusals(lpfcosim, tmp_path, path):
+    """Return what every command that simulates says of a campaign; each must refuse it and write nothing."""
+    before = sorted(tmp_path.rglob("*"))
+    said = set()
+    for command in (
+        ("check",),
+        ("run", "--trust", "--out", "out"),
+        ("montecarlo", "--fmus", "--trust", "--out", "out"),
+        ("identify", "--trust", "--out", "out"),
+    ):
+        status, out, err = lpfcosim(command[0], path, *command[1:])
+        assert (status, out) == (2, ""), command
+        said.add(sentence(err).removeprefix(f"{path}: "))
+    with pytest.raises(package.InputError) as refusal:
+        package.simulate(path, tmp_path / "out", trusted=True)
+    said.add(str(refusal.value))
+    assert sorted(tmp_path.rglob("*")) == before
+    return said
+
+
+# Third-party FMUs -------------------------------------------------------------------------------------------
+
+
+def test_what_rests_on_our_loop_is_not_available_with_another_one(lpfcosim, third_party, monkeypatch):
+    monkeypatch.setattr(build, "build", None)  # none of ours is needed
+    path = third_party()
+    status, out, err = lpfcosim("check", path)
+    assert status == 0, err
+    assert out.startswith(f"{path}: valid: 8 runs along x, 48 h\n")
+    assert not re.search("drag_free_x|lambda_2|run: about", out)
+    archive = path.with_name("Mine.fmu")
+    reason = f"not available, since the dynamics of {archive} are not known beforehand"
+    assert reason in err
+    assert f"give the command lpfcosim trust {archive}" in err
+    document = json.loads(lpfcosim("check", path, "--json")[1])
+    assert (document["valid"], document["loops"], document["forecast"]) == (True, None, None)
+    assert (document["wall_time"], reason in document["unavailable"]) == (None, True)
+    for command, key in (("margins", "loops"), ("forecast", "parameters")):
+        status, out, err = lpfcosim(command, path, "--json")
+        document = json.loads(out)
+        assert (status, document[key]) == (2, None)
+        assert sentence(err) == f"{path}: {document['unavailable']}"
+        assert reason in document["unavailable"]
+    for command, advice in (("design", ""), ("montecarlo", "add --fmus"), ("forecast", "lpfcosim run")):
+        status, out, err = lpfcosim(command, path)
+        assert (status, out) == (2, "")
+        assert reason in sentence(err)
+        assert advice in err
+
+
+def test_linear_model_is_ours_without_third_party_fmus(quickstart):
+    validation.check_linear_model(loading.load(quickstart), "margins are")
+
+
+def test_unavailable_is_an_input_error(third_party):
+    plan = loading.load(third_party())
+    with pytest.raises(UnavailableError) as refusal:
+        validation.check_linear_model(plan, "margins are")
+    assert isinstance(refusal.value, InputError)
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "fault"),
+    [
+        ([], {"keys": 'variables = { f_control_2 = "forze" }\n'}, "variable 'forze' is missing"),
+        ([], {"keys": 'variables = { o_12 = "f_control_2" }\n'}, "is of causality 'output'; expected"),
+        ([], {"keys": "values = { gain = 2.0 }\n"}, "has no parameter"),
+        ([], {"keys": f'sha256 = "{"0" * 64}"\n'}, "the FMU is another one"),
+        ([], {"platform": "amiga68"}, "has a binary for amiga68 only; expected one for"),
+        ([('"0" causality="input" variability="continuous">\n<Real unit="m"',
+           '"0" causality="input" variability="continuous">\n<Real unit="nm"')], {}, "means 1e-09 m"),
+        ([("<CoSimulation", "<ModelExchange"), ('canHandleVariableCommunicationStepSize="true"', "")], {},
+         "expected an FMU for co-simulation"),
+        ([("<ModelVariables>", "<ModelVariable>")], {}, "Mine.fmu: "),
+    ],
+)  # fmt: skip
+def test_fmu_that_does_not_fit_is_refused_by_all(
+    lpfcosim, third_party, tmp_path, monkeypatch, changes, options, fault
+):
+    monkeypatch.setattr(build, "build", None)  # refused before ours are built
+    path = third_party(*changes, **options)
+    (said,) = refusals(lpfcosim, tmp_path, path)
+    assert said.startswith("fmus.SuspensionControl")
+    assert fault in said
+
+
+def test_what_is_no_archive_is_refused_by_all(lpfcosim, third_party, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "build", None)
+    path = third_party()
+    (tmp_path / "Mine.fmu").write_bytes(b"no archive")
+    (said,) = refusals(lpfcosim, tmp_path, path)
+    assert "Mine.fmu: not a readable FMU" in said
+
+
+def test_digest_that_is_meant_is_no_fault(lpfcosim, third_party, tmp_path):
+    path = third_party()
+    digest = hashlib.sha256((tmp_path / "Mine.fmu").read_bytes()).hexdigest()
+    third_party(keys=f'sha256 = "{digest}"\n')
+    assert lpfcosim("check", path)[0] == 0
+
+
+# Commands at their limits -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        (FIRST, FIRST.replace("10 nm", "10 um"), ["run D: command f_x_2", "0.833 mHz and 10 um", "586.5 pN"]),
+        ('F_max_2 = "50 pN"', 'F_max_2 = "7.3 pN"', ["takes 9.762 pN at 8394 s", "is 7.3 pN"]),
+        ('cycles = 4, start = "900 s" },\n', 'cycles = 4, start = "900 s" },\n  { into = "guidance_o_12", '
+         'shape = "half_cosine", amplitude = "90 um", start = "1000 s", end = "1001 s" },\n',
+         ["the step of 90 um into guidance_o_12 from 1000 s"]),
+    ],
+)  # fmt: skip
+def test_commands_that_stay_at_their_limits_are_refused_by_all(
+    lpfcosim, campaign, tmp_path, monkeypatch, old, new, parts
+):
+    monkeypatch.setattr(build, "build", None)
+    (said,) = refusals(lpfcosim, tmp_path, campaign((old, new)))
+    assert all(part in said for part in parts), said
+    assert "inject less or allow more" in said
+
+
+def test_a_command_at_its_limit_for_a_while_is_doubtful(lpfcosim, campaign, tmp_path):
+    path = campaign((FIRST, FIRST.replace("10 nm", "1 um")))
+    status, out, err = lpfcosim("check", path)
+    assert status == 0, err
+    assert out.startswith(f"{path}: doubtful (see the warnings): 8 runs along x, 48 h\n")
+    (line,) = (line for line in err.splitlines() if "reaches its limit" in line)
+    assert line.startswith(
+        "warning: run D: command f_x_2 reaches its limit: the sine of 0.833 mHz and 1 um into "
+    )
+    assert 'takes 65.09 pN at 2560 s, F_max_2 of authority set "D" is 50 pN; 12 % of the run' in line
+    document = json.loads(lpfcosim("check", path, "--json")[1])
+    assert (document["valid"], f"warning: {document['warnings'][0]}") == (False, line)
+    assert line in lpfcosim("forecast", path)[2].splitlines()
+    status, _, err = lpfcosim("montecarlo", path, "-n", 2, "--out", "out")
+    assert status == 2
+    assert sentence(err).endswith("expected --fmus, as telemetry drawn from spectra knows no limit")
+
+
+@pytest.mark.parametrize("amplitude", ["1 um", "3 um"])
+def test_share_that_is_masked_is_that_of_the_fit(campaign, tmp_path, amplitude):
+    text = campaign((FIRST, FIRST.replace("10 nm", amplitude))).read_text(encoding="utf-8")
+    head, *_, last = text.split("[[experiments]]")
+    path = tmp_path / "last.toml"
+    path.write_text(f"{head}[[experiments]]{last}", encoding="utf-8")
+    (doubt,) = validation.validate(loading.load(path)).doubts
+    package.simulate(path, tmp_path / "out", fmus=False)
+    results = fit.calibrate(fit.load(tmp_path / "out"))
+    (found,) = (w.message for w in results.experiments["D"].warnings if w.code == "saturated")
+    masked = 100 - float(re.search(r"([\d.]+) % is left", found)[1])
+    assert float(re.search(r"([\d.]+) % of the run will be masked", doubt)[1]) == pytest.approx(masked, abs=1)
+
+
+@pytest.mark.parametrize("name", ["quickstart", "mission-x", "spacecraft", "operations", "sweep", "designed"])
+def test_shipped_campaigns_are_valid(quickstart, name):
+    found = validation.validate(loading.load(quickstart.with_name(f"{name}.toml")))
+    assert (found.doubts, found.interfaces) == ((), ())
+
+
+# Injections that a fit takes nothing from -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            'frequency = "0.833 mHz", amplitude = "10 nm", cycles = 4, start = "900 s"',
+            'frequency = "0.833 Hz", amplitude = "10 nm", cycles = 4, start = "900 s"',
+            "the sine of 833 mHz and 10 nm into guidance_o_12 from 900 s is above the fitted band, which "
+            "ends at 100 mHz: no estimate takes anything from it",
+        ),
+        (
+            'frequency = "53.3 mHz", amplitude = "0.7 nm", cycles = 32, start = "20941 s"',
+            'frequency = "53.3 mHz", amplitude = "0.7 nm", cycles = 16, start = "21280 s"',
+            "the sine of 53.3 mHz and 0.7 nm into guidance_o_1 from 21280 s is at an end of the run, where "
+            "the window of the fit fades: 0.9 % of its power counts",
+        ),
+    ],
+)
+def test_injection_that_tells_a_fit_nothing_is_doubtful(lpfcosim, campaign, old, new, sentence):
+    path = campaign((old, new))
+    status, out, err = lpfcosim("check", path)
+    assert status == 0, err
+    assert out.startswith(f"{path}: doubtful")
+    assert f"warning: runs A, B, C, D: {sentence}" in err.splitlines()
+
+
+def test_short_runs_may_be_simulated_but_not_fitted(quickstart):
+    plan = loading.load(quickstart)
+    short = replace(plan.experiments[0], n_samples=6000, n_noise_samples=6000, injections=())
+    short = replace(plan, experiments=(short,))
+    assert validation.validate(short, fitted=False).doubts == ()
+    with pytest.raises(InputError, match="runs A-noise, A: lasts 600 s, expected 1800 s or more"):
+        validation.validate(short)

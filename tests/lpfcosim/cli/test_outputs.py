@@ -1,0 +1,78 @@
+"""Where results cannot be written is said before any work is done."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from lpfcosim.cli.common import check_file, check_folder
+from lpfcosim.errors import InputError
+from lpfcosim.modelica import build
+from tests import ROOT
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A campaign that extends another, a file and a folder; nothing may be forecast or built."""
+    monkeypatch.setattr(build, "build", None)
+    monkeypatch.setattr("lpfcosim.cli.forecast.planned", None)
+    monkeypatch.setattr("lpfcosim.cli.design.planned", None)
+    base = (ROOT / "campaigns" / "quickstart.toml").read_text(encoding="utf-8")
+    (tmp_path / "base.toml").write_text(base, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text('extends = "base.toml"\nname = "mine"\n', encoding="utf-8")
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "folder.fmu").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.toml").symlink_to(tmp_path / "base.toml")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("design mine.toml --out nowhere/a.toml", "nowhere/a.toml: nowhere is not a folder, expected"),
+        ("design mine.toml --out file/a.toml", "file/a.toml: file is not a folder, expected"),
+        ("design mine.toml --out folder.toml", "folder.toml: is a folder, expected the name"),
+        ("design mine.toml --out mine.toml", "mine.toml: is read by this command, expected"),
+        ("design mine.toml --out base.toml", "base.toml: is read by this command, expected"),
+        ("design mine.toml --out out/mine.toml", "out/mine.toml: is read by this command, expected"),
+        ("design mine.toml --out a.txt", "a.txt: expected a name that ends in .toml, such as a.toml"),
+        ("design mine.toml --out con.toml", 'con.toml: "con" cannot name a file on every system'),
+        ("design mine.toml --figure a.gif", "a.gif: expected a name that ends in .svg, .pdf, .png"),
+        ("design mine.toml --figure nowhere/a.svg", "nowhere/a.svg: nowhere is not a folder"),
+        ("forecast mine.toml --out file", "file: is a file, expected a folder for the results"),
+        ("montecarlo mine.toml --out file/out", "file: is a file, expected a folder for the results"),
+        ("run mine.toml --out file/out", "file: is a file, expected a folder for the results"),
+        ("fmu export-ssp mine.toml --out file/a.ssp", "file/a.ssp: file is not a folder"),
+        ("fmu export-ssp mine.toml --out base.toml", "base.toml: is read by this command"),
+        ("fmu container mine.toml A --out folder.fmu", "folder.fmu: is a folder, expected the name"),
+    ],
+)  # fmt: skip
+def test_output_that_cannot_be_is_refused_first(lpfcosim, mine, command, sentence):
+    before = {path: path.stat().st_mtime_ns for path in mine.rglob("*")}
+    status, out, err = lpfcosim(*command.split())
+    assert (status, out) == (2, "")
+    (line,) = err.splitlines()
+    assert line.startswith(f"lpfcosim: error: {sentence}")
+    assert {path: path.stat().st_mtime_ns for path in mine.rglob("*")} == before
+
+
+def test_what_may_not_be_written_to_is_refused(tmp_path, monkeypatch):
+    """Whoever is root may write to anything: what the system says is taken from elsewhere."""
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    (tmp_path / "file.toml").touch()
+    forbidden = {locked, tmp_path / "file.toml"}
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) not in forbidden)
+    for check in (
+        lambda: check_folder(locked),
+        lambda: check_folder(locked / "deeper"),
+        lambda: check_file(locked / "a.toml", []),
+        lambda: check_file(locked / "deeper" / "a.toml", [], parents=True),
+        lambda: check_file(tmp_path / "file.toml", []),
+    ):
+        with pytest.raises(InputError, match="may not be written to"):
+            check()
+    check_folder(tmp_path / "new")
+    check_file(tmp_path / "new" / "a.toml", [], parents=True)

@@ -1,0 +1,324 @@
+"""FMUs of other tools: what is set and when, what is accepted, and what is said of those that fail."""
+
+import contextlib
+import tempfile
+from dataclasses import replace
+
+import fmpy
+import numpy as np
+import pytest
+
+from lpfcosim.cosim import interfaces, placement, slave, warnings
+from lpfcosim.errors import InputError, RunError
+from lpfcosim.spacecraft.run import Noise, Replacement, Sine
+from lpfcosim.worlds import world_of
+from tests import third_party
+from tests.lpfcosim.cosim import in_memory
+from tests.lpfcosim.cosim.foreign import edited
+
+pytestmark = [pytest.mark.fmu]
+FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
+MODEL = "SuspensionControl"
+
+
+@pytest.fixture
+def run(make_run):
+    return make_run(
+        n_samples=1200,
+        noise=Noise(oms=35e-15),
+        injections=(Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=1, start=10),),
+        dc=4e-12,
+    )
+
+
+def replacement(archive, *, unused=third_party.UNUSED, **fields):
+    return Replacement(MODEL, archive, third_party.VARIABLES, unused, **fields)
+
+
+def placed(run, fmus, mine, archive=None):
+    run = replace(run, replacements=(mine,))
+    return run, interfaces(run, {**fmus, MODEL: archive or mine.archive})
+
+
+def simulate(run, fmus, archive, engine="compiled", **fields):
+    run = replace(run, replacements=(replacement(archive, **fields),))
+    return in_memory.simulate(run, {**fmus, MODEL: archive}, engine=engine)
+
+
+def refusal(run, fmus, archive, **fields):
+    with pytest.raises(InputError) as refused:
+        placed(run, fmus, replacement(archive, **fields))
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+@FMI
+@ENGINE
+def test_parameters_count_where_they_are_used_in_initialization(run, fmus, tmp_path, fmi, engine):
+    early = third_party.built(tmp_path, "EARLY", fmi=fmi, name="early")
+    late = third_party.built(tmp_path, fmi=fmi, name="late")
+    stiff = replace(run, suspension=replace(run.suspension, unity_gain=2e-3))
+    got = simulate(stiff, fmus, early, engine)
+    wanted = simulate(stiff, fmus, late, engine)
+    assert all(np.array_equal(got[channel], wanted[channel]) for channel in wanted)
+    assert not np.array_equal(got["f_x_2"], simulate(run, fmus, early, engine)["f_x_2"])
+
+
+VALUES = [
+    {"mode": 3},
+    {"enabled": False},
+    {"label": "half"},
+    {"law": "stiff"},
+    {"law": 2},
+    {"state": 1e-9},
+    {"mode": 2, "enabled": True, "label": "full", "law": "standard", "state": -2e-9},
+]
+
+
+def stepped(run, fmus, archive, values, n=20):
+    """Output of the FMU alone, with constant inputs and typed values, after every step."""
+    mine = replacement(archive, values=values)
+    run, found = placed(run, fmus, mine)
+    (interface,) = (i for i in found if i.model == MODEL)
+    with contextlib.ExitStack() as stack:
+        alone = slave.Slave(stack, interface)
+        alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
+        alone.inputs.values[:] = (2e-9, 1e-9)
+        alone.exchange()
+        alone.exit_initialization()
+        forces = []
+        for i in range(n):
+            assert alone.step(i * 0.1, 0.1) == 0
+            forces.append(alone.outputs.values[0])
+        return np.array(forces)
+
+
+@FMI
+@pytest.mark.parametrize("values", VALUES, ids=str)
+@pytest.mark.parametrize("macro", ["EARLY", "LATE"])
+def test_typed_values_do_what_they_do_in_fmpy(run, fmus, tmp_path, fmi, values, macro):
+    archive = third_party.built(tmp_path, macro, fmi=fmi)
+    numbers = {
+        name: 2 if value == "stiff" else 1 if value == "standard" else value for name, value in values.items()
+    }
+    ours = world_of(run).parameters(run)[MODEL]
+    starts = {"bandwidth": ours["f_u"], "hold": ours["f_x_2_start"], "distance": 2e-9, "wanted": 1e-9}
+    times = {"stop_time": 2.0, "step_size": 0.1, "output_interval": 0.1}
+    wanted = fmpy.simulate_fmu(str(archive), start_values={**starts, **numbers}, **times)
+    assert np.array_equal(stepped(run, fmus, archive, values), wanted["force"][1:])
+    assert not np.array_equal(wanted["force"][1:], stepped(run, fmus, archive, {}))
+
+
+def test_types_of_fmi_3_alone(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path, "EARLY", fmi="3.0")
+    hold = world_of(run).parameters(run)[MODEL]["f_x_2_start"]
+    plain = stepped(run, fmus, archive, {}) - hold
+    assert np.allclose(stepped(run, fmus, archive, {"single": 0.25}) - hold, 0.25 * plain, rtol=1e-9, atol=0)
+    # A structural parameter is set in configuration mode, and arrays follow.
+    longer = stepped(run, fmus, archive, {"order": 3, "weights[3]": 2.0}) - hold
+    assert np.allclose(longer, 3.0 * plain, rtol=1e-9, atol=0)
+
+
+def test_start_value_of_an_input_that_nothing_feeds(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path)
+    unused = (*third_party.UNUSED, "guidance_o_12")
+    names = {k: v for k, v in third_party.VARIABLES.items() if k != "guidance_o_12"}
+    found = {}
+    for start in (0.0, 5e-9):
+        mine = Replacement(MODEL, archive, names, unused, {"wanted": start})
+        quiet = replace(run, replacements=(mine,), noise=Noise())
+        found[start] = in_memory.simulate(quiet, {**fmus, MODEL: archive})["o_12"]
+    assert not np.array_equal(found[0.0], found[5e-9])
+
+
+@FMI
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"mode": 2.5}, "values.mode: 2.5, expected an integer from "),
+        ({"mode": "two"}, 'values.mode: "two", expected an integer from '),
+        ({"mode": True}, "values.mode: true, expected an integer from "),
+        ({"mode": 2**40}, "values.mode: 1099511627776, expected an integer from "),
+        ({"enabled": 1}, "values.enabled: 1, expected true or false (type Boolean)"),
+        ({"label": 3}, "values.label: 3, expected a string (type String)"),
+        ({"law": "stif"}, 'values.law: "stif", did you mean "stiff"? expected one of "standard" (1)'),
+        ({"law": 7}, 'values.law: 7, expected one of "standard" (1), "stiff" (2)'),
+        ({"state": "x"}, 'values.state: "x", expected a number (type '),
+        ({"mod": 2}, 'has no parameter "mod", which values names, did you mean "mode"?'),
+        ({"cold": 2.0}, "variable 'cold' of values cannot be set: it is of causality 'calculatedParameter'"),
+        ({"force": 2.0}, "variable 'force' of values cannot be set: it is of causality 'output'"),
+        ({"wanted": 2.0}, "'wanted' is set by the loop and under values; expected once"),
+    ],
+)  # fmt: skip
+def test_values_that_do_not_fit_are_one_sentence(run, fmus, tmp_path, fmi, values, said):
+    archive = third_party.built(tmp_path, fmi=fmi)
+    message = refusal(run, fmus, archive, values=values)
+    assert message.startswith("fmus.SuspensionControl: ")
+    assert said in message
+    assert str(archive) in message
+
+
+def test_range_that_the_fmu_states(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path)
+    fast = replace(run, suspension=replace(run.suspension, unity_gain=0.2))
+    message = refusal(fast, fmus, archive)
+    assert "variable 'bandwidth': 0.2 is beyond the max of 0.1 that the FMU states" in message
+
+
+def test_missing_names_are_said_with_the_likely_one(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path, changes=[('name="force"', 'name="forces"')])
+    assert refusal(run, fmus, archive).endswith(
+        'as its output for f_control_2, did you mean "forces"? (known: forces)'
+    )
+
+
+@ENGINE
+@pytest.mark.parametrize("names", ["distance", "wanted", "force", "distance|force", "distance|wanted|force"])
+def test_float32_inputs_and_outputs(run, fmus, tmp_path, engine, names):
+    single = (rf'<Float64 (name="(?:{names})")', r"<Float32 \1")
+    archive = third_party.built(tmp_path, fmi="3.0", changes=[single], name="single")
+    wanted = simulate(run, fmus, third_party.built(tmp_path, fmi="3.0"))
+    got = simulate(run, fmus, archive, engine)
+    assert np.allclose(got["f_x_2"], wanted["f_x_2"], rtol=0, atol=1e-5 * np.abs(wanted["f_x_2"]).max())
+    assert not np.array_equal(got["f_x_2"], wanted["f_x_2"])
+
+
+FAULTS = {
+    "order of elements": [("<ModelVariables>",
+                            '<VendorAnnotations><Tool name="x"/></VendorAnnotations><ModelVariables>'),
+                          ("<TypeDefinitions>", "<DefaultExperiment/><TypeDefinitions>")],
+    "units": [(r"(?s)<UnitDefinitions>.*</UnitDefinitions>", "")],
+    "display unit of no unit": [(r"(?s)<UnitDefinitions>.*</UnitDefinitions>", ""),
+                                ('<Real unit="m" ', '<Real unit="m" displayUnit="mm" ')],
+    "continuous Boolean": [("</ModelVariables>", '<ScalarVariable name="onSet" valueReference="20" '
+                            'causality="local"><Boolean/></ScalarVariable></ModelVariables>')],
+    "no start value": [('<Real unit="m" start="0"/>', '<Real unit="m"/>')],
+    "unknown attribute": [('generationTool="By hand"', 'generationTool="By hand" colour="blue"')],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_archives_that_break_the_schema_run_where_asked_to(run, fmus, tmp_path, fault):
+    archive = third_party.built(tmp_path, changes=FAULTS[fault], name="faulty")
+    message = refusal(run, fmus, archive)
+    assert "does not conform to the FMI schema: " in message
+    assert "validate = false" in message
+    mine = replacement(archive, validate=False)
+    _, found = placed(run, fmus, mine)
+    (warning,) = warnings(found)
+    assert warning.startswith(f"fmus.SuspensionControl: {archive}: ")
+    assert "does not conform to the FMI schema: " in warning
+    wanted = simulate(run, fmus, third_party.built(tmp_path))
+    got = simulate(run, fmus, archive, validate=False)
+    assert all(np.array_equal(got[channel], wanted[channel]) for channel in wanted)
+
+
+def test_what_cannot_be_read_is_refused_all_the_same(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path, changes=[(r'valueReference="4"', 'valueReference="four"')])
+    message = refusal(run, fmus, archive, validate=False)
+    assert "not a readable FMU: " in message
+    assert "validate = false" not in message
+
+
+def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    wanted = simulate(run, fmus, third_party.built(tmp_path))
+    archive = third_party.built(tmp_path, sources=True, name="source")
+    _, found = placed(run, fmus, replacement(archive))
+    assert "its sources are compiled" in warnings(found)[0]
+    got = simulate(run, fmus, archive)
+    assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+    (library,) = (tmp_path / "cache" / "compiled").glob(f"*/*{fmpy.sharedLibraryExtension}")
+    before = library.stat().st_mtime_ns
+    simulate(run, fmus, archive)
+    assert library.stat().st_mtime_ns == before
+
+
+def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    archive = third_party.built(tmp_path, "step=(", sources=True)
+    with pytest.raises(
+        InputError, match=r"ThirdParty\.fmu: its sources do not compile with .*error.*; see "
+    ) as refused:
+        simulate(run, fmus, archive)
+    log = str(refused.value).rpartition("see ")[2]
+    with open(log) as file:  # noqa: PTH123
+        assert "error" in file.read()
+    monkeypatch.setenv("CC", "no-such-compiler")
+    placement.compilation.compiler.compiler.cache_clear()
+    with pytest.raises(InputError, match=r"has sources but no binary for .*'no-such-compiler', is not there"):
+        simulate(run, fmus, archive)
+    placement.compilation.compiler.compiler.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        ("slave.f90", 'has no binary for this platform, and sources: "slave.f90"; expected C or C++'),
+        ("other.c", "sources/other.c: is missing, which its description lists"),
+    ],
+)
+def test_sources_that_are_not_there_or_of_another_language(run, fmus, tmp_path, listed, said):
+    archive = third_party.built(tmp_path, sources=True)
+    changed = edited(archive, tmp_path / "changed.fmu", (r"slave\.c", listed))
+    assert refusal(run, fmus, changed).endswith(said)
+
+
+@pytest.mark.parametrize(
+    ("macros", "said"),
+    [
+        (["DISCARDS"], "the SuspensionControl FMU reports 'discard' at 10.0 s"),
+        (
+            ["SPEAKS_IF_ASKED"],
+            "the SuspensionControl FMU reports 'fatal' at 5.0 s (ValueError: an empty table)",
+        ),
+    ],
+)
+@ENGINE
+def test_fmus_that_fail_say_why(run, fmus, tmp_path, macros, said, engine):
+    with pytest.raises(RunError) as refused:
+        simulate(run, fmus, third_party.built(tmp_path, *macros), engine)
+    assert str(refused.value) == f"run 'run': {said}"
+
+
+def test_errors_name_the_file_of_the_user_and_no_copy(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path, "QUIET_FAILURE")
+    copy = tmp_path / "temporary" / "SuspensionControl.fmu"
+    copy.parent.mkdir()
+    copy.write_bytes(archive.read_bytes())
+    mine = replace(run, replacements=(replacement(archive),))
+    with pytest.raises(InputError) as refused:
+        in_memory.simulate(mine, {**fmus, MODEL: copy})
+    assert str(refused.value).startswith(
+        f"{archive}: cannot be initialised: fmi2EnterInitializationMode failed"
+    )
+    copy.write_bytes(b"no archive")
+    with pytest.raises(InputError) as refused:
+        in_memory.simulate(mine, {**fmus, MODEL: copy})
+    assert str(refused.value).startswith(f"fmus.SuspensionControl: {archive}: not a readable FMU")
+
+
+def test_warnings_at_every_step_do_not_end_a_run(run, fmus, tmp_path):
+    wanted = simulate(run, fmus, third_party.built(tmp_path))
+    got = simulate(run, fmus, third_party.built(tmp_path, "WARNS"))
+    assert np.array_equal(got["f_x_2"], wanted["f_x_2"])
+
+
+@ENGINE
+def test_fmu_that_adds_up_its_steps_finds_the_time_that_it_is_given(run, fmus, tmp_path, engine):
+    long = replace(run, n_samples=20_000 if engine == "compiled" else 6_000)
+    assert np.isfinite(simulate(long, fmus, third_party.built(tmp_path, "CHECKS_TIME"), engine)["o_12"]).all()
+
+
+def test_resources_in_a_folder_with_a_space(run, fmus, tmp_path, monkeypatch):
+    folder = tmp_path / "my läufe"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    archive = third_party.built(tmp_path, "RESOURCE", files={"resources/bandwidth.txt": "2e-3"})
+    stiff = replace(run, suspension=replace(run.suspension, unity_gain=2e-3))
+    names = {ours: theirs for ours, theirs in third_party.VARIABLES.items() if ours != "f_u"}
+    mine = Replacement(MODEL, archive, names, third_party.UNUSED)
+    got = in_memory.simulate(replace(run, replacements=(mine,)), {**fmus, MODEL: archive})
+    wanted = simulate(stiff, fmus, third_party.built(tmp_path))
+    assert np.array_equal(got["f_x_2"], wanted["f_x_2"])
