@@ -98,6 +98,11 @@ _FMI3 = f"""<?xml version="1.0" encoding="UTF-8"?>
 <ModelStructure><Output valueReference="4" dependencies="0 1"/><InitialUnknown valueReference="4"/>
 <InitialUnknown valueReference="13"/></ModelStructure>
 </fmiModelDescription>"""
+_BUILD = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="ThirdParty">
+<SourceFileSet language="C11"><SourceFile name="slave.c"/>
+<PreprocessorDefinition name="EARLY"/><PreprocessorDefinition name="UNUSED" value="1"/></SourceFileSet>
+</BuildConfiguration></fmiBuildDescription>"""
 _DESCRIPTIONS = {"2.0": _FMI2, "3.0": _FMI3}
 
 
@@ -125,7 +130,10 @@ def built(
     with zipfile.ZipFile(archive, "w") as target:
         if sources:
             listed = '<SourceFiles><File name="slave.c"/></SourceFiles>'
-            text = re.sub(r"(<CoSimulation [^>]*)/>", rf"\1>{listed}</CoSimulation>", text)
+            if fmi == "2.0":
+                text = re.sub(r"(<CoSimulation [^>]*)/>", rf"\1>{listed}</CoSimulation>", text)
+            else:
+                target.writestr("sources/buildDescription.xml", _BUILD)
             target.writestr("sources/slave.c", code)
         else:
             target.write(

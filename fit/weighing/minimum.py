@@ -70,7 +70,7 @@ def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, 
             "responses without infinite values"
         ) from None
     if not found.success or not np.isfinite(theta := parameters(found.params)).all():
-        raise FitError(f"the minimisation failed: {found.message}")
+        raise FitError("the minimisation failed: no minimum of chi2 is reached from the start values")
     return theta
 
 

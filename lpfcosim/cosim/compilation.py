@@ -22,7 +22,9 @@ from lpfcosim.modelica import build, compiler
 
 _SOURCES = "sources/"
 _HEADERS = Path(fmpy.__file__).parent / "c-code"  # of FMI 2 and 3
-_FLAGS = ("-O2", "-fPIC", "-ffp-contract=off", "-w")
+# Functions named as in a shared library, also by sources that give them a prefix for static linking.
+_NAMES = ("-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX")
+_FLAGS = ("-O2", "-fPIC", "-ffp-contract=off", "-w", *_NAMES)
 _OPTIONS = {"C89": "-std=gnu89", "C90": "-std=gnu90", "C99": "-std=gnu99", "C11": "-std=gnu11"}
 _OPTIONS |= {"C17": "-std=gnu17", "C23": "-std=gnu2x"}
 _OPTIONS |= {f"C++{year}": f"-std=gnu++{year}" for year in ("98", "11", "14", "17", "20", "23", "26")}
@@ -77,11 +79,11 @@ def check_platform(archive: Path, description: Any, named: Path) -> None:
 
 def _file_sets(description: Any) -> list[Any]:
     """Return the sets of source files of the co-simulation part of an FMU."""
-    identifier = description.coSimulation.modelIdentifier
-    for configuration in description.buildConfigurations:
-        if configuration.modelIdentifier == identifier:
-            return [files for files in configuration.sourceFileSets if files.sourceFiles]
-    return []
+    configurations: list[Any] = description.buildConfigurations
+    if len(configurations) > 1:  # a single one is meant, whatever it is called
+        identifier = description.coSimulation.modelIdentifier
+        configurations = [c for c in configurations if c.modelIdentifier == identifier]
+    return [files for c in configurations[:1] for files in c.sourceFileSets if files.sourceFiles]
 
 
 def _check_language(files: Any, names: Sequence[str], named: Path) -> None:

@@ -221,10 +221,11 @@ def test_what_cannot_be_read_is_refused_all_the_same(run, fmus, tmp_path):
     assert "validate = false" not in message
 
 
-def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch):
+@FMI
+def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
     monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
-    wanted = simulate(run, fmus, third_party.built(tmp_path))
-    archive = third_party.built(tmp_path, sources=True, name="source")
+    wanted = simulate(run, fmus, third_party.built(tmp_path, fmi=fmi))
+    archive = third_party.built(tmp_path, sources=True, fmi=fmi, name="source")
     _, found = placed(run, fmus, replacement(archive))
     assert "its sources are compiled" in warnings(found)[0]
     got = simulate(run, fmus, archive)
