@@ -22,7 +22,6 @@ LAYERS = {
         *(
             "errors",
             "display",
-            "lean",
             "units",
             "warnings",
             "paper",
