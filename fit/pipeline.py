@@ -26,7 +26,7 @@ from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
 from fit.signal import derivatives, spectra
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.threads import each, give_back, one_thread, upto
+from fit.threads import each, one_thread, upto
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
 
@@ -109,7 +109,6 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
         periods.setdefault(inertial_period(run), []).append(run)
     if (joint := results.joint) is None or not periods:
         return results
-    give_back()  # what the dynamics needed beyond that
     fits = dict(each(lambda of: (of, _doubted(inertial.fit_period(periods[of], joint), joint)), periods))
     names = {name: [run.run for run in runs] for name, runs in periods.items()}
     return replace(
@@ -173,8 +172,6 @@ def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Rea
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
     upto(0.45)
     made = prepare_each(found, chosen, faulty)
-    if not drawn:  # else another campaign comes, to which what is kept is of use
-        give_back()
     prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
     left_out += [LeftOut(name, str(error)) for name, error in refused.items()]

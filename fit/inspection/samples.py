@@ -7,7 +7,7 @@ them back; of these only what noise makes impossible is one.
 
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
@@ -18,7 +18,7 @@ from fit.inspection import authority
 from fit.model import dynamics
 from fit.signal import derivatives, median
 from fit.telemetry import Row, Telemetry, pieces
-from fit.threads import each, kept
+from fit.threads import each
 
 Array = NDArray[np.float64]
 
@@ -276,7 +276,7 @@ _SHAPES: Mapping[str, Callable[[NDArray[np.intp]], Array]] = {
 }
 
 
-@kept(4)
+@lru_cache(maxsize=4)
 def _left(half: int) -> Mapping[str, Array]:
     """Return what the shapes leave once a cubic has been fitted to all, each of shape (2 half + 1,)."""
     n = np.arange(-half, half + 1)

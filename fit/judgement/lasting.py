@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
-from fit.signal import Spectra, derivatives, pages
+from fit.signal import Spectra, derivatives
 from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
@@ -297,9 +297,8 @@ def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.
     """Return the columns that `DRIFTING` and `OF_O_1` name; to delay the commands takes the most time."""
     inner = slice(derivatives.HALF, -derivatives.HALF)
     curve = derivatives.derivative(run.o_1, run.fs, 2)
-    values = pages.room((curve.size, 3), curve.size)
+    values = np.empty((curve.size, 3), order="F")
     values[:, 0], values[:, 1], values[:, 2] = run.o_12[inner], run.o_1[inner], curve
     del curve
-    pages.put_down()
     valid = ~derivatives.reached(~run.valid)
     return dynamics.Columns(tau, ("o_12", "o_1", "ddo_1"), run.fs, run.time[inner], values, valid)

@@ -1,6 +1,5 @@
-"""Threads: several for work that falls into parts, one for the linear algebra within, one heap for all."""
+"""Threads: several for work that falls into parts, one for the linear algebra within."""
 
-from fit.threads.heap import freed_by, give_back, kept, one_heap
 from fit.threads.once import cached_property
 from fit.threads.parts import alone, each, processors
 from fit.threads.progress import following, tell, upto, within
@@ -11,10 +10,6 @@ __all__ = [
     "cached_property",
     "each",
     "following",
-    "freed_by",
-    "give_back",
-    "kept",
-    "one_heap",
     "one_thread",
     "processors",
     "tell",

@@ -23,7 +23,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from fit.threads import following, give_back
+from fit.threads import following
 
 if TYPE_CHECKING:
     from fit.results import Results
@@ -119,7 +119,6 @@ class Console:
 
                 with following(told):
                     yield
-        give_back()
         self.note(f"{name}: {spoken.seconds:.1f} s")
 
     @contextmanager

@@ -24,7 +24,7 @@ from fit.results import Results
 from fit.settings import Settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from fit.threads import alone, one_heap, one_thread, processors
+from fit.threads import alone, one_thread, processors
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
@@ -257,7 +257,6 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
     """
     where = where or Where()
     where.rest()
-    one_heap()
     plan = campaign_montecarlo.numbered(work.plan, number, redraw=work.redraw)
     try:
         with alone():  # a process for each processor does better

@@ -38,10 +38,8 @@ def _status() -> int:
         nursery.prepare(*(nursery.FITTING if sys.argv[1] == "montecarlo" else ()))
     import typer  # here, so that an interrupt of the imports is told like any other
 
-    from fit.threads import one_heap
     from lpfcosim.cli.app import app
 
-    one_heap()
     try:
         status: int = app(prog_name="lpfcosim", standalone_mode=False) or 0
     except typer.TyperException as error:
