@@ -26,7 +26,7 @@ LAYERS = {
             "warnings",
             "paper",
             "files",
-            "threads",
+            "parallel",
             "telemetry",
             "signal",
             "settings",

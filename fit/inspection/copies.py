@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.parallel import parallel_map
 from fit.signal import median, windows
-from fit.threads import each
 from fit.weighing import Run
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def matches(runs: Sequence[Run]) -> list[Match]:
     found: list[Match] = []
     heard = [(n, run) for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
     for channel in ("o_1", "o_12"):
-        prints = [made for made in each(partial(_print, channel), heard) if made is not None]
+        prints = [made for made in parallel_map(partial(_print, channel), heard) if made is not None]
         for rate in sorted({p.rate for p in prints}):
             same = [p for p in prints if p.rate == rate]
             powers = np.array([p.powers for p in same])

@@ -19,6 +19,7 @@ coefficients and PSD; then all begins again, until nothing new stands out.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -31,7 +32,6 @@ from fit.inspection.view import View
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, spectra
 from fit.telemetry import axis_part
-from fit.threads import cached_property
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 

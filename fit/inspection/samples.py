@@ -7,7 +7,7 @@ them back; of these only what noise makes impossible is one.
 
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -18,7 +18,6 @@ from fit.inspection import authority
 from fit.model import dynamics
 from fit.signal import derivatives, median
 from fit.telemetry import Row, Telemetry, pieces
-from fit.threads import each
 
 Array = NDArray[np.float64]
 
@@ -344,8 +343,7 @@ def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     fed = {name for name in commands if noise is not None and is_noisy(noise.row(name))}  # by a loop
     for run in (sysid, noise):
         if run is not None:
-            of_each = each(partial(_of, run, fed), dynamics.CHANNELS)
-            found = dict(zip(dynamics.CHANNELS, of_each, strict=True))
+            found = {name: _of(run, fed, name) for name in dynamics.CHANNELS}
             begins = [{o.begin for o in oddities if o.again} for oddities in found.values()]
             common = set.intersection(*begins)  # all channels at once: the archive, and the equation holds
             for name, oddities in found.items():

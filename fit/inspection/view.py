@@ -8,6 +8,7 @@ whitened columns is one of the series themselves with a kernel that depends on t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from fit.signal import spectra
 from fit.telemetry import Row, pieces
-from fit.threads import cached_property
 from fit.weighing import Glitch, shapes
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from fit.figures import Figure, Matrix
 from fit.files import atomic
 from fit.journal import matrix, panels
 from fit.journal.style import style
-from fit.threads import tell
+from fit.parallel import update_progress
 
 logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph
 
@@ -74,9 +74,9 @@ def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object
     """
     with mpl.rc_context(style()):
         plot = draw(*arguments)
-        tell(1 / 3)
+        update_progress(1 / 3)
         document = svg(plot)
-        tell(2 / 3)
+        update_progress(2 / 3)
         plot.figure.set_layout_engine("none")  # what it has found stays: the second file is cheaper
         nothing = {"CreationDate": None, "Creator": None, "Producer": None}
         pdf = io.BytesIO()

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
+from fit.parallel import parallel_map
 from fit.signal import Spectra, derivatives
-from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
@@ -225,7 +225,7 @@ def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults
     if not told:
         return []
     theta, width = outcome.solution.theta, np.array([p.prior_sigma for p in outcome.parameters])
-    runs = each(lambda one: _sums(*one, theta, width, faults), told)
+    runs = parallel_map(lambda one: _sums(*one, theta, width, faults), told)
     blocks = [block for _, block in told]
     information, scores = (np.diag(of(blocks, theta)) for of in (linear.information, linear.scores))
     telling = information > 0

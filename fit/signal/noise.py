@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.threads import cached_property
 
 Array = NDArray[np.float64]
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from fit.display import Displayed
 from fit.errors import InputError, shown
+from fit.parallel import parallel_map, update_progress
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
 from fit.telemetry.pieces import Row, pieces
 from fit.telemetry.rows import OnDemand, opened
-from fit.threads import each, tell
 
 if TYPE_CHECKING:
     import xarray
@@ -264,7 +264,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
     """
     found = files(paths)
     runs: dict[str, Telemetry] = {}
-    for telemetry in each(partial(read, own=True), found) if own else _tried(found):
+    for telemetry in parallel_map(partial(read, own=True), found) if own else _tried(found):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -279,7 +279,7 @@ def _tried(found: Sequence[Path]) -> Iterator[Telemetry]:
     with closing(guard.passed(look, found)) as sound:
         for n, path in enumerate(sound, 1):
             yield read(path)
-            tell(n / len(found))
+            update_progress(n / len(found))
 
 
 def inertial_period(telemetry: Telemetry) -> str:

@@ -10,6 +10,7 @@ band. Leaving out the lowest bins would break the sum.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from fit.errors import FitError
 from fit.model import dynamics
 from fit.signal import NoiseModel, Spectra, Spectrum, spectra
 from fit.telemetry import pieces
-from fit.threads import cached_property
 from fit.weighing.likelihood import Likelihood, Weights, weights
 from fit.weighing.tones import drives, single_tone
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import fit.errors
 from fit import settings as fit_settings
 from fit.estimate import angles, forecast
+from fit.parallel import processors
 from fit.results import Fit
 from fit.tables import Lines
-from fit.threads import processors
 from fit.weighing import SHORTEST
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins

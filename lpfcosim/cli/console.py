@@ -23,7 +23,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from fit.threads import following
+from fit.parallel import follow_progress
 
 if TYPE_CHECKING:
     from fit.results import Results
@@ -117,7 +117,7 @@ class Console:
                     spoken.done = done
                     bars.update(task, total=1.0, completed=done)
 
-                with following(told):
+                with follow_progress(told):
                     yield
         self.note(f"{name}: {spoken.seconds:.1f} s")
 
