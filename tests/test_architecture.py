@@ -49,7 +49,6 @@ USERS = {
     "emcee": {"fit.estimate"},
     "filelock": {"lpfcosim.running"},
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
-    "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
     "lmfit": {"fit.weighing"},
