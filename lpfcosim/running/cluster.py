@@ -33,8 +33,8 @@ ANSWER = 10  # s that a scheduler has to answer
 #: Must be the same on a worker, for the last bits depend on them.
 _SAME = ("lpfcosim", "numpy", "scipy")
 _DAEMON = (
-    "a worker of the cluster may not start the process in which FMUs run; start workers with "
-    "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment"
+    "a worker of the cluster may not start the process in which FMUs run; on its machine, call "
+    "'dask config set distributed.worker.daemon False' and start the worker again"
 )
 
 

@@ -216,4 +216,4 @@ def test_a_worker_that_may_not_start_processes_is_refused(tmp_path):
         how = runner.How(scheduler=found)
         done = runner.simulate(plan, tmp_path / "telemetry", build.build(), how)
     assert not done.files
-    assert "DASK_DISTRIBUTED__WORKER__DAEMON=False" in str(done.failures["one"])
+    assert "dask config set distributed.worker.daemon False" in str(done.failures["one"])
