@@ -71,7 +71,7 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     motion = _drawn(report_motion.parts(results, telemetries, products))
     progress_stage(1.0)
     parts = _drawn(_last(directory, results, telemetries, products))
-    page = template().render(
+    page = _template().render(
         title=_title(directory, results, telemetries),
         facts=_summary(results, telemetries),
         verdict=verdict(results, [joint_table] if joint_table else [s.table for s in sections]),
@@ -129,7 +129,7 @@ def _drawn(sections: Sequence[_Section]) -> list[_Section]:
 
 
 @cache
-def template() -> Template:
+def _template() -> Template:
     """Return what makes the page: to compile it takes a tenth of a second."""
     environment = Environment(
         loader=PackageLoader("fit.report"),
