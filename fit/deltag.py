@@ -34,6 +34,7 @@ from fit.errors import InputError
 from fit.estimate import bump, centrifugal
 from fit.estimate import inertial as euler_fit
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation, separation
+from fit.parallel import update_progress
 from fit.results import Fit, Results, check_frame, sound_joint
 from fit.signal import Excess, derivatives
 from fit.telemetry import (
@@ -45,7 +46,6 @@ from fit.telemetry import (
     read_stretch,
     samples,
 )
-from fit.threads import tell
 from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
@@ -182,7 +182,7 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
         for time, channels in _series(head, recipe):
             writer.append(time, {name: channels[name] for name in described})
             excess.add(channels["delta_g_x"], channels["delta_g"])
-            tell((time[-1] - head.time[0]) * head.fs / size.samples)
+            update_progress((time[-1] - head.time[0]) * head.fs / size.samples)
         notes, told = _told(recipe, excess)
         for name, value in told.items():
             writer.annotate(name, value)

@@ -22,16 +22,16 @@ from fit.estimate import (
 from fit.inspection import LeftOut, Prepared, Ready, admission, prepare_each, searches
 from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation
+from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.requirements import F_MAX, TAPER
 from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
-from fit.threads import each, give_back, one_thread, upto
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
 
 
-@one_thread
+@one_blas_thread
 def calibrate(
     telemetries: Sequence[Telemetry],
     chosen: Settings | None = None,
@@ -64,7 +64,7 @@ def calibrate(
     return _with_inertial(_dynamics(telemetries, chosen or settings(), drawn, constant), telemetries)
 
 
-@one_thread
+@one_blas_thread
 def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -> Results:
     """Calibrate the inertial forces alone; everything else is carried over.
 
@@ -109,8 +109,9 @@ def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Result
         periods.setdefault(inertial_period(run), []).append(run)
     if (joint := results.joint) is None or not periods:
         return results
-    give_back()  # what the dynamics needed beyond that
-    fits = dict(each(lambda of: (of, _doubted(inertial.fit_period(periods[of], joint), joint)), periods))
+    fits = dict(
+        parallel_map(lambda of: (of, _doubted(inertial.fit_period(periods[of], joint), joint)), periods)
+    )
     names = {name: [run.run for run in runs] for name, runs in periods.items()}
     return replace(
         results,
@@ -142,7 +143,7 @@ class _Together:
 
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, constant: bool) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
-    upto(0.1)  # as the shares below, about what it takes of the time
+    progress_stage(0.1)  # as the shares below, about what it takes of the time
     found = pair(telemetries)
     if not found:
         raise InputError(
@@ -151,13 +152,13 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
         )
     common_x_axis(telemetries)
     ready = _prepared(found, chosen, drawn).without(admission.mislabelled(found, telemetries))
-    upto(0.65)
+    progress_stage(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
-    upto(0.95)
+    progress_stage(0.95)
     together = _together(ready, alone, chosen, misfits, drawn, constant)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
@@ -168,13 +169,11 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
 
 def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Ready:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
-    upto(0.25)
+    progress_stage(0.25)
     first = admission.faults([e for e in found if not drawn and e.name not in chosen.exclude])
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
-    upto(0.45)
+    progress_stage(0.45)
     made = prepare_each(found, chosen, faulty)
-    if not drawn:  # else another campaign comes, to which what is kept is of use
-        give_back()
     prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
     left_out += [LeftOut(name, str(error)) for name, error in refused.items()]
@@ -208,7 +207,7 @@ def _noises(
 
 
 def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
-    fits = each(lambda e: _alone(e, chosen), experiments, Experiment.samples)
+    fits = parallel_map(lambda e: _alone(e, chosen), experiments, Experiment.samples)
     return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 
@@ -252,7 +251,7 @@ def _judged(
     fits: dict[str, Fit] = {}
     of_joint: list[FitWarning] = []
     every = ready.experiments
-    own = each(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen, drawn), every)
+    own = parallel_map(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen, drawn), every)
     for e, found in zip(every, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found

@@ -22,13 +22,12 @@ LAYERS = {
         *(
             "errors",
             "display",
-            "lean",
             "units",
             "warnings",
             "paper",
             "requirements",
             "files",
-            "threads",
+            "parallel",
             "telemetry",
             "signal",
             "settings",
@@ -44,7 +43,7 @@ LAYERS = {
 }
 #: What the simulator takes of the estimators outside its command line: how a telemetry file is written, what
 #: a fit requires of a run, and threads.
-LETTERBOX = {"fit.errors", "fit.files", "fit.requirements", "fit.telemetry", "fit.threads", "fit.units"}
+LETTERBOX = {"fit.errors", "fit.files", "fit.parallel", "fit.requirements", "fit.telemetry", "fit.units"}
 #: The only users of a tool; whoever else needs it asks them.
 USERS = {
     "astropy": {"fit.telemetry"},
@@ -53,7 +52,6 @@ USERS = {
     "emcee": {"fit.estimate"},
     "filelock": {"lpfcosim.running"},
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
-    "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
     "lmfit": {"fit.weighing"},

@@ -28,8 +28,8 @@ from fit.estimate.instruments import Weighed
 from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
 from fit.model import Sharing, dynamics, inertial
+from fit.parallel import parallel_map
 from fit.results import Fit, Results
-from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear, noise_model
 
@@ -71,7 +71,7 @@ def unattenuated(outcome: Outcome, experiments: Sequence[Experiment]) -> Unatten
         If a noise PSD cannot be fitted.
     """
     weighed = weigh(outcome, experiments)
-    floors = each(read_outs.noise, [w.experiment.sysid for w in weighed])
+    floors = parallel_map(read_outs.noise, [w.experiment.sysid for w in weighed])
     before = shift = expected_shift(outcome, weighed, floors)
     told = zip(outcome.parameters, (before / outcome.solution.sigma).tolist(), strict=True)
     off = {p.name: by for p, by in told if not abs(by) < NEGLIGIBLE}

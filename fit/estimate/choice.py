@@ -21,7 +21,7 @@ from fit.estimate.hierarchy import Normal
 from fit.estimate.irls import Outcome
 from fit.model import Sharing, dynamics, wander
 from fit.paper import FLIGHT
-from fit.threads import each
+from fit.parallel import parallel_map
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ def departing(outcome: Outcome, experiments: Sequence[Experiment], sharing: Shar
     theta = outcome.solution.theta
     inflations = normal.inflations(outcome.blocks, theta)
     weighed = zip(outcome.blocks, experiments, strict=True)
-    blocks = each(lambda one: departures.extended(one[0], one[1].sysid.wander(one[0].tau)), weighed)
+    blocks = parallel_map(lambda one: departures.extended(one[0], one[1].sysid.wander(one[0].tau)), weighed)
     names = [n for kind in KINDS for n in kind.parameters if sharing.groups.get(n, "campaign") == "campaign"]
     alone = normal.of_runs(blocks, theta, inflations)
     free = _free(outcome, alone, blocks, names)

@@ -11,10 +11,10 @@ from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
 from fit.inspection import prepare_each
+from fit.parallel import one_blas_thread
 from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
-from fit.threads import one_thread
 from fit.weighing import Experiment, Run
 
 SAME = 0.05  # sigma: a fit that moves by more is of something else
@@ -33,7 +33,7 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
     return results, read_all(telemetry_of(results, path))
 
 
-@one_thread
+@one_blas_thread
 def experiments(
     results: Results, telemetries: Sequence[Telemetry], where: Path
 ) -> tuple[list[Experiment], Settings]:
@@ -87,7 +87,7 @@ def least_squares(prepared: Sequence[Experiment], how: Settings) -> Outcome:
     return fit_joint([replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)], how)
 
 
-@one_thread
+@one_blas_thread
 def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> Outcome:
     """Repeat the joint fit of `results`, with its runs, pairs and settings.
 

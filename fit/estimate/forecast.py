@@ -11,6 +11,7 @@ is kept of it is a few kilobytes.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -21,10 +22,10 @@ from fit.estimate import departures, flscov
 from fit.estimate.irls import FREE, Held, Rule, iterate, weakly_held
 from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
+from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.signal import derivatives
-from fit.threads import cached_property, each, one_thread, within
 from fit.weighing import (
     Experiment,
     Likelihood,
@@ -171,7 +172,7 @@ def boiled_down(block: linear.Block) -> Sums:
     return Sums(block.tau, columns, even, None, block.tone, block.share, sums=sums, bins=bins)
 
 
-@one_thread
+@one_blas_thread
 def expected_fit(
     planned: Sequence[Planned], chosen: Settings | None = None, scatter: Mapping[str, float] | None = None
 ) -> Fit:
@@ -194,8 +195,8 @@ def expected_fit(
         If the fit would come to nothing.
     """
     chosen = chosen or settings()
-    with within(0.0, 0.2):
-        everyone = each(lambda p: Expectation(p, chosen), planned)
+    with progress_range(0.0, 0.2):
+        everyone = parallel_map(lambda p: Expectation(p, chosen), planned)
     chosen_ones = divide([e.experiment for e in everyone], chosen)[0]
     taking_part = [e for e in everyone if e.experiment in chosen_ones]
     if not taking_part:
@@ -216,7 +217,7 @@ def expected_fit(
     def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
         return weakly_held(blocks, theta, parameters, taking_part[0].share, more)
 
-    with within(0.2, 1.0):
+    with progress_range(0.2, 1.0):
         found = iterate(taking_part, begun, held, RULE, widths)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.model import BASELINE
 from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, spectra
-from fit.threads import cached_property
 from fit.weighing import Experiment, Run, linear
 
 Array = NDArray[np.float64]

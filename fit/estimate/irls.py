@@ -18,8 +18,8 @@ from fit.estimate.hierarchy import Width
 from fit.estimate.weighings import WARM_UP, Weighing, weighing
 from fit.model import dynamics
 from fit.paper import Parameter
+from fit.parallel import parallel_map, progress_range
 from fit.settings import Estimator
-from fit.threads import each, within
 from fit.weighing import Experiment, linear, minimise
 
 Array = NDArray[np.float64]
@@ -264,9 +264,9 @@ def iterate(
     of_departures = np.concatenate([np.empty((0, theta.size)), *(_rows(w, theta.size) for w in departing)])
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(rule.most):
-        with within(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
+        with progress_range(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
             weighed = partial(_weighed, theta=theta, covariance=covariance, iteration=iteration)
-            blocks = each(weighed, weighings)
+            blocks = parallel_map(weighed, weighings)
         if iteration < SETTLED:
             beside = held(blocks, theta, of_departures)
         determined = ~beside.lost

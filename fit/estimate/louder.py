@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.model import dynamics
 from fit.paper import DELAYS
+from fit.parallel import parallel_map
 from fit.settings import Settings
 from fit.signal import Spectra, Spectrum, fit_noise, spectra
-from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
 
@@ -83,7 +83,7 @@ def judged(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, tup
     found: dict[str, tuple[FitWarning, Experiment]] = {}
     if chosen.estimator == "flscov":  # which takes the columns as they are
         return found
-    for e, seen in zip(experiments, each(told, experiments, Experiment.samples), strict=True):
+    for e, seen in zip(experiments, parallel_map(told, experiments, Experiment.samples), strict=True):
         if seen:
             message = (
                 f"{e.name}: {seen}, which would make delta_ifo too small; this o_1 is used at the "

@@ -17,6 +17,7 @@ Beside each residual by itself stands whether a gain is the same in every experi
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +28,6 @@ from fit.estimate.irls import Outcome
 from fit.model import dynamics
 from fit.results import QUANTILES, Diagnostics, Estimate, Fit
 from fit.signal import NoiseModel
-from fit.threads import kept
 from fit.weighing import Experiment, linear, noise_model
 
 Array = NDArray[np.float64]
@@ -149,7 +149,7 @@ def _whiteness(power: Array, ends: NDArray[np.intp], covariance: Array) -> float
     return float((1 + np.count_nonzero(farther)) / (1 + DRAWS))
 
 
-@kept(4)  # of 4 MB; few campaigns have runs of more lengths that matter
+@lru_cache(maxsize=4)  # of 4 MB; few campaigns have runs of more lengths that matter
 def _drawn(size: int) -> Array:
     drawn = np.random.default_rng(0).standard_normal((DRAWS, size))
     drawn.setflags(write=False)  # others get the same ones
@@ -167,7 +167,7 @@ def _accumulated(left: Residual, ends: NDArray[np.intp]) -> Array:
     return np.asarray(left.correlation * walk, dtype=np.float64)
 
 
-@kept(16)  # the runs of a campaign have few lengths
+@lru_cache(maxsize=16)  # the runs of a campaign have few lengths
 def _followed(of_knots: bytes, of_f: bytes, ends: tuple[int, ...], independent: bool) -> Array:
     """Return the derivatives of log S by the knots, orthonormal unless independent, summed up to `ends`."""
     knots, u = np.frombuffer(of_knots), np.log(np.frombuffer(of_f))

@@ -1,11 +1,11 @@
 """A run whose noise is louder in some parts than in others, as `steadiness` finds it."""
 
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.threads import cached_property
 from fit.weighing import linear
 
 Array = NDArray[np.float64]

@@ -16,9 +16,9 @@ from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
 from fit.judgement import jury
 from fit.model import Sharing, dynamics
+from fit.parallel import one_blas_thread, parallel_map
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
-from fit.threads import each, one_thread
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, Likelihood, linear
 
@@ -30,7 +30,7 @@ RESTING = 0.5  # of the variance of a parameter, from which it rests on what ano
 AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
 
 
-@one_thread
+@one_blas_thread
 def identify(
     experiments: Sequence[Experiment],
     free: Sequence[Free],
@@ -274,7 +274,7 @@ class _Search:
         joint, known = self.joint, self.joint.named(self._start)
         given = ", ".join(f"{name} = {known[name]:.6g}" for name in joint.given)
         try:
-            each(partial(_reach, theta=self._start), self.weighings)
+            parallel_map(partial(_reach, theta=self._start), self.weighings)
         except FitError as error:
             if given:
                 raise InputError(
@@ -333,7 +333,9 @@ class _Search:
         """
         to = np.clip(to, self._low, self._high)
         for tried in range(HALVED):
-            refused = [(w, why) for w, why in each(partial(_refused, theta=to), self.weighings) if why]
+            refused = [
+                (w, why) for w, why in parallel_map(partial(_refused, theta=to), self.weighings) if why
+            ]
             if not refused:
                 return to
             if tried == 0 and np.any(self._lost):

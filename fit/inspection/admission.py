@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from fit.inspection import authority, constancy, copies, following, guidance, rounding, samples
 from fit.inspection.leftout import LeftOut
 from fit.model import dynamics
+from fit.parallel import parallel_map
 from fit.signal import derivatives, welch
 from fit.telemetry import Telemetry, utc
-from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, Run
 
@@ -61,7 +61,7 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
     found = [*_other_settings(experiments), *_other_times(experiments)]
     names = [e.name for e in experiments]
-    of_each = each(_of_own, experiments, Experiment.samples)
+    of_each = parallel_map(_of_own, experiments, Experiment.samples)
     beyond, rounded, *oddities = zip(*of_each, strict=True) if names else ((), (), (), (), ())
     found += [LeftOut(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
     found += [*_copied(experiments), *_noise_with_sines(experiments)]
@@ -80,7 +80,7 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
     names = {e.name for e in experiments}
     alone = [t for t in telemetries if t.kind == "noise" and t.experiment not in names]
     noise = [e.noise for e in experiments if e.noise]
-    told = each(partial(_injected, noise), alone)
+    told = parallel_map(partial(_injected, noise), alone)
     return [
         LeftOut(
             run.experiment,
@@ -94,7 +94,7 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
 
 def changes(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments, glitches masked, of which parts obey different equations."""
-    changed = each(_changed, experiments, Experiment.samples)
+    changed = parallel_map(_changed, experiments, Experiment.samples)
     reasons = {e.name: told for e, told in zip(experiments, changed, strict=True)}
     found = _unless_usual(experiments, reasons, "changing")
     return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])

@@ -6,14 +6,12 @@ every kind and of shorter and longer times, are each moved by least squares unti
 """
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.inspection.view import View
-from fit.threads import each
 from fit.weighing import Glitch, Shape, shapes
 
 Array = NDArray[np.float64]
@@ -35,10 +33,10 @@ def closest(view: View, found: Glitch) -> Glitch:
         for kind, q in shapes.SOUGHT
         for tau in np.clip(found.shape.tau * np.array(TIMES), shortest, longest)
     ]
-    starts = each(partial(_placed, view), kinds)
+    starts = [_placed(view, glitch) for glitch in kinds]
     amplitudes = np.nan_to_num(np.abs(view.traces(starts).amplitudes))
     likely = [starts[i] for i in np.argsort(-amplitudes, kind="stable")[:STARTS] if amplitudes[i] > 0]
-    return max(each(partial(_climbed, view), [found, *likely]), key=lambda one: one[1])[0]
+    return max((_climbed(view, glitch) for glitch in [found, *likely]), key=lambda one: one[1])[0]
 
 
 def _placed(view: View, glitch: Glitch) -> Glitch:

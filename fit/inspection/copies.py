@@ -9,14 +9,14 @@ edges of the same injection have in common is in a few of these, a copy in nearl
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.parallel import parallel_map
 from fit.signal import median, windows
-from fit.threads import each, kept
 from fit.weighing import Run
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def matches(runs: Sequence[Run]) -> list[Match]:
     found: list[Match] = []
     heard = [(n, run) for n, run in enumerate(runs) if run.channels.fs > 2 * BAND[1]]
     for channel in ("o_1", "o_12"):
-        prints = [made for made in each(partial(_print, channel), heard) if made is not None]
+        prints = [made for made in parallel_map(partial(_print, channel), heard) if made is not None]
         for rate in sorted({p.rate for p in prints}):
             same = [p for p in prints if p.rate == rate]
             powers = np.array([p.powers for p in same])
@@ -126,7 +126,7 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     return _Print(n, rate, x.size, root, bins, (powers / size).astype(np.float32))
 
 
-@kept(8)  # the runs of a campaign have few lengths
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _window(size: int) -> Array:
     return windows.tukey(size, 0.1)
 

@@ -19,6 +19,7 @@ coefficients and PSD; then all begins again, until nothing new stands out.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -29,9 +30,8 @@ from fit.inspection.first_fit import first, least, shape
 from fit.inspection.pursuit import pursue
 from fit.inspection.view import View
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, pages, spectra
+from fit.signal import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, spectra
 from fit.telemetry import axis_part
-from fit.threads import cached_property
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Glitch, Run, linear
 
@@ -327,8 +327,7 @@ class _Search:
         taken = [terms.nuisance * np.sqrt(2 / S)[:, None]]
         if self is not noise:  # the coefficients of a noise run are those of the sysid run
             taken.append(U[:, 1:][:, np.any(U[:, 1:] != 0, axis=0)])
-        beside = pages.room((len(U), sum(part.shape[1] for part in taken)), terms.window.size, np.complex128)
-        np.concatenate(taken, axis=1, out=beside)
+        beside = np.asfortranarray(np.concatenate(taken, axis=1))
         beside /= np.linalg.norm(beside, axis=0)
         Q, residual = linear.orthonormal(linear.stacked(beside)), linear.stacked(U @ self._c)
         return View(

@@ -12,14 +12,15 @@ controller is none of these.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.parallel import parallel_map
 from fit.signal import spectra
 from fit.telemetry import PIECE, Telemetry, pieces
-from fit.threads import cached_property, each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
 
@@ -107,7 +108,7 @@ class _Expected:
 def seen(experiments: Sequence[Experiment]) -> dict[str, Seen]:
     """Return what the experiments that show guidance were asked and answered, by name."""
     runs = {e.name: e.sysid.telemetry for e in experiments if _shows(e.sysid.telemetry)}
-    return dict(zip(runs, each(_seen, list(runs.values())), strict=True))
+    return dict(zip(runs, parallel_map(_seen, list(runs.values())), strict=True))
 
 
 def odd(seen: Mapping[str, Seen]) -> list[FitWarning]:

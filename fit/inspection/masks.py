@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.inspection import authority
 from fit.inspection.glitches import TOO_MANY, Hunt
+from fit.parallel import parallel_map
 from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
 from fit.signal import derivatives
 from fit.telemetry import Telemetry
-from fit.threads import each
 from fit.warnings import FitWarning, Span
 from fit.weighing import Experiment, Run
 
@@ -138,10 +138,10 @@ def prepare_each(
         except InputError as error:
             return error
 
-    first = each(begun, experiments, Experiment.samples)
+    first = parallel_map(begun, experiments, Experiment.samples)
     hunts = [one[1] for one in first if not isinstance(one, InputError) and one[1]]
     lacking = sum(hunt.lacks for hunt in hunts)
     common = len(hunts) > 2 and 2 * lacking > len(hunts)
     pairs = list(zip(experiments, first, strict=True))
-    ended = each(lambda pair: made(pair[1]), pairs, lambda pair: pair[0].samples())
+    ended = parallel_map(lambda pair: made(pair[1]), pairs, lambda pair: pair[0].samples())
     return {e.name: found for e, found in zip(experiments, ended, strict=True)}

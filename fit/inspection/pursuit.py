@@ -10,6 +10,7 @@ What is clearly one is subtracted as the shape, of any kind, that comes closest 
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from fit.inspection.closest import closest
 from fit.inspection.view import View
 from fit.signal import Spectrum
-from fit.threads import kept
 from fit.weighing import Glitch, Shape, shapes
 
 Array = NDArray[np.float64]
@@ -152,7 +152,7 @@ def _bank(duration: float, f: Array) -> Iterable[tuple[Sequence[Shape], Spectrum
     return _known(duration, f.tobytes())
 
 
-@kept(8)  # the runs of a campaign have few lengths
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _known(duration: float, of_f: bytes) -> list[tuple[Sequence[Shape], Spectrum, Array]]:
     of_tau = groupby(shapes.bank(duration), key=lambda shape: shape.tau)
     found = list(_transforms((list(alike) for _, alike in of_tau), np.frombuffer(of_f)))

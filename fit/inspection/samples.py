@@ -7,7 +7,7 @@ them back; of these only what noise makes impossible is one.
 
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -19,7 +19,6 @@ from fit.inspection.resolution import Resolution, chance_of_equality, estimate_r
 from fit.model import dynamics
 from fit.signal import derivatives, median
 from fit.telemetry import Row, Telemetry, pieces
-from fit.threads import each, kept
 
 Array = NDArray[np.float64]
 
@@ -275,7 +274,7 @@ _SHAPES: Mapping[str, Callable[[NDArray[np.intp]], Array]] = {
 }
 
 
-@kept(4)
+@lru_cache(maxsize=4)
 def _left(half: int) -> Mapping[str, Array]:
     """Return what the shapes leave once a cubic has been fitted to all, each of shape (2 half + 1,)."""
     n = np.arange(-half, half + 1)
@@ -347,8 +346,7 @@ def faults(sysid: Telemetry, noise: Telemetry | None) -> Iterator[str]:
     fed = {name for name in commands if noise is not None and is_fed(noise.row(name))}
     for run in (sysid, noise):
         if run is not None:
-            of_each = each(partial(_of, run, fed), dynamics.CHANNELS)
-            found = dict(zip(dynamics.CHANNELS, of_each, strict=True))
+            found = {name: _of(run, fed, name) for name in dynamics.CHANNELS}
             begins = [{o.begin for o in oddities if o.again} for oddities in found.values()]
             common = set.intersection(*begins)  # all channels at once: the archive, and the equation holds
             for name, oddities in found.items():

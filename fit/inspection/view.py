@@ -8,14 +8,14 @@ whitened columns is one of the series themselves with a kernel that depends on t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.signal import pages, spectra
+from fit.signal import spectra
 from fit.telemetry import Row, pieces
-from fit.threads import cached_property
 from fit.weighing import Glitch, shapes
 
 Array = NDArray[np.float64]
@@ -205,7 +205,5 @@ class View:
 
     def without(self, column: Array) -> "View":
         """Return the run with a further column projected out."""
-        rows, K = self.Q.shape
-        Q = pages.room((rows, K + 1), self.window.size)
-        Q[:, :K], Q[:, K] = self.Q, column
+        Q = np.asfortranarray(np.column_stack([self.Q, column]))
         return replace(self, residual=self.left_by(column), Q=Q)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from fit.figures import Figure, Matrix
 from fit.files import atomic
 from fit.journal import matrix, panels
-from fit.journal.style import style
-from fit.threads import tell
+from fit.journal.style import STYLE
+from fit.parallel import update_progress
 
 logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph
 
@@ -40,14 +40,14 @@ class Plot:
 
 def drawn(figure: Figure) -> Plot:
     """Draw a figure in the style of a journal."""
-    with mpl.rc_context(style()):
+    with mpl.rc_context(STYLE):
         made = matrix.drawn(figure) if isinstance(figure, Matrix) else panels.drawn(figure)
     return Plot(made, figure.columns)
 
 
 def svg(plot: Plot) -> str:
     """Return a figure as an SVG document, the same for the same figure."""
-    with mpl.rc_context(style()):
+    with mpl.rc_context(STYLE):
         text = io.StringIO()
         plot.figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     # A hundredth of a point is finer than any screen; a third of the file is digits beyond it.
@@ -56,7 +56,7 @@ def svg(plot: Plot) -> str:
 
 def save(plot: Plot, path: Path) -> None:
     """Write a figure alone, in the format that the suffix of `path` tells."""
-    with mpl.rc_context(style()):
+    with mpl.rc_context(STYLE):
         plot.figure.savefig(path)
 
 
@@ -72,11 +72,11 @@ def write(folder: Path, name: str, draw: Callable[..., Plot], *arguments: object
     draw : callable
         Called with `arguments` in the style of a journal.
     """
-    with mpl.rc_context(style()):
+    with mpl.rc_context(STYLE):
         plot = draw(*arguments)
-        tell(1 / 3)
+        update_progress(1 / 3)
         document = svg(plot)
-        tell(2 / 3)
+        update_progress(2 / 3)
         plot.figure.set_layout_engine("none")  # what it has found stays: the second file is cheaper
         nothing = {"CreationDate": None, "Creator": None, "Producer": None}
         pdf = io.BytesIO()

@@ -9,6 +9,7 @@ better than a wrong one: if none is possible, none is named.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from fit.judgement import lags
 from fit.judgement.consistency import Regression, Squares, Voice
 from fit.model import Sharing, dynamics
 from fit.telemetry import Telemetry
-from fit.threads import cached_property
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]

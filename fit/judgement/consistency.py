@@ -19,6 +19,7 @@ of chi^2, with as many degrees of freedom as the model has where the test looks.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +28,6 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
-from fit.threads import cached_property
 from fit.weighing import Experiment, linear
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from fit.judgement.parts import parts
 from fit.judgement.trial import Trial
 from fit.model import Sharing, dynamics
 from fit.paper import experiment_parameters
-from fit.threads import each
+from fit.parallel import parallel_map
 from fit.weighing import Experiment, linear
 
 MENDED = "so mended, the run says what the others say"
@@ -118,7 +118,7 @@ def explained(
         reason = f.reason.removesuffix(f"; {UNTOLD}")
         return replace(f, reason=f"{reason}; perhaps {cause}") if cause else f
 
-    return tuple(each(anew, list(left_out)))
+    return tuple(parallel_map(anew, list(left_out)))
 
 
 def _odd_by_itself(experiment: Experiment) -> list[str]:

@@ -28,8 +28,8 @@ from fit.judgement.consistency import Regression, regression, voice, voiced
 from fit.judgement.explanation import Court, of_odd
 from fit.judgement.lasting import in_common, own_lag
 from fit.model import Sharing
+from fit.parallel import parallel_map
 from fit.settings import Settings
-from fit.threads import each
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
@@ -166,7 +166,7 @@ def _wrong(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitE
         If all of them do.
     """
     found: list[LeftOut] = []
-    guided = each(verdict.wrong_guidance, [e.sysid.telemetry for e in experiments])
+    guided = parallel_map(verdict.wrong_guidance, [e.sysid.telemetry for e in experiments])
     for e, why in zip(experiments, guided, strict=True):
         own, run = alone[e.name], e.sysid.telemetry
         if why:
@@ -187,7 +187,7 @@ def _misfits(experiments: Sequence[Experiment], said: Mapping[str, str]) -> tupl
 
 def _late(experiments: Sequence[Experiment], alone: Mapping[str, Outcome | FitError]) -> tuple[LeftOut, ...]:
     """Return the experiments whose o_1 is late by themselves, as `_fewer` does."""
-    lags = each(lambda e: _lag(e, alone, len(experiments)), experiments)
+    lags = parallel_map(lambda e: _lag(e, alone, len(experiments)), experiments)
     named = [(e, lag) for e, lag in zip(experiments, lags, strict=True) if lag]
     late = [LeftOut(e.name, f"{e.sysid.telemetry.path}: {lag}", tells="guess") for e, lag in named]
     return _fewer(late, experiments)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from fit.estimate import Outcome
 from fit.model import dynamics
-from fit.signal import Spectra, derivatives, pages
-from fit.threads import each
+from fit.parallel import parallel_map
+from fit.signal import Spectra, derivatives
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
 
@@ -225,7 +225,7 @@ def _amounts(experiments: Sequence[Experiment], outcome: Outcome, faults: Faults
     if not told:
         return []
     theta, width = outcome.solution.theta, np.array([p.prior_sigma for p in outcome.parameters])
-    runs = each(lambda one: _sums(*one, theta, width, faults), told)
+    runs = parallel_map(lambda one: _sums(*one, theta, width, faults), told)
     blocks = [block for _, block in told]
     information, scores = (np.diag(of(blocks, theta)) for of in (linear.information, linear.scores))
     telling = information > 0
@@ -297,9 +297,8 @@ def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.
     """Return the columns that `DRIFTING` and `OF_O_1` name; to delay the commands takes the most time."""
     inner = slice(derivatives.HALF, -derivatives.HALF)
     curve = derivatives.derivative(run.o_1, run.fs, 2)
-    values = pages.room((curve.size, 3), curve.size)
+    values = np.empty((curve.size, 3), order="F")
     values[:, 0], values[:, 1], values[:, 2] = run.o_12[inner], run.o_1[inner], curve
     del curve
-    pages.put_down()
     valid = ~derivatives.reached(~run.valid)
     return dynamics.Columns(tau, ("o_12", "o_1", "ddo_1"), run.fs, run.time[inner], values, valid)

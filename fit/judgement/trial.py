@@ -9,6 +9,7 @@ run, left free, explain no more than noise makes them, and that no stretch of wh
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from fit.estimate import Outcome
 from fit.model import Sharing, dynamics
 from fit.signal import NoiseModel, spectra
 from fit.telemetry import Telemetry
-from fit.threads import cached_property
 from fit.weighing import Experiment, Run, linear, noise_model
 
 Array = NDArray[np.float64]

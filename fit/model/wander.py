@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.model.dynamics import Channels, Columns, blank, force
-from fit.signal import pages
 
 NAMES = ("slope_1", "slope_2", "bend_1", "bend_2")
 _SIGNS = {1: 1.0, 2: -1.0}  # with which the forces enter Delta g, see `dynamics`
@@ -24,10 +23,9 @@ _SIGNS = {1: 1.0, 2: -1.0}  # with which the forces enter Delta g, see `dynamics
 def commanded(run: Channels, tau: tuple[float, float]) -> Columns:
     """Return the columns of the commands themselves, and no others, delayed by `tau` [s]."""
     found = blank(run, tau)
-    values = pages.room((found.valid.size, 2), found.valid.size)
+    values = np.empty((found.valid.size, 2), order="F")
     for k, j in enumerate((1, 0)):
         values[:, k] = force(run, j, tau)[:, 0]
-    pages.put_down()
     return replace(found, names=tuple(f"f_{j}" for j in (2, 1)), values=values)
 
 

@@ -6,13 +6,13 @@ from functools import partial
 
 from fit.figures import motion as figures_motion
 from fit.paper import Parameter, cross_talk_parameter, misalignments
+from fit.parallel import parallel_map
 from fit.report.noise import Products
 from fit.report.parts import Drawing, Part
 from fit.report.verdict import biased
 from fit.results import Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry, XAxis, inertial_period
-from fit.threads import each
 
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
@@ -27,7 +27,7 @@ def parts(results: Results, telemetries: Sequence[Telemetry], products: Products
         return replace(part, drawings=_drawings(results, period, taking_part, products))
 
     cross_talk = [_cross_talk(epoch, fit) for epoch, fit in results.cross_talk.items()]
-    return cross_talk + each(inertial, results.inertial)
+    return cross_talk + parallel_map(inertial, results.inertial)
 
 
 def _runs_of(results: Results, period: str) -> Sequence[str]:
@@ -83,7 +83,7 @@ def _drawings(
 ) -> tuple[Drawing, ...]:
     if results.joint is None or not runs:
         return ()
-    terms = each(products.terms, runs)
+    terms = parallel_map(products.terms, runs)
     rates = [each.fs for each in terms]
     if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in each.channels for each in terms):
         return ()  # no common spectrum, or a frame that is refused

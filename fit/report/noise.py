@@ -12,13 +12,13 @@ from fit import deltag
 from fit.figures import noise as figures
 from fit.figures import series
 from fit.paper import effective_authority
+from fit.parallel import parallel_map
 from fit.report.parts import Drawing, Part, started
 from fit.results import Results
 from fit.signal import Estimator, LogSpectrum, log_psd
 from fit.tables import Cell, Grid, Line
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
-from fit.threads import each
 from fit.warnings import masked
 
 Array = NDArray[np.float64]
@@ -68,11 +68,11 @@ def parts(results: Results, telemetries: Sequence[Telemetry], products: Products
     runs = [t for t in telemetries if t.kind == "noise" and t.duration >= 0.995 * _SHORTEST]
     if results.joint is None or results.joint.unsound:
         return []
-    left = each(lambda run: float(np.mean(np.isfinite(products.total(run).delta_g))), runs)
+    left = parallel_map(lambda run: float(np.mean(np.isfinite(products.total(run).delta_g))), runs)
     runs = [run for run, share in zip(runs, left, strict=True) if share > _LEFT]
     if len(runs) < 2:
         return []
-    points = each(lambda run: _point(run, products.total(run)), runs)
+    points = parallel_map(lambda run: _point(run, products.total(run)), runs)
     law = figures.law(points)
     if law and law.relative < _SURE * law.sigma:
         law = None

@@ -16,6 +16,7 @@ from markupsafe import Markup
 from fit.figures import COLOURS
 from fit.files import atomic
 from fit.paper import joint_names, joint_parameter
+from fit.parallel import one_blas_thread, parallel_map, progress_stage
 from fit.report import charts
 from fit.report import experiments as report_experiments
 from fit.report import identified as report_identified
@@ -29,7 +30,6 @@ from fit.report.verdict import matters, verdict
 from fit.results import Results
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
-from fit.threads import each, one_thread, upto
 
 #: In the order in which the page runs them.
 SCRIPTS = ("templates/ticks.js", "uplot/uPlot.iife.min.js", "templates/chart.js", "templates/page.js")
@@ -38,7 +38,7 @@ _DIGITS = 12  # of a digest, in short
 _SPREAD = ("settings", "versions")  # tables with a line for each entry
 
 
-@one_thread
+@one_blas_thread
 def write_report(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> Path:
     """Write ``report.html``; what ``identify``, ``mcmc`` and ``montecarlo`` left in the folder joins it.
 
@@ -64,14 +64,14 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     joint = results.joint
     names = joint_names(t.alignment_epoch for t in telemetries if t.kind == "sysid")
     joint_table = None if joint is None else tables.table(joint, [joint_parameter(name) for name in names])
-    upto(0.3 if results.inertial else 0.8)
+    progress_stage(0.3 if results.inertial else 0.8)
     sections = _drawn(report_experiments.sections(results, telemetries))
     products = Products(results)
-    upto(0.8)
+    progress_stage(0.8)
     motion = _drawn(report_motion.parts(results, telemetries, products))
-    upto(1.0)
+    progress_stage(1.0)
     parts = _drawn(_last(directory, results, telemetries, products))
-    page = template().render(
+    page = _template().render(
         title=_title(directory, results, telemetries),
         facts=_summary(results, telemetries),
         verdict=verdict(results, [joint_table] if joint_table else [s.table for s in sections]),
@@ -125,11 +125,11 @@ def _drawn(sections: Sequence[_Section]) -> list[_Section]:
         made = [charts.shown(drawing) for drawing in section.drawings if isinstance(drawing, Drawing)]
         return replace(section, drawings=tuple(made))
 
-    return each(shown, sections)
+    return parallel_map(shown, sections)
 
 
 @cache
-def template() -> Template:
+def _template() -> Template:
     """Return what makes the page: to compile it takes a tenth of a second."""
     environment = Environment(
         loader=PackageLoader("fit.report"),

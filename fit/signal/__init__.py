@@ -3,7 +3,7 @@
 Nothing here knows what the channels mean.
 """
 
-from fit.signal import pages, patches, windows
+from fit.signal import patches, windows
 from fit.signal.averages import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds, welch
 from fit.signal.excess import Excess
 from fit.signal.medians import median
@@ -24,7 +24,6 @@ __all__ = [
     "log_psd",
     "log_psds",
     "median",
-    "pages",
     "patches",
     "spectra",
     "welch",

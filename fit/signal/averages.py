@@ -20,9 +20,9 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from fit.parallel import parallel_map
 from fit.signal import windows
 from fit.signal.spectra import window
-from fit.threads import each
 
 Array = NDArray[np.float64]
 
@@ -212,7 +212,7 @@ def log_psds(quantities: Sequence[Sequence[Array]], fs: float) -> list[LogSpectr
             found.append((f, power.mean() * 2 / fs, n / (1 + 2 * overlap * (1 - 1 / n))) if n else _NOTHING)
         return found
 
-    every = np.array(each(at, lowest * 10 ** (steps / PER_DECADE))).reshape(-1, len(quantities), 3)
+    every = np.array(parallel_map(at, lowest * 10 ** (steps / PER_DECADE))).reshape(-1, len(quantities), 3)
     return [_with_bounds(*points[points[:, 2] > 0].T) for points in every.swapaxes(0, 1)]
 
 

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit import requirements
-from fit.signal import pages, windows
+from fit.signal import windows
 from fit.telemetry import PIECE, Row, pieces
 
 Array = NDArray[np.float64]
@@ -199,7 +199,6 @@ def reduced(
             return _bridged(x[:], fs, taps, factor)
         kept.append(decimate(part, taps, factor))
     found = np.concatenate([np.empty(0), *kept])
-    found = pages.laid(found, found.size)
     return found, np.zeros(found.size, dtype=bool), np.zeros(1, dtype=bool)
 
 

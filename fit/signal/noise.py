@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.threads import cached_property, kept
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ class NoiseModel:
         return np.asarray(S * np.exp(-basis.variance(self.covariance) * (power / S - 1)))
 
 
-@kept(12)  # the runs of a campaign have few lengths, and each is asked for again and again
+@lru_cache(maxsize=12)  # the runs of a campaign have few lengths, and each is asked for again and again
 def _basis(of_knots: bytes, of_f: bytes) -> Basis:
     """Return the basis of natural splines with these knots, straight beyond them."""
     knots, u = np.frombuffer(of_knots), np.log(np.frombuffer(of_f))
@@ -156,7 +156,7 @@ def _basis(of_knots: bytes, of_f: bytes) -> Basis:
     return Basis(t, starts, counts, np.ascontiguousarray(coefficients[:, cubic[starts]]))
 
 
-@kept(8)
+@lru_cache(maxsize=8)
 def _knots(of_f: bytes) -> Array:
     """Space the knots evenly in log f, but never closer than BINS_PER_KNOT bins."""
     f, bins = np.frombuffer(of_f), [0.0]

@@ -1,18 +1,18 @@
 """Window and transform: the spectra of the columns of one run in the fitted band."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.requirements import F_MAX, GAP_TAPER, TAPER
-from fit.signal import folded, pages, patches, windows
+from fit.signal import patches, windows
 from fit.signal.derivatives import stretches
 from fit.telemetry import pieces
-from fit.threads import kept
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -26,12 +26,12 @@ def window(valid: NDArray[np.bool_], fs: float) -> Array:
     for start, stop in stretches(~valid):
         distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
         w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2
-    return pages.laid(w, w.size)
+    return w
 
 
-@kept(8)  # the runs of a campaign have few lengths
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _tukey(n: int, taper: float) -> Array:
-    w = pages.laid(windows.tukey(n + 2, taper)[1:-1], n)
+    w = windows.tukey(n + 2, taper)[1:-1]
     w.setflags(write=False)  # others get the same one
     return w
 
@@ -103,7 +103,7 @@ def transform(
         seen = impulses[impulses < n]
         nuisance.append(patches.columns(seen[w[seen] > 0], n, bins))  # what the window leaves is as good
     f = np.arange(bins.start, bins.stop) * fs / n
-    return Spectra(f, windowed(columns, w, fs, bins), pages.laid(np.hstack(nuisance), n), w, tau, bins.start)
+    return Spectra(f, windowed(columns, w, fs, bins), np.hstack(nuisance), w, tau, bins.start)
 
 
 def _even(w: Array, fs: float, bins: slice) -> Spectrum:
@@ -111,7 +111,7 @@ def _even(w: Array, fs: float, bins: slice) -> Spectrum:
     return windowed(np.stack([np.ones(w.size), np.linspace(-1, 1, w.size)], axis=1), w, fs, bins)
 
 
-@kept(8)
+@lru_cache(maxsize=8)
 def _whole(n: int, fs: float, first: int, end: int) -> Spectrum:
     """Return the same for a run without masks, at the bins from `first` on."""
     return _even(_tukey(n, TAPER), fs, slice(first, end))
@@ -121,8 +121,6 @@ def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice 
     """Return the transforms of columns, shape (N or more, P) or in parts, under a window, see `Spectra`."""
     scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
     parts = iter([columns] if isinstance(columns, np.ndarray) else columns)
-    if w.size > pages.LONG:
-        return _one_by_one(parts, w, bins, scale)
     found: list[Spectrum] = []
     rows, filled = np.empty((2, w.size)), 0  # two at a time are faster, more fill the memory
 
@@ -141,28 +139,11 @@ def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice 
     return np.concatenate(found).T
 
 
-def _one_by_one(parts: Iterator[Array], w: Array, bins: slice, scale: float) -> Spectrum:
-    """Return what `windowed` does of a long run."""
-    found: list[Spectrum] = []
-    for part in parts:
-        for k in range(part.shape[1]):
-            of_column = folded.transform(part[: w.size, k], w, bins.stop)
-            found.append(pages.laid(of_column[bins, None], w.size))
-            pages.put_down()
-        del part  # before there is another one
-    together = pages.room((bins.stop - bins.start, len(found)), w.size, np.complex128)
-    for k, column in enumerate(found):
-        np.multiply(column[:, 0], scale, out=together[:, k])
-    return together
-
-
 def lowest(series: Array, w: Array, end: int) -> Spectrum:
     """Return the bins 0 to `end`, that left out, of transforms of series, shape (K, n), under a window.
 
     The series are overwritten.
     """
-    if w.size > pages.LONG:
-        return np.stack([folded.transform(x, w, end) for x in series])
     series *= w
     return scipy.fft.rfft(series)[:, :end]
 
@@ -178,12 +159,7 @@ def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
 
 def series(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
-    found = pages.room((n, columns.shape[1]), n)
-    if n > pages.LONG:
-        for column, out in zip(columns.T, found.T, strict=True):
-            folded.inverse(column, first, n, out)
-            pages.put_down()
-        return found
+    found = np.empty((n, columns.shape[1]), order="F")
     for some in pieces(columns.shape[1], each=2):
         padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
         padded[:, first : first + len(columns)] = columns[:, some].T
@@ -222,19 +198,15 @@ def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]
 def _slow(window: Array, m: int) -> Array:
     """Return the weights of `squared` for a window of a run, shape (m,)."""
     n, end = window.size, m // 2 + 1
-    if n > pages.LONG and m < n:
-        squares, spectrum = float(window @ window), folded.transform(window, window, end)
-    else:
-        w2 = window * window
-        squares = float(w2.sum())
-        if m == n:
-            return np.asarray(w2 * (n * m / 2 / squares))
-        spectrum = scipy.fft.rfft(w2)[:end]
-    slow = scipy.fft.irfft(spectrum, m) * (m / n)
+    w2 = window * window
+    squares = float(w2.sum())
+    if m == n:
+        return np.asarray(w2 * (n * m / 2 / squares))
+    slow = scipy.fft.irfft(scipy.fft.rfft(w2)[:end], m) * (m / n)
     return np.asarray(slow * (n * m / 2 / squares))
 
 
-@kept(8)
+@lru_cache(maxsize=8)
 def _whole_slow(n: int, m: int, taper: float) -> Array:
     """Return the same for a run without masks."""
     weights = _slow(_tukey(n, taper), m)

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from fit.display import Displayed
 from fit.errors import InputError, shown
 from fit.files import key
+from fit.parallel import parallel_map, update_progress
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
 from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
 from fit.telemetry.markers import check_markers
 from fit.telemetry.pieces import Row, pieces
 from fit.telemetry.rows import OnDemand, check_schema, opened
-from fit.threads import each, tell
 
 if TYPE_CHECKING:
     import xarray
@@ -275,7 +275,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
         If a file is missing or breaks the contract, or two files share a run name.
     """
     runs: dict[str, Telemetry] = {}
-    for telemetry in each(partial(read, own=True), paths) if own else _tried(paths):
+    for telemetry in parallel_map(partial(read, own=True), paths) if own else _tried(paths):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -290,7 +290,7 @@ def _tried(paths: Sequence[Path]) -> Iterator[Telemetry]:
     with closing(guard.passed(look, paths)) as sound:
         for n, path in enumerate(sound, 1):
             yield read(path)
-            tell(n / len(paths))
+            update_progress(n / len(paths))
 
 
 def inertial_period(telemetry: Telemetry) -> str:

@@ -10,6 +10,7 @@ band. Leaving out the lowest bins would break the sum.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,8 @@ from scipy.linalg import lapack
 
 from fit.errors import FitError
 from fit.model import dynamics
-from fit.signal import NoiseModel, Spectra, Spectrum, pages, spectra
+from fit.signal import NoiseModel, Spectra, Spectrum, spectra
 from fit.telemetry import pieces
-from fit.threads import cached_property
 from fit.weighing.likelihood import Likelihood, Weights, weights
 from fit.weighing.tones import drives, single_tone
 
@@ -117,7 +117,6 @@ class Block:
         found = np.zeros((z.shape[1], z.shape[1]))
         for at in pieces(w2.size):
             found += z[at].T @ (z[at] * w2[at, None])
-            pages.put_down()
         return np.asarray((found + found.T) / 2)
 
     def root(self, bins: slice) -> Array:
@@ -158,12 +157,10 @@ def whiten(spectra: Spectra, S: Array, first: int | None = None) -> tuple[Spectr
     scale, Q = np.repeat(np.sqrt(2 / S), 2), projected_out(spectra, S)
     columns, given = stacked(spectra.columns).T, slice(None if first is None else 2 * first)
     scaled = scale[given]
-    U = pages.room((scaled.size, len(columns)), spectra.window.size).T  # one row for each column, as they lie
-    np.multiply(columns[:, given], scaled, out=U)
+    U = columns[:, given] * scaled  # one row for each column, as they lie
     taken = U @ Q if first is None else columns @ (Q * scale[:, None])
     for at in pieces(U.shape[1]):
         U[:, at] -= taken @ Q[at].T
-    pages.put_down()
     of_bins = Q[given].reshape(U.shape[1] // 2, -1)
     return U.view(np.complex128).T, np.asarray(1 - np.einsum("bi,bi->b", of_bins, of_bins) / 2, np.float64)
 
@@ -180,12 +177,7 @@ def orthonormal(rows: Array) -> Array:
 
 
 def triangle(rows: Array) -> Array:
-    """Return the triangle R of the QR factors of rows, shape (M, K), which come a good many at a time."""
-    found = [_triangle(rows[at]) for at in pieces(len(rows), each=pages.LONG // 4)]
-    return found[0] if len(found) == 1 else _triangle(np.concatenate(found))
-
-
-def _triangle(rows: Array) -> Array:
+    """Return the triangle R of the QR factors of rows, shape (M, K)."""
     return np.asarray(np.triu(lapack.dgeqrf(rows)[0][: rows.shape[1]]))
 
 

@@ -1,20 +1,17 @@
 """The minimum of chi^2, by one step where that is enough and else by lmfit."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit import lean
 from fit.errors import FitError
 from fit.weighing import linear
 
 Array = NDArray[np.float64]
 
 NEAR = 1.0  # sigma: beyond a step that short, products of parameters move less than 1e-5
-_UNASKED = ("pandas", "matplotlib", "emcee")  # lmfit takes them in if they are there
 
 
 def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, width: Array) -> Array:
@@ -43,7 +40,7 @@ def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, 
         return reached
     if not all(np.isfinite(block.R).all() for block in blocks):
         raise FitError("the residual or its derivatives are not finite")
-    lmfit = minimiser()
+    import lmfit  # slow to import
 
     def parameters(p: Any) -> Array:
         return np.array([p[name].value for name in p]) * width
@@ -72,12 +69,6 @@ def minimise(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, 
     if not found.success or not np.isfinite(theta := parameters(found.params)).all():
         raise FitError("the minimisation failed: no minimum of chi2 is reached from the start values")
     return theta
-
-
-def minimiser() -> Any:
-    """Return lmfit, which takes its time; without what it only wants for what is not asked of it here."""
-    with lean.without(_UNASKED, "lmfit"):
-        return import_module("lmfit")
 
 
 def _step(blocks: Sequence[linear.Block], prior: linear.Prior, start: Array, width: Array) -> Array | None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics, wander
-from fit.signal import NoiseModel, Spectra, derivatives, pages, patches, spectra
+from fit.signal import NoiseModel, Spectra, derivatives, patches, spectra
 from fit.telemetry import Telemetry
 from fit.weighing import shapes
 from fit.weighing.shapes import Glitch
@@ -172,9 +172,8 @@ class Run:
             check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
             self._first = last
         else:
-            n = last.window.size
             for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
-                columns, of_force = pages.copied(last.columns, n), dynamics.force(self.channels, j, tau)
+                columns, of_force = last.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
                 columns[:, dynamics.FORCES[j]] = spectra.windowed(of_force, last.window, self.channels.fs)
                 moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
                 last = replace(last, columns=columns, tau=moved)

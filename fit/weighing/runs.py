@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics
+from fit.parallel import parallel_map
 from fit.requirements import SHORTEST
 from fit.settings import Settings
 from fit.signal import NoiseModel, Spectra, fit_noise
 from fit.telemetry import Telemetry
-from fit.threads import each
 from fit.weighing import linear
 from fit.weighing.run import Run
 
@@ -171,7 +171,7 @@ def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:
     """
     _check_names(telemetries)
     driven = [run for run in telemetries if run.kind == "sysid"]
-    return each(partial(_experiment, telemetries), driven)
+    return parallel_map(partial(_experiment, telemetries), driven)
 
 
 def divide(

@@ -7,17 +7,16 @@ tell. Each is made from its transform, so that it begins between samples and hol
 band that could be folded into it.
 """
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.signal import Spectrum, derivatives, pages
+from fit.signal import Spectrum, derivatives
 from fit.telemetry import Row, pieces
-from fit.threads import kept
 
 Array = NDArray[np.float64]
 
@@ -41,7 +40,7 @@ SHORTEST = 30.0  # s, tau; what is shorter is masked
 LONGEST = 10800.0  # s, tau
 SHARE = 0.25  # of a run, that tau may take: what is longer passes for a drift
 TOGETHER = 2**19  # samples in transforms that are made at once: of all of them, the memory would be full
-_PART = 4  # of columns, the same; of long runs one
+_PART = 4  # of columns, the same
 
 
 @dataclass(frozen=True)
@@ -97,8 +96,6 @@ def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
                 _fill(spectrum, found[i], n, first, fs)
-            if n > pages.LONG:
-                pages.put_down()
             of_some = scipy.fft.irfft(spectra, n)
             del spectra  # they are as large
             together[some] = of_some[:, : time.size]
@@ -123,24 +120,19 @@ def _padded(glitch: Glitch, size: int, fs: float) -> int:
 def _fill(spectrum: Spectrum, glitch: Glitch, n: int, first: float, fs: float) -> None:
     """Fill in the transform of a glitch at n instants from `first` [s] on."""
     f, smooth = _low_pass(n, fs)
-    angle, width = 2 * np.pi * fs * (first - glitch.begin) / n, math.isqrt(f.size) + 1
-    # exp(i k angle) for every bin k, as products of far fewer ones
-    fine, coarse = np.exp(1j * angle * np.arange(width)), np.exp(1j * (angle * width) * np.arange(width))
-    for rows in pieces(width, each=max(1, pages.LONG // width)):
-        at = slice(rows.start * width, min(rows.stop * width, f.size))
-        inside = spectrum[at]
-        inside[:] = glitch.shape.transform(f[at])
-        inside *= smooth[at] * (fs * glitch.shape.tau)
-        inside *= np.multiply.outer(coarse[rows], fine).reshape(-1)[: inside.size]
+    filled = spectrum[: f.size]
+    np.exp(2j * np.pi * (first - glitch.begin) * f, out=filled)
+    filled *= glitch.shape.transform(f)
+    filled *= smooth * (fs * glitch.shape.tau)
 
 
-@kept(2)  # a shape that is moved and turned keeps its length for a while
+@lru_cache(maxsize=2)  # a shape that is moved and turned keeps its length for a while
 def _low_pass(n: int, fs: float) -> tuple[Array, Array]:
     """Return the frequencies [Hz] of the transform of n samples up to where nothing is left, and what is."""
     f = scipy.fft.rfftfreq(n, 1 / fs)
     smooth = np.exp(-np.square(np.square(f / (2 * min(derivatives.F_MAX, fs / 10)))))
     kept = int(np.count_nonzero(smooth))
-    f, smooth = pages.laid(f[:kept], n), pages.laid(smooth[:kept], n)
+    f, smooth = f[:kept], smooth[:kept]
     for shared in (f, smooth):
         shared.setflags(write=False)  # others get the same ones
     return f, smooth
@@ -161,13 +153,8 @@ def bank(duration: float) -> list[Shape]:
 
 def columns(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     """Yield the glitches at the instants `time` [s], shape (N, G), some at a time."""
-    for some in pieces(len(found), each=_together(time.size)):
+    for some in pieces(len(found), each=_PART):
         yield series(found[some], time, fs).T
-
-
-def _together(size: int) -> int:
-    """Return how many series of so many samples to make at once."""
-    return _PART if size <= pages.LONG else 1
 
 
 def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
@@ -179,7 +166,7 @@ def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     yield from columns(found, time, fs)
     for glitch in found:  # one by one: in long runs all of them fill the memory
         changes = steps(glitch)
-        for some in pieces(changes.size, each=_together(time.size)):
+        for some in pieces(changes.size, each=_PART):
             moved = [glitch.moved(step) for step in np.diag(changes)[some]]
             found_there = series([glitch, *moved], time, fs)
             yield ((found_there[1:] - found_there[0]) / changes[some, None]).T

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from fit import settings as fit_settings
 from fit.estimate import angles, forecast
+from fit.parallel import processors
 from fit.results import Fit
 from fit.tables import Lines
-from fit.threads import processors
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import margins as cli_margins
 from lpfcosim.cli.common import about

@@ -23,7 +23,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from fit.threads import following, give_back
+from fit.parallel import follow_progress
 
 if TYPE_CHECKING:
     from fit.results import Results
@@ -117,9 +117,8 @@ class Console:
                     spoken.done = done
                     bars.update(task, total=1.0, completed=done)
 
-                with following(told):
+                with follow_progress(told):
                     yield
-        give_back()
         self.note(f"{name}: {spoken.seconds:.1f} s")
 
     @contextmanager

@@ -11,10 +11,10 @@ import fit.errors
 from fit.estimate import angles, inertial, sight
 from fit.estimate import forecast as forecasts
 from fit.files import atomic
+from fit.parallel import follow_progress, update_progress
 from fit.results import Fit
 from fit.settings import Settings, settings
 from fit.tables import Lines
-from fit.threads import following, tell
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about, check_file
 from lpfcosim.cli.console import Console
@@ -61,7 +61,7 @@ def design(
     told = Told(
         lambda value, bound: console.note(f"programme: {value:.4f}, no design below {bound:.4f}"),
         lambda step, value: console.note(f"{step}: {value:.4f}"),
-        tell,
+        update_progress,
     )
     try:
         with about(campaign), console.stage("search"):
@@ -71,11 +71,11 @@ def design(
     atomic.write(path, text(found, path.stem, campaign.name))
     loading.load(path)
     with console.stage("check through the FMUs"):
-        stepped = through_fmus(found, jobs, tell)
+        stepped = through_fmus(found, jobs, update_progress)
     box = None
     if found.complete:
         with console.stage("other truths and noise"):
-            box = robustness(found, foresees, tell)
+            box = robustness(found, foresees, update_progress)
     console.document(json.dumps(_document(found, stepped, box), indent=1, allow_nan=False))
     console.show(_table(found))
     if figure:
@@ -98,7 +98,7 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
 
     def fitted(of: Campaign) -> Fit:
         gains = dict.fromkeys(("lambda_1", "lambda_2"), of.truth.lambda_scatter)
-        with following(None):  # it is a small part of the search, which tells how far that is
+        with follow_progress(None):  # it is a small part of the search, which tells how far that is
             return forecasts.expected_fit(planned(of), chosen, gains)
 
     def expected(of: Campaign) -> dict[str, float]:
@@ -119,7 +119,7 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
 
     @cache
     def more() -> dict[str, float]:
-        with following(None):
+        with follow_progress(None):
             return sight.found(planned(plan), chosen)
 
     def told_by(of: Campaign) -> sight.Sights:

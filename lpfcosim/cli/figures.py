@@ -7,8 +7,8 @@ from pathlib import Path
 from fit.errors import InputError
 from fit.estimate import earlier
 from fit.figures import Figure
+from fit.parallel import processors
 from fit.report import page
-from fit.threads import processors
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Where

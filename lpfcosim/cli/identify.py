@@ -10,11 +10,11 @@ from pathlib import Path
 import fit.errors
 from fit.estimate import earlier, pulls
 from fit.identification import Free, identify
+from fit.parallel import serial
 from fit.report import page as fit_report
 from fit.results import Results, write
 from fit.settings import Group, Settings, settings
 from fit.telemetry import Telemetry, read_truth
-from fit.threads import alone
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
 from lpfcosim.campaign import Campaign, loading
@@ -147,7 +147,7 @@ def _alone(
     plan: Campaign, campaign: Path, fmus: Mapping[str, Path], directory: Path, where: Where
 ) -> Results:
     """Do that, in a worker: one thread, so that it is known which FMU is at work."""
-    with ours(), alone(), ExitStack() as stack, about(campaign):
+    with ours(), serial(), ExitStack() as stack, about(campaign):
         results, telemetries = earlier.load(directory)
         prepared = earlier.experiments(results, telemetries, directory / "results.json")
         loop = _simulation(stack, plan, prepared[0], fmus, where)

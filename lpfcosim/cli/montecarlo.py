@@ -19,12 +19,12 @@ import fit.errors
 from fit.estimate import inertial, pulls
 from fit.files import documents
 from fit.model import dynamics, rotation
+from fit.parallel import one_blas_thread, processors, serial
 from fit.pipeline import calibrate
 from fit.results import Results
 from fit.settings import Settings
 from fit.tables import Lines
 from fit.telemetry import Telemetry, read_all
-from fit.threads import alone, one_heap, one_thread, processors
 from lpfcosim.campaign import Campaign
 from lpfcosim.campaign import montecarlo as campaign_montecarlo
 from lpfcosim.cli import fmu as cli_fmu
@@ -263,7 +263,7 @@ def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
 # In a process of its own, or of a cluster --------------------------------------------------------------
 
 
-@one_thread
+@one_blas_thread
 def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None = None) -> Line:
     """Simulate campaign `number`, through FMUs if there are any, and fit it.
 
@@ -272,10 +272,9 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
     """
     where = where or Where()
     where.rest()
-    one_heap()
     plan = campaign_montecarlo.numbered(work.plan, number, redraw=work.redraw)
     try:
-        with alone():  # a process for each processor does better
+        with serial():  # a process for each processor does better
             results = (
                 _through_fmus(plan, work.chosen, fmus, where) if fmus else _from_spectra(plan, number, work)
             )

@@ -1,5 +1,5 @@
-/* The stepping loop of the co-simulation: connections, feeds and recording come as tables. Then the noise
-   that drives it, and the low-pass of what it records.
+/* The stepping loop of the co-simulation: connections, feeds and recording come as tables. Then the recursion
+   of the noise that drives it, and the low-pass of what it records.
 
    FMPy loads, initialises and frees the FMUs; here are only their functions and their instances. */
 #include <stddef.h>
@@ -125,14 +125,6 @@ EXPORT int mixed_step(void *mixed, double time, double h, _Bool keep, _Bool *eve
     return m->step(m->instance, time, h, keep, event, terminate, early, last);
 }
 
-enum { OF_LINE = 8, AHEAD = 3 * OF_LINE }; /* samples in a cache line; how far ahead they are fetched */
-
-/* Every signal of a block lies by itself: more places than a processor looks ahead at. */
-static void fetch(const Signals *signals, int64_t sample) {
-    for (int64_t j = 0; j < signals->n; j++)
-        __builtin_prefetch(signals->values + sample * signals->per_sample + j * signals->per_signal);
-}
-
 /* Steps the slaves in their order through samples first … first + n - 1, or until one refuses.
    The feeds come first on the bus; what is recorded has its places there in record.
    Another process may look at where, also when this one is no more: it is kept up to date. */
@@ -143,10 +135,6 @@ EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const S
         const double *feed = feeds->values + i * feeds->per_sample;
         double *out = recorded->values + i * recorded->per_sample;
         where->sample = first + i;
-        if (i % OF_LINE == 0 && i + AHEAD < n) {
-            fetch(feeds, i + AHEAD);
-            fetch(recorded, i + AHEAD);
-        }
         for (int64_t j = 0; j < feeds->n; j++) bus[j] = feed[j * feeds->per_signal];
         for (size_t j = 0; j < n_slaves; j++) {
             where->slave = (int32_t)j;
@@ -165,112 +153,9 @@ EXPORT void run_block(const Slave *slaves, size_t n_slaves, double *bus, const S
     where->slave = -1;
 }
 
-/* Normal numbers, with the bits of NumPy's Generator(PCG64).standard_normal: a ziggurat of 256 layers. NumPy's own
-   function for one number, of its C interface, tells the layers and draws the 1 in 80 that is not well inside one. */
-__extension__ typedef unsigned __int128 Wide;
-
-enum { LAYERS = 256, SIGN = 256, ABOVE = 9 }; /* layer, sign, and from bit 9 on the magnitude of 52 bits */
-
-typedef struct {
-    uint64_t high, low, add_high, add_low; /* state and increment */
-} Pcg;
-
-typedef struct { /* bitgen_t of numpy/random/bitgen.h */
-    void *state;
-    uint64_t (*next_uint64)(void *);
-    uint32_t (*next_uint32)(void *);
-    double (*next_double)(void *);
-    uint64_t (*next_raw)(void *);
-} Bits;
-
-typedef double (*Normal)(Bits *);
-
-typedef struct {
-    uint64_t first; /* number that it answers with, then one that NumPy accepts */
-    int asked;
-} Script;
-
-static uint64_t inside[LAYERS];  /* smaller magnitudes lie inside the layer at any height */
-static double width[2 * LAYERS]; /* by sign and layer, of a magnitude of one */
-
-static uint64_t answer(void *at) {
-    Script *script = at;
-    return script->asked++ ? (uint64_t)1 << ABOVE | 3 : script->first;
-}
-
-static double half(void *at) {
-    Script *script = at;
-    script->asked++;
-    return 0.5;
-}
-
-/* Fills the tables. */
-EXPORT void learn(Normal normal) {
-    Script script;
-    Bits bits = {&script, answer, NULL, half, answer};
-    for (uint64_t layer = 0; layer < 2 * LAYERS; layer++) {
-        script = (Script){(uint64_t)1 << ABOVE | layer, 0};
-        width[layer] = normal(&bits);
-    }
-    for (uint64_t layer = 0; layer < LAYERS; layer++) {
-        uint64_t low = 0, high = (uint64_t)1 << 52;
-        while (low < high) {
-            uint64_t middle = (low + high) / 2;
-            script = (Script){middle << ABOVE | layer, 0};
-            normal(&bits);
-            if (script.asked == 1) low = middle + 1;
-            else high = middle;
-        }
-        inside[layer] = low;
-    }
-}
-
-static Wide joined(uint64_t high, uint64_t low) { return (Wide)high << 64 | low; }
-
-static Wide after(Wide state, Wide add) {
-    return state * joined(2549297995355413924u, 4865540595714422341u) + add;
-}
-
-static uint64_t said(Wide state) {
-    uint64_t mixed = (uint64_t)(state >> 64) ^ (uint64_t)state;
-    unsigned by = (unsigned)(state >> 122);
-    return mixed >> by | mixed << (-by & 63);
-}
-
-static void keep(Pcg *pcg, Wide state) {
-    pcg->high = (uint64_t)(state >> 64);
-    pcg->low = (uint64_t)state;
-}
-
-static uint64_t next(void *at) {
-    Pcg *pcg = at;
-    keep(pcg, after(joined(pcg->high, pcg->low), joined(pcg->add_high, pcg->add_low)));
-    return said(joined(pcg->high, pcg->low));
-}
-
-static double uniform(void *at) { return (double)(next(at) >> 11) / 9007199254740992.0; }
-
-/* Draws the next n numbers x[i] into out[i] = size x[i] + rho out[i-1], with last before the first; returns the last.
-   White noise has no rho. */
-EXPORT double draw(Pcg *pcg, Normal normal, double *out, int64_t n, double size, double rho, double last) {
-    Bits bits = {pcg, next, NULL, uniform, next};
-    Wide state = joined(pcg->high, pcg->low), add = joined(pcg->add_high, pcg->add_low);
-    for (int64_t i = 0; i < n; i++) {
-        Wide following = after(state, add);
-        uint64_t drawn = said(following), magnitude = drawn >> ABOVE & (((uint64_t)1 << 52) - 1);
-        double x;
-        if (magnitude < inside[drawn & (LAYERS - 1)]) {
-            x = (double)(int64_t)magnitude * width[drawn & (2 * LAYERS - 1)];
-            state = following;
-        } else {
-            keep(pcg, state);
-            x = normal(&bits);
-            state = joined(pcg->high, pcg->low);
-        }
-        out[i] = last = size * x + rho * last;
-    }
-    keep(pcg, state);
-    return last;
+/* Replaces x[i] by x[i] + rho y[i-1], with last for the y before the first: noise that rises as 1/f. */
+EXPORT void autoregress(double *x, int64_t n, double rho, double last) {
+    for (int64_t i = 0; i < n; i++) x[i] = last = x[i] + rho * last;
 }
 
 /* Two channels side by side, which a processor takes at once; NumPy aligns numbers only. */

@@ -22,7 +22,7 @@ from lpfcosim.cosim.slave import EARLY, ENDS, NOT_FINITE, Slave
 from lpfcosim.cosim.stepping import CompiledLoop
 from lpfcosim.errors import RunError
 from lpfcosim.network import Component
-from lpfcosim.signals import plain
+from lpfcosim.signals import autoregress
 from lpfcosim.spacecraft import READ_OUT_RANGE, Run
 from lpfcosim.worlds import drive, world_of
 
@@ -327,7 +327,7 @@ class Loop(Network):
         where: Where | None = None,
     ) -> None:
         self._run = run
-        self._noise = drive.stream(run, compiled.drawing if engine == "compiled" else plain)
+        self._noise = drive.stream(run, compiled.autoregress if engine == "compiled" else autoregress)
         self._feeds, self._channels = drive.names(run), world_of(run).record
         record = self._channels.values()
         super().__init__(run.name, run.h, components, slaves, self._feeds, record, engine, where)

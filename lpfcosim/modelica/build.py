@@ -43,7 +43,7 @@ SIGNALS = ("Signals", "WholeSignals")  # what drives the loop elsewhere; not of 
 STEP = 0.1  # s, internal step; shorter communication steps are taken as they are
 RUNTIME = Path(__file__).parent / "runtime"
 ENGINE = Path(__file__).parents[1] / "cosim" / "engine.c"
-_CORE = ("core.c", "core.h", "derivatives.c", "instance.c", "instance.h", "multiply.c")
+_CORE = ("core.c", "core.h", "derivatives.c", "instance.c", "instance.h")
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -277,7 +277,7 @@ def _write_sources(folder: Path, header: str, body: str, fmi: str) -> list[str]:
     for file in _runtime(fmi):
         shutil.copyfile(file, folder / file.name)
     # One translation unit: the compiler then sees the equations from inside the step.
-    parts = ["model.c", "core.c", "multiply.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
+    parts = ["model.c", "core.c", "instance.c", "derivatives.c", f"fmi{fmi[0]}.c"]
     (folder / "all.c").write_text("".join(f'#include "{p}"\n' for p in parts), encoding="utf-8")
     return ["all.c"]
 

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.parallel import one_blas_thread
 from fit.requirements import GAP_TAPER, TAPER
-from fit.threads import one_thread
 from lpfcosim.plant import planning
 from lpfcosim.spacecraft import READ_OUT_RANGE, Actuation, HalfCosine, Injection, Run, Sine
 from lpfcosim.worlds import System, on_circle, world_of
@@ -62,7 +62,7 @@ def count(run: Run, block: Mapping[str, Array]) -> int:
     return int(np.any(reached, axis=0).sum())
 
 
-@one_thread
+@one_blas_thread
 def demands(run: Run) -> list[Demand]:
     """Return the commands along x and the read-outs that a run takes beyond their limits.
 

@@ -28,7 +28,7 @@ HIGHEST = planning.RATE / 4
 GRID = 50  # frequencies per decade between which the noise is interpolated: right to 1e-5
 FINER = 24  # chords between two of them, right to 1e-5 as well
 BLOCK = 8192  # bins held at a time
-# Channels that are transformed at a time: of 65 h, two still have room in the heap, see `fit.threads.heap`.
+# Channels that are transformed at a time: more of them would fill the memory.
 TOGETHER = 2
 DEPENDENT = 1e-6  # share of its noise that a channel has beside others, below which it depends on them
 # Lengths of a run after which its noise repeats. Of noise that rises as 1/f, without constant and ramp, the

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.threads import one_thread
+from fit.parallel import one_blas_thread
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import Noise, Run
 from lpfcosim.worlds import world_of
@@ -26,7 +26,7 @@ def is_stable(run: Run) -> bool:
     return True
 
 
-@one_thread
+@one_blas_thread
 def check(*runs: Run) -> None:
     """Refuse runs whose loop is not asymptotically stable.
 

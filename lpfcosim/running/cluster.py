@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 ANSWER = 10  # s that a scheduler has to answer
 #: Must be the same on a worker, for the last bits depend on them.
 _SAME = ("lpfcosim", "numpy", "scipy")
+_DAEMON = (
+    "a worker of the cluster may not start the process in which FMUs run; on its machine, call "
+    "'dask config set distributed.worker.daemon False' and start the worker again"
+)
 
 
 class Cluster:
@@ -262,7 +266,9 @@ def _unpacked(digest: str, suffix: str, data: bytes) -> Path:
 
 def _there(shared: _Shared, item: tuple[Any, ...], fmus: Mapping[str, Path]) -> _Delivery:
     run, file, *more = item
-    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as place, _children():
+    if mp.current_process().daemon:
+        raise RunError(f"run '{run.name}': {_DAEMON}")
+    with tempfile.TemporaryDirectory(prefix="lpfcosim-") as place:
         folder = Path(place).resolve()
         setting = workers.Setting(shared.function, folder, folder / "logs")
         task = {run.name: (run, dict(fmus), folder / file, *more)}
@@ -274,15 +280,3 @@ def _there(shared: _Shared, item: tuple[Any, ...], fmus: Mapping[str, Path]) -> 
         log = setting.log(run.name)
         told = result.digest if isinstance(result, Finished) else result
         return _Delivery(told, content, log.read_bytes() if log.is_file() else b"")
-
-
-@contextmanager
-def _children() -> Iterator[None]:
-    """Let this process have children: Dask's may not, lest they stay behind; ours end by themselves."""
-    config: dict[str, Any] = mp.current_process()._config  # type: ignore[attr-defined]
-    daemon = config.get("daemon")
-    config["daemon"] = False
-    try:
-        yield
-    finally:
-        config["daemon"] = daemon

@@ -3,7 +3,7 @@
 Which noise there is depends on the world of the run, so `lpfcosim.worlds` starts the streams.
 """
 
-from lpfcosim.signals.drawing import Drawing, Fill, plain
+from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.flicker import flicker
 from lpfcosim.signals.injections import TARGETS, commanded, injected
 from lpfcosim.signals.noise import CORNER, Noise, Shares, Source, tail
@@ -12,17 +12,16 @@ from lpfcosim.signals.wander import Wander
 __all__ = [
     "CORNER",
     "TARGETS",
-    "Drawing",
-    "Fill",
     "Noise",
+    "Recursion",
     "Shares",
     "Source",
     "Wander",
+    "autoregress",
     "commanded",
     "decimation",
     "events",
     "flicker",
     "injected",
-    "plain",
     "tail",
 ]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals.drawing import Drawing, plain
+from lpfcosim.signals.autoregression import Recursion, autoregress
 from lpfcosim.signals.noise import Source
 from lpfcosim.signals.streams import generator
 from lpfcosim.spacecraft import Run
@@ -26,7 +26,7 @@ class Wander(Source):
 
     drift: float = 0.0
 
-    def start(self, run: Run, drawing: Drawing = plain) -> "_Path":  # noqa: ARG002
+    def start(self, run: Run, recursion: Recursion = autoregress) -> "_Path":  # noqa: ARG002
         """Return the change at the beginning of the run."""
         return _Path(self, run)
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lpfcosim.signals import TARGETS, Drawing, Noise, injected, plain
+from lpfcosim.signals import TARGETS, Noise, Recursion, autoregress, injected
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds.world import world_of
 
@@ -22,9 +22,9 @@ def injections(run: Run, start: int = 0, stop: int | None = None) -> dict[str, A
     return injected(run, start, stop, world_of(run).turns(run))
 
 
-def stream(run: Run, drawing: Drawing = plain) -> Noise:
+def stream(run: Run, recursion: Recursion = autoregress) -> Noise:
     """Return the noise of a run at its beginning."""
-    return Noise(run, world_of(run).sources(run), drawing)
+    return Noise(run, world_of(run).sources(run), recursion)
 
 
 def noise(run: Run) -> dict[str, Array]:

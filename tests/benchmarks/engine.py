@@ -121,7 +121,7 @@ def timed_loop(
 def draw(run: Run) -> float:
     """Seconds that the injections and the noise of a run take, block by block."""
     started = time.perf_counter()
-    noise = drive.stream(run, compiled_engine.drawing)
+    noise = drive.stream(run, compiled_engine.autoregress)
     for start in range(0, run.n_samples, master.BLOCK):
         stop = min(start + master.BLOCK, run.n_samples)
         drawn = {**drive.injections(run, start, stop), **noise.take(stop - start)}
@@ -198,7 +198,7 @@ def parts(campaign: str, hours: float, repeat: int) -> dict[str, float]:
 
 def stepped(run: Run, fmus: dict[str, Path], *, record: bool, instead: ctypes.CDLL | None = None) -> float:
     """Processor seconds of the loop over a run, block by block; with other functions instead of the FMUs'."""
-    noise = drive.stream(run, compiled_engine.drawing)
+    noise = drive.stream(run, compiled_engine.autoregress)
     with contextlib.ExitStack() as stack:
         found = interfaces(run, fmus)
         loop = master.Loop(run, [i.component for i in found], master.start(stack, run, found), "compiled")

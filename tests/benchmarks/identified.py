@@ -27,10 +27,10 @@ import numpy as np
 from fit.errors import CalibrationError
 from fit.estimate import earlier, pulls
 from fit.identification import identify
+from fit.parallel import serial
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry import Telemetry
-from fit.threads import alone
 from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.identify import _free
 from lpfcosim.errors import LpfcosimError
@@ -66,7 +66,7 @@ def trial(plan: Campaign, number: int) -> Line:
     runs = [drawn(run) for run in plan.runs]
     chosen = settings(dict(plan.fit), "fit")
     try:
-        with alone(), ExitStack() as stack:
+        with serial(), ExitStack() as stack:
             results = calibrate(runs, chosen)
             between = cpu()
             experiments, how = earlier.experiments(results, runs, Path("results.json"))

@@ -114,6 +114,18 @@ static void exponential(const double *a, const double *b, double dt, double *g) 
 }
 #endif
 
+#if AFFINE
+/* dx = e z by columns: the sums of all states grow side by side, and compilers put several in a register. Each begins as
+   0 + the first term, for its sign if that is zero. */
+static void multiply(const State *s, const double *z, double *dx) {
+    double sum[NX];
+    for (int i = 0; i < NX; i++) sum[i] = 0 + s->e[i] * z[0];
+    for (int j = 1; j < NZ; j++)
+        for (int i = 0; i < NX; i++) sum[i] += s->e[j * NX + i] * z[j];
+    for (int i = 0; i < NX; i++) dx[i] = sum[i];
+}
+#endif
+
 /* The end of the subinterval that begins at t: the next switch of a delayed signal, or the end of the step. */
 static double next_switch(const State *s, double t) {
     double end = s->h;
@@ -152,7 +164,8 @@ static const char *discretise(State *s) {
             }
         memcpy(e, product, sizeof e);
     }
-    lay_out(s, e);
+    for (int j = 0; j < NZ; j++)
+        for (int i = 0; i < NX; i++) s->e[j * NX + i] = e[i * NZ + j];
 #else
     (void)s;
 #endif
@@ -207,7 +220,7 @@ static void runge_kutta(State *s, double t, const double *d, double dt) {
 
 static void move_states(State *s) {
 #if AFFINE
-    double z[NZ], dx[ROWS];
+    double z[NZ], dx[NX];
     for (int i = 0; i < NX; i++) z[i] = states(s)[i];
     model_held(s->v, z + NX);
     for (int j = 0; j < ND; j++) {

@@ -20,20 +20,9 @@
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1) /* C99 has no arrays of length zero */
 #define DELAY_CAPACITY 128                  /* internal steps that a delay may span */
 
-#if NX < 8
-#define ROWS NX /* of the step matrix */
-#else
-#define ROWS ((NX + 3) / 4 * 4) /* in fours */
-#define PANEL 32                /* of the rows, see multiply.c */
-#define PANELS ((ROWS + PANEL - 1) / PANEL)
-#endif
-
 typedef struct {
 #if AFFINE
-    double e[NZ * ROWS]; /* of the step: x += e [x; held; delayed, before and after its switch; 1]; first, see instance_new */
-#ifdef PANELS
-    int kept[PANELS], column[PANELS][NZ]; /* columns that a panel has */
-#endif
+    double e[NZ * NX]; /* of the step, by columns: x += e [x; held; delayed, before and after its switch; 1] */
 #endif
     double start_time;
     double h;                                        /* internal step; 0 until the first step */
@@ -91,13 +80,6 @@ static void core_touch(State *s);          /* a variable was set */
 static void core_tune(State *s);           /* a parameter was set after initialization */
 static void core_delayed(const State *s, double *d);
 static void core_refresh(State *s, int to); /* bring up to date all variables of this stage */
-#if AFFINE
-static void lay_out(State *s, const double *e);            /* take the step matrix, shape (NX, NZ) */
-#ifdef PANELS
-static int laid_out(const State *s);
-#endif
-static void multiply(const State *s, const double *z, double *dx); /* dx = e z */
-#endif
 static const char *core_step(State *s, double time, double step); /* NULL, or what went wrong */
 
 #endif

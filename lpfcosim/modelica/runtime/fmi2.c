@@ -37,7 +37,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
             callbacks->logger(callbacks->componentEnvironment, name, fmi2Error, "logStatusError", "%s", problem);
         return NULL;
     }
-    Component *c = instance_new(sizeof *c);
+    Component *c = calloc(1, sizeof *c);
     if (!c) return NULL;
     if (name) strncpy(c->name, name, sizeof c->name - 1);
     if (callbacks) {
@@ -48,7 +48,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return c;
 }
 
-void fmi2FreeInstance(fmi2Component c) { instance_free(c); }
+void fmi2FreeInstance(fmi2Component c) { free(c); }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop) {

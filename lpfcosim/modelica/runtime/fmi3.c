@@ -36,7 +36,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
         if (log) log(environment, fmi3Error, "logStatusError", "the instantiation token is not that of this FMU");
         return NULL;
     }
-    Component *m = instance_new(sizeof *m);
+    Component *m = calloc(1, sizeof *m);
     if (!m) return NULL;
     m->instance.environment = environment;
     m->log = log;
@@ -61,7 +61,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
     return NULL;
 }
 
-void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
+void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {

@@ -3,25 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LINE 64 /* bytes of a cache line */
-
-/* Room for an instance, all zero. It begins on a cache line, and so does the step matrix: numbers that are read together
-   do not lie on two. Where it was had from stands before it. */
-static void *instance_new(size_t size) {
-    char *all = calloc(1, sizeof(void *) + LINE + size);
-    if (!all) return NULL;
-    char *from = all + sizeof(void *), *begin = from + (LINE - (uintptr_t)from % LINE) % LINE;
-    memcpy(begin - sizeof(void *), &all, sizeof all);
-    return begin;
-}
-
-static void instance_free(void *instance) {
-    void *all;
-    if (!instance) return;
-    memcpy(&all, (char *)instance - sizeof all, sizeof all);
-    free(all);
-}
-
 static void instance_reset(Instance *m) {
     memcpy(m->now.token, model_token, sizeof m->now.token);
     core_reset(&m->now.state);
@@ -109,12 +90,6 @@ static const char *snapshot_read(const void *bytes, size_t size, void **state) {
     Snapshot *read = malloc(sizeof *read); /* a state that is there stays as it is if these are refused */
     if (!read) return "out of memory";
     memcpy(read, bytes, sizeof *read);
-#ifdef PANELS
-    if (!laid_out(&read->state)) {
-        free(read);
-        return problem;
-    }
-#endif
     if (*state) {
         memcpy(*state, read, sizeof *read);
         free(read);

@@ -21,8 +21,6 @@ typedef struct {
     void *environment; /* of the importer, handed back to its log */
 } Instance;
 
-static void *instance_new(size_t size); /* NULL: out of memory */
-static void instance_free(void *instance);
 /* Each returns NULL, or what went wrong. */
 static const char *instance_enter(Instance *m, double start);
 static const char *instance_exit(Instance *m);

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fit.threads import tell
+from fit.parallel import update_progress
 from lpfcosim.cli import console
 from lpfcosim.cli.console import Console, Spoken
 
@@ -49,7 +49,7 @@ def test_every_kind_of_work_says_so_unless_quiet(monkeypatch, capfd, quiet):
             pass
 
     with shown.stage("fit"):
-        tell(0.5)
+        update_progress(0.5)
         wait_for("fit: 50 %")
     with shown.counted("campaigns", 10, 2) as advance:
         advance(4)

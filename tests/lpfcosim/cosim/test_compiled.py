@@ -1,86 +1,24 @@
-"""What the compiled engine draws and filters: the bits of NumPy's numbers and of SciPy's filter."""
-
-import ctypes
+"""What the compiled engine filters has the bits of NumPy's and SciPy's filters."""
 
 import numpy as np
 import pytest
 import scipy
 
 from lpfcosim.cosim import compiled
-from lpfcosim.signals import decimation, plain
+from lpfcosim.signals import autoregress, decimation
 
 pytestmark = pytest.mark.fmu
 
-SIZES = (1, 0, 7, 1000, 500_000)  # in whatever blocks
 
-
-@pytest.fixture(autouse=True)
-def anew():
-    yield
-    compiled._normal.cache_clear()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_normal_numbers_have_the_bits_of_numpys(seed):
-    """Half a million numbers: some 6,000 outside of their layer, 130 in the tail."""
-    generator = np.random.default_rng(seed)
-    fill = compiled.drawing(np.random.default_rng(seed))
-    assert isinstance(fill, compiled._Drawn)
-    for n in SIZES:
-        found = np.empty(n)
-        assert fill(found, 1.0, 0.0, 0.0) == (found[-1] if n else 0.0)
-        assert found.tobytes() == generator.standard_normal(n).tobytes()
-
-
-def test_a_generator_may_have_drawn_before():
-    generator = np.random.default_rng(1)
-    generator.standard_normal(1000)
-    found = np.empty(1000)
-    compiled.drawing(generator)(found, 1.0, 0.0, 0.0)
-    assert found.tobytes() == generator.standard_normal(1000).tobytes()
-
-
-def test_another_kind_of_generator_draws_for_itself():
-    found = np.empty(1000)
-    compiled.drawing(np.random.Generator(np.random.Philox(1)))(found, 1.0, 0.0, 0.0)
-    assert np.array_equal(found, np.random.Generator(np.random.Philox(1)).standard_normal(1000))
-
-
-class Other:
-    """NumPy's library, were it to draw numbers of its own by now, or to show nothing."""
-
-    def __init__(self, normal=None):
-        if normal:
-            self.random_standard_normal = normal
-
-
-@pytest.mark.parametrize(
-    "library", [Other(), Other(ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p)(lambda _: 1.0))]
-)
-def test_where_numpy_does_otherwise_it_draws(library, monkeypatch):
-    engine = compiled.library()
-    compiled._normal.cache_clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(compiled.ctypes, "CDLL", lambda _: library)
-        fill = compiled.drawing(np.random.default_rng(1))
-    assert engine is compiled.library()
-    assert not isinstance(fill, compiled._Drawn)
-    found = np.empty(1000)
-    fill(found, 1.0, 0.0, 0.0)
-    assert np.array_equal(found, np.random.default_rng(1).standard_normal(1000))
-
-
-@pytest.mark.parametrize("way", [compiled.drawing, plain])
-@pytest.mark.parametrize("size, rho", [(3.7e-15, 0.0), (3.7e-15, 0.99999), (1.0, -0.5)])
-def test_noise_has_the_bits_of_scipys_filter(way, size, rho):
-    generator, fill, last = np.random.default_rng(2), way(np.random.default_rng(2)), 0.0
-    state = np.zeros(1)
-    for n in SIZES:
-        x = size * generator.standard_normal(n)
-        wanted, state = scipy.signal.lfilter([1.0], [1.0, -rho], x, zi=state) if n else (x, state)
-        found = np.empty(n)
-        last = fill(found, size, rho, last)
-        assert found.tobytes() == wanted.tobytes()
+@pytest.mark.parametrize("recursion", [compiled.autoregress, autoregress])
+@pytest.mark.parametrize("rho", [0.99999, -0.5])
+def test_noise_has_the_bits_of_scipys_filter(recursion, rho):
+    x = 3.7e-15 * np.random.default_rng(2).standard_normal(500_000)
+    expected, last = scipy.signal.lfilter([1.0], [1.0, -rho], x), 0.0
+    for block in np.split(x, np.cumsum([1, 0, 7, 1000])):  # in whatever blocks
+        recursion(block, rho, last)
+        last = block[-1] if block.size else last
+    assert x.tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("n", [0, 1, 999])

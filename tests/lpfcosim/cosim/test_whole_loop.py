@@ -1,13 +1,11 @@
 """The whole spacecraft through its eight FMUs, against the reference plant."""
 
-import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lpfcosim.modelica import build
-from lpfcosim.modelica.compiler import compile_library
 from lpfcosim.spacecraft import EIGHT_NOZZLES
 from lpfcosim.spacecraft.run import Authority, Noise, Sine
 from lpfcosim.spacecraft.spacecraft import Spacecraft
@@ -66,26 +64,6 @@ def test_authority_agrees_with_the_reference_plant(run):
     for channel, values in got.items():
         expected = wanted[channel]
         assert np.abs(values - expected).max() <= 1e-9 * np.sqrt(np.mean(expected**2)), channel
-
-
-@pytest.mark.slow
-def test_registers_of_any_width_give_the_same_bits(run, tmp_path):
-    """The product with the step matrix as a processor without wide registers does it."""
-    run = replace(run, n_samples=5000)
-    fmus = built(run, "3.0")
-    sources, plain = tmp_path / "sources", tmp_path / "WholePlant.fmu"
-    with zipfile.ZipFile(fmus["WholePlant"]) as archive, zipfile.ZipFile(plain, "w") as other:
-        archive.extractall(tmp_path)
-        product = (sources / "multiply.c").read_text()
-        assert product.count("= has_wide() ?") == 1
-        (sources / "multiply.c").write_text(product.replace("= has_wide() ?", "= 0 * has_wide() ?"))
-        (library,) = (name for name in archive.namelist() if name.startswith("binaries/"))
-        compile_library(sources, ["all.c"], tmp_path / library)
-        for name in archive.namelist():
-            other.write(tmp_path / name, name)
-    wanted, got = (in_memory.simulate(run, {**fmus, **own}) for own in ({}, {"WholePlant": plain}))
-    for channel in wanted:
-        assert np.array_equal(got[channel], wanted[channel]), channel
 
 
 def test_engines_and_versions_give_the_same_bits(run):

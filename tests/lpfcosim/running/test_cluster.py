@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from tests.lpfcosim.cli.test_montecarlo import SMALL
 pytestmark = pytest.mark.long
 
 distributed = pytest.importorskip("distributed", reason="needs the extra dask")
+dask = pytest.importorskip("dask")
 
 
 def work(shared, item, files):
@@ -38,12 +40,21 @@ def work(shared, item, files):
     return shared, item, {name: (path.suffix, path.read_bytes()) for name, path in files.items()}
 
 
+@contextmanager
+def local_cluster(*, daemon, **settings):
+    with (
+        dask.config.set({"distributed.worker.daemon": daemon}),
+        distributed.LocalCluster(
+            host="127.0.0.1", threads_per_worker=2, dashboard_address=":0", silence_logs=60, **settings
+        ) as local,
+    ):
+        yield local.scheduler_address
+
+
 @pytest.fixture(scope="module")
 def address():
-    with distributed.LocalCluster(
-        host="127.0.0.1", n_workers=2, threads_per_worker=2, dashboard_address=None, silence_logs=60
-    ) as local:
-        yield local.scheduler_address
+    with local_cluster(daemon=False, n_workers=2) as found:
+        yield found
 
 
 @pytest.fixture
@@ -195,3 +206,14 @@ def test_a_crash_on_the_cluster_fails_its_own_run(address, tmp_path):
     assert "OpticalMetrology FMU crashed (SIGSEGV" in str(done.failures["one"])
     assert "at 10000.0 s" in str(done.failures["one"])
     assert "Fatal Python error" in (tmp_path / "out" / "logs" / "one.log").read_text(encoding="utf-8")
+
+
+@pytest.mark.fmu
+def test_a_worker_that_may_not_start_processes_is_refused(tmp_path):
+    (tmp_path / "two.toml").write_text(SMALL, encoding="utf-8")
+    plan = loading.load(tmp_path / "two.toml")
+    with local_cluster(daemon=True, n_workers=1) as found:
+        how = runner.How(scheduler=found)
+        done = runner.simulate(plan, tmp_path / "telemetry", build.build(), how)
+    assert not done.files
+    assert "dask config set distributed.worker.daemon False" in str(done.failures["one"])
