@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fit.api import calibrate, calibrate_inertial, load, load_results, save_report
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
+    from fit.fitting import Prior, delta_chi2
     from fit.report import plot
     from fit.results import Estimate, Fit, Results
     from fit.telemetry import Telemetry
@@ -31,10 +32,12 @@ __all__ = [
     "FitError",
     "FitWarning",
     "InputError",
+    "Prior",
     "Results",
     "Telemetry",
     "calibrate",
     "calibrate_inertial",
+    "delta_chi2",
     "delta_g",
     "load",
     "load_results",
@@ -45,6 +48,7 @@ _HOME = {
     "api": ("calibrate", "calibrate_inertial", "load", "load_results", "save_report"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
+    "fitting": ("Prior", "delta_chi2"),
     "results": ("Estimate", "Fit", "Results"),
     "warnings": ("FitWarning",),
     "telemetry.reader": ("Telemetry",),

@@ -19,7 +19,6 @@ from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, conversion, inside, read_all
-from fit.weighing import minimiser
 
 PathLike = str | os.PathLike[str]
 
@@ -28,7 +27,6 @@ def read_in() -> None:
     """Read in libraries now that a calibration would wait for when it comes to them, see `lean.later`."""
     with later("scipy.stats"):  # which takes longer than all the rest, and of which these use five names
         import_module("scipy.signal")
-        minimiser()
 
 
 def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -> list[Telemetry]:

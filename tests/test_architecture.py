@@ -33,7 +33,17 @@ LAYERS = {
             "settings",
             "results",
         ),
-        *("model", "weighing", "inspection", "estimate", "judgement", "identification", "deltag", "pipeline"),
+        *(
+            "model",
+            "weighing",
+            "fitting",
+            "inspection",
+            "estimate",
+            "judgement",
+            "identification",
+            "deltag",
+            "pipeline",
+        ),
         *("tables", "figures", "journal", "report", "api"),
     ),
     "lpfcosim": (
@@ -53,7 +63,7 @@ USERS = {
     "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
-    "lmfit": {"fit.weighing"},
+    "lmfit": {"fit.fitting", "fit.estimate"},
     "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},
@@ -226,7 +236,10 @@ def loaded(code: str) -> set[str]:
     [
         ("import fit, lpfcosim; dir(fit), dir(lpfcosim)", set()),
         ("import fit.telemetry, fit.files, fit.errors", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
-        ("import fit.pipeline", {"h5py", "lmfit", "numpy", "pint", "pydantic", "scipy"}),
+        (
+            "import fit.pipeline",
+            {"emcee", "h5py", "lmfit", "matplotlib", "numpy", "pint", "pydantic", "scipy"},
+        ),
         ("import lpfcosim.campaign", {"numpy"}),
         ("import lpfcosim.plant", {"numpy", "scipy", "pint", "pydantic"}),
     ],

@@ -6,9 +6,10 @@ the sigmas hold. Forecasts, samples of the posterior and the pulls of many campa
 
 from fit.estimate.angles import PlannedTurn
 from fit.estimate.forecast import Planned
-from fit.estimate.irls import Known, Outcome
+from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_experiment, fit_joint, known_of
 from fit.estimate.posterior import Posterior
+from fit.estimate.priors import Known
 from fit.estimate.pulls import Pulls
 from fit.estimate.residuals import SCORES
 
@@ -35,6 +36,7 @@ __all__ = [
     "known_of",
     "levels",
     "louder",
+    "priors",
     "pulls",
     "residuals",
     "sampling",

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.estimate import departures, flscov
-from fit.estimate.irls import FREE, Held, Rule, iterate, weakly_held
+from fit.estimate.irls import FREE, Rule, iterate
+from fit.estimate.priors import PriorSet, weak_priors
 from fit.estimate.verdict import as_fit
 from fit.model import Sharing, dynamics
 from fit.results import Fit
@@ -47,9 +48,7 @@ ENOUGH = 4  # experiments that tell a scatter, and more
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
 MOVED = 0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 #: What moves less than 0.01 sigma moves no sigma.
-RULE = Rule(
-    most=20, tolerance=0.01, harmless=0.01, warm_up=-1, windowed=True, moving="the expected fit still moves"
-)
+RULE = Rule(most=20, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
 
 
 class NoneTakesPartError(InputError):
@@ -213,11 +212,11 @@ def expected_fit(
     known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
     begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
-    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
-        return weakly_held(blocks, theta, parameters, taking_part[0].share, more)
+    def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
+        return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
 
     with within(0.2, 1.0):
-        found = iterate(taking_part, begun, held, RULE, widths)
+        found = iterate(taking_part, begun, priors, RULE, widths)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
 
@@ -284,6 +283,7 @@ class Expectation:
         self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
         if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
             self._sums = boiled_down(self._expected(made.sysid, self._at))
+        self.name = made.name
         self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
     def block(self, theta: Array, _: Array, __: int) -> Sums:

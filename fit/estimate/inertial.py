@@ -28,7 +28,9 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.estimate import centrifugal
-from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
+from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Outcome, Rule, iterate
+from fit.estimate.priors import PriorSet
+from fit.fitting import Prior
 from fit.inspection import long_noise
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter, misalignments
@@ -76,10 +78,8 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     """
     x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
-    rule = Rule(
-        MAX_ITERATIONS, TOLERANCE, HARMLESS, windowed=True, moving=f"{' and '.join(NAMES)} still move"
-    )
-    outcome = iterate(weighings, PARAMETERS, _held, rule)
+    rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
+    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule)
     turning = _centrifugal(weighings, rule)
     solution = outcome.solution
     theta, covariance, noisy = _freed(outcome)
@@ -96,7 +96,7 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
         dof=sum(block.size for block in outcome.blocks) - len(NAMES),
         converged=outcome.converged,
         warnings=(
-            *_warnings([(w.run, warning) for w in weighings for warning in w.warnings]),
+            *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([drowned()] if noisy else []),
             *(centrifugal.judged(turning, x_axis)),
         ),
@@ -168,8 +168,8 @@ class _Turning:
 
     Attributes
     ----------
-    run : str
-        Its name.
+    name : str
+        Of the run.
     correlation : ndarray, shape (K, K)
         Of the parameters of the calibration.
     missing : int
@@ -199,7 +199,7 @@ class _Turning:
             nuisance=np.hstack([seen.nuisance, *shaped]),
         )
         self._model: NoiseModel | None = None
-        self.run, self.correlation, self.missing = run.run, of_run.correlation, made.missing
+        self.name, self.correlation, self.missing = run.run, of_run.correlation, made.missing
         glitched = long_noise.told(run.run, struck, run.duration)
         self.warnings = [*found.warnings, *made.warnings, *of_run.warnings, *([glitched] if glitched else [])]
 
@@ -218,15 +218,16 @@ class _Turning:
         return _Rotation(*placed, uncertain=uncertain, apart=apart)
 
 
-def _held(blocks: Sequence[linear.Block], theta: Array, _: Array) -> Held:
-    """Hold all but the angles by their weak priors about zero."""
-    width = _widths([*PARAMETERS, centrifugal.EXCESS][: theta.size])
-    prior = linear.Prior(np.zeros(theta.size), np.diag(1 / width)[len(NAMES) :])
-    H = linear.information(blocks, theta) + prior.rows.T @ prior.rows
+def _weak_priors(blocks: Sequence[linear.Block], theta: Array, _: Array) -> PriorSet:
+    """Return the weak priors of all but the angles, about zero."""
+    others = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
+    H = linear.information(blocks, theta)
+    H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(others) ** 2
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
-    return Held(prior, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
+    priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(others, len(NAMES))}
+    return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
 
 
 def _widths(parameters: Sequence[Parameter]) -> Array:
@@ -235,7 +236,7 @@ def _widths(parameters: Sequence[Parameter]) -> Array:
 
 def _centrifugal(weighings: Sequence[_Turning], rule: Rule) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
-    outcome = iterate(weighings, (*PARAMETERS, centrifugal.EXCESS), _held, rule)
+    outcome = iterate(weighings, (*PARAMETERS, centrifugal.EXCESS), _weak_priors, rule)
     covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 

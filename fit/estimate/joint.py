@@ -7,7 +7,8 @@ import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.estimate import choice, departures
-from fit.estimate.irls import Known, Outcome, reweight
+from fit.estimate.irls import Outcome, reweight
+from fit.estimate.priors import Known
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, Settings

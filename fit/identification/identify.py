@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import departures, earlier, irls, verdict
+from fit.estimate import departures, earlier, irls, priors, verdict
+from fit.fitting import Prior
 from fit.identification import comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
@@ -235,7 +236,11 @@ class _Search:
             raise FitError(f"where the search begins: {error}") from None
         try:
             return irls.iterate(
-                self.weighings, joint.parameters, self.held, departing=joint.departing, admitted=self.admitted
+                self.weighings,
+                joint.parameters,
+                self.priors,
+                departing=joint.departing,
+                admitted=self.admitted,
             )
         except FitError as error:
             raise FitError(f"{error}{f'; the search began at {given}' * bool(given)}") from None
@@ -254,8 +259,8 @@ class _Search:
                 found[experiment.sysid.telemetry.run] = replayed
         return found
 
-    def held(self, blocks: Sequence[linear.Block], theta: Array, more: Array) -> irls.Held:
-        """Hold by its natural scale what the data do not tell, and at its bound what wants beyond.
+    def priors(self, blocks: Sequence[linear.Block], theta: Array, more: Array) -> priors.PriorSet:
+        """Return weak priors of what the data do not determine, and narrow ones at bounds that are reached.
 
         Rows of chi^2, `more`, hold what departs.
         """
@@ -268,8 +273,8 @@ class _Search:
         self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
         centre = np.where(beyond, theta, self._start)
         scale = np.where(beyond, AT_BOUND, 1.0) * self._widths
-        rows = np.diag(1 / scale)[lost | beyond]
-        return irls.Held(linear.Prior(centre, rows), lost | beyond, directions, None)
+        narrow = {int(i): Prior(float(centre[i]), float(scale[i])) for i in np.flatnonzero(lost | beyond)}
+        return priors.PriorSet(narrow, lost | beyond, directions, None)
 
     def _resting(self, H: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Tell which parameters the data tell only with what `lost` ones are held at."""

@@ -202,6 +202,7 @@ class Simulated:
         scales: tuple[Array, Array, Array],
         likelihood: Likelihood,
     ) -> None:
+        self.name = experiment.name
         self._sysid = Imposed(experiment.sysid, loop, reference)
         self._noise = experiment.noise and Imposed(experiment.noise, loop, reference)
         self._names, self._share, self._likelihood = names, share, likelihood

@@ -1,10 +1,12 @@
-"""The minimum of chi^2 from near and far, against SciPy's own minimiser."""
+"""The joint model of compressed runs, against SciPy's own minimiser on all data and closed forms."""
 
 import numpy as np
 import pytest
 import scipy
 
-from fit.weighing import linear, minimise
+from fit.fitting import JointModel, lmfit_params, parameter_values, run_estimate
+from fit.model import dynamics
+from fit.weighing import linear
 from fit.weighing.likelihood import weights
 
 TRUTH = np.array([1.08, 0.19, 1.05, 0.2, -4.2e-7, 1e-8, 3e-5])  # in the order of dynamics.PARAMETERS
@@ -48,10 +50,12 @@ def driven():
     return block, TRUTH + found.x * SCALE, np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))) * SCALE
 
 
-@pytest.mark.parametrize("away", [0.3, 100.0, 1e5])  # sigma: one step, or the whole way
+@pytest.mark.parametrize("away", [0.3, 100.0, 1e5])  # sigma
 def test_minimum_is_reached_from_near_and_far(driven, away):
     block, minimum, sigma = driven
     start = minimum + away * sigma * np.array([1, -1, 1, 1, -1, 1, -1])
-    prior = linear.Prior(minimum, np.zeros((0, 7)))
-    found = minimise([block], prior, start, SCALE)
-    np.testing.assert_allclose((found - minimum) / sigma, 0, atol=1e-5)
+    model = JointModel([run_estimate("A", block)])
+    result = model.fit(lmfit_params(dynamics.PARAMETERS, start, {}))
+    np.testing.assert_allclose((parameter_values(result.params) - minimum) / sigma, 0, atol=1e-5)
+    np.testing.assert_allclose(np.sqrt(np.diag(model.covariance(result.params))) / sigma, 1, rtol=1e-4)
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covar)) / sigma, 1, rtol=1e-4)
