@@ -6,7 +6,6 @@
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 from fit import pipeline
@@ -14,19 +13,12 @@ from fit import results as fit_results
 from fit.errors import FitError
 from fit.estimate import pulls
 from fit.files import refuse_links
-from fit.lean import later
 from fit.results import Results
 from fit.settings import settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, conversion, inside, read_all
 
 PathLike = str | os.PathLike[str]
-
-
-def read_in() -> None:
-    """Read in libraries now that a calibration would wait for when it comes to them, see `lean.later`."""
-    with later("scipy.stats"):  # which takes longer than all the rest, and of which these use five names
-        import_module("scipy.signal")
 
 
 def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -> list[Telemetry]:

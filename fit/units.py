@@ -7,8 +7,6 @@ from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
 
-from fit import lean
-
 if TYPE_CHECKING:
     import pint
 
@@ -18,7 +16,6 @@ _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=[+-]?\d)")  # the 2 of m/s2, the -2 o
 # No unit needs 9^9^9^9 or (9 m)^9999, and none may take for ever.
 _ENDLESS = re.compile(r"\d\s*(?:\^|\*\*)|\d{4}|(?:\)\s*(?:\^|\*\*).*){2}")
 _LONGEST = 80  # letters
-_UNASKED = ("babel", "dask", "uncertainties")  # pint reads them in if they are there
 
 #: What is read without pint, which takes its time: each as so many of pint's root units, with their powers.
 _SYMBOLS = {
@@ -45,8 +42,8 @@ class UnknownUnitError(ValueError):
 @cache
 def registry() -> "pint.UnitRegistry[float]":
     """Return the units there are."""
-    with lean.without(_UNASKED, "pint"):
-        import pint  # takes its time
+    import pint  # slow to import
+
     return pint.UnitRegistry()
 
 

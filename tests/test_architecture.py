@@ -22,7 +22,6 @@ LAYERS = {
         *(
             "errors",
             "display",
-            "lean",
             "units",
             "warnings",
             "paper",
@@ -236,10 +235,7 @@ def loaded(code: str) -> set[str]:
     [
         ("import fit, lpfcosim; dir(fit), dir(lpfcosim)", set()),
         ("import fit.telemetry, fit.files, fit.errors", {"h5py", "numpy", "pint", "pydantic", "scipy"}),
-        (
-            "import fit.pipeline",
-            {"emcee", "h5py", "lmfit", "matplotlib", "numpy", "pint", "pydantic", "scipy"},
-        ),
+        ("import fit.pipeline", {"h5py", "lmfit", "numpy", "pint", "pydantic", "scipy"}),
         ("import lpfcosim.campaign", {"numpy"}),
         ("import lpfcosim.plant", {"numpy", "scipy", "pint", "pydantic"}),
     ],

@@ -6,11 +6,13 @@ estimate. The delays about which the commands are expanded move along, as far as
 moves.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from lmfit.minimizer import MinimizerResult
 from numpy.typing import NDArray
 
 from fit.errors import FitError
@@ -31,6 +33,9 @@ from fit.paper import Parameter
 from fit.settings import Estimator
 from fit.threads import each, within
 from fit.weighing import Experiment, linear
+
+if TYPE_CHECKING:
+    from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
 

@@ -9,19 +9,23 @@ The residual of a run is ``V^-1/2 (c(theta) - c)``, with its coefficients c and 
 * a fit, or another one without a run or with a parameter fixed, takes milliseconds however long the runs are.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import lmfit
 import numpy as np
 import scipy
-from lmfit.minimizer import MinimizerResult
 from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.fitting.run_estimate import RunEstimate
+
+if TYPE_CHECKING:
+    import lmfit
+    from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
 
@@ -81,6 +85,8 @@ class JointModel:
 
     def minimizer(self, params: lmfit.Parameters) -> lmfit.Minimizer:
         """Return the problem, for whatever lmfit does with one."""
+        import lmfit  # slow to import
+
         return lmfit.Minimizer(
             self.residual, params, scale_covar=False, Dfun=self.jacobian, xtol=1e-12, ftol=1e-14, gtol=1e-15
         )
@@ -131,7 +137,7 @@ class JointModel:
         J = np.concatenate([np.empty((0, theta.size)), *(run.jacobian(theta) for run in self.runs)])
         return np.asarray(J.T @ J)
 
-    def without(self, *names: str) -> "JointModel":
+    def without(self, *names: str) -> JointModel:
         """Return the problem without some of the runs."""
         return JointModel([run for run in self.runs if run.name not in names])
 
@@ -201,6 +207,8 @@ def lmfit_names(names: Iterable[str]) -> list[str]:
 
 def lmfit_params(names: Sequence[str], theta: Array, priors: Mapping[int, Prior]) -> lmfit.Parameters:
     """Return parameters at theta, shape (P,), with priors by their place."""
+    import lmfit  # slow to import
+
     params = lmfit.Parameters()
     for i, (name, value) in enumerate(zip(names, theta.tolist(), strict=True)):
         params.add(name, value=value)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import gc
 import os
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 
+from fit import api
 from fit import settings as fit_settings
 from fit.errors import FitError
+from fit.report import page
 from fit.results import Results, load, sound_joint, write
 from fit.telemetry import Telemetry, conversion, inside, read_all
 from lpfcosim.cli.common import check_folder
@@ -19,7 +19,6 @@ from lpfcosim.cli.console import Console
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger
 
-_API, _PAGE = "fit.api", "fit.report.page"  # take their time, and are read in while files are
 VERSIONS = ("lpfcosim", "numpy", "scipy", "lmfit", "fmpy")  # on which results depend
 
 
@@ -70,11 +69,8 @@ def calibrated(
         known = load(calibration)
         sound_joint(known, str(calibration))
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
-    threading.Thread(target=read_in, daemon=True).start()
     with console.stage("reading"):
         telemetries = read_all(paths, own=own)
-    api, page = import_module(_API), import_module(_PAGE)
-    gc.freeze()  # what reading left stays, and need not be looked through whenever memory is given back
     admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:
@@ -101,12 +97,6 @@ def calibrated(
         console.say(f"report: {report}")
     for place, warning in results.unsound:
         raise FitError(f"{directory / 'results.json'}: {place}: {warning.message}")
-
-
-def read_in() -> None:
-    """Read in what a fit and its report take, for who has to wait for something else."""
-    import_module(_API).read_in()
-    import_module(_PAGE).template()
 
 
 def telemetry(console: Console, paths: Sequence[Path], directory: Path, *, any_gaps: bool) -> list[Path]:

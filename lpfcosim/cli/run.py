@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,8 +25,6 @@ from lpfcosim.worlds import world_of
 
 if TYPE_CHECKING:
     from fit.results import Fit, Results
-
-_FIT = "lpfcosim.cli.fit"  # takes its time, and is read in while others simulate
 
 
 def run(
@@ -70,7 +66,6 @@ def _simulated(
             (directory / name).unlink(missing_ok=True)
         folder.keep(directory, plan.tables, {r.model: fmus[r.model] for r in plan.replacements}, origin)
 
-    threading.Thread(target=lambda: import_module(_FIT).read_in(), daemon=True).start()
     with console.samples({r.name: r.n_samples for r in plan.runs}) as (progress, kept):
         listener = runner.Listener(progress, kept, console.note, begin)
         done = runner.simulate(plan, directory / "telemetry", fmus, how, listener)
@@ -86,7 +81,8 @@ def _fitted(
     complete, missing = _divide(plan, done)
     if not complete:
         raise _error(plan, done, directory)
-    calibrated = import_module(_FIT).calibrated
+    from lpfcosim.cli.fit import calibrated  # slow to import
+
     told = partial(_with_missing, missing=missing)
     try:
         calibrated(console, directory, complete, chosen, own=True, origin=done.origin, told=told)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
 import signal
 import sys
 from typing import TYPE_CHECKING
@@ -24,7 +22,6 @@ def main(*, told: bool = True) -> None:
 
     `told`: an interrupt is told; not where a command is part of another, which tells it.
     """
-    atexit.register(gc.freeze)  # lest Python look through all there is when it ends: up to half a second
     try:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # batch systems end a job with it
         sys.exit(_status())
@@ -41,12 +38,10 @@ def _status() -> int:
         nursery.prepare(*(nursery.FITTING if sys.argv[1] == "montecarlo" else ()))
     import typer  # here, so that an interrupt of the imports is told like any other
 
-    from fit.lean import lean_scipy
     from fit.threads import one_heap
     from lpfcosim.cli.app import app
 
     one_heap()
-    lean_scipy()
     try:
         status: int = app(prog_name="lpfcosim", standalone_mode=False) or 0
     except typer.TyperException as error:
