@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fit.api import calibrate, calibrate_inertial, load, load_results, save_report
+    from fit.api import calibrate, calibrate_inertial, load, load_results, make_params, save_report
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
     from fit.fitting import Prior, delta_chi2
@@ -41,11 +41,12 @@ __all__ = [
     "delta_g",
     "load",
     "load_results",
+    "make_params",
     "plot",
     "save_report",
 ]
 _HOME = {
-    "api": ("calibrate", "calibrate_inertial", "load", "load_results", "save_report"),
+    "api": ("calibrate", "calibrate_inertial", "load", "load_results", "make_params", "save_report"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
     "fitting": ("Prior", "delta_chi2"),

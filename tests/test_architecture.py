@@ -62,7 +62,7 @@ USERS = {
     "fontTools": {"fit.journal"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
-    "lmfit": {"fit.fitting", "fit.estimate"},
+    "lmfit": {"fit.fitting", "fit.estimate", "fit.results", "fit.api"},  # the language of the fits
     "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},
     "rich": {"lpfcosim.cli"},

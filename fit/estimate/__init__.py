@@ -7,7 +7,7 @@ the sigmas hold. Forecasts, samples of the posterior and the pulls of many campa
 from fit.estimate.angles import PlannedTurn
 from fit.estimate.forecast import Planned
 from fit.estimate.irls import Outcome
-from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.joint import constraints_of, fit_experiment, fit_joint, known_of
 from fit.estimate.posterior import Posterior
 from fit.estimate.priors import Known
 from fit.estimate.pulls import Pulls
@@ -25,6 +25,8 @@ __all__ = [
     "attenuation",
     "bump",
     "centrifugal",
+    "constraint_test",
+    "constraints_of",
     "departures",
     "earlier",
     "fit_experiment",
@@ -43,5 +45,6 @@ __all__ = [
     "sight",
     "steadiness",
     "unsteady",
+    "user_params",
     "verdict",
 ]

@@ -13,7 +13,7 @@ from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
 from fit.inspection import prepare_each
 from fit.results import Results
-from fit.settings import Settings, settings
+from fit.settings import Settings, refuse_constraints, settings
 from fit.telemetry import Telemetry, read_all
 from fit.threads import one_thread
 from fit.weighing import Experiment, Run
@@ -60,6 +60,7 @@ def experiments(
             raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
     found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
     how = settings(chosen, f"{where}: provenance.settings")
+    refuse_constraints(how, "what goes on from an earlier fit", f"{where}: provenance.settings")
     prepared = []
     for one in prepare_each(found, how, ()).values():
         if isinstance(one, InputError):

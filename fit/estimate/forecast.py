@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.estimate import departures, flscov
-from fit.estimate.irls import FREE, Rule, iterate
+from fit.estimate.irls import Rule, iterate
 from fit.estimate.priors import PriorSet, weak_priors
+from fit.estimate.problem import FREE
 from fit.estimate.verdict import as_fit
+from fit.fitting import constraints
 from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings
@@ -216,7 +218,8 @@ def expected_fit(
         return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
 
     with within(0.2, 1.0):
-        found = iterate(taking_part, begun, priors, RULE, widths)
+        said = constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
+        found = iterate(taking_part, begun, priors, RULE, widths, chosen=said)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
 
@@ -272,9 +275,10 @@ class Expectation:
 
     def __init__(self, planned: Planned, chosen: Settings) -> None:
         self.planned = planned
-        made = planned.make()
+        made = planned.make().up_to(chosen.f_max)
         run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
         own = sharing.parameters([(run, made.parameters)])
+        self._f_max = chosen.f_max
         self._by_stretches = chosen.estimator == "flscov"
         self._likelihood: Likelihood = "gaussian" if chosen.estimator == "flscov" else chosen.estimator
         if made.sysid.telemetry.experiment in chosen.levels:
@@ -292,7 +296,8 @@ class Expectation:
         c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
         if np.linalg.norm(sums.R @ (c - before)) > MOVED:
             self._at = of_run
-            self._sums = boiled_down(self._expected(self.planned.make().sysid, of_run))
+            run = self.planned.make().sysid.up_to(self._f_max)
+            self._sums = boiled_down(self._expected(run, of_run))
         return self.sums
 
     @property

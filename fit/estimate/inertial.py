@@ -20,14 +20,14 @@ The centrifugal term counts as it follows from the rotation. To see whether it i
 its coefficient is estimated too, along with all others (`centrifugal`); the angles are those without it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import centrifugal
+from fit.estimate import centrifugal, constraint_test
 from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Outcome, Rule, iterate
 from fit.estimate.priors import PriorSet
 from fit.fitting import Prior
@@ -35,8 +35,9 @@ from fit.inspection import long_noise
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
+from fit.settings import ParameterSettings
 from fit.signal import NoiseModel, Spectrum, spectra
-from fit.telemetry import Telemetry, common_x_axis
+from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import FitWarning
 from fit.weighing import Left, check_left, linear, shapes, smooth_noise, weights
 
@@ -59,7 +60,15 @@ def takes_part(run: Telemetry) -> bool:
     return run.kind == "noise" and run.duration >= SHORTEST * 0.995 and torques
 
 
-def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
+def names(runs: Sequence[Telemetry]) -> list[str]:
+    """Return the names of the angles of every period that runs belong to, the period at their end."""
+    periods = dict.fromkeys(inertial_period(run) for run in runs if takes_part(run))
+    return [f"{name}_{period}" for period in periods for name in NAMES]
+
+
+def fit_period(
+    runs: Sequence[Telemetry], joint: Fit, chosen: Mapping[str, ParameterSettings] | None = None
+) -> Fit:
     """Fit one inertial period.
 
     Parameters
@@ -68,6 +77,8 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
         Those of the period that `takes_part` accepts.
     joint : Fit
         The calibration of the dynamics.
+    chosen : mapping of str to ParameterSettings, optional
+        What the user says of the angles, by `NAMES`.
 
     Raises
     ------
@@ -79,8 +90,8 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
     rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
-    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule)
-    turning = _centrifugal(weighings, rule)
+    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule, chosen=chosen)
+    turning = _centrifugal(weighings, rule, chosen)
     solution = outcome.solution
     theta, covariance, noisy = _freed(outcome)
     calibration = _of_calibration(outcome, weighings[0].correlation)
@@ -88,9 +99,9 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     sigma = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
-    pairs = zip(NAMES, theta[:2], sigma, strict=True)
+    parts = [(name, theta[i], sigma[i], outcome.is_fixed(i)) for i, name in enumerate(NAMES)]
     return Fit(
-        parameters={name: Estimate(float(value), float(s), "rad") for name, value, s in pairs},
+        parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in parts},
         covariance=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.blocks) - len(NAMES),
@@ -99,9 +110,11 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([drowned()] if noisy else []),
             *(centrifugal.judged(turning, x_axis)),
+            *constraint_test.warnings(outcome),
         ),
         masked_samples=sum(w.missing for w in weighings),
         centrifugal=turning,
+        solved=outcome.solved,
     )
 
 
@@ -191,8 +204,7 @@ class _Turning:
         check_left(run, seen.window, "missing samples in read-outs, torques or angles")
         window, fs = spectra.thinned(seen.window, terms.fs, PER_CYCLE * BAND[1])
         beside = shapes.loose(struck or (), terms.time[0] + np.arange(window.size) / fs, fs)
-        bins = slice(seen.first, seen.first + seen.f.size)
-        shaped = [spectra.windowed(part, window, fs, bins) for part in beside]
+        shaped = [spectra.windowed(part, window, fs, seen.bins) for part in beside]
         self._terms = replace(
             seen,
             columns=np.hstack([seen.columns, made.uncertain]),
@@ -234,9 +246,12 @@ def _widths(parameters: Sequence[Parameter]) -> Array:
     return np.array([p.prior_sigma for p in parameters])
 
 
-def _centrifugal(weighings: Sequence[_Turning], rule: Rule) -> Estimate:
+def _centrifugal(
+    weighings: Sequence[_Turning], rule: Rule, chosen: Mapping[str, ParameterSettings] | None
+) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
-    outcome = iterate(weighings, (*PARAMETERS, centrifugal.EXCESS), _weak_priors, rule)
+    parameters = (*PARAMETERS, centrifugal.EXCESS)
+    outcome = iterate(weighings, parameters, _weak_priors, rule, chosen=chosen)
     covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 

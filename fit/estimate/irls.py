@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.estimate.hierarchy import Width
-from fit.estimate.priors import Known, PriorSet, all_but_lambda_2, prior_rows, weak_priors
+from fit.estimate.priors import Known, PriorSet, all_but_lambda_2, weak_priors
+from fit.estimate.problem import Problem
 from fit.estimate.weighings import WARM_UP, Weighing, weighing
 from fit.fitting import (
     JointModel,
     LinearEquation,
     Prior,
     RunEstimate,
-    lmfit_names,
-    lmfit_params,
+    SolvedModel,
     parameter_values,
     run_estimate,
 )
 from fit.paper import Parameter
-from fit.settings import Estimator
+from fit.settings import Estimator, ParameterSettings
 from fit.threads import each, within
 from fit.weighing import Experiment, linear
 
@@ -42,7 +42,6 @@ Array = NDArray[np.float64]
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
-FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
 FASTER = 0.8  # of the iterations that are left, about, when one is done
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
 
@@ -98,6 +97,8 @@ class Outcome:
         The runs, compressed, as lmfit has minimised them last.
     result : MinimizerResult or None
         What lmfit made of them; departures within the weak priors that hold them while weights settle.
+    problem : Problem or None
+        Its parameters, as lmfit has them.
     scatter : mapping of str to tuple of float
         Width, and its sigma, by which a parameter scatters between experiments.
     departing : tuple of Width
@@ -118,6 +119,7 @@ class Outcome:
     prior: linear.Prior
     model: JointModel | None = None
     result: MinimizerResult | None = None
+    problem: Problem | None = None
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     departing: tuple[Width, ...] = ()
     by_data: bool = False
@@ -127,6 +129,18 @@ class Outcome:
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
         return min((min(width.members) for width in self.departing), default=len(self.parameters))
+
+    @property
+    def solved(self) -> SolvedModel | None:
+        """The runs, compressed, with what lmfit made of them."""
+        if self.model is None or self.result is None:
+            return None
+        weak = tuple(Prior(p.value, p.prior_sigma) for p in self.parameters)
+        return SolvedModel(self.model, self.result, weak)
+
+    def is_fixed(self, i: int) -> bool:
+        """Return whether the user fixes a parameter, by its place."""
+        return self.problem is not None and i in self.problem.chosen and not self.problem.chosen[i].vary
 
     @property
     def held(self) -> linear.Prior:
@@ -148,6 +162,7 @@ def reweight(
     estimator: Estimator = "gaussian",
     departing: Sequence[Width] = (),
     begun: Mapping[str, linear.Block] | None = None,
+    chosen: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -167,6 +182,8 @@ def reweight(
         Departures of experiments, held so weakly here that the data tell them.
     begun : mapping of str to linear.Block, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
+    chosen : mapping of str to ParameterSettings, optional
+        What the user says of parameters, by name.
 
     Raises
     ------
@@ -178,15 +195,17 @@ def reweight(
         weighing(e, share, estimator, first.get(e.name)) for e, share in zip(experiments, shares, strict=True)
     ]
 
+    constrained = Problem(parameters, (), chosen).constrained
+
     def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
-        found = weak_priors(blocks, theta, parameters, shares[0], more)
+        found = weak_priors(blocks, theta, parameters, shares[0], more, constrained)
         if not (found.tone and known):
             return found
         correlated, lost = all_but_lambda_2(known, shares[0])
         return replace(found, priors={}, correlated=correlated, lost=lost)
 
     try:
-        return iterate(weighings, parameters, priors, departing=departing)
+        return iterate(weighings, parameters, priors, departing=departing, chosen=chosen)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -199,6 +218,7 @@ def iterate(
     rule: Rule | None = None,
     departing: Sequence[Width] = (),
     admitted: Callable[[Array, Array], Array] = lambda _, to: to,
+    chosen: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
 
@@ -216,6 +236,8 @@ def iterate(
         Departures of experiments, see `reweight`.
     admitted : callable
         Returns how far to go from an estimate towards the next one.
+    chosen : mapping of str to ParameterSettings, optional
+        What the user says of parameters, by name.
 
     Raises
     ------
@@ -223,28 +245,27 @@ def iterate(
         If it does not settle, or a step of it fails.
     """
     rule = rule or Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS)
-    names = lmfit_names(p.name for p in parameters)
-    theta, covariance = np.array([p.value for p in parameters]), np.zeros((len(names), len(names)))
-    of_departures = {i: prior for width in departing for i, prior in _free_departures(width).items()}
-    more = prior_rows(of_departures, theta.size)
+    problem = Problem(parameters, departing, chosen)
+    theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(rule.most):
         with within(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
             blocks, estimates = _weighed(weighings, theta, covariance, iteration)
         if iteration < SETTLED:
-            known = priors(blocks, theta, more)
+            known = priors(blocks, theta, problem.known(theta))
         determined = ~known.lost
         model = JointModel([*estimates, *_correlated(known)])
-        result = model.fit(lmfit_params(names, theta, {**known.priors, **of_departures}))
-        found, covariance = parameter_values(result.params), _covariance(model, result)
+        result = model.fit(problem.params(theta, known.priors))
+        found, covariance = parameter_values(result.params), problem.covariance(model, result.params)
         move = (found - theta) / np.sqrt(np.diag(covariance))
         moved = float(np.max(np.abs(move[determined]), initial=0.0))
         settled = moved < rule.tolerance and all(w.settled for w in weighings)
         put_up_with = iteration == rule.most - 1 and moved < rule.harmless
         if iteration > rule.warm_up and (settled or put_up_with):
-            state = (known.lost, known.directions, known.tone, settled, blocks, known.rows, model, result)
+            prior = problem.prior(result.params, known)
+            state = (known.lost, known.directions, known.tone, settled, blocks, prior, model, result)
             solution = _solution(blocks, JointModel(estimates), result, covariance)
-            return Outcome(tuple(parameters), solution, *state, departing=tuple(departing))
+            return Outcome(tuple(parameters), solution, *state, problem, departing=tuple(departing))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= SETTLED and swings else step, move
         theta = admitted(theta, theta + step * (found - theta))
@@ -271,14 +292,6 @@ def _correlated(known: PriorSet) -> list[RunEstimate]:
     return [] if prior is None else [RunEstimate("", prior.centre, prior.rows, LinearEquation())]
 
 
-def _covariance(model: JointModel, result: MinimizerResult) -> Array:
-    """Return the covariance at a minimum, shape (P, P)."""
-    covariance = model.covariance(result.params)
-    if not np.all(np.diag(covariance) > 0):
-        raise FitError("ill-conditioned beyond what numbers hold; expected channels in the units they name")
-    return covariance
-
-
 def _solution(
     blocks: Sequence[linear.Block], model: JointModel, result: MinimizerResult, covariance: Array
 ) -> linear.Solution:
@@ -292,17 +305,13 @@ def _solution(
 
 def refit(outcome: Outcome, blocks: Sequence[linear.Block]) -> Outcome:
     """Return the outcome with its runs weighed anew, all else known being what it was."""
-    assert outcome.model is not None and outcome.result is not None
+    assert outcome.model and outcome.result and outcome.problem
     estimates = [
         run_estimate(run.name, block) for run, block in zip(outcome.model.runs, blocks, strict=False)
     ]
     model = JointModel([*estimates, *outcome.model.runs[len(blocks) :]])
     result = model.fit(outcome.result.params)
-    solution = _solution(blocks, JointModel(estimates), result, model.covariance(result.params))
+    solution = _solution(
+        blocks, JointModel(estimates), result, outcome.problem.covariance(model, result.params)
+    )
     return replace(outcome, solution=solution, blocks=tuple(blocks), model=model, result=result)
-
-
-def _free_departures(width: Width) -> dict[int, Prior]:
-    """Return what holds the departures of a width while weights settle, by their place."""
-    sigmas = FREE * width.scale * np.abs(width.units)
-    return {i: Prior(0.0, sigma) for i, sigma in zip(width.members, sigmas.tolist(), strict=True)}

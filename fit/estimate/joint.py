@@ -9,10 +9,13 @@ from fit.errors import FitError, InputError
 from fit.estimate import choice, departures
 from fit.estimate.irls import Outcome, reweight
 from fit.estimate.priors import Known
+from fit.fitting import constraints
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
-from fit.settings import Estimator, Settings
+from fit.settings import Estimator, ParameterSettings, Settings
 from fit.weighing import Experiment, Run, linear
+
+OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the joint fit end with the epoch
 
 
 def fit_experiment(
@@ -20,6 +23,7 @@ def fit_experiment(
     known: Known | None = None,
     estimator: Estimator = "gaussian",
     alone: Outcome | FitError | None = None,
+    chosen: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Fit one experiment on its own.
 
@@ -33,6 +37,8 @@ def fit_experiment(
         See `irls.reweight`.
     alone : Outcome or FitError, optional
         What it yields without what is known, as for `fit_joint`.
+    chosen : mapping of str to ParameterSettings, optional
+        What the user says of joint parameters; it holds for those that an experiment has by itself.
 
     Raises
     ------
@@ -45,7 +51,17 @@ def fit_experiment(
     parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     begun = _weighed({experiment.name: alone})
-    return reweight([experiment], [share], parameters, known, estimator=estimator, begun=begun)
+    said = constraints_of(experiment, chosen or {})
+    return reweight([experiment], [share], parameters, known, estimator=estimator, begun=begun, chosen=said)
+
+
+def constraints_of(
+    experiment: Experiment, chosen: Mapping[str, ParameterSettings]
+) -> dict[str, ParameterSettings]:
+    """Return what the user says of joint parameters that an experiment has by itself, by its own names."""
+    epoch, own = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
+    names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in own}
+    return constraints.of_fit(chosen, names)
 
 
 def fit_joint(
@@ -105,6 +121,7 @@ def _fitted(
         estimator=chosen.estimator,
         departing=widths,
         begun=begun,
+        chosen=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
     )
     return departures.integrated(outcome) if widths else outcome
 

@@ -54,15 +54,14 @@ class PriorSet:
     tone: float | None
     correlated: linear.Prior | None = None
 
-    @property
-    def rows(self) -> linear.Prior:
-        """All of it as rows of chi^2."""
+    def rows(self, known: Mapping[int, Prior]) -> linear.Prior:
+        """Return all of it as rows of chi^2, with other priors `known` of single parameters."""
         if self.correlated is not None:
             return self.correlated
-        centre = np.zeros(self.lost.size)
-        for i, prior in self.priors.items():
+        centre, priors = np.zeros(self.lost.size), {**self.priors, **known}
+        for i, prior in priors.items():
             centre[i] = prior.mean
-        return linear.Prior(centre, prior_rows(self.priors, self.lost.size))
+        return linear.Prior(centre, prior_rows(priors, self.lost.size))
 
 
 def weak_priors(
@@ -71,12 +70,31 @@ def weak_priors(
     parameters: Sequence[Parameter],
     share: Array,
     more: Array,
+    constrained: NDArray[np.bool_] | None = None,
 ) -> PriorSet:
-    """Return the weak priors of whatever the data do not determine; `more` are rows of chi^2 beside them."""
+    """Return the weak priors of whatever the data do not determine.
+
+    Parameters
+    ----------
+    blocks : sequence of linear.Block
+        The data.
+    theta : ndarray, shape (P,)
+        The estimate.
+    parameters : sequence of Parameter
+        The P parameters.
+    share : ndarray, shape (K, P)
+        Of a run, see `linear.Block`.
+    more : ndarray, shape (N, P)
+        What is known beside the data, as rows of chi^2.
+    constrained : ndarray of bool, shape (P,), optional
+        Of which parameters that is known from the user.
+    """
     width, tone = np.array([p.prior_sigma for p in parameters]), common_tone(blocks)
     lost, directions = linear.blind(linear.information(blocks, theta) + more.T @ more, width)
     if tone is not None:
-        lost |= beyond(tone, share)
+        out = beyond(tone, share)
+        if constrained is None or not (out & constrained).any():
+            lost |= out
     priors = {i: Prior(p.value, p.prior_sigma) for i, p in enumerate(parameters) if lost[i]}
     return PriorSet(priors, lost, directions, tone)
 

@@ -4,10 +4,12 @@ A `RunEstimate` holds all that a whitened run says: its coefficients and their t
 of such runs is what every fit minimises, and what a user gets for whatever else lmfit does with a model.
 """
 
+from fit.fitting import constraints
 from fit.fitting.joint_model import (
     JointModel,
     LinearEquation,
     Prior,
+    SolvedModel,
     delta_chi2,
     lmfit_names,
     lmfit_params,
@@ -20,6 +22,8 @@ __all__ = [
     "LinearEquation",
     "Prior",
     "RunEstimate",
+    "SolvedModel",
+    "constraints",
     "delta_chi2",
     "lmfit_names",
     "lmfit_params",

@@ -20,8 +20,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.errors import FitError
+from fit.errors import FitError, InputError
+from fit.files import closest
 from fit.fitting.run_estimate import RunEstimate
+from fit.weighing import linear
 
 if TYPE_CHECKING:
     import lmfit
@@ -100,7 +102,7 @@ class JointModel:
             If the minimiser fails.
         """
         try:
-            result = self.minimizer(params).leastsq()
+            result = self.minimizer(off_bounds(params)).leastsq()
         except (
             ValueError,
             TypeError,
@@ -142,6 +144,57 @@ class JointModel:
         return JointModel([run for run in self.runs if run.name not in names])
 
 
+@dataclass(frozen=True)
+class SolvedModel:
+    """A joint model and what lmfit made of it.
+
+    Attributes
+    ----------
+    model : JointModel
+        The compressed runs.
+    result : MinimizerResult
+        The estimate: params, covar (the true covariance), chisqr and nfree (of the consistency of the runs).
+    weak : sequence of Prior
+        Of each of the P parameters, for where the data do not determine it.
+    """
+
+    model: JointModel
+    result: MinimizerResult
+    weak: Sequence[Prior]
+
+    @property
+    def minimizer(self) -> lmfit.Minimizer:
+        """The problem as lmfit has it, at the estimate."""
+        return self.model.minimizer(self.result.params)
+
+    def refit(self, params: lmfit.Parameters) -> MinimizerResult:
+        """Return the fit with other settings of its parameters."""
+        return self._fit(self.model, params)
+
+    def without(self, *runs: str) -> MinimizerResult:
+        """Return the fit without some of the experiments.
+
+        Raises
+        ------
+        InputError
+            If there is none of a name.
+        """
+        names = [run.name for run in self.model.runs]
+        for name in runs:
+            if name not in names:
+                raise InputError(f"{name}: no experiment of this fit{closest(name, names)}")
+        return self._fit(self.model.without(*runs), self.result.params)
+
+    def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:
+        """Fit with weak priors of what is not determined."""
+        trial, widths = params.copy(), np.array([prior.sigma for prior in self.weak])
+        J = model.gradient(trial)
+        for p, prior, lost in zip(trial.values(), self.weak, linear.blind(J.T @ J, widths)[0], strict=True):
+            if lost and p.vary and not p.expr and p.user_data is None:
+                p.user_data = prior
+        return model.fit(trial)
+
+
 def parameter_values(params: lmfit.Parameters) -> Array:
     """Return the values of all P parameters, shape (P,)."""
     return np.array([p.value for p in params.values()])
@@ -161,23 +214,24 @@ def free_directions(params: lmfit.Parameters) -> Array:
         return free
     trial = params.copy()
     for column, name in enumerate(varying):
-        before, p = parameter_values(trial)[tied], trial[name]
-        value = p.value
-        step = STEP * (abs(value) or 1.0)
-        p.value = value + step if p.max > value + step else value - step
-        free[tied, column] = (parameter_values(trial)[tied] - before) / (p.value - value)
-        p.value = value
+        p, at, step = trial[name], params[name].value, STEP * (abs(params[name].value) or 1.0)
+        ends = []
+        for value in (max(at - step, p.min), min(at + step, p.max)):
+            p.value = value
+            ends.append(parameter_values(trial)[tied])
+        free[tied, column] = (ends[1] - ends[0]) / (min(at + step, p.max) - max(at - step, p.min))
+        p.value = at
     return free
 
 
-def start_values(params: lmfit.Parameters) -> lmfit.Parameters:
-    """Move values off their bounds, where the gradient that lmfit sees vanishes and nothing would move."""
-    for p in params.values():
-        if p.vary and not p.expr and np.isfinite([p.min, p.max]).any():
-            span = p.max - p.min if np.isfinite(p.max - p.min) else abs(p.value) or 1.0
-            low, high = p.min + INTERIOR * span, p.max - INTERIOR * span
-            p.value = min(max(p.value, low), high)
-    return params
+def off_bounds(params: lmfit.Parameters) -> lmfit.Parameters:
+    """Return parameters off their bounds, where the gradient vanishes that lmfit sees."""
+    bounded = [p.name for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
+    moved = params.copy() if bounded else params
+    for p in (moved[name] for name in bounded):
+        span = p.max - p.min if np.isfinite(p.max - p.min) else abs(p.value) or 1.0
+        p.value = min(max(p.value, p.min + INTERIOR * span), p.max - INTERIOR * span)
+    return moved
 
 
 def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:

@@ -1,14 +1,10 @@
 """The results of a calibration: what they hold, how they came about, and their JSON form."""
 
+from fit.results.estimates import FIXED, QUANTILES, WITHHELD, Diagnostics, Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.results.results import (
-    QUANTILES,
-    WITHHELD,
-    Diagnostics,
-    Estimate,
     Fit,
     Results,
-    Stiffness,
     check_frame,
     load,
     sound_joint,
@@ -16,6 +12,7 @@ from fit.results.results import (
 )
 
 __all__ = [
+    "FIXED",
     "QUANTILES",
     "WITHHELD",
     "Diagnostics",

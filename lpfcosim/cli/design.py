@@ -13,7 +13,7 @@ from fit.estimate import angles, inertial, sight
 from fit.estimate import forecast as forecasts
 from fit.files import atomic
 from fit.results import Fit
-from fit.settings import Settings, settings
+from fit.settings import Settings, refuse_constraints, settings
 from fit.tables import Lines
 from fit.threads import following, tell
 from lpfcosim.campaign import Campaign, loading, names
@@ -52,6 +52,7 @@ def design(
     if plan.replacements:
         raise InputError(f"{campaign}: fmus: a design knows the loops of our FMUs alone, expected no others")
     chosen = settings(plan.fit, f"{campaign}: fit")
+    refuse_constraints(chosen, "design", f"{campaign}: fit")
 
     foresees = foresight(plan, chosen)
     told = Told(

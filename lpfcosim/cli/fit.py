@@ -16,6 +16,7 @@ from fit.results import Results, load, sound_joint, write
 from fit.telemetry import Telemetry, conversion, inside, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.constraints import Constraints
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger
 
@@ -30,6 +31,7 @@ def fit_files(
     settings: Path | None,
     include_short: bool,
     calibration: Path | None,
+    constraints: Constraints,
 ) -> None:
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
@@ -37,6 +39,7 @@ def fit_files(
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
+    chosen = constraints.on(chosen)
     found = telemetry(console, paths, directory, any_gaps=False)
     calibrated(console, directory, found, chosen, calibration=calibration)
 
@@ -74,9 +77,9 @@ def calibrated(
     admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:
-            results = api.calibrate_inertial(telemetries, known)
+            results = api.calibrate_inertial(telemetries, known, parameters=chosen.parameters)
         else:
-            results = api.calibrate(telemetries, **chosen.model_dump())
+            results = api.calibrate(telemetries, **chosen.model_dump(exclude_none=True))
     results = replace(
         results,
         provenance=replace(
