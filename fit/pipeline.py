@@ -391,7 +391,7 @@ def _provenance(ready: Ready, together: _Together | None, chosen: Settings) -> P
         window=f"Tukey {spectra.TAPER:g}",
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=best or None,
-        settings=chosen.model_dump(exclude_none=True),
+        settings=chosen.record(),
         more={"agreement": together.agreement} if together and together.agreement else {},
         levels=[e.name for e in ready.taking_part if e.levels],
         x_axis=ready.experiments[0].sysid.telemetry.x_axis,

@@ -101,6 +101,11 @@ class Settings(Table):
     shared: dict[str, Group]
     parameters: dict[str, ParameterSettings] = {}
 
+    def record(self) -> dict[str, object]:
+        """Return them as `settings` reads them, of parameters what is not the default."""
+        parameters = {name: p.model_dump(exclude_defaults=True) for name, p in self.parameters.items()}
+        return {**self.model_dump(), "parameters": parameters}
+
 
 def refuse_constraints(chosen: Settings, command: str, where: str) -> None:
     """See that no parameter is constrained, and the band whole, for a command that goes without.

@@ -282,8 +282,8 @@ def expected_shift(
     """
     theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    departures = outcome.held.rows[len(outcome.prior.rows) :]
-    H, H_n = np.diag(outcome.lost / width**2) + departures.T @ departures, np.zeros((theta.size, theta.size))
+    known = outcome.held.rows
+    H, H_n = known.T @ known, np.zeros((theta.size, theta.size))
     clean = np.array([p.name in freed for p in outcome.parameters])
     for w, floor in zip(weighed, floors, strict=True):
         terms, to_run = w.terms, w.block.share

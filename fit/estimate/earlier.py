@@ -60,7 +60,7 @@ def experiments(
             raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
     found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
     how = settings(chosen, f"{where}: provenance.settings")
-    refuse_constraints(how, "what goes on from an earlier fit", f"{where}: provenance.settings")
+    refuse_constraints(how, "mcmc and identify", f"{where}: provenance.settings")
     prepared = []
     for one in prepare_each(found, how, ()).values():
         if isinstance(one, InputError):

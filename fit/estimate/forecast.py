@@ -218,8 +218,8 @@ def expected_fit(
         return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
 
     with within(0.2, 1.0):
-        said = constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
-        found = iterate(taking_part, begun, priors, RULE, widths, chosen=said)
+        of_fit = constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
+        found = iterate(taking_part, begun, priors, RULE, widths, settings=of_fit)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
 

@@ -67,7 +67,7 @@ def names(runs: Sequence[Telemetry]) -> list[str]:
 
 
 def fit_period(
-    runs: Sequence[Telemetry], joint: Fit, chosen: Mapping[str, ParameterSettings] | None = None
+    runs: Sequence[Telemetry], joint: Fit, settings: Mapping[str, ParameterSettings] | None = None
 ) -> Fit:
     """Fit one inertial period.
 
@@ -77,7 +77,7 @@ def fit_period(
         Those of the period that `takes_part` accepts.
     joint : Fit
         The calibration of the dynamics.
-    chosen : mapping of str to ParameterSettings, optional
+    settings : mapping of str to ParameterSettings, optional
         What the user says of the angles, by `NAMES`.
 
     Raises
@@ -90,8 +90,8 @@ def fit_period(
     x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
     rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
-    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule, chosen=chosen)
-    turning = _centrifugal(weighings, rule, chosen)
+    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule, settings=settings)
+    turning = _centrifugal(weighings, rule, settings)
     solution = outcome.solution
     theta, covariance, noisy = _freed(outcome)
     calibration = _of_calibration(outcome, weighings[0].correlation)
@@ -247,11 +247,11 @@ def _widths(parameters: Sequence[Parameter]) -> Array:
 
 
 def _centrifugal(
-    weighings: Sequence[_Turning], rule: Rule, chosen: Mapping[str, ParameterSettings] | None
+    weighings: Sequence[_Turning], rule: Rule, settings: Mapping[str, ParameterSettings] | None
 ) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
     parameters = (*PARAMETERS, centrifugal.EXCESS)
-    outcome = iterate(weighings, parameters, _weak_priors, rule, chosen=chosen)
+    outcome = iterate(weighings, parameters, _weak_priors, rule, settings=settings)
     covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 

@@ -140,7 +140,7 @@ class Outcome:
 
     def is_fixed(self, i: int) -> bool:
         """Return whether the user fixes a parameter, by its place."""
-        return self.problem is not None and i in self.problem.chosen and not self.problem.chosen[i].vary
+        return self.problem is not None and i in self.problem.settings and not self.problem.settings[i].vary
 
     @property
     def held(self) -> linear.Prior:
@@ -162,7 +162,7 @@ def reweight(
     estimator: Estimator = "gaussian",
     departing: Sequence[Width] = (),
     begun: Mapping[str, linear.Block] | None = None,
-    chosen: Mapping[str, ParameterSettings] | None = None,
+    settings: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -182,7 +182,7 @@ def reweight(
         Departures of experiments, held so weakly here that the data tell them.
     begun : mapping of str to linear.Block, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
-    chosen : mapping of str to ParameterSettings, optional
+    settings : mapping of str to ParameterSettings, optional
         What the user says of parameters, by name.
 
     Raises
@@ -195,7 +195,7 @@ def reweight(
         weighing(e, share, estimator, first.get(e.name)) for e, share in zip(experiments, shares, strict=True)
     ]
 
-    constrained = Problem(parameters, (), chosen).constrained
+    constrained = Problem(parameters, (), settings).constrained
 
     def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
         found = weak_priors(blocks, theta, parameters, shares[0], more, constrained)
@@ -205,7 +205,7 @@ def reweight(
         return replace(found, priors={}, correlated=correlated, lost=lost)
 
     try:
-        return iterate(weighings, parameters, priors, departing=departing, chosen=chosen)
+        return iterate(weighings, parameters, priors, departing=departing, settings=settings)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -218,7 +218,7 @@ def iterate(
     rule: Rule | None = None,
     departing: Sequence[Width] = (),
     admitted: Callable[[Array, Array], Array] = lambda _, to: to,
-    chosen: Mapping[str, ParameterSettings] | None = None,
+    settings: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
 
@@ -236,7 +236,7 @@ def iterate(
         Departures of experiments, see `reweight`.
     admitted : callable
         Returns how far to go from an estimate towards the next one.
-    chosen : mapping of str to ParameterSettings, optional
+    settings : mapping of str to ParameterSettings, optional
         What the user says of parameters, by name.
 
     Raises
@@ -245,7 +245,7 @@ def iterate(
         If it does not settle, or a step of it fails.
     """
     rule = rule or Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS)
-    problem = Problem(parameters, departing, chosen)
+    problem = Problem(parameters, departing, settings)
     theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(rule.most):

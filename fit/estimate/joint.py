@@ -23,7 +23,7 @@ def fit_experiment(
     known: Known | None = None,
     estimator: Estimator = "gaussian",
     alone: Outcome | FitError | None = None,
-    chosen: Mapping[str, ParameterSettings] | None = None,
+    settings: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Fit one experiment on its own.
 
@@ -37,8 +37,8 @@ def fit_experiment(
         See `irls.reweight`.
     alone : Outcome or FitError, optional
         What it yields without what is known, as for `fit_joint`.
-    chosen : mapping of str to ParameterSettings, optional
-        What the user says of joint parameters; it holds for those that an experiment has by itself.
+    settings : mapping of str to ParameterSettings, optional
+        Constraints of joint parameters; they hold for those that an experiment has by itself.
 
     Raises
     ------
@@ -51,17 +51,19 @@ def fit_experiment(
     parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     begun = _weighed({experiment.name: alone})
-    said = constraints_of(experiment, chosen or {})
-    return reweight([experiment], [share], parameters, known, estimator=estimator, begun=begun, chosen=said)
+    of_run = constraints_of(experiment, settings or {})
+    return reweight(
+        [experiment], [share], parameters, known, estimator=estimator, begun=begun, settings=of_run
+    )
 
 
 def constraints_of(
-    experiment: Experiment, chosen: Mapping[str, ParameterSettings]
+    experiment: Experiment, settings: Mapping[str, ParameterSettings]
 ) -> dict[str, ParameterSettings]:
-    """Return what the user says of joint parameters that an experiment has by itself, by its own names."""
+    """Return the constraints of joint parameters that an experiment has by itself, by its own names."""
     epoch, own = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
     names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in own}
-    return constraints.of_fit(chosen, names)
+    return constraints.of_fit(settings, names)
 
 
 def fit_joint(
@@ -121,7 +123,7 @@ def _fitted(
         estimator=chosen.estimator,
         departing=widths,
         begun=begun,
-        chosen=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
+        settings=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
     )
     return departures.integrated(outcome) if widths else outcome
 

@@ -34,12 +34,12 @@ class Problem:
         The parameters.
     departing : sequence of Width
         Departures of experiments among them, held so weakly that the data tell them.
-    chosen : mapping of str to ParameterSettings
+    settings : mapping of str to ParameterSettings
         What the user says of them, by name.
 
     Attributes
     ----------
-    chosen : dict of int to ParameterSettings
+    settings : dict of int to ParameterSettings
         What the user says, by place of the parameter.
     constrained : ndarray of bool, shape (P,)
         Of which parameters that is more than where a fit starts.
@@ -49,56 +49,63 @@ class Problem:
         self,
         parameters: Sequence[Parameter],
         departing: Sequence[Width] = (),
-        chosen: Mapping[str, ParameterSettings] | None = None,
+        settings: Mapping[str, ParameterSettings] | None = None,
     ) -> None:
-        of_user = chosen or {}
+        by_name = settings or {}
         self._names = lmfit_names(p.name for p in parameters)
         self._flight = np.array([p.value for p in parameters])
         self._widths = np.array([p.prior_sigma for p in parameters])
         self._departures = {i: prior for width in departing for i, prior in _free_departures(width).items()}
-        self.chosen = {i: of_user[p.name] for i, p in enumerate(parameters) if p.name in of_user}
-        self._known = {i: Prior(*said.prior) for i, said in self.chosen.items() if said.prior}
-        said = [i in self.chosen and self.chosen[i].is_constraint for i in range(len(self._names))]
-        self.constrained = np.array(said, dtype=bool)
+        self.settings = {i: by_name[p.name] for i, p in enumerate(parameters) if p.name in by_name}
+        self._priors = {
+            i: Prior(*constraint.prior) for i, constraint in self.settings.items() if constraint.prior
+        }
+        flags = [i in self.settings and self.settings[i].is_constraint for i in range(len(self._names))]
+        self.constrained = np.array(flags, dtype=bool)
 
     def start(self) -> Array:
         """Return where a fit starts, shape (P,)."""
         params = lmfit_params(self._names, self._flight, {})
         try:
             with np.errstate(all="ignore"):
-                constraints.constrain(params, self.chosen, start=True)
+                constraints.constrain(params, self.settings, start=True)
                 theta = parameter_values(params)
         except (ArithmeticError, ValueError, TypeError, RuntimeError) as error:
             raise InputError(f"fit.parameters: {self._ties()}: no number where the fit starts") from error
         far = np.abs(theta - self._flight) / self._widths
-        for i, said in self.chosen.items():
+        for i, constraint in self.settings.items():
             if not far[i] < FAR:
                 low, high = (self._flight[i] + side * FAR * self._widths[i] for side in (-1, 1))
+                given = constraint.expr or theta[i]
                 raise InputError(
-                    f"fit.parameters.{self._names[i]}: {said.expr or theta[i]} leads to {theta[i]:.6g} where "
-                    f"the fit starts, expected {low:.3g} to {high:.3g}"
+                    f"fit.parameters.{self._names[i]}: {given} leads to {theta[i]:.6g} where the fit starts, "
+                    f"expected {low:.3g} to {high:.3g}"
                 )
         return theta
 
     def _ties(self) -> str:
-        return "; ".join(f"{self._names[i]} = {said.expr}" for i, said in self.chosen.items() if said.expr)
+        return "; ".join(
+            f"{self._names[i]} = {constraint.expr}"
+            for i, constraint in self.settings.items()
+            if constraint.expr
+        )
 
     def params(self, theta: Array, weak: Mapping[int, Prior] | None = None) -> lmfit.Parameters:
         """Return the parameters at theta, shape (P,), with weak priors of some by their place."""
         params = lmfit_params(self._names, theta, {**(weak or {}), **self._departures})
-        constraints.constrain(params, self.chosen, start=False)
+        constraints.constrain(params, self.settings, start=False)
         return params
 
     def known(self, theta: Array) -> Array:
         """Return what is known beside the data and weak priors as rows of chi^2, shape (N, P)."""
-        rows = prior_rows({**self._departures, **self._known}, theta.size)
+        rows = prior_rows({**self._departures, **self._priors}, theta.size)
         if not self.constrained.any():
             return rows
         return np.concatenate([rows, constraints.constraint_rows(self.params(theta), self._widths)[0]])
 
     def prior(self, params: lmfit.Parameters, weak: PriorSet) -> linear.Prior:
         """Return all that is known beside the data but for the departures."""
-        theta, known = parameter_values(params), weak.rows(self._known)
+        theta, known = parameter_values(params), weak.rows(self._priors)
         rows = constraints.constraint_rows(params, self._widths)[0]
         if weak.correlated is not None or not len(rows):
             return known

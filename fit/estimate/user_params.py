@@ -44,12 +44,12 @@ def as_settings(params: object) -> dict[str, dict[str, object]]:
 
     if not isinstance(params, lmfit.Parameters):
         raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
-    said = {name: _settings(p) for name, p in params.items()}
-    return {name: words for name, words in said.items() if words}
+    settings = {name: _settings(p) for name, p in params.items()}
+    return {name: one for name, one in settings.items() if one}
 
 
 def _settings(p: lmfit.Parameter) -> dict[str, object]:
-    """Return what is said of a parameter; not where it starts, which moves no estimate."""
+    """Return what is settings of a parameter; not where it starts, which moves no estimate."""
     if p.user_data is not None and not isinstance(p.user_data, Prior):
         raise InputError(f"params: {p.name}: user_data: expected fit.Prior(mean, sigma)")
     if p.expr:

@@ -42,12 +42,12 @@ _NODES = (
 )
 
 
-def check(chosen: Mapping[str, ParameterSettings], names: Iterable[str], where: str) -> None:
+def check(settings: Mapping[str, ParameterSettings], names: Iterable[str], where: str) -> None:
     """See that constraints are of parameters that are fitted, and that ties can be followed.
 
     Parameters
     ----------
-    chosen : mapping of str to ParameterSettings
+    settings : mapping of str to ParameterSettings
         By parameter.
     names : iterable of str
         Parameters that are fitted.
@@ -60,14 +60,14 @@ def check(chosen: Mapping[str, ParameterSettings], names: Iterable[str], where: 
         If not.
     """
     known = list(names)
-    for name, said in chosen.items():
+    for name, constraint in settings.items():
         if name not in known:
             raise InputError(f"{where}.{name}: no parameter of this fit{closest(name, known)}")
-        for other in symbols(said.expr, f"{where}.{name}.expr") if said.expr else ():
+        for other in symbols(constraint.expr, f"{where}.{name}.expr") if constraint.expr else ():
             if other not in (*known, *FUNCTIONS):
-                found = closest(other, [*known, *FUNCTIONS])
-                raise InputError(f"{where}.{name}.expr: {other}: no parameter of this fit{found}")
-    ties = {name: symbols(said.expr, where) for name, said in chosen.items() if said.expr}
+                names_known = closest(other, [*known, *FUNCTIONS])
+                raise InputError(f"{where}.{name}.expr: {other}: no parameter of this fit{names_known}")
+    ties = {name: symbols(constraint.expr, where) for name, constraint in settings.items() if constraint.expr}
     try:
         tuple(TopologicalSorter(ties).static_order())
     except CycleError as error:
@@ -102,42 +102,46 @@ def symbols(expr: str, where: str) -> set[str]:
     return {node.id for node in nodes if isinstance(node, ast.Name)}
 
 
-def of_fit(chosen: Mapping[str, ParameterSettings], names: Mapping[str, str]) -> dict[str, ParameterSettings]:
+def of_fit(
+    settings: Mapping[str, ParameterSettings], names: Mapping[str, str]
+) -> dict[str, ParameterSettings]:
     """Return the constraints of one fit.
 
     Parameters
     ----------
-    chosen : mapping of str to ParameterSettings
+    settings : mapping of str to ParameterSettings
         By parameter, as a user names it.
     names : mapping of str to str
         By that name the name in the fit. Ties to parameters that the fit has not are none of it.
     """
-    found = {}
-    for name, said in chosen.items():
-        others = symbols(said.expr, name) - {*FUNCTIONS} if said.expr else set()
+    in_fit = {}
+    for name, constraint in settings.items():
+        others = symbols(constraint.expr, name) - {*FUNCTIONS} if constraint.expr else set()
         if name not in names or not others <= names.keys():
             continue
-        expr = said.expr and re.sub(r"[A-Za-z_]\w*", lambda word: names.get(word[0], word[0]), said.expr)
-        found[names[name]] = said.model_copy(update={"expr": expr})
-    return found
+        expr = constraint.expr and re.sub(
+            r"[A-Za-z_]\w*", lambda word: names.get(word[0], word[0]), constraint.expr
+        )
+        in_fit[names[name]] = constraint.model_copy(update={"expr": expr})
+    return in_fit
 
 
-def constrain(params: lmfit.Parameters, chosen: Mapping[int, ParameterSettings], *, start: bool) -> None:
+def constrain(params: lmfit.Parameters, settings: Mapping[int, ParameterSettings], *, start: bool) -> None:
     """Put constraints on parameters, by their place; at the `start` of an iteration their values as well."""
     ordered = list(params.values())
-    for i, said in chosen.items():
+    for i, constraint in settings.items():
         p = ordered[i]
-        if said.expr:
+        if constraint.expr:
             continue
-        if start and said.value is not None:
-            p.value = said.value
-        low, high = said.limits
-        p.set(vary=said.vary, min=low, max=high)
-        if said.prior:
-            p.user_data = Prior(*said.prior)
-    for i, said in chosen.items():
-        if said.expr:
-            ordered[i].set(expr=said.expr)
+        if start and constraint.value is not None:
+            p.value = constraint.value
+        low, high = constraint.limits
+        p.set(vary=constraint.vary, min=low, max=high)
+        if constraint.prior:
+            p.user_data = Prior(*constraint.prior)
+    for i, constraint in settings.items():
+        if constraint.expr:
+            ordered[i].set(expr=constraint.expr)
             ordered[i].user_data = None
 
 
@@ -148,11 +152,11 @@ def fixed_or_tied(params: lmfit.Parameters) -> NDArray[np.bool_]:
 
 def at_bound(params: lmfit.Parameters, sigma: Array) -> list[int]:
     """Return which of the P parameters with these sigmas, shape (P,), are at a bound."""
-    found = []
+    places = []
     for i, (p, s) in enumerate(zip(params.values(), sigma.tolist(), strict=True)):
         if p.vary and not p.expr and min(p.value - p.min, p.max - p.value) < AT_BOUND * s:
-            found.append(i)
-    return found
+            places.append(i)
+    return places
 
 
 def constraint_rows(params: lmfit.Parameters, widths: Array) -> tuple[Array, Array]:
@@ -166,16 +170,16 @@ def constraint_rows(params: lmfit.Parameters, widths: Array) -> tuple[Array, Arr
     return rows, rows @ parameter_values(params)
 
 
-def described(name: str, said: ParameterSettings, value: float) -> str:
+def describe(name: str, constraint: ParameterSettings, value: float) -> str:
     """Return a constraint in words; `value` is that of the parameter."""
-    if said.expr:
-        return f"{name} = {said.expr}"
-    if not said.vary:
+    if constraint.expr:
+        return f"{name} = {constraint.expr}"
+    if not constraint.vary:
         return f"{name} fixed at {value:.9g}"
-    low, high = said.limits
+    low, high = constraint.limits
     words = []
-    if said.prior:
-        words.append("with the prior {:.9g} ± {:.3g}".format(*said.prior))
+    if constraint.prior:
+        words.append("with the prior {:.9g} ± {:.3g}".format(*constraint.prior))
     if np.isfinite([low, high]).any():
         words.append(
             f"between {low:.9g} and {high:.9g}"

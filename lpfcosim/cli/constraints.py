@@ -43,8 +43,9 @@ class Constraints:
             if twice := known.keys() & found.keys():
                 raise InputError(f"{option} {quote(given)}: a second {min(twice)} of {name.strip()}")
             known |= found
-        table: dict[str, object] = chosen.model_dump(exclude_none=True)
-        table["parameters"] = {**chosen.model_dump(exclude_none=True)["parameters"], **said}
+        table = chosen.record()
+        of_file = {name: p.model_dump(exclude_defaults=True) for name, p in chosen.parameters.items()}
+        table["parameters"] = {**of_file, **said}
         if self.f_max is not None:
             table["f_max"] = self.f_max
         return settings(table, "options")

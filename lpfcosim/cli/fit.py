@@ -79,7 +79,7 @@ def calibrated(
         if calibration is not None:
             results = api.calibrate_inertial(telemetries, known, parameters=chosen.parameters)
         else:
-            results = api.calibrate(telemetries, **chosen.model_dump(exclude_none=True))
+            results = api.calibrate(telemetries, **chosen.record())
     results = replace(
         results,
         provenance=replace(
