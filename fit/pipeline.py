@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 
 from fit.errors import FitError, InputError
 from fit.estimate import (
-    Known,
-    Outcome,
     attenuation,
     bump,
     centrifugal,
@@ -17,12 +15,11 @@ from fit.estimate import (
     inertial,
     known_of,
     levels,
-    louder,
     residuals,
     steadiness,
     verdict,
 )
-from fit.fitting import constraints
+from fit.fitting import Known, Outcome, constraints, louder
 from fit.inspection import LeftOut, Prepared, Ready, admission, prepare_each, searches
 from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation

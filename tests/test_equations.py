@@ -40,7 +40,7 @@ HOMES = {
     "fx2": "fit/model/dynamics.py",
     "gomegafinal": "fit/model/inertial.py",
     "inprod": "fit/weighing/linear.py",
-    "irls": "fit/estimate/irls.py",
+    "irls": "fit/fitting/irls.py",
     "jointlh": "fit/weighing/minimum.py",
     "llhgaussian": "fit/weighing/likelihood.py",
     "stiff_model": "fit/paper.py",

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from fit.estimate import attenuation, couplings, drift, read_outs
 from fit.estimate.instruments import Weighed
-from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
+from fit.fitting import Outcome
 from fit.model import Sharing, dynamics, inertial
 from fit.results import Fit, Results
 from fit.threads import each

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from fit.estimate.irls import Outcome
-from fit.fitting import Prior, constraints, parameter_values
+from fit.fitting import Outcome, Prior, constraints, parameter_values
 from fit.model import dynamics
 from fit.settings import ParameterSettings
 from fit.warnings import FitWarning

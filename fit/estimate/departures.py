@@ -18,11 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import hierarchy, normal
-from fit.estimate.hierarchy import Width
-from fit.estimate.irls import Outcome
-from fit.estimate.problem import FREE
-from fit.fitting import Prior
+from fit.estimate import normal
+from fit.fitting import FREE, Outcome, Prior, Width, hierarchy
 from fit.model import dynamics, wander
 from fit.paper import FLIGHT, Parameter
 from fit.signal import Spectra

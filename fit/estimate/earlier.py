@@ -7,10 +7,9 @@ from pathlib import Path
 
 from fit import results as fit_results
 from fit.errors import InputError
-from fit.estimate import louder
-from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
+from fit.fitting import Outcome, louder
 from fit.inspection import prepare_each
 from fit.results import Results
 from fit.settings import Settings, refuse_constraints, settings

@@ -17,12 +17,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import departures, flscov
-from fit.estimate.irls import Rule, iterate
-from fit.estimate.priors import PriorSet, weak_priors
-from fit.estimate.problem import FREE
+from fit.estimate import departures
 from fit.estimate.verdict import as_fit
-from fit.fitting import constraints
+from fit.fitting import FREE, PriorSet, Rule, constraints, flscov, iterate, weak_priors
 from fit.model import Sharing, dynamics
 from fit.results import Fit
 from fit.settings import Settings, settings

@@ -28,9 +28,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.estimate import centrifugal, constraint_test
-from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Outcome, Rule, iterate
-from fit.estimate.priors import PriorSet
-from fit.fitting import Prior
+from fit.fitting import HARMLESS, MAX_ITERATIONS, TOLERANCE, Outcome, Prior, PriorSet, Rule, iterate
 from fit.inspection import long_noise
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter, misalignments

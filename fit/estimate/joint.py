@@ -7,9 +7,7 @@ import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.estimate import choice, departures
-from fit.estimate.irls import Outcome, reweight
-from fit.estimate.priors import Known
-from fit.fitting import constraints
+from fit.fitting import Known, Outcome, constraints, reweight
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, ParameterSettings, Settings

@@ -14,8 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.estimate.forecast import RULE, Expectation, NoneTakesPartError, Planned, channels_of, responses
-from fit.estimate.irls import iterate
-from fit.estimate.priors import PriorSet, weak_priors
+from fit.fitting import PriorSet, iterate, weak_priors
 from fit.model import Sharing, dynamics
 from fit.paper import Parameter
 from fit.settings import Settings

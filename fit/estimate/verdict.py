@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.estimate import sums
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.paper import ALONG, M_TM
 from fit.results import Estimate, Fit
 from fit.signal import derivatives, spectra

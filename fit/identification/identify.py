@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import departures, earlier, irls, priors, verdict
-from fit.fitting import Prior
+from fit.estimate import departures, earlier, verdict
+from fit.fitting import Prior, irls, priors
 from fit.identification import comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters

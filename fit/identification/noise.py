@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fit.estimate import irls, steadiness, unsteady, verdict
+from fit.estimate import steadiness, verdict
+from fit.fitting import irls, unsteady
 from fit.identification.weighing import Linearised
 from fit.warnings import FitWarning
 from fit.weighing import Experiment

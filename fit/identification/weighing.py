@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import departures, louder, unsteady
+from fit.estimate import departures
+from fit.fitting import louder, unsteady
 from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
 from fit.model import dynamics, wander

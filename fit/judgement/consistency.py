@@ -25,8 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
-from fit.fitting import score_whitening
+from fit.fitting import Outcome, score_whitening
 from fit.model import dynamics
 from fit.threads import cached_property
 from fit.weighing import Experiment, linear

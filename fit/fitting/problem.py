@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate.hierarchy import Width
-from fit.estimate.priors import PriorSet, prior_rows
-from fit.fitting import JointModel, Prior, constraints, lmfit_names, lmfit_params, parameter_values
+from fit.fitting import constraints
+from fit.fitting.hierarchy import Width
+from fit.fitting.joint_model import JointModel, Prior, lmfit_names, lmfit_params, parameter_values
+from fit.fitting.priors import PriorSet, prior_rows
 from fit.paper import Parameter
 from fit.settings import ParameterSettings
 from fit.weighing import linear

@@ -16,19 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate.hierarchy import Width
-from fit.estimate.priors import Known, PriorSet, all_but_lambda_2, weak_priors
-from fit.estimate.problem import Problem
-from fit.estimate.weighings import WARM_UP, Weighing, weighing
-from fit.fitting import (
-    JointModel,
-    LinearEquation,
-    Prior,
-    RunEstimate,
-    SolvedModel,
-    parameter_values,
-    run_estimate,
-)
+from fit.fitting.hierarchy import Width
+from fit.fitting.joint_model import JointModel, LinearEquation, Prior, SolvedModel, parameter_values
+from fit.fitting.priors import Known, PriorSet, all_but_lambda_2, weak_priors
+from fit.fitting.problem import Problem
+from fit.fitting.run_estimate import RunEstimate, run_estimate
+from fit.fitting.weighings import WARM_UP, Weighing, weighing
 from fit.paper import Parameter
 from fit.settings import Estimator, ParameterSettings
 from fit.threads import each, within

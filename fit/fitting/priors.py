@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import Prior
+from fit.fitting.joint_model import Prior
 from fit.model import dynamics
 from fit.paper import Parameter
 from fit.weighing import linear

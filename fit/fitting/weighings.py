@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import flscov, louder, unsteady
+from fit.fitting import flscov, louder, unsteady
 from fit.model import dynamics
 from fit.settings import Estimator
 from fit.signal import NoiseModel
