@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.weighing import Block
+from fit.signal import spectra
+from fit.weighing import Block, expected_weights
 
 Array = NDArray[np.float64]
 
@@ -70,12 +71,31 @@ def run_estimate(name: str, block: Block) -> RunEstimate:
     block : Block
         The run.
     """
-    R, H = block.R, block.H[1:, 1:]
-    W = score_whitening(H, block.M[1:, 1:])
+    R = block.R
+    H, M = moments(block)
+    W = score_whitening(H, M)
     scores = W @ R[:, 1:].T @ R  # in units of their noise, by column
     scale = column_scale(H)
     c = scale * np.linalg.lstsq(scores[:, 1:] * scale, -scores[:, 0], rcond=None)[0]
     return RunEstimate(name, c, W @ H, block.without_data())
+
+
+def moments(block: Block) -> tuple[Array, Array]:
+    """Return the curvature of a run and the covariance of its scores, both of shape (K, K).
+
+    A Student-t weights every bin by its own residual. A tone lies in few bins, and what these happen to be
+    would weigh one run against another. Both are then the sum of weighted squares times what is expected of
+    their factors, so that the joint fit is where the likelihood has its maximum.
+    """
+    if block.weights.likelihood != "student_t":
+        return block.H[1:, 1:], block.M[1:, 1:]
+    expected = expected_weights("student_t", np.arange(len(block.columns)))
+    fit, curvature, score = (
+        float(np.mean(factors)) for factors in (expected.fit, expected.curvature, expected.score)
+    )
+    G = block.R[:, 1:].T @ block.R[:, 1:]
+    window = 1.0 if block.window is None else spectra.spread(block.window)
+    return G, G * score * window * fit / curvature**2
 
 
 def column_scale(H: Array) -> Array:
@@ -86,8 +106,13 @@ def column_scale(H: Array) -> Array:
 
 def score_whitening(H: Array, M: Array) -> Array:
     """Return the map from scores of curvature H and covariance M, (K, K), to unit noise, shape (r, K)."""
+    V = whitened_directions(H)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(V.T @ M @ V), V.T))
+
+
+def whitened_directions(H: Array) -> Array:
+    """Return the directions V that a curvature H, (K, K), determines, (K, r), with ``V.T @ H @ V = 1``."""
     scale = column_scale(H)
     values, vectors = np.linalg.eigh(scale[:, None] * H * scale)
     determined = values > NULL * values[-1]
-    V = scale[:, None] * vectors[:, determined] / np.sqrt(values[determined])  # V^T H V = 1
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(V.T @ M @ V), V.T))
+    return np.asarray(scale[:, None] * vectors[:, determined] / np.sqrt(values[determined]))

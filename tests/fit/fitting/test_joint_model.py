@@ -9,17 +9,16 @@ import scipy
 
 import fit
 from fit.errors import InputError
-from fit.fitting import (
+from fit.fitting.joint_model import (
     JointModel,
     LinearEquation,
     Prior,
-    RunEstimate,
     SolvedModel,
     lmfit_names,
     lmfit_params,
     parameter_values,
-    run_estimate,
 )
+from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.model import dynamics
 from fit.weighing import linear
 from fit.weighing.likelihood import weights
