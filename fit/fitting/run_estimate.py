@@ -89,7 +89,7 @@ def moments(block: Block) -> tuple[Array, Array]:
     """
     if block.weights.likelihood != "student_t":
         return block.H[1:, 1:], block.M[1:, 1:]
-    expected = expected_weights("student_t", np.arange(len(block.columns)))
+    expected = expected_weights("student_t", np.arange(1.0, len(block.columns) + 1))
     fit, curvature, score = (
         float(np.mean(factors)) for factors in (expected.fit, expected.curvature, expected.score)
     )
