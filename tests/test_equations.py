@@ -41,7 +41,7 @@ HOMES = {
     "gomegafinal": "fit/model/inertial.py",
     "inprod": "fit/weighing/linear.py",
     "irls": "fit/fitting/irls.py",
-    "jointlh": "fit/weighing/minimum.py",
+    "jointlh": "fit/fitting/joint_model.py",
     "llhgaussian": "fit/weighing/likelihood.py",
     "stiff_model": "fit/paper.py",
 }
