@@ -16,10 +16,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fit.api import calibrate, calibrate_inertial, load, load_results, save_report
+    from fit.api import calibrate, calibrate_inertial, load, load_results, make_params, save_report
     from fit.comparison import Comparison, compare
     from fit.deltag import delta_g
     from fit.errors import CalibrationError, FitError, InputError
+    from fit.fitting import Prior, delta_chi2
     from fit.report import plot
     from fit.results import Estimate, Fit, Results
     from fit.telemetry import Telemetry
@@ -33,22 +34,26 @@ __all__ = [
     "FitError",
     "FitWarning",
     "InputError",
+    "Prior",
     "Results",
     "Telemetry",
     "calibrate",
     "calibrate_inertial",
     "compare",
+    "delta_chi2",
     "delta_g",
     "load",
     "load_results",
+    "make_params",
     "plot",
     "save_report",
 ]
 _HOME = {
-    "api": ("calibrate", "calibrate_inertial", "load", "load_results", "save_report"),
+    "api": ("calibrate", "calibrate_inertial", "load", "load_results", "make_params", "save_report"),
     "comparison": ("Comparison", "compare"),
     "deltag": ("delta_g",),
     "errors": ("CalibrationError", "FitError", "InputError"),
+    "fitting": ("Prior", "delta_chi2"),
     "results": ("Estimate", "Fit", "Results"),
     "warnings": ("FitWarning",),
     "telemetry.reader": ("Telemetry",),

@@ -3,20 +3,26 @@
 `fit` hands on these functions. The command line calls the same ones.
 """
 
+from __future__ import annotations
+
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fit import pipeline
 from fit import results as fit_results
 from fit.errors import FitError, InputError, shown
-from fit.estimate import pulls
+from fit.estimate import pulls, user_params
 from fit.files import refuse_links
 from fit.results import Results, results_file, telemetry_files
-from fit.settings import settings
+from fit.settings import ParameterSettings, settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
 from fit.telemetry import Telemetry, conversion, read_all
+
+if TYPE_CHECKING:
+    import lmfit
 
 PathLike = str | os.PathLike[str]
 
@@ -61,13 +67,37 @@ def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
     return [Path(path) for path in given]
 
 
-def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:
+def make_params(runs: Sequence[Telemetry], **chosen: object) -> lmfit.Parameters:
+    """Return the parameters of the joint fit, for `calibrate`: names and order are those of the results.
+
+    They start at the values found in flight. Fix them, give them bounds or ties as lmfit has them, or a
+    `fit.Prior` as ``user_data``. Parameters that are fitted along may be added: coefficients of cross-talk,
+    such as ``b_1_2`` in alignment epoch 2, and ``delta_phi_1`` and ``delta_eta_1`` of inertial period 1.
+
+    Parameters
+    ----------
+    runs : sequence of Telemetry
+        As for `calibrate`.
+    **chosen
+        Settings, as for `calibrate`; only ``shared`` counts.
+
+    Raises
+    ------
+    InputError
+        If a setting is not known, or no run has injections.
+    """
+    return user_params.make_params(runs, settings(chosen, "make_params"))
+
+
+def calibrate(runs: Sequence[Telemetry], params: lmfit.Parameters | None = None, **chosen: object) -> Results:
     """Calibrate the dynamics, and the inertial forces if there are long noise runs with torques.
 
     Parameters
     ----------
     runs : sequence of Telemetry
         Each run with injections (kind ``sysid``) is paired with the noise run of the same experiment.
+    params : lmfit.Parameters, optional
+        What is known of parameters: see `make_params`.
     **chosen
         Settings, named as in table ``[fit]`` of a campaign, such as ``estimator="student_t"`` or
         ``shared={"C_1": "experiment"}``. ``fit/default.toml`` explains them.
@@ -84,11 +114,17 @@ def calibrate(runs: Sequence[Telemetry], **chosen: object) -> Results:
     FitError
         If no estimate comes out that can be trusted.
     """
+    if params is not None:
+        if "parameters" in chosen:
+            raise InputError("calibrate: both params and parameters, expected one of them")
+        chosen["parameters"] = user_params.as_settings(params)
     results = pipeline.calibrate(runs, settings(chosen, "calibrate"))
     return pulls.with_truth(results, runs)  # now that the fit is done: it must not see them
 
 
-def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
+def calibrate_inertial(
+    runs: Sequence[Telemetry], results: Results, parameters: Mapping[str, ParameterSettings] | None = None
+) -> Results:
     """Calibrate the inertial forces, with the dynamics of an earlier calibration.
 
     Parameters
@@ -97,6 +133,8 @@ def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
         Noise runs only. Those of 12 h or more with torques take part.
     results : Results
         The earlier calibration, with a sound joint fit.
+    parameters : mapping of str to ParameterSettings, optional
+        What is known of ``delta_phi_1``, ``delta_eta_1`` and those of other periods; see `settings`.
 
     Returns
     -------
@@ -112,7 +150,7 @@ def calibrate_inertial(runs: Sequence[Telemetry], results: Results) -> Results:
         If no estimate comes out that can be trusted.
     """
     fit_results.sound_joint(results)
-    return pulls.with_truth(pipeline.calibrate_inertial(runs, results), runs)
+    return pulls.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
 
 
 def load_results(path: PathLike) -> Results:

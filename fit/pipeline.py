@@ -5,30 +5,33 @@ from dataclasses import dataclass, replace
 
 from fit.errors import FitError, InputError
 from fit.estimate import (
-    Known,
-    Outcome,
     attenuation,
     bump,
     centrifugal,
+    constraint_test,
+    constraints_of,
     fit_experiment,
+    fit_joint,
     inertial,
     known_of,
     levels,
-    louder,
     residuals,
     steadiness,
     verdict,
 )
+from fit.fitting import Known, Outcome, constraints, louder
 from fit.inspection import LeftOut, Prepared, Ready, admission, prepare_each, searches
 from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
-from fit.requirements import F_MAX, TAPER
+from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results, check_frame
-from fit.settings import Settings, settings
+from fit.settings import ParameterSettings, Settings, settings
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, divide, pair
+
+PARAMETERS = "fit.parameters"  # where a user says something of parameters
 
 
 @one_blas_thread
@@ -61,11 +64,16 @@ def calibrate(
     FitError
         If no trustworthy estimate comes out.
     """
-    return _with_inertial(_dynamics(telemetries, chosen or settings(), drawn, constant), telemetries)
+    chosen = chosen or settings()
+    return _with_inertial(_dynamics(telemetries, chosen, drawn, constant), telemetries, chosen.parameters)
 
 
 @one_blas_thread
-def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -> Results:
+def calibrate_inertial(
+    telemetries: Sequence[Telemetry],
+    calibration: Results,
+    parameters: Mapping[str, ParameterSettings] | None = None,
+) -> Results:
     """Calibrate the inertial forces alone; everything else is carried over.
 
     Parameters
@@ -74,6 +82,8 @@ def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -
         Noise runs of any sample rates.
     calibration : Results
         Of the dynamics, with a joint fit.
+    parameters : mapping of str to ParameterSettings, optional
+        What the user says of the angles.
 
     Raises
     ------
@@ -94,24 +104,30 @@ def calibrate_inertial(telemetries: Sequence[Telemetry], calibration: Results) -
             f"{_where(telemetries)}: no noise run of {inertial.SHORTEST / 3600:g} h or more with torques "
             "about phi and eta (N_phi_1, N_eta_1), expected at least one"
         )
+    constraints.check(parameters or {}, inertial.names(telemetries), PARAMETERS)
     turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries))
-    return _with_inertial(replace(calibration, provenance=turned), telemetries)
+    return _with_inertial(replace(calibration, provenance=turned), telemetries, parameters or {})
 
 
 def _where(telemetries: Sequence[Telemetry]) -> str:
     return ", ".join(str(t.path) for t in telemetries) or "no telemetry"
 
 
-def _with_inertial(results: Results, telemetries: Sequence[Telemetry]) -> Results:
+def _with_inertial(
+    results: Results, telemetries: Sequence[Telemetry], parameters: Mapping[str, ParameterSettings]
+) -> Results:
     """Fit the inertial periods that the runs belong to; they need the dynamics of a joint fit."""
     periods: dict[str, list[Telemetry]] = {}
     for run in filter(inertial.takes_part, telemetries):
         periods.setdefault(inertial_period(run), []).append(run)
     if (joint := results.joint) is None or not periods:
         return results
-    fits = dict(
-        parallel_map(lambda of: (of, _doubted(inertial.fit_period(periods[of], joint), joint)), periods)
-    )
+
+    def fitted(period: str) -> tuple[str, Fit]:
+        said = constraints.of_fit(parameters, {f"{name}_{period}": name for name in inertial.NAMES})
+        return period, _doubted(inertial.fit_period(periods[period], joint, said), joint)
+
+    fits = dict(parallel_map(fitted, periods))
     names = {name: [run.run for run in runs] for name, runs in periods.items()}
     return replace(
         results,
@@ -144,13 +160,19 @@ class _Together:
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, constant: bool) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     progress_stage(0.1)  # as the shares below, about what it takes of the time
-    found = pair(telemetries)
+    found = [experiment.up_to(chosen.f_max) for experiment in pair(telemetries)]
     if not found:
         raise InputError(
             f"{_where(telemetries)}: no run of kind 'sysid', expected at least one to calibrate with, "
             "or an earlier calibration"
         )
     common_x_axis(telemetries)
+    if chosen.parameters:
+        runs = [(e.sysid.telemetry, e.parameters) for e in found]
+        names = [p.name for p in Sharing(chosen.shared).parameters(runs)]
+        constraints.check(chosen.parameters, [*names, *inertial.names(telemetries)], PARAMETERS)
+    # what the data are like is judged without what the user says of parameters: that may be wrong
+    asked, chosen = chosen, chosen.model_copy(update={"parameters": {}})
     ready = _prepared(found, chosen, drawn).without(admission.mislabelled(found, telemetries))
     progress_stage(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
@@ -159,12 +181,12 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
     progress_stage(0.95)
-    together = _together(ready, alone, chosen, misfits, drawn, constant)
+    together = _together(ready, alone, chosen, misfits, drawn, constant, asked.parameters)
     if together:
         ready = replace(ready.without(together.left_out), left_out=together.left_out)
-    joint, own = _judged(ready, alone, together, chosen, drawn)
+    joint, own = _judged(ready, alone, together, asked, drawn)
     joint, cross_talk = _cross_talk(ready, together, joint, chosen)
-    return Results(joint, own, cross_talk, {}, _provenance(ready, together, chosen))
+    return Results(joint, own, cross_talk, {}, _provenance(ready, together, asked))
 
 
 def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Ready:
@@ -216,7 +238,7 @@ def _alone(
 ) -> Outcome | FitError:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
     try:
-        return fit_experiment(e, known, chosen.estimator, begun)
+        return fit_experiment(e, known, chosen.estimator, begun, chosen.parameters)
     except FitError as error:
         return error
 
@@ -228,16 +250,26 @@ def _together(
     misfits: Mapping[str, str],
     drawn: bool,
     constant: bool,
+    parameters: Mapping[str, ParameterSettings],
 ) -> _Together | None:
-    """Fit what takes part jointly, as far as it agrees."""
+    """Fit what takes part jointly, as far as it agrees, and then with what the user says of parameters."""
     if not ready.taking_part:
         return None
     agreed = jury.convene(ready.taking_part, alone, chosen, misfits, drawn, constant)
-    fit = _warned(verdict.as_fit(agreed.outcome, agreed.experiments), agreed.warnings)
+    outcome = agreed.outcome
+    if any(said.is_constraint for said in parameters.values()):
+        asked = chosen.model_copy(update={"parameters": parameters, "scatter": list(outcome.scatter)})
+        try:
+            outcome = replace(fit_joint(agreed.experiments, asked, alone), by_data=outcome.by_data)
+        except FitError as error:
+            names = ", ".join(parameters)
+            raise FitError(f"{error}; it does without what the settings say of {names}") from error
+    more = (*agreed.warnings, *constraint_test.warnings(outcome))
+    fit = _warned(verdict.as_fit(outcome, agreed.experiments), more)
     left_out = explained(
         (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
     )
-    return _Together(agreed.outcome, fit, left_out, agreed.statistics)
+    return _Together(outcome, fit, left_out, agreed.statistics)
 
 
 def _judged(
@@ -279,8 +311,8 @@ def _judged(
         if e in doubted or w.code != levels.MISMATCH
     ]
     said = {w.code for w in together.fit.warnings}
-    more = verdict.of_joint(together.fit, fits, doubted)
-    of_joint += [w for w in more if w.code not in said]
+    if "constraint_contradicted" not in said:
+        of_joint += [w for w in verdict.of_joint(together.fit, fits, doubted) if w.code not in said]
     return _warned(together.fit, of_joint), fits
 
 
@@ -297,16 +329,21 @@ def _of_experiment(
     # a single tone needs what others know
     if known and (isinstance(own, FitError) or (own.tone and not drawn)):
         own = _alone(experiment, chosen, known, own)
-    if isinstance(own, FitError):
+    from_joint, judged = bool(known and isinstance(own, Outcome) and own.tone and not drawn), own
+    if not from_joint and constraints_of(experiment, chosen.parameters):  # these may be wrong
+        own = _alone(experiment, chosen, None, own)
+    if isinstance(own, FitError) or isinstance(judged, FitError):
+        error = next(e for e in (judged, own) if isinstance(e, FitError))
         if together is None:
-            raise own
+            raise error
         # what one experiment by itself does not yield must not cost the joint fit
-        return FitWarning("not_fitted_alone", (), str(own))
-    fit = verdict.as_fit(own, [experiment], from_joint=bool(known and own.tone and not drawn))
+        return FitWarning("not_fitted_alone", (), str(error))
+    fit = verdict.as_fit(own, [experiment], from_joint=from_joint)
     more = (
         *ready.said_of(experiment.name),
         *ready.prepared[experiment.name].warnings,
-        *verdict.of_experiment(experiment, own, fit),
+        *verdict.of_experiment(experiment, judged, verdict.as_fit(judged, [experiment])),
+        *constraint_test.warnings(own),
     )
     diagnostics = None if drawn else residuals.diagnose(experiment, own)
     return _warned(replace(fit, diagnostics=diagnostics), more)
@@ -344,11 +381,11 @@ def _provenance(ready: Ready, together: _Together | None, chosen: Settings) -> P
     return Provenance(
         joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
         noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},
-        f_max=F_MAX,
+        f_max=chosen.f_max,
         window=f"Tukey {TAPER:g}",
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=best or None,
-        settings=chosen.model_dump(),
+        settings=chosen.record(),
         more={"agreement": together.agreement} if together and together.agreement else {},
         levels=[e.name for e in ready.taking_part if e.levels],
         x_axis=ready.experiments[0].sysid.telemetry.x_axis,

@@ -1,19 +1,78 @@
 """What a user may choose about a fit: table ``[fit]`` of a campaign or of a file of settings."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from fit.errors import InputError, quote
-from fit.files import Table, closest, documents, key, told
+from fit.files import Table, closest, documents, key, problem, told
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
 #: What may depart from experiment to experiment; "auto" stands alone: what the data ask for.
 _Scattering = Literal["auto", "lambda_1", "lambda_2", "C_1", "C_2", "slope_1", "slope_2", "bend_1", "bend_2"]
+LOWEST, HIGHEST = (
+    0.02,
+    0.1,
+)  # Hz, of f_max: below, C_1, C_2 and delta_ifo are lost; archives are flat up to 0.1
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_UNBOUNDED = (-math.inf, math.inf)
+_PAIR = BeforeValidator(lambda given: tuple(given) if isinstance(given, list) else given)
 _AUTO = BeforeValidator(lambda given: ["auto"] if given == "auto" else given)
+
+
+class ParameterSettings(Table):
+    """What a user says of one parameter, in the words of lmfit.
+
+    Attributes
+    ----------
+    value : float, optional
+        SI: where a fit starts, or what the parameter is fixed at. By default the value found in flight.
+    vary : bool
+        False to fix it.
+    min, max : float, optional
+        Bounds, SI.
+    expr : str, optional
+        Expression of other parameters to which it is tied.
+    prior : tuple of float, optional
+        Mean and sigma of Gaussian knowledge of it, SI.
+    """
+
+    model_config = ConfigDict(strict=True)
+
+    value: _Finite | None = None
+    vary: bool = True
+    min: _Finite | None = None
+    max: _Finite | None = None
+    expr: Annotated[str, Field(min_length=1)] | None = None
+    prior: Annotated[tuple[_Finite, Annotated[_Finite, Field(gt=0)]], _PAIR] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        bounded = self.min is not None or self.max is not None
+        if self.expr is not None and (not self.vary or self.value is not None or bounded or self.prior):
+            raise problem("expected expr alone: a tied parameter has no value, bounds or prior", "expr")
+        if not self.vary and (bounded or self.prior):
+            raise problem("expected neither bounds nor a prior of a fixed parameter (vary = false)", "vary")
+        low, high = self.limits
+        if not low < high:
+            raise problem(f"{low:g}, expected less than max = {high:g}", "min")
+        if self.value is not None and not low <= self.value <= high:
+            raise problem(f"{self.value:g}, expected a value from min = {low:g} to max = {high:g}", "value")
+        return self
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Bounds, infinite where there are none."""
+        return -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
+
+    @property
+    def is_constraint(self) -> bool:
+        """Whether it says more than where a fit starts."""
+        return not self.vary or self.expr is not None or self.prior is not None or self.limits != _UNBOUNDED
 
 
 class Settings(Table):
@@ -21,13 +80,48 @@ class Settings(Table):
 
     model_config = ConfigDict(strict=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_lower_limit(cls, raw: object) -> object:
+        if isinstance(raw, dict) and "f_min" in raw:
+            raise problem(
+                "the fitted band has no lower limit: commands answer to the noise, and only over the whole "
+                "band from the first bin on that leaves no bias; expected f_max alone",
+                "f_min",
+            )
+        return raw
+
     estimator: Estimator
     include_short: bool
     exclude: list[str]
     glitches: bool
     scatter: Annotated[list[_Scattering], _AUTO]
     levels: Annotated[list[str], _AUTO]
+    f_max: Annotated[float, Field(ge=LOWEST, le=HIGHEST)]
     shared: dict[str, Group]
+    parameters: dict[str, ParameterSettings] = {}
+
+    def record(self) -> dict[str, object]:
+        """Return them as `settings` reads them, of parameters what is not the default."""
+        parameters = {name: p.model_dump(exclude_defaults=True) for name, p in self.parameters.items()}
+        return {**self.model_dump(), "parameters": parameters}
+
+
+def refuse_constraints(chosen: Settings, command: str, where: str) -> None:
+    """See that no parameter is constrained, and the band whole, for a command that goes without.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    if chosen.f_max < HIGHEST:
+        raise InputError(f"{where}.f_max: {chosen.f_max:g}, expected {HIGHEST:g} for {command}")
+    for name, said in chosen.parameters.items():
+        if said.is_constraint:
+            raise InputError(
+                f"{where}.parameters.{key(name)}: a constraint, expected none of them for {command}"
+            )
 
 
 def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -> Settings:
@@ -57,6 +151,8 @@ def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -
         found = Settings.model_validate({**default, **chosen, "shared": {**known, **shared}})
     except ValidationError as error:
         raise InputError(f"{where}.{told(error)}") from error
+    if found.estimator == "flscov" and found.f_max < HIGHEST:
+        raise InputError(f'{where}.f_max: {found.f_max:g} with estimator = "flscov", expected {HIGHEST:g}')
     if len(set(found.scatter)) < len(found.scatter):
         raise InputError(f"{where}.scatter: {', '.join(found.scatter)}: expected each parameter once")
     if "auto" in found.scatter and len(found.scatter) > 1:

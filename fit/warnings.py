@@ -248,9 +248,19 @@ KINDS: Mapping[str, Kind] = {
         words="For too long at the limit of authority",
         unsound=True,
     ),
+    "constraint_contradicted": Kind(
+        "Release in the table [fit.parameters] what is named, or look for what the model lacks; do not use "
+        "the estimates, which compensate for it.",
+        severity=Severity.FAILURE,
+        words="The data contradict what the settings say of parameters",
+        unsound=True,
+    ),
+    "constrained": Kind(
+        "Nothing if what the settings say holds; the other estimates and their sigmas rest on it.",
+    ),
     "at_bound": Kind(
-        "Nothing if the bound is known to hold; otherwise widen `bounds` in the table [identify]. The other "
-        "estimates hold only if the bound does.",
+        "Nothing if the bound is known to hold; otherwise widen `bounds` in the table [identify], or `min` "
+        "and `max` in [fit.parameters]. The other estimates hold only if the bound does.",
         severity=Severity.DOUBT,
         words="Parameters are held at their bounds",
     ),

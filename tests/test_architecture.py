@@ -33,8 +33,8 @@ LAYERS = {
             "settings",
             "results",
         ),
-        *("model", "weighing", "inspection", "estimate", "judgement", "identification", "deltag", "pipeline"),
-        *("tables", "comparison", "figures", "journal", "report", "api"),
+        *("model", "weighing", "fitting", "inspection", "estimate", "judgement", "identification"),
+        *("deltag", "pipeline", "tables", "comparison", "figures", "journal", "report", "api"),
     ),
     "lpfcosim": (
         *("errors", "messages", "spacecraft", "network", "signals", "worlds", "plant", "campaign"),
@@ -54,7 +54,7 @@ USERS = {
     "fmpy": {"lpfcosim.modelica", "lpfcosim.cosim", "lpfcosim.export"},
     "h5py": {"fit.telemetry", "fit.estimate"},  # telemetry, and the chains of a sampled posterior
     "jinja2": {"fit.report"},
-    "lmfit": {"fit.weighing"},
+    "lmfit": {"fit.fitting", "fit.estimate", "fit.results", "fit.api"},  # the language of the fits
     "matio": {"fit.telemetry"},
     "matplotlib": {"fit.journal"},
     "pint": {"fit.units"},

@@ -40,8 +40,8 @@ HOMES = {
     "fx2": "fit/model/dynamics.py",
     "gomegafinal": "fit/model/inertial.py",
     "inprod": "fit/weighing/linear.py",
-    "irls": "fit/estimate/irls.py",
-    "jointlh": "fit/weighing/minimum.py",
+    "irls": "fit/fitting/irls.py",
+    "jointlh": "fit/fitting/joint_model.py",
     "llhgaussian": "fit/weighing/likelihood.py",
     "stiff_model": "fit/paper.py",
 }

@@ -6,16 +6,13 @@ the sigmas hold. Forecasts, samples of the posterior and the pulls of many campa
 
 from fit.estimate.angles import PlannedTurn
 from fit.estimate.forecast import Planned
-from fit.estimate.irls import Known, Outcome
-from fit.estimate.joint import fit_experiment, fit_joint, known_of
+from fit.estimate.joint import constraints_of, fit_experiment, fit_joint, known_of
 from fit.estimate.posterior import Posterior
 from fit.estimate.pulls import Pulls
 from fit.estimate.residuals import SCORES
 
 __all__ = [
     "SCORES",
-    "Known",
-    "Outcome",
     "Planned",
     "PlannedTurn",
     "Posterior",
@@ -24,22 +21,21 @@ __all__ = [
     "attenuation",
     "bump",
     "centrifugal",
+    "constraint_test",
+    "constraints_of",
     "departures",
     "earlier",
     "fit_experiment",
     "fit_joint",
     "forecast",
-    "hierarchy",
     "inertial",
-    "irls",
     "known_of",
     "levels",
-    "louder",
     "pulls",
     "residuals",
     "sampling",
     "sight",
     "steadiness",
-    "unsteady",
+    "user_params",
     "verdict",
 ]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.estimate.couplings import Freed
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.results import Estimate, Fit
 from fit.warnings import FitWarning
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from fit.estimate import attenuation, couplings, drift, read_outs
 from fit.estimate.instruments import Weighed
-from fit.estimate.irls import Outcome
 from fit.estimate.verdict import indeterminable, report
+from fit.fitting import Outcome
 from fit.model import Sharing, dynamics, inertial
 from fit.parallel import parallel_map
 from fit.results import Fit, Results
@@ -282,8 +282,8 @@ def expected_shift(
     """
     theta = outcome.solution.theta
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    departures = outcome.held.rows[len(outcome.prior.rows) :]
-    H, H_n = np.diag(outcome.lost / width**2) + departures.T @ departures, np.zeros((theta.size, theta.size))
+    known = outcome.held.rows
+    H, H_n = known.T @ known, np.zeros((theta.size, theta.size))
     clean = np.array([p.name in freed for p in outcome.parameters])
     for w, floor in zip(weighed, floors, strict=True):
         terms, to_run = w.terms, w.block.share

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from fit.estimate import departures, normal
 from fit.estimate.departures import KINDS
-from fit.estimate.hierarchy import Normal
-from fit.estimate.irls import Outcome
+from fit.fitting import Normal, Outcome
 from fit.model import Sharing, dynamics, wander
 from fit.paper import FLIGHT
 from fit.parallel import parallel_map

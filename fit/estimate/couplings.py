@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from fit.estimate import instruments, normal
 from fit.estimate.instruments import OF, ORDER, Mean, Moments, Weighed
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.model import dynamics
 from fit.signal import Spectrum, spectra
 from fit.weighing import linear

@@ -8,20 +8,25 @@ experiment tells gets the sigma that the scatter of the other implies.
 A gain that departs leaves the force as late as it was: C = lambda tau departs along.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import hierarchy, normal
-from fit.estimate.hierarchy import Width
-from fit.estimate.irls import FREE, Outcome
+from fit.estimate import normal
+from fit.fitting import FREE, Outcome, Prior, Width, hierarchy
 from fit.model import dynamics, wander
 from fit.paper import FLIGHT, Parameter
 from fit.signal import Spectra
 from fit.weighing import linear
+
+if TYPE_CHECKING:
+    from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
 
@@ -183,7 +188,21 @@ def integrated(outcome: Outcome) -> Outcome:
         for unit, name in dict(zip(width.units, _names(outcome, width), strict=True)).items():
             told[name] = (float(value * unit), float(sigma * unit))
     log_widths = tuple(zip(found.log_widths.tolist(), found.log_sigmas.tolist(), strict=True))
-    return replace(outcome, solution=solution, scatter=told, log_widths=log_widths)
+    outcome = replace(outcome, solution=solution, scatter=told, log_widths=log_widths)
+    return replace(outcome, result=_within_widths(outcome))
+
+
+def _within_widths(outcome: Outcome) -> MinimizerResult | None:
+    """Return what lmfit makes of the runs with departures within their likeliest widths."""
+    if outcome.model is None or outcome.result is None:
+        return None
+    params = outcome.result.params.copy()
+    ordered = list(params.values())
+    for width, (log_width, _) in zip(outcome.departing, outcome.log_widths, strict=True):
+        sigmas = np.exp(log_width) * np.abs(width.units)
+        for i, sigma in zip(width.members, sigmas.tolist(), strict=True):
+            ordered[i].user_data = Prior(0.0, sigma)
+    return outcome.model.fit(params)
 
 
 def _names(outcome: Outcome, width: Width) -> list[str]:

@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.estimate import normal
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.results import Fit
 from fit.warnings import FitWarning
 from fit.weighing import Experiment

@@ -6,14 +6,13 @@ from pathlib import Path
 
 from fit import results as fit_results
 from fit.errors import InputError
-from fit.estimate import louder
-from fit.estimate.irls import Outcome
 from fit.estimate.joint import fit_joint
 from fit.estimate.steadiness import measure
+from fit.fitting import Outcome, louder
 from fit.inspection import prepare_each
 from fit.parallel import one_blas_thread
 from fit.results import Results, results_folder, telemetry_of
-from fit.settings import Settings, settings
+from fit.settings import Settings, refuse_constraints, settings
 from fit.telemetry import Telemetry, read_all
 from fit.weighing import Experiment, Run
 
@@ -56,6 +55,7 @@ def experiments(
             raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
     found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
     how = settings(chosen, f"{where}: provenance.settings")
+    refuse_constraints(how, "mcmc and identify", f"{where}: provenance.settings")
     prepared = []
     for one in prepare_each(found, how, ()).values():
         if isinstance(one, InputError):

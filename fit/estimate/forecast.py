@@ -18,9 +18,9 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.estimate import departures, flscov
-from fit.estimate.irls import FREE, Held, Rule, iterate, weakly_held
+from fit.estimate import departures
 from fit.estimate.verdict import as_fit
+from fit.fitting import FREE, PriorSet, Rule, constraints, flscov, iterate, weak_priors
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.results import Fit
@@ -48,9 +48,7 @@ ENOUGH = 4  # experiments that tell a scatter, and more
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
 MOVED = 0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 #: What moves less than 0.01 sigma moves no sigma.
-RULE = Rule(
-    most=20, tolerance=0.01, harmless=0.01, warm_up=-1, windowed=True, moving="the expected fit still moves"
-)
+RULE = Rule(most=20, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
 
 
 class NoneTakesPartError(InputError):
@@ -214,11 +212,12 @@ def expected_fit(
     known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
     begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
-    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
-        return weakly_held(blocks, theta, parameters, taking_part[0].share, more)
+    def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
+        return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
 
     with progress_range(0.2, 1.0):
-        found = iterate(taking_part, begun, held, RULE, widths)
+        of_fit = constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
+        found = iterate(taking_part, begun, priors, RULE, widths, settings=of_fit)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
 
@@ -274,9 +273,10 @@ class Expectation:
 
     def __init__(self, planned: Planned, chosen: Settings) -> None:
         self.planned = planned
-        made = planned.make()
+        made = planned.make().up_to(chosen.f_max)
         run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
         own = sharing.parameters([(run, made.parameters)])
+        self._f_max = chosen.f_max
         self._by_stretches = chosen.estimator == "flscov"
         self._likelihood: Likelihood = "gaussian" if chosen.estimator == "flscov" else chosen.estimator
         if made.sysid.telemetry.experiment in chosen.levels:
@@ -285,6 +285,7 @@ class Expectation:
         self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
         if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
             self._sums = boiled_down(self._expected(made.sysid, self._at))
+        self.name = made.name
         self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
     def block(self, theta: Array, _: Array, __: int) -> Sums:
@@ -293,7 +294,8 @@ class Expectation:
         c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
         if np.linalg.norm(sums.R @ (c - before)) > MOVED:
             self._at = of_run
-            self._sums = boiled_down(self._expected(self.planned.make().sysid, of_run))
+            run = self.planned.make().sysid.up_to(self._f_max)
+            self._sums = boiled_down(self._expected(run, of_run))
         return self.sums
 
     @property

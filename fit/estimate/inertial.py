@@ -20,21 +20,22 @@ The centrifugal term counts as it follows from the rotation. To see whether it i
 its coefficient is estimated too, along with all others (`centrifugal`); the angles are those without it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import centrifugal
-from fit.estimate.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Held, Outcome, Rule, iterate
+from fit.estimate import centrifugal, constraint_test
+from fit.fitting import HARMLESS, MAX_ITERATIONS, TOLERANCE, Outcome, Prior, PriorSet, Rule, iterate
 from fit.inspection import long_noise
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
 from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.results import Estimate, Fit
+from fit.settings import ParameterSettings
 from fit.signal import NoiseModel, Spectrum, spectra
-from fit.telemetry import Telemetry, common_x_axis
+from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import FitWarning
 from fit.weighing import Left, check_left, linear, shapes, smooth_noise, weights
 
@@ -57,7 +58,15 @@ def takes_part(run: Telemetry) -> bool:
     return run.kind == "noise" and run.duration >= SHORTEST * 0.995 and torques
 
 
-def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
+def names(runs: Sequence[Telemetry]) -> list[str]:
+    """Return the names of the angles of every period that runs belong to, the period at their end."""
+    periods = dict.fromkeys(inertial_period(run) for run in runs if takes_part(run))
+    return [f"{name}_{period}" for period in periods for name in NAMES]
+
+
+def fit_period(
+    runs: Sequence[Telemetry], joint: Fit, settings: Mapping[str, ParameterSettings] | None = None
+) -> Fit:
     """Fit one inertial period.
 
     Parameters
@@ -66,6 +75,8 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
         Those of the period that `takes_part` accepts.
     joint : Fit
         The calibration of the dynamics.
+    settings : mapping of str to ParameterSettings, optional
+        What the user says of the angles, by `NAMES`.
 
     Raises
     ------
@@ -76,11 +87,9 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     """
     x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
-    rule = Rule(
-        MAX_ITERATIONS, TOLERANCE, HARMLESS, windowed=True, moving=f"{' and '.join(NAMES)} still move"
-    )
-    outcome = iterate(weighings, PARAMETERS, _held, rule)
-    turning = _centrifugal(weighings, rule)
+    rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
+    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule, settings=settings)
+    turning = _centrifugal(weighings, rule, settings)
     solution = outcome.solution
     theta, covariance, noisy = _freed(outcome)
     calibration = _of_calibration(outcome, weighings[0].correlation)
@@ -88,20 +97,22 @@ def fit_period(runs: Sequence[Telemetry], joint: Fit) -> Fit:
     sigma = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
-    pairs = zip(NAMES, theta[:2], sigma, strict=True)
+    parts = [(name, theta[i], sigma[i], outcome.is_fixed(i)) for i, name in enumerate(NAMES)]
     return Fit(
-        parameters={name: Estimate(float(value), float(s), "rad") for name, value, s in pairs},
+        parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in parts},
         covariance=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.blocks) - len(NAMES),
         converged=outcome.converged,
         warnings=(
-            *_warnings([(w.run, warning) for w in weighings for warning in w.warnings]),
+            *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([drowned()] if noisy else []),
             *(centrifugal.judged(turning, x_axis)),
+            *constraint_test.warnings(outcome),
         ),
         masked_samples=sum(w.missing for w in weighings),
         centrifugal=turning,
+        solved=outcome.solved,
     )
 
 
@@ -168,8 +179,8 @@ class _Turning:
 
     Attributes
     ----------
-    run : str
-        Its name.
+    name : str
+        Of the run.
     correlation : ndarray, shape (K, K)
         Of the parameters of the calibration.
     missing : int
@@ -191,15 +202,14 @@ class _Turning:
         check_left(run, seen.window, "missing samples in read-outs, torques or angles")
         window, fs = spectra.thinned(seen.window, terms.fs, PER_CYCLE * BAND[1])
         beside = shapes.loose(struck or (), terms.time[0] + np.arange(window.size) / fs, fs)
-        bins = slice(seen.first, seen.first + seen.f.size)
-        shaped = [spectra.windowed(part, window, fs, bins) for part in beside]
+        shaped = [spectra.windowed(part, window, fs, seen.bins) for part in beside]
         self._terms = replace(
             seen,
             columns=np.hstack([seen.columns, made.uncertain]),
             nuisance=np.hstack([seen.nuisance, *shaped]),
         )
         self._model: NoiseModel | None = None
-        self.run, self.correlation, self.missing = run.run, of_run.correlation, made.missing
+        self.name, self.correlation, self.missing = run.run, of_run.correlation, made.missing
         glitched = long_noise.told(run.run, struck, run.duration)
         self.warnings = [*found.warnings, *made.warnings, *of_run.warnings, *([glitched] if glitched else [])]
 
@@ -218,24 +228,28 @@ class _Turning:
         return _Rotation(*placed, uncertain=uncertain, apart=apart)
 
 
-def _held(blocks: Sequence[linear.Block], theta: Array, _: Array) -> Held:
-    """Hold all but the angles by their weak priors about zero."""
-    width = _widths([*PARAMETERS, centrifugal.EXCESS][: theta.size])
-    prior = linear.Prior(np.zeros(theta.size), np.diag(1 / width)[len(NAMES) :])
-    H = linear.information(blocks, theta) + prior.rows.T @ prior.rows
+def _weak_priors(blocks: Sequence[linear.Block], theta: Array, _: Array) -> PriorSet:
+    """Return the weak priors of all but the angles, about zero."""
+    others = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
+    H = linear.information(blocks, theta)
+    H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(others) ** 2
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
-    return Held(prior, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
+    priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(others, len(NAMES))}
+    return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
 
 
 def _widths(parameters: Sequence[Parameter]) -> Array:
     return np.array([p.prior_sigma for p in parameters])
 
 
-def _centrifugal(weighings: Sequence[_Turning], rule: Rule) -> Estimate:
+def _centrifugal(
+    weighings: Sequence[_Turning], rule: Rule, settings: Mapping[str, ParameterSettings] | None
+) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
-    outcome = iterate(weighings, (*PARAMETERS, centrifugal.EXCESS), _held, rule)
+    parameters = (*PARAMETERS, centrifugal.EXCESS)
+    outcome = iterate(weighings, parameters, _weak_priors, rule, settings=settings)
     covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
 

@@ -7,11 +7,13 @@ import numpy as np
 
 from fit.errors import FitError, InputError
 from fit.estimate import choice, departures
-from fit.estimate.irls import Known, Outcome, reweight
+from fit.fitting import Known, Outcome, constraints, reweight
 from fit.model import Sharing, dynamics
 from fit.paper import cross_talk_parameter, experiment_parameters
-from fit.settings import Estimator, Settings
+from fit.settings import Estimator, ParameterSettings, Settings
 from fit.weighing import Experiment, Run, linear
+
+OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the joint fit end with the epoch
 
 
 def fit_experiment(
@@ -19,6 +21,7 @@ def fit_experiment(
     known: Known | None = None,
     estimator: Estimator = "gaussian",
     alone: Outcome | FitError | None = None,
+    settings: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Fit one experiment on its own.
 
@@ -32,6 +35,8 @@ def fit_experiment(
         See `irls.reweight`.
     alone : Outcome or FitError, optional
         What it yields without what is known, as for `fit_joint`.
+    settings : mapping of str to ParameterSettings, optional
+        Constraints of joint parameters; they hold for those that an experiment has by itself.
 
     Raises
     ------
@@ -44,7 +49,19 @@ def fit_experiment(
     parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     begun = _weighed({experiment.name: alone})
-    return reweight([experiment], [share], parameters, known, estimator=estimator, begun=begun)
+    of_run = constraints_of(experiment, settings or {})
+    return reweight(
+        [experiment], [share], parameters, known, estimator=estimator, begun=begun, settings=of_run
+    )
+
+
+def constraints_of(
+    experiment: Experiment, settings: Mapping[str, ParameterSettings]
+) -> dict[str, ParameterSettings]:
+    """Return the constraints of joint parameters that an experiment has by itself, by its own names."""
+    epoch, own = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
+    names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in own}
+    return constraints.of_fit(settings, names)
 
 
 def fit_joint(
@@ -104,6 +121,7 @@ def _fitted(
         estimator=chosen.estimator,
         departing=widths,
         begun=begun,
+        settings=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
     )
     return departures.integrated(outcome) if widths else outcome
 

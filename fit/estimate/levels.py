@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.settings import Settings
 from fit.signal import NoiseModel, fit_noise
 from fit.warnings import FitWarning

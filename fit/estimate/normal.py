@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate.hierarchy import Normal
+from fit.fitting import Normal
 from fit.weighing import linear
 
 Array = NDArray[np.float64]

@@ -19,9 +19,8 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate.hierarchy import Width
-from fit.estimate.irls import Outcome
 from fit.estimate.normal import inflations
+from fit.fitting import Outcome, Width
 from fit.weighing import NU, linear
 
 Array = NDArray[np.float64]

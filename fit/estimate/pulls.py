@@ -124,7 +124,7 @@ def _fit_with_truth(fit: Fit, truths: list[dict[str, float]]) -> Fit:
         known = [truth[name] for truth in truths if name in truth]
         if known and math.isclose(min(known), max(known), rel_tol=1e-12):
             tells = estimate.sigma > 0 and not fit.unsound
-            pull = (estimate.value - known[0]) / estimate.sigma if tells else None
+            pull = (estimate.value - known[0]) / estimate.sigma if tells and not estimate.fixed else None
             estimate = replace(estimate, truth=known[0], pull=pull)
         parameters[name] = estimate
     return replace(fit, parameters=parameters)

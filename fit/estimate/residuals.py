@@ -24,7 +24,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.model import dynamics
 from fit.results import QUANTILES, Diagnostics, Estimate, Fit
 from fit.signal import NoiseModel

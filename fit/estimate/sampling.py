@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.estimate.attenuation import moves
-from fit.estimate.irls import Outcome
 from fit.estimate.posterior import Posterior
 from fit.files import atomic
+from fit.fitting import Outcome
 from fit.results import Estimate
 from fit.telemetry import check_storage, guard
 

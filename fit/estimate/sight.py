@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.estimate.forecast import RULE, Expectation, NoneTakesPartError, Planned, channels_of, responses
-from fit.estimate.irls import Held, iterate, weakly_held
+from fit.fitting import PriorSet, iterate, weak_priors
 from fit.model import Sharing, dynamics
 from fit.paper import Parameter
 from fit.settings import Settings
@@ -133,10 +133,10 @@ def found(planned: Sequence[Planned], chosen: Settings) -> dict[str, float]:
         return {}
     begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
-    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
-        return weakly_held(blocks, theta, begun, taking_part[0].share, more)
+    def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
+        return weak_priors(blocks, theta, begun, taking_part[0].share, more)
 
-    theta = iterate(taking_part, begun, held, RULE).solution.theta
+    theta = iterate(taking_part, begun, priors, RULE).solution.theta
     return {p.name: float(x) for p, x in zip(parameters, theta, strict=False) if p.name not in known}
 
 

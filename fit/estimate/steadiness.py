@@ -14,8 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate.irls import Outcome
-from fit.estimate.unsteady import Steps, parts
+from fit.fitting import Outcome, unsteady
 from fit.signal import spectra
 from fit.warnings import FitWarning
 from fit.weighing import Experiment, linear
@@ -28,7 +27,7 @@ FEW = 16.0  # degrees of freedom in a part, below which nothing is told
 CHANCE = 1e-6  # of one band of one run, below which it is not steady
 
 
-def measure(experiment: Experiment, outcome: Outcome, at: int = 0) -> Steps:
+def measure(experiment: Experiment, outcome: Outcome, at: int = 0) -> unsteady.Steps:
     """Return the bands in which the noise of a run is not steady, and how it is spread there.
 
     Parameters
@@ -44,14 +43,14 @@ def measure(experiment: Experiment, outcome: Outcome, at: int = 0) -> Steps:
     return of_block(block, outcome.solution.theta, experiment.sysid.spectra(block.tau).f)
 
 
-def of_block(block: linear.Block, theta: Array, f: Array) -> Steps:
+def of_block(block: linear.Block, theta: Array, f: Array) -> unsteady.Steps:
     """Return what `measure` does, of a whitened run with bins f [Hz], shape (B,), at theta, shape (P,)."""
     if block.window is None:
         return ()
     n = block.window.size
     residual = block.columns @ block.coefficients(theta) * np.sqrt(block.weights.fit)
     bins = np.stack([(f > low) & (f <= high) for low, high in BANDS], axis=1)
-    starts = np.searchsorted(parts(block.window, PARTS), np.arange(PARTS))
+    starts = np.searchsorted(unsteady.parts(block.window, PARTS), np.arange(PARTS))
     powers = np.add.reduceat(spectra.series(residual[:, None] * bins, block.first, n) ** 2, starts)
     weight, found = np.add.reduceat(block.window**2, starts), []
     for (low, high), power, count in zip(BANDS, powers.T, np.count_nonzero(bins, axis=0), strict=True):
@@ -78,7 +77,7 @@ def judged(
     return found
 
 
-def told(name: str, steps: Steps) -> FitWarning:
+def told(name: str, steps: unsteady.Steps) -> FitWarning:
     """Return what to say of an experiment of that name."""
     least, most = (pick(float(pick(power)) for _, _, power in steps) for pick in (min, max))
     message = (

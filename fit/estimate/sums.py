@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.paper import stiffness_terms
 from fit.results import Stiffness
 from fit.telemetry import Telemetry

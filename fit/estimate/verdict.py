@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.estimate import sums
-from fit.estimate.irls import Outcome
+from fit.fitting import Outcome
 from fit.paper import ALONG, M_TM
 from fit.results import Estimate, Fit
 from fit.signal import derivatives, spectra
@@ -56,7 +56,8 @@ def as_fit(outcome: Outcome, experiments: Sequence[Experiment], *, from_joint: b
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
     lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
     found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *scattered(outcome)])
-    return replace(found, stiffness=sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments]))
+    stiffness = sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
+    return replace(found, stiffness=stiffness, solved=outcome.solved)
 
 
 def report(
@@ -91,7 +92,10 @@ def report(
     return Fit(
         parameters={
             names[outcome.parameters[i].name]: Estimate(
-                float(solution.theta[i]), float(sigma[i]), outcome.parameters[i].unit
+                float(solution.theta[i]),
+                float(sigma[i]),
+                outcome.parameters[i].unit,
+                fixed=outcome.is_fixed(i) or None,
             )
             for i in kept
         },

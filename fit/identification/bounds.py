@@ -1,8 +1,8 @@
 """Bounds at which a search holds parameters, tested against the data.
 
-At the minimum within bounds the gradient of chi^2 does not vanish for a parameter at its bound. One step of
-Gauss and Newton without the bounds leads to where the data put it; in units of the covariance there, the step
-is the Wald statistic of the bounds, which for a model that is linear about the estimate equals the score
+At the minimum within bounds the gradient of chi^2 does not vanish for a parameter at its bound. The joint
+model fitted without the bounds says where the data put it; in units of the covariance there, the distance is
+the Wald statistic of the bounds, which for a model that is linear about the estimate equals the score
 statistic (that of the Lagrange multipliers).
 """
 
@@ -13,9 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import irls
+from fit.fitting import Outcome, Prior, parameter_values
 from fit.warnings import FitWarning
-from fit.weighing import linear, minimise
 
 Array = NDArray[np.float64]
 
@@ -77,29 +76,38 @@ class Limit:
         }
 
 
-def tested(outcome: irls.Outcome, prior: linear.Prior, at: Mapping[int, float], width: Array) -> list[Limit]:
+def tested(outcome: Outcome, weak: Mapping[int, Prior], at: Mapping[int, float]) -> list[Limit]:
     """Test the bounds at which parameters are held.
 
     Parameters
     ----------
     outcome : Outcome
         With the parameters at their bounds.
-    prior : Prior
-        What is known beside data and bounds.
+    weak : mapping of int to Prior
+        What is known beside data and bounds, by place of the parameter.
     at : mapping of int to float
         Which parameters are at a bound, and the bound.
-    width : ndarray, shape (P,)
-        Natural scales.
     """
-    theta, blocks = outcome.solution.theta, outcome.blocks
-    free = linear.solution(blocks, prior, minimise(blocks, prior, theta, width), width)
-    step = free.theta - theta
+    theta = outcome.solution.theta
+    assert outcome.model is not None
+    assert outcome.result is not None
+    departures = {
+        i: Prior(0.0, float(scale))
+        for width, (log_width, _) in zip(outcome.departing, outcome.log_widths, strict=True)
+        for i, scale in zip(width.members, np.exp(log_width) * width.units, strict=True)
+    }
+    params = outcome.result.params.copy()
+    for i, p in enumerate(params.values()):
+        p.user_data = {**weak, **departures}.get(i)
+    unbounded = outcome.model.fit(params).params
+    free, covariances = parameter_values(unbounded), outcome.model.covariance(unbounded)
+    sigma, step = np.sqrt(np.diag(covariances)), free - theta
     held = list(at)
-    beyond, covariance = step[held], free.covariance[np.ix_(held, held)]
+    beyond, covariance = step[held], covariances[np.ix_(held, held)]
     # more than one parameter that hardly differ make the covariance singular
     statistic = float(beyond @ np.linalg.lstsq(covariance, beyond, rcond=1e-12)[0])
     probability = max(float(scipy.special.chdtrc(len(at), statistic)), 1e-300)
-    moves = step / free.sigma
+    moves = step / sigma
     others = [k for k in range(outcome.shared) if k not in at and abs(moves[k]) > MOVES]
     names = [p.name for p in outcome.parameters]
     return [
@@ -107,8 +115,8 @@ def tested(outcome: irls.Outcome, prior: linear.Prior, at: Mapping[int, float], 
             names[k],
             bool(step[k] < 0),
             bound,
-            float(free.theta[k]),
-            float(free.sigma[k]),
+            float(free[k]),
+            float(sigma[k]),
             probability,
             tuple(f"{names[j]} by {moves[j]:+.2g} sigma" for j in others),
             tuple(names[j] for j in others),

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome, attenuation
+from fit.estimate import attenuation
+from fit.fitting import Outcome
 from fit.identification import series
 from fit.identification.protocol import Loop
 from fit.model import Sharing, dynamics

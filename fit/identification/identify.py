@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.estimate import departures, earlier, irls, verdict
+from fit.estimate import departures, earlier, verdict
+from fit.fitting import Prior, irls, priors
 from fit.identification import bounds, comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
@@ -238,7 +239,7 @@ class _Search:
         self.stepped: list[str] = []
         self._low, self._high = joint.bounds
         self._lost = np.zeros(len(joint.parameters), dtype=bool)
-        self._unbounded: linear.Prior | None = None  # what is known beside data and bounds
+        self._weak: dict[int, Prior] = {}  # what is known beside data and bounds
         self._start = np.array([p.value for p in joint.parameters])
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
@@ -283,7 +284,11 @@ class _Search:
             raise FitError(f"where the search begins: {error}") from None
         try:
             return irls.iterate(
-                self.weighings, joint.parameters, self.held, departing=joint.departing, admitted=self.admitted
+                self.weighings,
+                joint.parameters,
+                self.priors,
+                departing=joint.departing,
+                admitted=self.admitted,
             )
         except FitError as error:
             raise FitError(f"{error}{f'; the search began at {given}' * bool(given)}") from None
@@ -302,8 +307,8 @@ class _Search:
                 found[experiment.sysid.telemetry.run] = replayed
         return found
 
-    def held(self, blocks: Sequence[linear.Block], theta: Array, more: Array) -> irls.Held:
-        """Hold by its natural scale what the data do not tell, and at its bound what wants beyond.
+    def priors(self, blocks: Sequence[linear.Block], theta: Array, more: Array) -> priors.PriorSet:
+        """Return weak priors of what the data do not determine, and narrow ones at bounds that are reached.
 
         Rows of chi^2, `more`, hold what departs.
         """
@@ -311,14 +316,14 @@ class _Search:
         lost, directions = linear.blind(H, self._widths)
         lost |= self._resting(H, lost)
         self._lost = lost
-        self._unbounded = linear.Prior(self._start, np.diag(1 / self._widths)[lost])
+        weak = {int(i): Prior(float(self._start[i]), float(self._widths[i])) for i in np.flatnonzero(lost)}
+        self._weak = weak
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
         self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
-        centre = np.where(beyond, theta, self._start)
-        scale = np.where(beyond, AT_BOUND, 1.0) * self._widths
-        rows = np.diag(1 / scale)[lost | beyond]
-        return irls.Held(linear.Prior(centre, rows), lost | beyond, directions, None)
+        scale = AT_BOUND * self._widths
+        narrow = {int(i): Prior(float(theta[i]), float(scale[i])) for i in np.flatnonzero(beyond)}
+        return priors.PriorSet({**weak, **narrow}, lost | beyond, directions, None)
 
     def _resting(self, H: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Tell which parameters the data tell only with what `lost` ones are held at."""
@@ -349,14 +354,14 @@ class _Search:
 
     def limits(self, outcome: irls.Outcome) -> list[bounds.Limit]:
         """Return the bounds at which parameters are held, tested against the data."""
-        if not self.bound or self._unbounded is None:
+        if not self.bound:
             return []
         theta, at = outcome.solution.theta, {}
         for k, p in enumerate(self.joint.parameters):
             if p.name in self.bound:
                 is_low = abs(theta[k] - self._low[k]) < abs(theta[k] - self._high[k])
                 at[k] = float(self._low[k] if is_low else self._high[k])
-        return bounds.tested(outcome, replace(outcome, prior=self._unbounded).held, at, self._widths)
+        return bounds.tested(outcome, self._weak, at)
 
     def told(self) -> list[FitWarning]:
         """Report steps that were taken back."""

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import departures, hierarchy
+from fit.estimate import departures
+from fit.fitting import hierarchy
 from fit.identification.protocol import Free, joint_parameters, share
 from fit.model import dynamics
 from fit.paper import Parameter

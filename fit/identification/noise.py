@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from fit.estimate import irls, steadiness, unsteady, verdict
+from fit.estimate import steadiness, verdict
+from fit.fitting import irls, unsteady
 from fit.identification.weighing import Linearised
 from fit.warnings import FitWarning
-from fit.weighing import Experiment, linear
+from fit.weighing import Experiment
 
 
 def changing(
@@ -22,11 +21,9 @@ def changing(
         if steps:
             blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))
             told.append(steadiness.told(experiment.name, steps))
-    outcome = replace(outcome, blocks=tuple(blocks))
     if told and not outcome.departing:
-        width = np.array([p.prior_sigma for p in outcome.parameters])
-        solution = linear.solution(blocks, outcome.prior, solution.theta, width)
-    return replace(outcome, solution=solution), told
+        return irls.refit(outcome, blocks), told
+    return replace(outcome, blocks=tuple(blocks)), told
 
 
 def is_off(excess: float) -> bool:

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import departures, louder, unsteady
+from fit.estimate import departures
+from fit.fitting import louder, unsteady
 from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
 from fit.model import dynamics, wander
@@ -202,6 +203,7 @@ class Simulated:
         scales: tuple[Array, Array, Array],
         likelihood: Likelihood,
     ) -> None:
+        self.name = experiment.name
         self._sysid = Imposed(experiment.sysid, loop, reference)
         self._noise = experiment.noise and Imposed(experiment.noise, loop, reference)
         self._names, self._share, self._likelihood = names, share, likelihood

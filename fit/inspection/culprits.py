@@ -55,7 +55,8 @@ class _Search:
         self.from_after = bool(when < found.time[found.time.size // 2])  # the longer part tells
         part = found.valid & ((found.time >= when) == self.from_after)
         impulses = run.impulses(found.time, fs)
-        c = least(linear.whiten(spectra.transform(found.values, part, fs, impulses=impulses), self.S)[0])
+        after = spectra.transform(found.values, part, fs, impulses=impulses, band=run.band)
+        c = least(linear.whiten(after, self.S)[0])
         self.c = dict(zip(found.names, c.tolist(), strict=True))
         acting = found.values[:, 1:] @ c[1:] - self.c["o_12"] * names["o_12"]
         one = np.ones(found.time.size)

@@ -81,8 +81,7 @@ class Stretch:
 
 def whitened(terms: Spectra, S: Array, known: Array, columns: Array) -> Array:
     """Return what columns, shape (C, N), have besides what is free in any case, see `Stretch`: (2 B, C)."""
-    bins = slice(terms.first, terms.first + terms.f.size)
-    found = spectra.windowed(columns.T, terms.window, _rate(terms), bins)
+    found = spectra.windowed(columns.T, terms.window, _rate(terms), terms.bins)
     E = linear.stacked(linear.whiten(replace(terms, columns=found), S)[0])
     return np.asarray(E - known @ (known.T @ E))
 

@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome, Pulls
+from fit.estimate import Pulls
 from fit.figures import COLOURS
+from fit.fitting import Outcome
 from fit.journal.files import Plot
 from fit.journal.style import WIDE
 from fit.paper import ALONG, joint_parameter

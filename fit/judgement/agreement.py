@@ -23,7 +23,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome, departures, hierarchy
+from fit.estimate import departures
+from fit.fitting import Outcome, hierarchy
 from fit.inspection import LeftOut
 from fit.judgement.consistency import HELD, Regression, Squares
 from fit.judgement.groups import Groups, Shift, is_shared, shifts

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
+from fit.fitting import Outcome
 from fit.judgement import lags
 from fit.judgement.consistency import Regression, Squares, Voice
 from fit.model import Sharing, dynamics

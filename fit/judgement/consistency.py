@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
+from fit.fitting import Outcome, score_whitening
 from fit.model import dynamics
 from fit.weighing import Experiment, linear
 
@@ -158,7 +158,7 @@ def voice(
     R, H, c = block.R, block.H, block.coefficients(theta)
     score = R.T[1:] @ (R @ c)
     gradient, level = block.of_run(theta), _level(block, c)
-    W = _whitening(H[1:, 1:], block.M[1:, 1:] * level)
+    W = score_whitening(H[1:, 1:], block.M[1:, 1:] * level)
     spread = None if covariance is None else block.share @ linear.rooted(covariance).T
     W = _believed(block, of_run, W @ score, W @ H[1:] @ gradient, spread) @ W
     knots, of_knots = _knots(block, W)
@@ -221,16 +221,6 @@ def _level(block: linear.Block, c: Array) -> float:
     free = np.linalg.lstsq(block.R[:, 1:], left)[0]
     level = float(np.sum((left - block.R[:, 1:] @ free) ** 2)) / (block.size - free.size)
     return 1.0 if 1 / OFF < level < OFF else level
-
-
-def _whitening(H: Array, M: Array) -> Array:
-    """Return the map from scores of curvature H and covariance M to unit noise, shape (N, K - 1)."""
-    diagonal = np.diag(H)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(scale[:, None] * H * scale)
-    seen = values > _NULL * values[-1]
-    V = scale[:, None] * vectors[:, seen] / np.sqrt(values[seen])
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(V.T @ M @ V), V.T))
 
 
 def _knots(block: linear.Block, W: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.errors import FitError
-from fit.estimate import Outcome, louder
+from fit.fitting import Outcome, louder
 from fit.inspection import LeftOut, Tells, samples
 from fit.judgement.agreement import ALARM, Agreed, Odd
 from fit.judgement.causes import ALIKE, TOLD, Case, exchanged, named

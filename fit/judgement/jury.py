@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from fit.errors import FitError, InputError
-from fit.estimate import Outcome, fit_joint, verdict
+from fit.estimate import fit_joint, verdict
+from fit.fitting import Outcome
 from fit.inspection import LeftOut, Tells, told
 from fit.judgement.agreement import (
     ALONE,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fit.estimate import Outcome
+from fit.fitting import Outcome
 from fit.judgement.consistency import Voice, voice
 from fit.model import dynamics
 from fit.weighing import Experiment, linear

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
+from fit.fitting import Outcome
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.signal import Spectra, derivatives

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import Outcome
+from fit.fitting import Outcome
 from fit.model import Sharing, dynamics
 from fit.signal import NoiseModel, spectra
 from fit.telemetry import Telemetry

@@ -24,7 +24,7 @@ from fit.paper import (
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
 from fit.report.parts import Drawing, Part, fitted_for, started
-from fit.results import Diagnostics, Estimate, Fit, Results
+from fit.results import FIXED, Diagnostics, Estimate, Fit, Results
 from fit.tables import LIMIT, Cell, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
@@ -97,8 +97,8 @@ def _beside(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int
         head, exponent = parameter_head(parameter, of)
         flight = tables.number(parameter.value, parameter.sigma, exponent)
         estimate = fit.parameters.get(parameter.name)
-        if estimate is None:
-            lines.append(Line(head, (None, flight, "not determined", "")))
+        if estimate is None or estimate.fixed:
+            lines.append(Line(head, (None, flight, FIXED if estimate else "not determined", "")))
             continue
         ratio = estimate.sigma / parameter.sigma
         apart = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)

@@ -1,5 +1,6 @@
 """The results of a calibration: what they hold, how they came about, their JSON form and their folder."""
 
+from fit.results.estimates import FIXED, QUANTILES, WITHHELD, Diagnostics, Estimate, Stiffness
 from fit.results.folders import (
     results_beside,
     results_file,
@@ -9,13 +10,8 @@ from fit.results.folders import (
 )
 from fit.results.provenance import Provenance
 from fit.results.results import (
-    QUANTILES,
-    WITHHELD,
-    Diagnostics,
-    Estimate,
     Fit,
     Results,
-    Stiffness,
     check_frame,
     load,
     sound_joint,
@@ -23,6 +19,7 @@ from fit.results.results import (
 )
 
 __all__ = [
+    "FIXED",
     "QUANTILES",
     "WITHHELD",
     "Diagnostics",

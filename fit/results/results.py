@@ -1,9 +1,9 @@
 """The result of a calibration and its JSON form, schema ``lpf-results/1``."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,73 +12,19 @@ from pydantic import BaseModel, Field
 from fit.display import Displayed
 from fit.errors import InputError
 from fit.files import atomic, documents, place
+from fit.results.estimates import Diagnostics, Estimate, SolvedModel, Stiffness
 from fit.results.provenance import Provenance
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 
+if TYPE_CHECKING:
+    from lmfit import Minimizer, Parameters
+    from lmfit.minimizer import MinimizerResult
+
 SCHEMA = "lpf-results/1"
-QUANTILES = 27  # of a residual
-_Score = Annotated[float, Field(ge=-1e9, le=1e9)]
 _Count = Annotated[int, Field(ge=0, le=2**53)]
 _LARGEST = 1e100  # value or sigma in any unit, whose square is still a number
 _SECTIONS = ("experiments", "cross_talk", "inertial")
-WITHHELD = "?"  # what tables show in the place of a sigma that does not hold
-
-
-@dataclass(frozen=True, repr=False)
-class Estimate(Displayed):
-    """One estimated parameter.
-
-    Attributes
-    ----------
-    value, sigma : float
-        Estimate and its standard deviation, in `unit`.
-    unit : str
-        SI unit, ``"1"`` where dimensionless.
-    truth, pull : float or None
-        The simulated value and (value - truth)/sigma; None where unknown.
-    """
-
-    value: float
-    sigma: float
-    unit: str
-    truth: float | None = None
-    pull: float | None = None
-
-
-@dataclass(frozen=True)
-class Diagnostics:
-    """What the residual of an experiment is like where the model of signal and noise should hold.
-
-    Attributes
-    ----------
-    chi2_red, chi2_red_sigma : float
-        chi^2 over its degrees of freedom, 1 expected, and the scatter to expect.
-    whiteness : float
-        p-value of the cumulative periodogram: how often noise departs farther from the shape of the model.
-    kurtosis, kurtosis_sigma : float
-        Excess kurtosis of the normalised residual, 0 expected, and the scatter to expect.
-    quantiles : list of float
-        Of the normalised residual at the normal scores `residuals.SCORES`, which they should equal.
-    """
-
-    chi2_red: float
-    chi2_red_sigma: float
-    whiteness: float
-    kurtosis: float
-    kurtosis_sigma: float
-    quantiles: Annotated[list[_Score], Field(min_length=QUANTILES, max_length=QUANTILES)]
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """omega2_j [s-2] of test mass j at an authority F_max_j [N], N_max_j [N m], and its sigma."""
-
-    j: int
-    F_max: float
-    N_max: float
-    value: float
-    sigma: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,6 +53,8 @@ class Fit(Displayed):
         Of an inertial period: coefficient of g_Omega as it comes out if left free; 1 expected.
     stiffness : tuple of Stiffness
         Of a joint fit: omega2_j at the authorities of its runs, also where the parts of that sum are lost.
+    solved : SolvedModel, optional
+        The model that was fitted; no file holds it.
     """
 
     parameters: dict[str, Estimate]
@@ -119,6 +67,7 @@ class Fit(Displayed):
     diagnostics: Diagnostics | None = None
     centrifugal: Estimate | None = None
     stiffness: tuple[Stiffness, ...] = ()
+    solved: SolvedModel | None = field(default=None, compare=False)
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter.
@@ -141,6 +90,40 @@ class Fit(Displayed):
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.parameters)
+
+    @property
+    def lmfit(self) -> "MinimizerResult":
+        """The least-squares estimate as lmfit has it, with all that was fitted along.
+
+        ``covar`` is the true covariance, window and priors included; ``chisqr`` and ``nfree`` are those of
+        the consistency of the runs with each other.
+        """
+        return self._solved.result
+
+    @property
+    def minimizer(self) -> "Minimizer":
+        """The problem as lmfit has it: `emcee`, ``lmfit.conf_interval`` with ``prob_func=fit.delta_chi2``."""
+        return self._solved.minimizer
+
+    def refit(self, params: "Parameters") -> "MinimizerResult":
+        """Fit the compressed runs again, which takes milliseconds.
+
+        Parameters
+        ----------
+        params : lmfit.Parameters
+            Those of `lmfit`, some of them fixed, bounded or tied; priors are `fit.Prior` as ``user_data``.
+        """
+        return self._solved.refit(params)
+
+    def without(self, *runs: str) -> "MinimizerResult":
+        """Fit the compressed runs again without some of the experiments, which takes milliseconds."""
+        return self._solved.without(*runs)
+
+    @property
+    def _solved(self) -> SolvedModel:
+        if self.solved is None:
+            raise InputError("results from a file hold no lmfit model, expected those of fit.calibrate")
+        return self.solved
 
     @property
     def unsound(self) -> tuple[FitWarning, ...]:

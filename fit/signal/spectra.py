@@ -63,6 +63,11 @@ class Spectra:
     tau: tuple[float, float] = (0.0, 0.0)
     first: int = 1
 
+    @property
+    def bins(self) -> slice:
+        """Which bins of the transform of the whole run they are."""
+        return slice(self.first, self.first + self.f.size)
+
     def band(self, low: float, high: float) -> "Spectra":
         """Return the bins from `low` to `high` [Hz]."""
         begin = int(np.searchsorted(self.f, low))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fit.results import WITHHELD, Fit
+from fit.results import FIXED, WITHHELD, Fit
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,7 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Lines:
                 "" if x is None else digits(x, e.sigma) if fine else f"{x:.6g}" for x in (e.value, e.truth)
             ]
             sigma = WITHHELD if fit.unsound else f"{e.sigma:#.2g}" if fine else f"{e.sigma:.2g}"
+            sigma = FIXED if e.fixed else sigma
             pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
             rows.append((name + of, e.unit, numbers[0], sigma, numbers[1], pull))
     return Lines(("parameter", "unit", "estimate", "sigma", "truth", "pull"), tuple(rows))

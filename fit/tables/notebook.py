@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from fit.display import html, text
 from fit.paper import Parameter, joint_parameter
-from fit.results import Estimate, Fit, Results
+from fit.results import FIXED, Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.tables.lines import Lines, digits, estimates
 from fit.telemetry import Telemetry
@@ -21,7 +21,8 @@ def _(estimate: Estimate) -> str:
     known = "" if estimate.truth is None else f", truth {digits(estimate.truth, estimate.sigma)}"
     pull = "" if estimate.pull is None else f", pull {estimate.pull:+.2f}"
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    return f"{digits(estimate.value, estimate.sigma)} ± {estimate.sigma:#.2g}{unit}{known}{pull}"
+    sigma = FIXED if estimate.fixed else f"± {estimate.sigma:#.2g}"
+    return f"{digits(estimate.value, estimate.sigma)} {sigma}{unit}{known}{pull}"
 
 
 @html.register
@@ -31,8 +32,9 @@ def _(estimate: Estimate) -> str:
     unit = tables.unit_text(estimate.unit, exponent)
     known = "" if estimate.truth is None else tables.number(estimate.truth, estimate.sigma, exponent).value
     pull = "" if estimate.pull is None else f", pull {tables.signed(estimate.pull, 2)}"
-    return Markup("<span>{} ± {} {}{}</span>").format(
-        found.value, found.sigma, unit, f" (truth {known}{pull})" if known else ""
+    sigma = FIXED if estimate.fixed else f"± {found.sigma}"
+    return Markup("<span>{} {} {}{}</span>").format(
+        found.value, sigma, unit, f" (truth {known}{pull})" if known else ""
     )
 
 

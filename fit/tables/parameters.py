@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from markupsafe import Markup, escape
 
 from fit.paper import Parameter, experiment_parameters, joint_parameter
-from fit.results import WITHHELD, Estimate, Fit
+from fit.results import FIXED, WITHHELD, Estimate, Fit
 
 LIMIT = 4.0  # sigma: more is called a disagreement
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -121,6 +121,10 @@ def of_fit(fit: Fit, name: str, exponent: int = 0) -> Number | None:
     estimate = fit.parameters.get(name)
     if estimate is None:
         return None
+    if estimate.fixed:
+        return Number(
+            signed(estimate.value / 10.0**exponent, decimals(estimate.sigma / 10.0**exponent)), FIXED
+        )
     found = number(estimate.value, estimate.sigma, exponent)
     return replace(found, sigma=WITHHELD) if fit.unsound else found
 
@@ -131,7 +135,7 @@ def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> Row:
     pull, truth = None, ""
     if estimate is not None:
         pull = estimate.pull
-        if not has_truth and parameter.flown:
+        if not has_truth and parameter.flown and not estimate.fixed:
             pull = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
         if estimate.truth is not None:
             truth = number(estimate.truth, estimate.sigma, exponent).value

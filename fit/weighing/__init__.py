@@ -6,7 +6,6 @@ the noise PSD that the partner tells. A block holds all of chi^2 of a run in a s
 
 from fit.weighing.likelihood import NU, Likelihood, Weights, expected_weights, weights
 from fit.weighing.linear import Block
-from fit.weighing.minimum import minimise
 from fit.weighing.run import Run, check_left
 from fit.weighing.runs import (
     Experiment,
@@ -34,7 +33,6 @@ __all__ = [
     "drives",
     "expected_weights",
     "linear",
-    "minimise",
     "noise_model",
     "pair",
     "shapes",

@@ -9,8 +9,9 @@ band. Leaving out the lowest bins would break the sum.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +82,18 @@ class Block:
     def gradient(self, theta: Array) -> Array:
         """Return the derivatives of `coefficients` by theta, shape (K, P)."""
         return np.asarray(self.of_run(theta) @ self.share)
+
+    def without_data(self) -> Self:
+        """Return the equation of the run alone, for `coefficients` and `gradient`."""
+        none = np.empty(0)
+        return replace(
+            self,
+            columns=self.columns[:0].copy(),
+            weights=Weights(none, none, none),
+            window=None,
+            noise=None,
+            f=None,
+        )
 
     @property
     def size(self) -> int:
@@ -328,19 +341,3 @@ def curvature_covariance(H: Array, prior: Prior, width: Array) -> Array:
     except np.linalg.LinAlgError as error:
         raise FitError("the data and the weak priors leave a direction free") from error
     return np.asarray(width[:, None] * inverse * width)
-
-
-def solution(blocks: Sequence[Block], prior: Prior, theta: Array, width: Array) -> Solution:
-    """Give the minimum its covariance, chi^2 and degrees of freedom.
-
-    Raises
-    ------
-    FitError
-        If the curvature is singular.
-    """
-    H, known = information(blocks, theta), prior.rows.T @ prior.rows
-    inverse = curvature_covariance(H, prior, width)
-    covariance = inverse @ (scores(blocks, theta) + known) @ inverse
-    left = [block.plain @ block.coefficients(theta) for block in blocks]
-    dof = sum(block.size for block in blocks) - round(float(np.trace(inverse @ H)))
-    return Solution(theta, covariance, float(np.sum(np.concatenate(left) ** 2)), dof)

@@ -46,6 +46,8 @@ class Run:
         Whether their begin and times are free as well.
     patches : tuple of tuple of float
         Which of the masks leave the window as it is, see `signal.patches`.
+    f_max : float
+        End of the fitted band [Hz].
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
@@ -54,10 +56,23 @@ class Run:
         self.masks: tuple[tuple[float, float], ...] = ()
         self.glitches: tuple[Glitch, ...] = ()
         self.loose = False
+        self.f_max = derivatives.F_MAX
         self.patches: tuple[tuple[float, float], ...] = ()
         self._first: Spectra | None = None
         self._last: Spectra | None = None
         self._wander: Spectra | None = None
+
+    def up_to(self, f_max: float) -> "Run":
+        """Return the run with another end of the fitted band [Hz], `derivatives.F_MAX` at most."""
+        run = copy(self)
+        run.f_max = f_max
+        run._forget()
+        return run
+
+    @property
+    def band(self) -> tuple[float, float] | None:
+        """Ends of the fitted band [Hz]; None for all of it."""
+        return None if self.f_max >= derivatives.F_MAX else (0.0, self.f_max)
 
     def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked besides what is masked already."""
@@ -174,7 +189,8 @@ class Run:
         else:
             for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
                 columns, of_force = last.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
-                columns[:, dynamics.FORCES[j]] = spectra.windowed(of_force, last.window, self.channels.fs)
+                fs, bins = self.channels.fs, last.bins
+                columns[:, dynamics.FORCES[j]] = spectra.windowed(of_force, last.window, fs, bins)
                 moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
                 last = replace(last, columns=columns, tau=moved)
         self._last = last
@@ -201,10 +217,11 @@ class Run:
     def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
         if known := self._first:  # window, and what is projected out, are those of the run
-            return replace(known, columns=spectra.windowed(values, known.window, terms.fs), tau=terms.tau)
+            columns = spectra.windowed(values, known.window, terms.fs, known.bins)
+            return replace(known, columns=columns, tau=terms.tau)
         beside = self.beside(terms.time, terms.fs)
         impulses = self.impulses(terms.time, terms.fs)
-        return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses)
+        return spectra.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses, self.band)
 
 
 def _apart(tau: tuple[float, float], other: tuple[float, float]) -> float:

@@ -59,6 +59,10 @@ class Experiment:
         """Name that pairs the two."""
         return self.sysid.telemetry.experiment
 
+    def up_to(self, f_max: float) -> "Experiment":
+        """Return the experiment with another end of the fitted band [Hz]."""
+        return replace(self, sysid=self.sysid.up_to(f_max), noise=self.noise and self.noise.up_to(f_max))
+
     def samples(self) -> int:
         """Return the number of samples of both runs, which tells how long it takes to look at them."""
         return self.sysid.telemetry.size + (self.noise.telemetry.size if self.noise else 0)

@@ -10,6 +10,7 @@ from lpfcosim.cli import planners, results
 from lpfcosim.cli.common import (
     CampaignFile,
     Jobs,
+    Many,
     Out,
     Paths,
     Quiet,
@@ -165,6 +166,7 @@ def run(
     epilog=examples(
         "lpfcosim fit quickstart --out again",
         "lpfcosim fit flight/*.h5 --settings fit.toml --json",
+        "lpfcosim fit quickstart --fix lambda_2=1.0776 --tie alpha_phi_1=alpha_phi_2",
         "lpfcosim fit noise/ --calibration quickstart",
     )
 )
@@ -187,6 +189,19 @@ def fit(
             "runs only.",
         ),
     ] = None,
+    fix: Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter, SI.")] = None,
+    tie: Annotated[
+        Many, typer.Option("--tie", metavar="NAME=EXPR", help="Tie a parameter to others.")
+    ] = None,
+    prior: Annotated[
+        Many, typer.Option("--prior", metavar="NAME=MEAN,SIGMA", help="Prior of a parameter, SI.")
+    ] = None,
+    bound: Annotated[
+        Many, typer.Option("--bound", metavar="NAME=MIN:MAX", help="Bounds of a parameter, SI.")
+    ] = None,
+    f_max: Annotated[
+        float | None, typer.Option("--f-max", metavar="HZ", help="End of the fitted band (0.02 to 0.1).")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print results.json instead of a table.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -199,6 +214,7 @@ def fit(
     """
     from lpfcosim.cli import fit as cli_fit
     from lpfcosim.cli.console import Console
+    from lpfcosim.cli.constraints import Constraints
 
     cli_fit.fit_files(
         paths,
@@ -207,6 +223,7 @@ def fit(
         settings=settings,
         include_short=include_short,
         calibration=calibration,
+        constraints=Constraints(fix or (), tie or (), prior or (), bound or (), f_max),
     )
 
 

@@ -41,6 +41,7 @@ Trust = Annotated[
         "--trust", help="For once, let FMUs run that are not ours and not approved (lpfcosim trust)."
     ),
 ]
+Many = list[str] | None  # an option that may be repeated
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if asked for.")]
 
 

@@ -13,7 +13,7 @@ from fit.estimate import forecast as forecasts
 from fit.files import atomic
 from fit.parallel import follow_progress, update_progress
 from fit.results import Fit
-from fit.settings import Settings, settings
+from fit.settings import Settings, refuse_constraints, settings
 from fit.tables import Lines
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about, check_file
@@ -53,6 +53,7 @@ def design(
     if figure:
         check_file(figure, [*inputs, path], FORMATS)
     chosen = settings(plan.fit, f"{campaign}: fit")
+    refuse_constraints(chosen, "design", f"{campaign}: fit")
     with about(campaign):
         validation.check_linear_model(plan, "a design is")
         for line in validation.validate(plan).doubts:

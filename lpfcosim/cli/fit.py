@@ -17,6 +17,7 @@ from fit.results import Results, load, results_file, sound_joint, telemetry_file
 from fit.telemetry import Telemetry, conversion, read_all
 from lpfcosim.cli.common import check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.constraints import Constraints
 from lpfcosim.running import folder as folders
 from lpfcosim.running import ledger
 
@@ -31,6 +32,7 @@ def fit_files(
     settings: Path | None,
     include_short: bool,
     calibration: Path | None,
+    constraints: Constraints,
 ) -> None:
     """Fit telemetry files from anywhere, report."""
     directory = out or default_folder(paths[0])
@@ -39,6 +41,7 @@ def fit_files(
     chosen = fit_settings.read(settings) if settings else fit_settings.settings()
     if include_short:
         chosen = chosen.model_copy(update={"include_short": True})
+    chosen = constraints.on(chosen)
     found = telemetry(console, paths, directory, any_gaps=False)
     calibrated(console, directory, found, chosen, calibration=calibration)
 
@@ -76,9 +79,9 @@ def calibrated(
     admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:
-            results = api.calibrate_inertial(telemetries, known)
+            results = api.calibrate_inertial(telemetries, known, parameters=chosen.parameters)
         else:
-            results = api.calibrate(telemetries, **chosen.model_dump())
+            results = api.calibrate(telemetries, **chosen.record())
     results = replace(
         results,
         provenance=replace(

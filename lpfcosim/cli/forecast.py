@@ -7,7 +7,7 @@ from pathlib import Path
 from fit.estimate import angles
 from fit.estimate import forecast as forecasts
 from fit.paper import FLIGHT, misalignments
-from fit.results import Fit
+from fit.results import FIXED, Fit
 from fit.settings import settings
 from fit.tables import Lines
 from lpfcosim.campaign import loading
@@ -70,5 +70,7 @@ def table(expected: Fit, periods: Mapping[str, Fit]) -> Lines:
     for name, estimate in told.items():
         sigma = flown.get(name)
         beside = (f"{sigma:.2g}", f"{estimate.sigma / sigma:.2g}") if sigma else ("", "")
-        rows.append((name, estimate.unit, f"{estimate.sigma:.2g}", *beside))
+        if estimate.fixed:
+            beside = ("", "")
+        rows.append((name, estimate.unit, FIXED if estimate.fixed else f"{estimate.sigma:.2g}", *beside))
     return Lines(("parameter", "unit", "sigma", "flight sigma", "ratio"), tuple(rows))

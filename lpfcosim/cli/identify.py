@@ -13,7 +13,7 @@ from fit.identification import Free, identify
 from fit.parallel import serial
 from fit.report import page as fit_report
 from fit.results import Results, write
-from fit.settings import Group, Settings, settings
+from fit.settings import Group, Settings, refuse_constraints, settings
 from fit.telemetry import Telemetry, read_truth
 from fit.warnings import FitWarning
 from fit.weighing import Experiment
@@ -91,6 +91,7 @@ def identify_files(
 def _fitted(campaign: Path, plan: Campaign, paths: Sequence[Path], directory: Path, console: Console) -> None:
     """Fit telemetry by the equation of motion; that this is unsound must not keep from a better model."""
     chosen = settings(plan.fit, f"{campaign}: fit")
+    refuse_constraints(chosen, "identify", f"{campaign}: fit")
     found = telemetry(console, paths, directory, any_gaps=False)
 
     def admitted(telemetries: Sequence[Telemetry]) -> None:

@@ -19,6 +19,7 @@ def json_schema() -> dict[str, Any]:
     of_fit = fit_settings.Settings.model_json_schema()
     default = fit_settings.settings().model_dump()
     del of_fit["required"]
+    found["$defs"] |= of_fit.pop("$defs")
     for name, known in of_fit["properties"].items():
         known["default"] = default[name]
     shared = of_fit["properties"]["shared"]

@@ -36,7 +36,7 @@ import numpy as np
 from scipy.stats import norm
 
 from fit.errors import CalibrationError
-from fit.estimate import hierarchy
+from fit.fitting import hierarchy
 from fit.pipeline import calibrate
 from fit.results import Fit
 from fit.settings import settings

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from fit.errors import CalibrationError, InputError
-from fit.estimate import irls
+from fit.fitting import irls
 from fit.pipeline import calibrate
 from fit.settings import settings
 from tests import ROOT

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fit.estimate.irls import Outcome
+from fit.fitting.irls import Outcome
 from fit.paper import FLIGHT
 from fit.weighing import linear
 from fit.weighing.likelihood import weights

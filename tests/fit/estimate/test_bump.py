@@ -387,3 +387,26 @@ def test_the_pulls_of_couplings_are_standard_normal():
     found = np.array(found)
     assert np.all(np.abs(found.mean(axis=0)) < 0.45)
     assert np.all((np.sum(found**2, axis=0) > 51.0) & (np.sum(found**2, axis=0) < 170.0))
+
+
+def test_couplings_are_as_the_settings_have_them():
+    runs = [
+        run
+        for name, epoch in (("A", 1), ("B", 1), ("C", 2))
+        for run in pair(Motion(), LATE, name, epoch=epoch)
+    ]
+    free = calibrate(runs)
+    said = {
+        "b_3_1": {"value": TRUTH["b_3"], "vary": False},
+        "b_1_1": {"expr": "b_1_2"},
+        "b_5_1": {"prior": [TRUTH["b_5"], 1e-10]},
+    }
+    found = calibrate(runs, settings({"parameters": said}))
+    first, second = found.cross_talk["1"], found.cross_talk["2"]
+    assert first["b_3"].fixed and first["b_3"].value == pytest.approx(TRUTH["b_3"], rel=1e-6)
+    assert first["b_1"].value == pytest.approx(second["b_1"].value, rel=1e-6)
+    weights = [free.cross_talk[epoch]["b_1"].sigma ** -2 for epoch in ("1", "2")]
+    assert first["b_1"].sigma == pytest.approx(sum(weights) ** -0.5, rel=0.02)
+    assert first["b_5"].sigma == pytest.approx(1e-10, rel=0.02)
+    # what least squares finds of b_3 is attenuated: that the truth is not there contradicts nothing
+    assert not found.unsound

@@ -7,8 +7,8 @@ from scipy.signal import get_window
 
 from fit import pipeline
 from fit.errors import FitError, InputError
-from fit.estimate import flscov
 from fit.estimate.joint import fit_experiment
+from fit.fitting import flscov
 from fit.model import dynamics
 from fit.pipeline import calibrate
 from fit.settings import read, settings

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.estimate import flscov
 from fit.estimate.forecast import Planned
 from fit.estimate.forecast import expected_fit as forecast
 from fit.estimate.joint import fit_joint
+from fit.fitting import flscov
 from fit.model import Columns
 from fit.paper import joint_names
 from fit.pipeline import calibrate

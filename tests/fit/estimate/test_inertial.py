@@ -7,8 +7,20 @@ import pytest
 from scipy.signal import csd, welch
 from scipy.spatial.transform import Rotation
 
+from fit.estimate.inertial import fit_period
 from fit.model import rate, rotation
-from tests.fit.estimate.euler import DAY, QUIET, TRUTH, as_quaternion, codes, fitted, lacking, pulls
+from fit.settings import ParameterSettings
+from tests.fit.estimate.euler import (
+    DAY,
+    QUIET,
+    TRUTH,
+    as_quaternion,
+    calibration,
+    codes,
+    fitted,
+    lacking,
+    pulls,
+)
 from tests.oracles.rotation_synthetic import Plane, World, run
 
 
@@ -226,3 +238,14 @@ def test_loud_torques_leave_the_pulls_standard_normal():
     found = np.array([pulls(fitted(run(loud, seed=seed)[0], world=loud)) for seed in range(100)])
     assert np.all(np.abs(found.mean(axis=0)) < 0.4)
     assert np.all((np.sum(found**2, axis=0) > 51.0) & (np.sum(found**2, axis=0) < 170.0))
+
+
+def test_what_is_said_of_the_angles_holds(three_days):
+    joint = calibration().joint
+    free = fit_period([three_days[0]], joint)
+    e = free["delta_phi"]
+    known = fit_period([three_days[0]], joint, {"delta_phi": ParameterSettings(prior=(e.value, e.sigma / 2))})
+    assert known["delta_phi"].sigma == pytest.approx(e.sigma / 5**0.5, rel=0.05)
+    assert known["delta_phi"].value == pytest.approx(e.value, abs=0.05 * e.sigma)
+    fixed = fit_period([three_days[0]], joint, {"delta_eta": ParameterSettings(vary=False, value=0.0)})
+    assert fixed["delta_eta"].fixed and fixed["delta_eta"].value == pytest.approx(0.0, abs=1e-9)

@@ -89,7 +89,7 @@ def test_other_likelihoods_are_themselves(experiments, estimator):
     # curvature of a Student-t is that of these very bins
     at = posterior(np.concatenate([np.zeros((1, P)), h * np.eye(P), -h * np.eye(P)]))
     curvature = (at[1 : P + 1] + at[P + 1 :] - 2 * at[0]) / h**2
-    assert np.mean(curvature) == pytest.approx(-1, abs=0.1)
+    assert np.mean(curvature) == pytest.approx(-1, abs=0.15)  # the sigmas are those of the expected one
     assert curvature == pytest.approx(-np.ones(P), abs=0.4)
     slope = (posterior(0.01 * np.eye(P)) - posterior(-0.01 * np.eye(P))) / 0.02
     assert slope == pytest.approx(np.zeros(P), abs=0.02)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import steadiness, unsteady
+from fit.estimate import steadiness
 from fit.estimate.joint import fit_experiment
+from fit.fitting import unsteady
 from fit.signal import spectra
 from fit.weighing import Experiment, Run, linear
 from fit.weighing.likelihood import weights

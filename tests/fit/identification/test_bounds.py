@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy
 
-from fit.estimate import irls
+from fit.fitting import irls
 from fit.identification import bounds
 from fit.paper import Parameter
 
@@ -24,6 +24,7 @@ class Data:
 
     R: np.ndarray
     tone = None
+    weights = SimpleNamespace(likelihood="gaussian")
 
     @property
     def share(self):
@@ -51,6 +52,9 @@ class Data:
 
     gradient = of_run
 
+    def without_data(self):
+        return self
+
 
 def problem(names, correlation=0.6):
     """Return a design, and data whose unbounded estimate is 1 for every parameter."""
@@ -68,7 +72,7 @@ def searched(names, low, high, start=1.0):
     """Search within bounds as an identification does, but with data that are linear."""
     X, y, _ = problem(names)
     data = Data(np.column_stack([y, X]))
-    weighing = SimpleNamespace(settled=True, block=lambda *_: data, reach=lambda _theta: None)
+    weighing = SimpleNamespace(name="A", settled=True, block=lambda *_: data, reach=lambda _theta: None)
     parameters = tuple(
         Parameter(name, value, 10.0, "1", 10.0, "", name, name, name, False)
         for name, value in zip(names, np.clip(np.full(len(names), start), low, high), strict=True)
@@ -76,10 +80,10 @@ def searched(names, low, high, start=1.0):
     search = object.__new__(import_module("fit.identification.identify")._Search)
     search.__dict__.update(
         joint=SimpleNamespace(parameters=parameters), weighings=[weighing], bound=set(), stepped=[],
-        _low=low, _high=high, _start=np.array([p.value for p in parameters]), _unbounded=None,
+        _low=low, _high=high, _start=np.array([p.value for p in parameters]), _weak={},
         _widths=np.full(len(names), 10.0), _lost=np.zeros(len(names), dtype=bool),
     )  # fmt: skip
-    outcome = irls.iterate([weighing], parameters, search.held, admitted=search.admitted)
+    outcome = irls.iterate([weighing], parameters, search.priors, admitted=search.admitted)
     return outcome, search.limits(outcome)
 
 

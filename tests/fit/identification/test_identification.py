@@ -9,7 +9,7 @@ import pytest
 
 from fit import pipeline
 from fit.errors import FitError, InputError
-from fit.estimate import louder
+from fit.fitting import louder
 from fit.identification import Free, comparison, identify, weighing
 from fit.settings import settings
 from fit.telemetry import Telemetry

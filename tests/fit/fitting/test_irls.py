@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.fft import prev_fast_len
 
 from fit.errors import FitError
-from fit.estimate import irls, weighings
+from fit.fitting import irls, weighings
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.signal import NoiseModel, derivatives, spectra

@@ -59,7 +59,7 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[Block, float]:
     Returns
     -------
     block : Block
-        For `minimise`.
+        For the joint model.
     total : float
         The summed weights' denominators, whose change tells when to stop.
     """

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import flscov, louder, unsteady
+from fit.fitting import flscov, louder, unsteady
 from fit.model import dynamics
 from fit.settings import Estimator
 from fit.signal import NoiseModel
@@ -22,6 +22,10 @@ FARTHEST = 1.0  # in log S, at once
 
 class Weighing(Protocol):
     """What weighs one run, ever better."""
+
+    @property
+    def name(self) -> str:
+        """Of the experiment."""
 
     @property
     def settled(self) -> bool:
@@ -59,6 +63,7 @@ class _Smooth:
         self, experiment: Experiment, share: Array, likelihood: Likelihood, begun: linear.Block | None
     ) -> None:
         self._experiment, self._share, self._likelihood = experiment, share, likelihood
+        self.name = experiment.name
         self._own = len(experiment.parameters)  # what the gains do within the run comes after
         self._begun = begun if self._own == len(share) else None
         self._model = begun.noise if begun else None
@@ -109,6 +114,7 @@ class _Flscov:
 
     def __init__(self, experiment: Experiment, share: Array) -> None:
         self._experiment, self._share = experiment, share
+        self.name = experiment.name
         self._total = 0.0
         self.settled = False
 

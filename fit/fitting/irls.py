@@ -6,46 +6,37 @@ estimate. The delays about which the commands are expanded move along, as far as
 moves.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate.hierarchy import Width
-from fit.estimate.weighings import WARM_UP, Weighing, weighing
-from fit.model import dynamics
+from fit.fitting.hierarchy import Width
+from fit.fitting.joint_model import JointModel, LinearEquation, Prior, SolvedModel, parameter_values
+from fit.fitting.priors import Known, PriorSet, all_but_lambda_2, weak_priors
+from fit.fitting.problem import Problem
+from fit.fitting.run_estimate import RunEstimate, run_estimate
+from fit.fitting.weighings import WARM_UP, Weighing, weighing
 from fit.paper import Parameter
 from fit.parallel import parallel_map, progress_range
-from fit.settings import Estimator
-from fit.weighing import Experiment, linear, minimise
+from fit.settings import Estimator, ParameterSettings
+from fit.weighing import Experiment, linear
+
+if TYPE_CHECKING:
+    from lmfit.minimizer import MinimizerResult
 
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
 HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
-FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
 FASTER = 0.8  # of the iterations that are left, about, when one is done
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
-
-
-@dataclass(frozen=True)
-class Known:
-    """What another fit knows of the parameters of a run.
-
-    Attributes
-    ----------
-    theta : ndarray, shape (K,)
-        Values.
-    covariance : ndarray, shape (K, K)
-        Theirs.
-    """
-
-    theta: Array
-    covariance: Array
 
 
 @dataclass(frozen=True)
@@ -62,8 +53,6 @@ class Rule:
         Move [sigma] that is put up with in the last of them, and told.
     warm_up : int
         Iteration up to which nothing ends.
-    windowed : bool
-        Whether sigma is that of the estimate, or that of the curvature, which takes bins as independent.
     moving : str
         What does not settle, for messages.
     """
@@ -72,30 +61,7 @@ class Rule:
     tolerance: float
     harmless: float
     warm_up: int = WARM_UP
-    windowed: bool = False
     moving: str = "parameters still move"
-
-
-@dataclass(frozen=True)
-class Held:
-    """What is known beside the data.
-
-    Attributes
-    ----------
-    prior : linear.Prior
-        As rows of chi^2.
-    lost : ndarray of bool, shape (P,)
-        True for indeterminable parameters.
-    directions : ndarray, shape (K, P)
-        See `linear.blind`.
-    tone : float or None
-        See `Outcome`.
-    """
-
-    prior: linear.Prior
-    lost: NDArray[np.bool_]
-    directions: Array
-    tone: float | None
 
 
 @dataclass(frozen=True)
@@ -120,6 +86,12 @@ class Outcome:
         The data as they were weighed last.
     prior : linear.Prior
         What was known beside them.
+    model : JointModel or None
+        The runs, compressed, as lmfit has minimised them last.
+    result : MinimizerResult or None
+        What lmfit made of them; departures within the weak priors that hold them while weights settle.
+    problem : Problem or None
+        Its parameters, as lmfit has them.
     scatter : mapping of str to tuple of float
         Width, and its sigma, by which a parameter scatters between experiments.
     departing : tuple of Width
@@ -138,6 +110,9 @@ class Outcome:
     converged: bool
     blocks: tuple[linear.Block, ...]
     prior: linear.Prior
+    model: JointModel | None = None
+    result: MinimizerResult | None = None
+    problem: Problem | None = None
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     departing: tuple[Width, ...] = ()
     by_data: bool = False
@@ -147,6 +122,18 @@ class Outcome:
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
         return min((min(width.members) for width in self.departing), default=len(self.parameters))
+
+    @property
+    def solved(self) -> SolvedModel | None:
+        """The runs, compressed, with what lmfit made of them."""
+        if self.model is None or self.result is None:
+            return None
+        weak = tuple(Prior(p.value, p.prior_sigma) for p in self.parameters)
+        return SolvedModel(self.model, self.result, weak)
+
+    def is_fixed(self, i: int) -> bool:
+        """Return whether the user fixes a parameter, by its place."""
+        return self.problem is not None and i in self.problem.settings and not self.problem.settings[i].vary
 
     @property
     def held(self) -> linear.Prior:
@@ -168,6 +155,7 @@ def reweight(
     estimator: Estimator = "gaussian",
     departing: Sequence[Width] = (),
     begun: Mapping[str, linear.Block] | None = None,
+    settings: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
@@ -187,6 +175,8 @@ def reweight(
         Departures of experiments, held so weakly here that the data tell them.
     begun : mapping of str to linear.Block, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
+    settings : mapping of str to ParameterSettings, optional
+        What the user says of parameters, by name.
 
     Raises
     ------
@@ -198,60 +188,49 @@ def reweight(
         weighing(e, share, estimator, first.get(e.name)) for e, share in zip(experiments, shares, strict=True)
     ]
 
-    def held(blocks: Sequence[linear.Block], theta: Array, more: Array) -> Held:
-        found = weakly_held(blocks, theta, parameters, shares[0], more)
+    constrained = Problem(parameters, (), settings).constrained
+
+    def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
+        found = weak_priors(blocks, theta, parameters, shares[0], more, constrained)
         if not (found.tone and known):
             return found
-        prior, lost = _all_but_lambda_2(known, shares[0])
-        return replace(found, prior=prior, lost=lost)
+        correlated, lost = all_but_lambda_2(known, shares[0])
+        return replace(found, priors={}, correlated=correlated, lost=lost)
 
     try:
-        return iterate(weighings, parameters, held, departing=departing)
+        return iterate(weighings, parameters, priors, departing=departing, settings=settings)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
 
 
-def weakly_held(
-    blocks: Sequence[linear.Block],
-    theta: Array,
-    parameters: Sequence[Parameter],
-    share: Array,
-    more: Array,
-) -> Held:
-    """Hold by its weak prior whatever the data do not determine; `more` are rows of chi^2 beside them."""
-    width, tone = np.array([p.prior_sigma for p in parameters]), common_tone(blocks)
-    lost, directions = linear.blind(linear.information(blocks, theta) + more.T @ more, width)
-    if tone is not None:
-        lost |= beyond(tone, share)
-    prior = linear.Prior(np.array([p.value for p in parameters]), np.diag(1 / width)[lost])
-    return Held(prior, lost, directions, tone)
-
-
 def iterate(
     weighings: Sequence[Weighing],
     parameters: Sequence[Parameter],
-    held: Callable[[Sequence[linear.Block], Array, Array], Held],
+    priors: Callable[[Sequence[linear.Block], Array, Array], PriorSet],
     rule: Rule | None = None,
     departing: Sequence[Width] = (),
     admitted: Callable[[Array, Array], Array] = lambda _, to: to,
+    settings: Mapping[str, ParameterSettings] | None = None,
 ) -> Outcome:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
 
     Parameters
     ----------
     weighings : sequence of Weighing
-        One for each run.
+        Of the runs.
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their values.
-    held : callable
-        Tells from blocks, theta and what holds the departures what is known beside the data.
+    priors : callable
+        Returns what is known beside the data, from blocks, theta and what holds the departures.
     rule : Rule, optional
         When to stop.
     departing : sequence of Width
         Departures of experiments, see `reweight`.
     admitted : callable
-        Tells from an estimate and the next one how far to go.
+        Returns how far to go from an estimate towards the next one.
+    settings : mapping of str to ParameterSettings, optional
+        What the user says of parameters, by name.
 
     Raises
     ------
@@ -259,77 +238,73 @@ def iterate(
         If it does not settle, or a step of it fails.
     """
     rule = rule or Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS)
-    width = np.array([p.prior_sigma for p in parameters])
-    theta, covariance = np.array([p.value for p in parameters]), np.zeros((width.size, width.size))
-    of_departures = np.concatenate([np.empty((0, theta.size)), *(_rows(w, theta.size) for w in departing)])
+    problem = Problem(parameters, departing, settings)
+    theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
     for iteration in range(rule.most):
         with progress_range(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
-            weighed = partial(_weighed, theta=theta, covariance=covariance, iteration=iteration)
-            blocks = parallel_map(weighed, weighings)
+            blocks, estimates = _weighed(weighings, theta, covariance, iteration)
         if iteration < SETTLED:
-            beside = held(blocks, theta, of_departures)
-        determined = ~beside.lost
-        prior = linear.Prior(beside.prior.centre, np.concatenate([beside.prior.rows, of_departures]))
-        found = minimise(blocks, prior, theta, width)
-        covariance = _spread(blocks, prior, found, width, rule)
+            known = priors(blocks, theta, problem.known(theta))
+        determined = ~known.lost
+        model = JointModel([*estimates, *_correlated(known)])
+        result = model.fit(problem.params(theta, known.priors))
+        found, covariance = parameter_values(result.params), problem.covariance(model, result.params)
         move = (found - theta) / np.sqrt(np.diag(covariance))
         moved = float(np.max(np.abs(move[determined]), initial=0.0))
         settled = moved < rule.tolerance and all(w.settled for w in weighings)
         put_up_with = iteration == rule.most - 1 and moved < rule.harmless
         if iteration > rule.warm_up and (settled or put_up_with):
-            solution = linear.solution(blocks, prior, found, width)
-            state = (beside.lost, beside.directions, beside.tone, settled, tuple(blocks), beside.prior)
-            return Outcome(tuple(parameters), solution, *state, departing=tuple(departing))
-        if iteration >= SETTLED and float(move[determined] @ move_before[determined]) < 0:
-            step /= 2  # lest weights and parameters swing against each other
-        move_before = move
+            prior = problem.prior(result.params, known)
+            state = (known.lost, known.directions, known.tone, settled, blocks, prior, model, result)
+            solution = _solution(blocks, JointModel(estimates), result, covariance)
+            return Outcome(tuple(parameters), solution, *state, problem, departing=tuple(departing))
+        swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
+        step, move_before = step / 2 if iteration >= SETTLED and swings else step, move
         theta = admitted(theta, theta + step * (found - theta))
     most = parameters[int(np.argmax(np.where(determined, np.abs(move), 0.0)))].name
     raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations, {most} most")
 
 
-def _weighed(weighing: Weighing, theta: Array, covariance: Array, iteration: int) -> linear.Block:
-    return weighing.block(theta, covariance, iteration)
+def _weighed(
+    weighings: Sequence[Weighing], theta: Array, covariance: Array, iteration: int
+) -> tuple[tuple[linear.Block, ...], tuple[RunEstimate, ...]]:
+    """Return the runs weighed at theta, and what each of them then says by itself."""
+
+    def weighed(weighing: Weighing) -> tuple[linear.Block, RunEstimate]:
+        block = weighing.block(theta, covariance, iteration)
+        return block, run_estimate(weighing.name, block)
+
+    blocks, estimates = zip(*parallel_map(weighed, weighings), strict=True)
+    return blocks, estimates
 
 
-def _spread(
-    blocks: Sequence[linear.Block], prior: linear.Prior, theta: Array, width: Array, rule: Rule
-) -> Array:
-    """Return the covariance in whose sigmas moves count, shape (P, P)."""
-    if rule.windowed:
-        covariance = linear.solution(blocks, prior, theta, width).covariance
-    else:
-        covariance = linear.curvature_covariance(linear.information(blocks, theta), prior, width)
-    if not np.all(np.diag(covariance) > 0):
-        raise FitError("ill-conditioned beyond what numbers hold; expected channels in the units they name")
-    return covariance
+def _correlated(known: PriorSet) -> list[RunEstimate]:
+    """Return what is known of several parameters at once, which is as good as one more run."""
+    prior = known.correlated
+    return [] if prior is None else [RunEstimate("", prior.centre, prior.rows, LinearEquation())]
 
 
-def _rows(width: Width, size: int) -> Array:
-    """Return what holds the departures of a width while weights settle, as rows of a `linear.Prior`."""
-    return np.eye(size)[list(width.members)] / (FREE * width.scale * width.units[:, None])
+def _solution(
+    blocks: Sequence[linear.Block], model: JointModel, result: MinimizerResult, covariance: Array
+) -> linear.Solution:
+    """Return the estimate with chi^2 and degrees of freedom of all data."""
+    theta = parameter_values(result.params)
+    residuals = [block.plain @ block.coefficients(theta) for block in blocks]
+    determined = round(float(np.trace(covariance @ model.information(result.params))))
+    dof = sum(block.size for block in blocks) - determined
+    return linear.Solution(theta, covariance, float(np.sum(np.concatenate(residuals) ** 2)), dof)
 
 
-def common_tone(blocks: Sequence[linear.Block]) -> float | None:
-    """Return the one frequency of all signals, 0 if there are none, else None."""
-    if any(block.tone is None for block in blocks):
-        return None
-    tones = [block.tone for block in blocks if block.tone]
-    if not tones:
-        return 0.0
-    return tones[0] if max(tones) < np.sqrt(2) * min(tones) else None
-
-
-def beyond(tone: float, share: Array) -> NDArray[np.bool_]:
-    """Tell which parameters a single tone, or no signal at all, leaves undetermined."""
-    names = ("lambda_2", "omega2_2") if tone else ("lambda_2", "C_2", "omega2_2")
-    rows = [dynamics.PARAMETERS.index(name) for name in names]
-    return np.asarray(np.any(share[rows] != 0, axis=0))
-
-
-def _all_but_lambda_2(known: Known, share: Array) -> tuple[linear.Prior, NDArray[np.bool_]]:
-    """Return what is known of a run, its gain excepted, as prior in the order of its own parameters."""
-    others = np.arange(len(share)) != dynamics.PARAMETERS.index("lambda_2")
-    root = np.linalg.cholesky(known.covariance[np.ix_(others, others)])
-    return linear.Prior(share.T @ known.theta, np.linalg.inv(root) @ share[others]), share[others].any(axis=0)
+def refit(outcome: Outcome, blocks: Sequence[linear.Block]) -> Outcome:
+    """Return the outcome with its runs weighed anew, all else known being what it was."""
+    assert outcome.model and outcome.result and outcome.problem
+    estimates = [
+        run_estimate(run.name, block) for run, block in zip(outcome.model.runs, blocks, strict=False)
+    ]
+    model = JointModel([*estimates, *outcome.model.runs[len(blocks) :]])
+    result = model.fit(outcome.result.params)
+    solution = _solution(
+        blocks, JointModel(estimates), result, outcome.problem.covariance(model, result.params)
+    )
+    return replace(outcome, solution=solution, blocks=tuple(blocks), model=model, result=result)

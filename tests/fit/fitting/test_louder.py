@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit.estimate import louder
 from fit.estimate.earlier import refit
 from fit.estimate.joint import fit_experiment
+from fit.fitting import louder
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.weighing import Experiment, Run

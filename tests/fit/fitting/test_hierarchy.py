@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import halfcauchy
 
 from fit.errors import FitError
-from fit.estimate.hierarchy import Normal, Width, given, integrate
+from fit.fitting.hierarchy import Normal, Width, given, integrate
 
 WEAK = 10.0  # sigma of the prior of what does not depart
 

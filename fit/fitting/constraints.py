@@ -1,0 +1,189 @@
+"""What a user says of parameters beside the data: fixed values, bounds, ties and priors.
+
+A fit obeys them exactly, through lmfit. What is computed from a finished fit gets them as rows of chi^2,
+those of fixed and tied parameters with a sigma that is `TIGHT` times the width of the weak prior: no number
+of a result depends on it, and no covariance is singular.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.files import closest
+from fit.fitting.joint_model import Prior, free_directions, parameter_values
+from fit.settings import ParameterSettings
+
+if TYPE_CHECKING:
+    import lmfit
+
+Array = NDArray[np.float64]
+
+TIGHT = 1e-6  # of the width of its weak prior, that stands for no uncertainty of a parameter
+AT_BOUND = 1e-3  # sigma, from a bound within which an estimate is at it
+FUNCTIONS = ("pi", "sqrt", "exp", "log")  # what expressions may use beside parameters
+_NODES = (
+    ast.Expression,
+    ast.BinOp,
+    ast.UnaryOp,
+    ast.Constant,
+    ast.Name,
+    ast.Call,
+    ast.Load,
+    ast.operator,
+    ast.unaryop,
+)
+
+
+def check(settings: Mapping[str, ParameterSettings], names: Iterable[str], where: str) -> None:
+    """See that constraints are of parameters that are fitted, and that ties can be followed.
+
+    Parameters
+    ----------
+    settings : mapping of str to ParameterSettings
+        By parameter.
+    names : iterable of str
+        Parameters that are fitted.
+    where : str
+        The place of the constraints, for messages.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    known = list(names)
+    for name, constraint in settings.items():
+        if name not in known:
+            raise InputError(f"{where}.{name}: no parameter of this fit{closest(name, known)}")
+        for other in symbols(constraint.expr, f"{where}.{name}.expr") if constraint.expr else ():
+            if other not in (*known, *FUNCTIONS):
+                names_known = closest(other, [*known, *FUNCTIONS])
+                raise InputError(f"{where}.{name}.expr: {other}: no parameter of this fit{names_known}")
+    ties = {name: symbols(constraint.expr, where) for name, constraint in settings.items() if constraint.expr}
+    try:
+        tuple(TopologicalSorter(ties).static_order())
+    except CycleError as error:
+        circle = " -> ".join(error.args[1])
+        raise InputError(f"{where}: {circle}: a circle of ties, expected one that ends") from None
+
+
+def symbols(expr: str, where: str) -> set[str]:
+    """Return the names in an expression.
+
+    Raises
+    ------
+    InputError
+        If it is anything but sums, products, powers and functions of numbers and parameters.
+    """
+    try:
+        nodes = list(ast.walk(ast.parse(expr.strip(), mode="eval")))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        nodes = []
+    called = [node.func for node in nodes if isinstance(node, ast.Call)]
+    numbers = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    if (
+        not nodes
+        or not all(isinstance(node, _NODES) for node in nodes)
+        or not all(isinstance(f, ast.Name) and f.id in FUNCTIONS for f in called)
+        or not all(type(number) in (int, float) for number in numbers)
+    ):
+        raise InputError(
+            f"{where}: {expr!r}, expected an expression of numbers and parameters such as 'alpha_phi_2' or "
+            f"'0.5 * C_2' (functions: {', '.join(FUNCTIONS[1:])})"
+        )
+    return {node.id for node in nodes if isinstance(node, ast.Name)}
+
+
+def of_fit(
+    settings: Mapping[str, ParameterSettings], names: Mapping[str, str]
+) -> dict[str, ParameterSettings]:
+    """Return the constraints of one fit.
+
+    Parameters
+    ----------
+    settings : mapping of str to ParameterSettings
+        By parameter, as a user names it.
+    names : mapping of str to str
+        By that name the name in the fit. Ties to parameters that the fit has not are none of it.
+    """
+    in_fit = {}
+    for name, constraint in settings.items():
+        others = symbols(constraint.expr, name) - {*FUNCTIONS} if constraint.expr else set()
+        if name not in names or not others <= names.keys():
+            continue
+        expr = constraint.expr and re.sub(
+            r"[A-Za-z_]\w*", lambda word: names.get(word[0], word[0]), constraint.expr
+        )
+        in_fit[names[name]] = constraint.model_copy(update={"expr": expr})
+    return in_fit
+
+
+def constrain(params: lmfit.Parameters, settings: Mapping[int, ParameterSettings], *, start: bool) -> None:
+    """Put constraints on parameters, by their place; at the `start` of an iteration their values as well."""
+    ordered = list(params.values())
+    for i, constraint in settings.items():
+        p = ordered[i]
+        if constraint.expr:
+            continue
+        if start and constraint.value is not None:
+            p.value = constraint.value
+        low, high = constraint.limits
+        p.set(vary=constraint.vary, min=low, max=high)
+        if constraint.prior:
+            p.user_data = Prior(*constraint.prior)
+    for i, constraint in settings.items():
+        if constraint.expr:
+            ordered[i].set(expr=constraint.expr)
+            ordered[i].user_data = None
+
+
+def fixed_or_tied(params: lmfit.Parameters) -> NDArray[np.bool_]:
+    """Return which of the P parameters do not vary by themselves, shape (P,)."""
+    return np.array([not p.vary or bool(p.expr) for p in params.values()], dtype=bool)
+
+
+def at_bound(params: lmfit.Parameters, sigma: Array) -> list[int]:
+    """Return which of the P parameters with these sigmas, shape (P,), are at a bound."""
+    places = []
+    for i, (p, s) in enumerate(zip(params.values(), sigma.tolist(), strict=True)):
+        if p.vary and not p.expr and min(p.value - p.min, p.max - p.value) < AT_BOUND * s:
+            places.append(i)
+    return places
+
+
+def constraint_rows(params: lmfit.Parameters, widths: Array) -> tuple[Array, Array]:
+    """Return fixed and tied parameters as rows of chi^2, shape (N, P), and what these make of theta, (N,)."""
+    constrained = np.flatnonzero(fixed_or_tied(params))
+    if not constrained.size:
+        return np.empty((0, widths.size)), np.empty(0)
+    rows = np.eye(widths.size)
+    rows[:, ~fixed_or_tied(params)] -= free_directions(params)
+    rows = rows[constrained] / (TIGHT * widths[constrained, None])
+    return rows, rows @ parameter_values(params)
+
+
+def describe(name: str, constraint: ParameterSettings, value: float) -> str:
+    """Return a constraint in words; `value` is that of the parameter."""
+    if constraint.expr:
+        return f"{name} = {constraint.expr}"
+    if not constraint.vary:
+        return f"{name} fixed at {value:.9g}"
+    low, high = constraint.limits
+    words = []
+    if constraint.prior:
+        words.append("with the prior {:.9g} ± {:.3g}".format(*constraint.prior))
+    if np.isfinite([low, high]).any():
+        words.append(
+            f"between {low:.9g} and {high:.9g}"
+            if np.isfinite([low, high]).all()
+            else (f"at least {low:.9g}" if np.isfinite(low) else f"at most {high:.9g}")
+        )
+    return f"{name} {' and '.join(words)}"

@@ -1,0 +1,270 @@
+"""Runs that share parameters, as one lmfit problem on their compressed estimates (eq. jointlh).
+
+The residual of a run is ``V^-1/2 (c(theta) - c)``, with its coefficients c and their true covariance V (see
+`run_estimate`); a Gaussian prior adds one element. It follows that
+
+* lmfit's covariance matrix is the true covariance of the parameters, window and priors included;
+* chisqr is the statistic of the consistency of the runs with each other, and nfree its degrees of freedom:
+  what the runs say beyond what they are fitted with;
+* a fit, or another one without a run or with a parameter fixed, takes milliseconds however long the runs are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.files import closest
+from fit.fitting.run_estimate import RunEstimate
+from fit.weighing import linear
+
+if TYPE_CHECKING:
+    import lmfit
+    from lmfit.minimizer import MinimizerResult
+
+Array = NDArray[np.float64]
+
+SINGULAR = 1e-13  # least diagonal element of the triangle of a Jacobian with columns of unit length
+STEP = 1e-4  # relative, for the derivatives of expressions
+INTERIOR = 1e-3  # of the distance between bounds, or of the value: how far from a bound a fit starts
+
+
+class Prior(NamedTuple):
+    """Gaussian knowledge of a parameter, given as ``user_data`` of an `lmfit.Parameter`."""
+
+    mean: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class LinearEquation:
+    """Coefficients that are the parameters themselves."""
+
+    def coefficients(self, theta: Array) -> Array:
+        """Return ``(1, theta)``, shape (P + 1,)."""
+        return np.concatenate([[1.0], theta])
+
+    def gradient(self, theta: Array) -> Array:
+        """Return the derivatives of `coefficients`, shape (P + 1, P)."""
+        return np.eye(theta.size + 1, theta.size, k=-1)
+
+
+class JointModel:
+    """Runs that share parameters, as one lmfit problem.
+
+    Parameters
+    ----------
+    runs : sequence of RunEstimate
+        The compressed runs. Their equations take all parameters of the problem, in its order.
+    """
+
+    def __init__(self, runs: Sequence[RunEstimate]) -> None:
+        self.runs = tuple(runs)
+
+    def residual(self, params: lmfit.Parameters) -> Array:
+        """Return what lmfit makes least: every run in units of its noise, then the priors, shape (N,)."""
+        theta = parameter_values(params)
+        priors = [(p.value - p.user_data.mean) / p.user_data.sigma for p in with_prior(params)]
+        return np.concatenate([*(run.residual(theta) for run in self.runs), priors])
+
+    def gradient(self, params: lmfit.Parameters) -> Array:
+        """Return the derivatives of `residual` by all P parameters, shape (N, P)."""
+        theta, rows = parameter_values(params), dict(zip(params, np.eye(len(params)), strict=True))
+        priors = [rows[p.name] / p.user_data.sigma for p in with_prior(params)]
+        of_runs = [run.jacobian(theta) for run in self.runs]
+        return np.concatenate([*of_runs, np.reshape(priors, (-1, theta.size))])
+
+    def jacobian(self, params: lmfit.Parameters) -> Array:
+        """Return the derivatives of `residual` by the F parameters that vary, shape (N, F)."""
+        return self.gradient(params) @ free_directions(params)
+
+    def minimizer(self, params: lmfit.Parameters) -> lmfit.Minimizer:
+        """Return the problem, for whatever lmfit does with one."""
+        import lmfit  # slow to import
+
+        return lmfit.Minimizer(
+            self.residual, params, scale_covar=False, Dfun=self.jacobian, xtol=1e-12, ftol=1e-14, gtol=1e-15
+        )
+
+    def fit(self, params: lmfit.Parameters) -> MinimizerResult:
+        """Minimise.
+
+        Raises
+        ------
+        FitError
+            If the minimiser fails.
+        """
+        try:
+            result = self.minimizer(off_bounds(params)).leastsq()
+        except (
+            ValueError,
+            TypeError,
+        ) as error:  # residuals that are no numbers, fewer of them than parameters
+            raise FitError("the data and the weak priors leave a direction free") from error
+        if not result.success or not np.isfinite(parameter_values(result.params)).all():
+            raise FitError(f"the minimisation failed: {result.message}")
+        return result
+
+    def covariance(self, params: lmfit.Parameters) -> Array:
+        """Return the true covariance of all P parameters, shape (P, P); zero for those that are fixed.
+
+        Raises
+        ------
+        FitError
+            If the data and the priors leave a direction free.
+        """
+        free = free_directions(params)
+        if not free.size:
+            return np.zeros((len(params), len(params)))
+        J = self.gradient(params) @ free
+        scale = np.linalg.norm(J, axis=0)
+        if not np.all(np.isfinite(scale) & (scale > 0)) or len(J) < len(scale):
+            raise FitError("the data and the weak priors leave a direction free")
+        R = np.linalg.qr(J / scale, mode="r")
+        if np.abs(np.diag(R)).min() < SINGULAR:
+            raise FitError("the data and the weak priors leave a direction free")
+        root = free @ (scipy.linalg.solve_triangular(R, np.eye(len(R))) / scale[:, None])
+        return np.asarray(root @ root.T)
+
+    def information(self, params: lmfit.Parameters) -> Array:
+        """Return what the runs say of all P parameters, priors left out, shape (P, P)."""
+        theta = parameter_values(params)
+        J = np.concatenate([np.empty((0, theta.size)), *(run.jacobian(theta) for run in self.runs)])
+        return np.asarray(J.T @ J)
+
+    def without(self, *names: str) -> JointModel:
+        """Return the problem without some of the runs."""
+        return JointModel([run for run in self.runs if run.name not in names])
+
+
+@dataclass(frozen=True)
+class SolvedModel:
+    """A joint model and what lmfit made of it.
+
+    Attributes
+    ----------
+    model : JointModel
+        The compressed runs.
+    result : MinimizerResult
+        The estimate: params, covar (the true covariance), chisqr and nfree (of the consistency of the runs).
+    weak : sequence of Prior
+        Of each of the P parameters, for where the data do not determine it.
+    """
+
+    model: JointModel
+    result: MinimizerResult
+    weak: Sequence[Prior]
+
+    @property
+    def minimizer(self) -> lmfit.Minimizer:
+        """The problem as lmfit has it, at the estimate."""
+        return self.model.minimizer(self.result.params)
+
+    def refit(self, params: lmfit.Parameters) -> MinimizerResult:
+        """Return the fit with other settings of its parameters."""
+        return self._fit(self.model, params)
+
+    def without(self, *runs: str) -> MinimizerResult:
+        """Return the fit without some of the experiments.
+
+        Raises
+        ------
+        InputError
+            If there is none of a name.
+        """
+        names = [run.name for run in self.model.runs]
+        for name in runs:
+            if name not in names:
+                raise InputError(f"{name}: no experiment of this fit{closest(name, names)}")
+        return self._fit(self.model.without(*runs), self.result.params)
+
+    def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:
+        """Fit with weak priors of what is not determined."""
+        trial, widths = params.copy(), np.array([prior.sigma for prior in self.weak])
+        J = model.gradient(trial)
+        for p, prior, lost in zip(trial.values(), self.weak, linear.blind(J.T @ J, widths)[0], strict=True):
+            if lost and p.vary and not p.expr and p.user_data is None:
+                p.user_data = prior
+        return model.fit(trial)
+
+
+def parameter_values(params: lmfit.Parameters) -> Array:
+    """Return the values of all P parameters, shape (P,)."""
+    return np.array([p.value for p in params.values()])
+
+
+def with_prior(params: lmfit.Parameters) -> list[lmfit.Parameter]:
+    """Return the parameters that have a prior."""
+    return [p for p in params.values() if isinstance(p.user_data, Prior)]
+
+
+def free_directions(params: lmfit.Parameters) -> Array:
+    """Return the derivatives of all P parameters by the F that vary, shape (P, F): ties by the chain rule."""
+    names, varying = list(params), [name for name, p in params.items() if p.vary and not p.expr]
+    free = np.eye(len(names))[:, [names.index(name) for name in varying]]
+    tied = [i for i, name in enumerate(names) if params[name].expr]
+    if not tied:
+        return free
+    trial = params.copy()
+    for column, name in enumerate(varying):
+        p, at, step = trial[name], params[name].value, STEP * (abs(params[name].value) or 1.0)
+        ends = []
+        for value in (max(at - step, p.min), min(at + step, p.max)):
+            p.value = value
+            ends.append(parameter_values(trial)[tied])
+        free[tied, column] = (ends[1] - ends[0]) / (min(at + step, p.max) - max(at - step, p.min))
+        p.value = at
+    return free
+
+
+def off_bounds(params: lmfit.Parameters) -> lmfit.Parameters:
+    """Return parameters off their bounds, where the gradient vanishes that lmfit sees."""
+    bounded = [p.name for p in params.values() if p.vary and not p.expr and np.isfinite([p.min, p.max]).any()]
+    moved = params.copy() if bounded else params
+    for p in (moved[name] for name in bounded):
+        span = p.max - p.min if np.isfinite(p.max - p.min) else abs(p.value) or 1.0
+        p.value = min(max(p.value, p.min + INTERIOR * span), p.max - INTERIOR * span)
+    return moved
+
+
+def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:
+    """Return the probability of a smaller difference of chisqr, for `lmfit.conf_interval`.
+
+    lmfit's default, an F test, is for sigmas that are known but for a factor. Those of a calibration are
+    known: the difference that one fixed parameter makes is distributed as chi^2 with one degree of freedom.
+
+    Parameters
+    ----------
+    best, new : MinimizerResult
+        The best fit, and one with a parameter fixed.
+    """
+    return float(scipy.special.chdtr(max(new.nfree - best.nfree, 1), max(new.chisqr - best.chisqr, 0.0)))
+
+
+def lmfit_names(names: Iterable[str]) -> list[str]:
+    """Return names that lmfit takes, in whose expressions they are symbols; none comes twice."""
+    symbols: dict[str, None] = {}
+    for name in names:
+        symbol = re.sub(r"\W", "_", name)
+        while symbol in symbols:
+            symbol += "_"
+        symbols[symbol] = None
+    return list(symbols)
+
+
+def lmfit_params(names: Sequence[str], theta: Array, priors: Mapping[int, Prior]) -> lmfit.Parameters:
+    """Return parameters at theta, shape (P,), with priors by their place."""
+    import lmfit  # slow to import
+
+    params = lmfit.Parameters()
+    for i, (name, value) in enumerate(zip(names, theta.tolist(), strict=True)):
+        params.add(name, value=value)
+        params[name].user_data = priors.get(i)
+    return params

@@ -1,0 +1,133 @@
+"""The parameters of a fit as lmfit has them, with all that is known of them beside the data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.fitting import constraints
+from fit.fitting.hierarchy import Width
+from fit.fitting.joint_model import JointModel, Prior, lmfit_names, lmfit_params, parameter_values
+from fit.fitting.priors import PriorSet, prior_rows
+from fit.paper import Parameter
+from fit.settings import ParameterSettings
+from fit.weighing import linear
+
+if TYPE_CHECKING:
+    import lmfit
+
+Array = NDArray[np.float64]
+
+FREE = 10.0  # scales of the prior of a width, within which departures are held while weights settle
+FAR = 30.0  # widths of the weak prior, from the flight value within which a fit starts
+
+
+class Problem:
+    """The P parameters of a fit.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        The parameters.
+    departing : sequence of Width
+        Departures of experiments among them, held so weakly that the data tell them.
+    settings : mapping of str to ParameterSettings
+        What the user says of them, by name.
+
+    Attributes
+    ----------
+    settings : dict of int to ParameterSettings
+        What the user says, by place of the parameter.
+    constrained : ndarray of bool, shape (P,)
+        Of which parameters that is more than where a fit starts.
+    """
+
+    def __init__(
+        self,
+        parameters: Sequence[Parameter],
+        departing: Sequence[Width] = (),
+        settings: Mapping[str, ParameterSettings] | None = None,
+    ) -> None:
+        by_name = settings or {}
+        self._names = lmfit_names(p.name for p in parameters)
+        self._flight = np.array([p.value for p in parameters])
+        self._widths = np.array([p.prior_sigma for p in parameters])
+        self._departures = {i: prior for width in departing for i, prior in _free_departures(width).items()}
+        self.settings = {i: by_name[p.name] for i, p in enumerate(parameters) if p.name in by_name}
+        self._priors = {
+            i: Prior(*constraint.prior) for i, constraint in self.settings.items() if constraint.prior
+        }
+        flags = [i in self.settings and self.settings[i].is_constraint for i in range(len(self._names))]
+        self.constrained = np.array(flags, dtype=bool)
+
+    def start(self) -> Array:
+        """Return where a fit starts, shape (P,)."""
+        params = lmfit_params(self._names, self._flight, {})
+        try:
+            with np.errstate(all="ignore"):
+                constraints.constrain(params, self.settings, start=True)
+                theta = parameter_values(params)
+        except (ArithmeticError, ValueError, TypeError, RuntimeError) as error:
+            raise InputError(f"fit.parameters: {self._ties()}: no number where the fit starts") from error
+        far = np.abs(theta - self._flight) / self._widths
+        for i, constraint in self.settings.items():
+            if not far[i] < FAR:
+                low, high = (self._flight[i] + side * FAR * self._widths[i] for side in (-1, 1))
+                given = constraint.expr or theta[i]
+                raise InputError(
+                    f"fit.parameters.{self._names[i]}: {given} leads to {theta[i]:.6g} where the fit starts, "
+                    f"expected {low:.3g} to {high:.3g}"
+                )
+        return theta
+
+    def _ties(self) -> str:
+        return "; ".join(
+            f"{self._names[i]} = {constraint.expr}"
+            for i, constraint in self.settings.items()
+            if constraint.expr
+        )
+
+    def params(self, theta: Array, weak: Mapping[int, Prior] | None = None) -> lmfit.Parameters:
+        """Return the parameters at theta, shape (P,), with weak priors of some by their place."""
+        params = lmfit_params(self._names, theta, {**(weak or {}), **self._departures})
+        constraints.constrain(params, self.settings, start=False)
+        return params
+
+    def known(self, theta: Array) -> Array:
+        """Return what is known beside the data and weak priors as rows of chi^2, shape (N, P)."""
+        rows = prior_rows({**self._departures, **self._priors}, theta.size)
+        if not self.constrained.any():
+            return rows
+        return np.concatenate([rows, constraints.constraint_rows(self.params(theta), self._widths)[0]])
+
+    def prior(self, params: lmfit.Parameters, weak: PriorSet) -> linear.Prior:
+        """Return all that is known beside the data but for the departures."""
+        theta, known = parameter_values(params), weak.rows(self._priors)
+        rows = constraints.constraint_rows(params, self._widths)[0]
+        if weak.correlated is not None or not len(rows):
+            return known
+        follows = rows * (constraints.TIGHT * self._widths[constraints.fixed_or_tied(params), None])
+        centre = known.centre.copy()
+        centre[constraints.fixed_or_tied(params)] = 0.0
+        centre[constraints.fixed_or_tied(params)] = follows @ (theta - centre)
+        return linear.Prior(centre, np.concatenate([known.rows, rows]))
+
+    def covariance(self, model: JointModel, params: lmfit.Parameters) -> Array:
+        """Return the covariance at a minimum, shape (P, P), positive for what is fixed or tied as well."""
+        slack = constraints.TIGHT * self._widths * constraints.fixed_or_tied(params)
+        covariance = model.covariance(params) + np.diag(slack**2)
+        if not np.all(np.diag(covariance) > 0):
+            raise FitError(
+                "ill-conditioned beyond what numbers hold; expected channels in the units they name"
+            )
+        return covariance
+
+
+def _free_departures(width: Width) -> dict[int, Prior]:
+    """Return what holds the departures of a width while weights settle, by their place."""
+    sigmas = FREE * width.scale * np.abs(width.units)
+    return {i: Prior(0.0, sigma) for i, sigma in zip(width.members, sigmas.tolist(), strict=True)}

@@ -1,0 +1,199 @@
+"""The joint model of compressed runs, against SciPy's own minimiser on all data and closed forms."""
+
+import math
+
+import lmfit
+import numpy as np
+import pytest
+import scipy
+
+import fit
+from fit.errors import InputError
+from fit.fitting.joint_model import (
+    JointModel,
+    LinearEquation,
+    Prior,
+    SolvedModel,
+    lmfit_names,
+    lmfit_params,
+    parameter_values,
+)
+from fit.fitting.run_estimate import RunEstimate, run_estimate
+from fit.model import dynamics
+from fit.weighing import linear
+from fit.weighing.likelihood import weights
+
+TRUTH = np.array([1.08, 0.19, 1.05, 0.2, -4.2e-7, 1e-8, 3e-5])  # in the order of dynamics.PARAMETERS
+SCALE = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-9, 1e-9, 1e-6])
+TAU = (0.1, 0.2)
+
+
+def model(theta):
+    """Coefficients of the columns after the first (eq. deltaglinear), delays taken off by hand."""
+    lambda_1, lambda_2, C_1, C_2, omega2_2, domega2_12, delta_ifo = theta
+    return np.array(
+        [
+            -lambda_2,
+            C_2 - lambda_2 * TAU[1],
+            lambda_1,
+            lambda_1 * TAU[0] - C_1,
+            omega2_2,
+            domega2_12 - delta_ifo * omega2_2,
+            -delta_ifo,
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def driven():
+    rng = np.random.default_rng(8)
+    size = np.array([1.0, 1e3, 1e2, 1e3, 1e2, 1e8, 1e8, 1e5])
+    U = size * (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8)))
+    U[:, 0] = rng.standard_normal(400) + 1j * rng.standard_normal(400) - U[:, 1:] @ model(TRUTH)
+    block = linear.Block(
+        TAU, U, weights("gaussian", np.arange(400.0), np.full(400, 2.0)), None, None, np.eye(7)
+    )
+
+    def residual(x):
+        left = U[:, 0] + U[:, 1:] @ model(TRUTH + x * SCALE)
+        return np.concatenate([left.real, left.imag])
+
+    found = scipy.optimize.least_squares(
+        residual, np.zeros(7), "3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac"
+    )
+    return block, TRUTH + found.x * SCALE, np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))) * SCALE
+
+
+@pytest.mark.parametrize("away", [0.3, 100.0, 1e5])  # sigma
+def test_minimum_is_reached_from_near_and_far(driven, away):
+    block, minimum, sigma = driven
+    start = minimum + away * sigma * np.array([1, -1, 1, 1, -1, 1, -1])
+    model = JointModel([run_estimate("A", block)])
+    result = model.fit(lmfit_params(dynamics.PARAMETERS, start, {}))
+    np.testing.assert_allclose((parameter_values(result.params) - minimum) / sigma, 0, atol=1e-5)
+    np.testing.assert_allclose(np.sqrt(np.diag(model.covariance(result.params))) / sigma, 1, rtol=1e-4)
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covar)) / sigma, 1, rtol=1e-4)
+
+
+# Two runs that measure a and b with different covariances: everything is known in closed form --------------
+
+A = np.array([[2.0, 0.3], [0.3, 1.0]])
+B = np.array([[0.5, -0.2], [-0.2, 4.0]])
+C_A, C_B = np.array([1.0, 3.0]), np.array([1.8, 2.0])
+
+
+def measured(name, c, covariance):
+    return RunEstimate(name, c, np.linalg.cholesky(np.linalg.inv(covariance)).T, LinearEquation())
+
+
+@pytest.fixture
+def two_runs():
+    return JointModel([measured("A", C_A, A), measured("B", C_B, B)])
+
+
+def solved(model, **constraints):
+    params = lmfit_params(["a", "b"], np.zeros(2), {})
+    for name, said in constraints.items():
+        params[name].set(**{key: value for key, value in said.items() if key != "prior"})
+        params[name].user_data = said.get("prior")
+    return SolvedModel(model, model.fit(params), [Prior(0.0, 100.0)] * 2)
+
+
+def test_result_is_that_of_generalised_least_squares(two_runs):
+    found = solved(two_runs).result
+    weights = np.linalg.inv(A), np.linalg.inv(B)
+    covariance = np.linalg.inv(sum(weights))
+    mean = covariance @ (weights[0] @ C_A + weights[1] @ C_B)
+    np.testing.assert_allclose(parameter_values(found.params), mean, rtol=1e-9)
+    np.testing.assert_allclose(found.covar, covariance, rtol=1e-7)
+    np.testing.assert_allclose(two_runs.covariance(found.params), covariance, rtol=1e-9)
+    # what two measurements of the same differ by, in units of the covariance of the difference
+    apart = C_A - C_B
+    assert found.chisqr == pytest.approx(apart @ np.linalg.solve(A + B, apart))
+    assert found.nfree == 2
+    assert found.uvars["a"].std_dev == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-6)
+    assert "+/-" in lmfit.fit_report(found)
+
+
+def test_confidence_intervals_are_those_of_a_normal_distribution(two_runs):
+    found = solved(two_runs)
+    intervals = lmfit.conf_interval(found.minimizer, found.result, sigmas=[1, 2, 3], prob_func=fit.delta_chi2)
+    for name, limits in intervals.items():
+        p = found.result.params[name]
+        away = [(value - p.value) / p.stderr for _, value in limits]
+        np.testing.assert_allclose(away, [-3, -2, -1, 0, 1, 2, 3], atol=0.01)
+    for sigma in (0.5, 1, 2.5):
+        best, fixed = found.result, found.result.params.copy()
+        fixed["b"].set(value=best.params["b"].value + sigma * best.params["b"].stderr, vary=False)
+        assert fit.delta_chi2(best, found.refit(fixed)) == pytest.approx(math.erf(sigma / 2**0.5))
+
+
+def test_fixed_tied_and_known_parameters_are_those_of_the_closed_form(two_runs):
+    W = np.linalg.inv(A) + np.linalg.inv(B)
+    b = np.linalg.solve(A, C_A) + np.linalg.solve(B, C_B)
+    fixed = solved(two_runs, b={"value": 2.0, "vary": False})
+    assert fixed.result.params["a"].value == pytest.approx((b[0] - W[0, 1] * 2) / W[0, 0])
+    np.testing.assert_allclose(two_runs.covariance(fixed.result.params), [[1 / W[0, 0], 0], [0, 0]])
+    tied = solved(two_runs, b={"expr": "2 * a + 1"})
+    along, start = np.array([1.0, 2.0]), np.array([0.0, 1.0])
+    a = along @ (b - W @ start) / (along @ W @ along)
+    assert tied.result.params["a"].value == pytest.approx(a)
+    spread = two_runs.covariance(tied.result.params)
+    np.testing.assert_allclose(spread, np.outer(along, along) / (along @ W @ along), rtol=1e-6)
+    known = solved(two_runs, a={"prior": Prior(0.0, 0.1)})
+    W[0, 0] += 100
+    np.testing.assert_allclose(parameter_values(known.result.params), np.linalg.solve(W, b), rtol=1e-9)
+    np.testing.assert_allclose(known.result.covar, np.linalg.inv(W), rtol=1e-7)
+
+
+def test_a_tie_that_bends_has_the_minimum_that_a_search_finds(two_runs):
+    tied = solved(two_runs, b={"expr": "exp(a) / 2"}).result
+
+    def chi2(a):
+        x = np.array([a, np.exp(a) / 2])
+        return sum((x - c) @ np.linalg.solve(V, x - c) for c, V in ((C_A, A), (C_B, B)))
+
+    found = scipy.optimize.minimize_scalar(chi2, bounds=(0, 3), options={"xatol": 1e-10})
+    assert tied.params["a"].value == pytest.approx(found.x, abs=1e-6)
+    assert tied.chisqr == pytest.approx(found.fun)
+
+
+def test_a_bound_holds_wherever_the_fit_starts(two_runs):
+    at_bound = solved(two_runs, a={"max": 1.0})
+    assert at_bound.result.params["a"].value == pytest.approx(1.0, abs=1e-6)
+    W = np.linalg.inv(A) + np.linalg.inv(B)
+    b = np.linalg.solve(A, C_A) + np.linalg.solve(B, C_B)
+    assert at_bound.result.params["b"].value == pytest.approx((b[1] - W[0, 1]) / W[1, 1], abs=1e-5)
+    wide = solved(two_runs, a={"min": 0.0, "max": 100.0}).result  # starts at its lower bound
+    free = solved(two_runs).result
+    assert wide.params["a"].value == pytest.approx(free.params["a"].value, abs=1e-5)
+    released = at_bound.result.params.copy()
+    released["a"].set(max=np.inf)
+    assert at_bound.refit(released).params["a"].value == pytest.approx(free.params["a"].value, abs=1e-5)
+
+
+def test_without_a_run_the_other_one_is_left(two_runs):
+    found = solved(two_runs).without("A")
+    np.testing.assert_allclose(parameter_values(found.params), C_B, rtol=1e-8)
+    assert found.chisqr == pytest.approx(0, abs=1e-12)
+    with pytest.raises(InputError, match="no experiment of this fit"):
+        solved(two_runs).without("D")
+    nothing = solved(two_runs).without("A", "B").params  # is left but the weak priors
+    assert [(p.value, p.stderr) for p in nothing.values()] == [pytest.approx((0.0, 100.0))] * 2
+
+
+def test_names_that_are_no_symbols_become_such():
+    assert lmfit_names(["lambda_2_A-1", "lambda_2_A.1", "b"]) == ["lambda_2_A_1", "lambda_2_A_1_", "b"]
+
+
+def test_directions_a_run_does_not_determine_are_no_rows(driven):
+    block, *_ = driven
+    still = block.columns.copy()
+    still[:, 3:5] = 0  # test mass 1 is not driven
+    estimate = run_estimate("A", linear.Block(TAU, still, block.weights, None, None, np.eye(7)))
+    assert estimate.root.shape == (5, 7)
+    at_best = np.concatenate([[1.0], estimate.c])
+    left = np.concatenate([(still @ at_best).real, (still @ at_best).imag])
+    full = np.concatenate([still[:, 1:].real, still[:, 1:].imag])
+    scores = full.T @ left / np.maximum(np.linalg.norm(full, axis=0), 1e-300)
+    np.testing.assert_allclose(scores, 0, atol=1e-6)

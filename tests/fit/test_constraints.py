@@ -1,0 +1,271 @@
+"""What a user says of parameters, against what it must do to the normal distribution of a fit without it."""
+
+import lmfit
+import numpy as np
+import pytest
+
+import fit
+from fit.estimate.forecast import Planned, expected_fit
+from fit.settings import settings
+from lpfcosim.cli.constraints import Constraints
+from tests.fit.estimate.test_forecast import SETS, expected
+from tests.oracles.synthetic import World, pair
+
+WORLD = World()
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [run for name, epoch in SETS for run in pair(WORLD, name, epoch=epoch, drive_1=1e-12)]
+
+
+@pytest.fixture(scope="module")
+def free(runs):
+    return fit.calibrate(runs)
+
+
+def codes(found):
+    return [w.code for w in found.warnings]
+
+
+def conditional(found, row, value, sigma=0.0):
+    """Estimates and sigmas once a combination of them, `row`, is known to be `value` ± `sigma`."""
+    theta, C = np.array(list(found.values.values())), found.covariance
+    gain = C @ row / (row @ C @ row + sigma**2)
+    return theta + gain * (value - row @ theta), np.sqrt(np.diag(C - np.outer(gain, row @ C)))
+
+
+def agree(found, expected, free, but=()):
+    """See that estimates are those expected to a fiftieth of a sigma, and sigmas to 1 %."""
+    names = list(free)
+    for i, name in enumerate(names):
+        if name not in but:
+            assert found[name].value == pytest.approx(expected[0][i], abs=0.02 * free[name].sigma), name
+            assert found[name].sigma == pytest.approx(expected[1][i], rel=0.01), name
+
+
+def test_parameters_are_those_of_the_results(runs, free):
+    assert list(fit.make_params(runs)) == list(free.joint)
+    assert codes(fit.calibrate(runs, params=fit.make_params(runs)).joint) == codes(free.joint)
+
+
+def test_a_fixed_parameter(runs, free):
+    known = free.joint["C_2"].value + free.joint["C_2"].sigma
+    params = fit.make_params(runs)
+    params["C_2"].set(value=known, vary=False)
+    results = fit.calibrate(runs, params=params)
+    row = np.array([float(name == "C_2") for name in free.joint])
+    agree(results.joint, conditional(free.joint, row, known), free.joint, but=["C_2"])
+    assert results.joint["C_2"].value == known
+    assert results.joint["C_2"].fixed and "fixed" in str(results.joint["C_2"])
+    assert results.experiments["B"]["C_2"].fixed
+    assert "C_2" not in results.joint.lmfit.var_names
+    assert f"C_2 fixed at {known:.9g}" in next(
+        w.message for w in results.joint.warnings if w.code == "constrained"
+    )
+    assert results.provenance["settings"]["parameters"] == {"C_2": {"value": known, "vary": False}}
+
+
+def test_a_tie(runs, free):
+    params = fit.make_params(runs)
+    params["alpha_phi_1"].set(expr="alpha_phi_2")
+    found = fit.calibrate(runs, params=params).joint
+    row = np.array([{"alpha_phi_1": 1.0, "alpha_phi_2": -1.0}.get(name, 0.0) for name in free.joint])
+    agree(found, conditional(free.joint, row, 0.0), free.joint)
+    assert found["alpha_phi_1"].value == found["alpha_phi_2"].value
+
+
+def test_a_prior(runs, free):
+    e = free.joint["alpha_x_1"]
+    params = fit.make_params(runs)
+    params["alpha_x_1"].user_data = fit.Prior(e.value + e.sigma, e.sigma)
+    found = fit.calibrate(runs, params=params).joint
+    row = np.array([float(name == "alpha_x_1") for name in free.joint])
+    agree(found, conditional(free.joint, row, e.value + e.sigma, e.sigma), free.joint)
+
+
+def test_an_estimate_at_its_bound_says_so(runs, free):
+    e = free.joint["delta_ifo_1"]
+    bound = e.value + 0.5 * e.sigma
+    params = fit.make_params(runs)
+    params["delta_ifo_1"].set(min=bound)
+    found = fit.calibrate(runs, params=params).joint
+    row = np.array([float(name == "delta_ifo_1") for name in free.joint])
+    expected = conditional(free.joint, row, bound)[0]
+    for name, value in zip(free.joint, expected, strict=True):
+        assert found[name].value == pytest.approx(value, abs=0.02 * free.joint[name].sigma), name
+    assert "at_bound" in codes(found) and not found.unsound
+    params["delta_ifo_1"].set(min=e.value - e.sigma)
+    assert "at_bound" not in codes(fit.calibrate(runs, params=params).joint)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"vary": False, "value": 1.0790},
+        {"expr": "lambda_1"},
+        {"prior": [1.0790, 1e-5]},
+        {"min": 1.0790},
+    ],
+)
+def test_what_the_data_contradict_is_not_sound(runs, free, said):
+    results = fit.calibrate(runs, parameters={"lambda_2": said})
+    (told,) = results.joint.unsound
+    assert told.code == "constraint_contradicted"
+    assert f"without: {free.joint['lambda_2'].value:.4g}"[:-1] in told.message
+    assert results.provenance["joint_runs"] == free.provenance["joint_runs"]  # no run is blamed for it
+    assert "scatter" not in codes(results.joint)
+
+
+def test_constraints_make_no_single_fit_that_has_not_its_parameters(runs, free):
+    found = fit.calibrate(runs, parameters={"alpha_x_2": {"vary": False, "value": -317.0}})
+    assert found.experiments["C"].values == free.experiments["C"].values
+
+
+def test_the_model_of_a_fit_answers_in_milliseconds(runs, free):
+    joint = free.joint
+    for name, e in joint.parameters.items():
+        p = joint.lmfit.params[name]
+        assert p.value == e.value
+        assert p.stderr == pytest.approx(e.sigma, rel=1e-5)
+    assert "chi-square" in lmfit.fit_report(joint.lmfit)
+    agreement = free.provenance["agreement"][""]
+    assert joint.lmfit.chisqr == pytest.approx(agreement["chi2"], rel=1e-3)
+    assert joint.lmfit.nfree == agreement["dof"]
+    others = fit.calibrate(runs, exclude=["E"]).joint
+    for name, p in joint.without("E").params.items():
+        if name in others.undetermined:
+            assert name == "alpha_x_1" and p.user_data  # E alone has another authority
+            continue
+        assert p.value == pytest.approx(others[name].value, abs=0.02 * others[name].sigma)
+        assert p.stderr == pytest.approx(others[name].sigma, rel=0.01)
+    params = joint.lmfit.params.copy()
+    params["lambda_1"].set(expr="lambda_2")
+    assert joint.refit(params).chisqr > joint.lmfit.chisqr
+
+
+def test_results_from_a_file_hold_no_model(free, tmp_path):
+    free.save(tmp_path / "results.json")
+    with pytest.raises(fit.InputError, match=r"expected those of fit\.calibrate"):
+        _ = fit.load_results(tmp_path / "results.json").joint.lmfit
+
+
+def test_a_forecast_knows_what_is_said():
+    planned = expected(WORLD, drive_1=1e-12)
+    assert all(isinstance(one, Planned) for one in planned)
+    free, fixed = (expected_fit(planned, settings(said)) for said in ({}, {"parameters": FIXED}))
+    row = np.array([float(name == "lambda_2") for name in free])
+    agree(fixed, conditional(free, row, free["lambda_2"].value), free, but=["lambda_2"])
+
+
+FIXED = {"lambda_2": {"vary": False}}
+
+
+def test_the_end_of_the_band(runs, free):
+    found = fit.calibrate(runs, f_max=0.03)
+    assert found.provenance["f_max"] == 0.03
+    assert found.joint.dof == pytest.approx(0.3 * free.joint.dof, rel=0.01)
+    for name, e in found.joint.parameters.items():
+        assert abs(e.value - getattr(WORLD, name)) < 4 * e.sigma
+        assert e.sigma > 0.99 * free.joint[name].sigma
+
+
+# What cannot be ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"lambda_3": {"vary": False}}, 'lambda_3: no parameter of this fit, did you mean "lambda_2"'),
+        ({"omega2_2": {"vary": False}}, 'did you mean "omega2_2_0"'),
+        ({"delta_ifo_7": {"vary": False}}, "delta_ifo_7: no parameter of this fit"),
+        ({"delta_phi_1": {"vary": False}}, "delta_phi_1: no parameter of this fit"),
+        ({"C_1": {"expr": "C_3"}}, "C_1.expr: C_3: no parameter of this fit"),
+        ({"C_1": {"expr": "C_2 +"}}, "expected an expression of numbers and parameters"),
+        ({"C_1": {"expr": "C_2.real"}}, "expected an expression of numbers and parameters"),
+        ({"C_1": {"expr": "open(C_2)"}}, "expected an expression of numbers and parameters"),
+        ({"C_1": {"expr": "C_2"}, "C_2": {"expr": "C_1"}}, "a circle of ties"),
+        ({"C_1": {"expr": "1 / 0"}}, "no number where the fit starts"),
+        ({"C_1": {"expr": "log(delta_ifo_1)"}}, "leads to nan where the fit starts"),
+        ({"C_1": {"vary": False, "value": 1e300}}, "where the fit starts, expected -8.85 to 9.15"),
+        ({"C_1": {"expr": "C_2", "min": 0.0}}, "C_1.expr: expected expr alone"),
+        ({"C_1": {"vary": False, "prior": [0.1, 0.1]}}, "neither bounds nor a prior of a fixed parameter"),
+        ({"C_1": {"min": 0.2, "max": 0.1}}, "C_1.min: 0.2, expected less than max = 0.1"),
+        ({"C_1": {"prior": [0.1, 0.0]}}, "C_1.prior[1]: 0.0 is too small"),
+        ({"C_1": {"vry": False}}, 'did you mean "vary"'),
+    ],
+)
+def test_what_cannot_be_said_is_refused(runs, said, message):
+    with pytest.raises(fit.InputError) as refused:
+        fit.calibrate(runs, parameters=said)
+    assert message in str(refused.value)
+
+
+def test_parameters_that_are_none_are_refused(runs):
+    params = fit.make_params(runs)
+    with pytest.raises(fit.InputError, match=r"expected lmfit\.Parameters"):
+        fit.calibrate(runs, params={"lambda_2": 1.0})
+    with pytest.raises(fit.InputError, match="expected one of them"):
+        fit.calibrate(runs, params=params, parameters={})
+    params["C_1"].user_data = 0.3
+    with pytest.raises(fit.InputError, match=r"C_1: user_data: expected fit\.Prior"):
+        fit.calibrate(runs, params=params)
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"f_max": 0.2}, "f_max: 0.2 is too large"),
+        ({"f_max": 0.001}, "f_max: 0.001 is too small"),
+        ({"f_min": 0.001}, "the fitted band has no lower limit: commands answer to the noise"),
+        ({"f_max": 0.05, "estimator": "flscov"}, "f_max: 0.05 with estimator"),
+    ],
+)
+def test_other_bands_are_refused(said, message):
+    with pytest.raises(fit.InputError) as refused:
+        settings(said)
+    assert message in str(refused.value)
+
+
+def test_options_are_the_table():
+    options = Constraints(
+        fix=["lambda_2=1.0776", "C_1"],
+        tie=["alpha_phi_1 = alpha_phi_2"],
+        prior=["C_2=0.186,0.01"],
+        bound=["C_2=0.1:", "delta_ifo_1=-1e-4:1e-4"],
+        f_max=0.05,
+    )
+    found = options.on(settings({"parameters": {"C_1": {"min": 0.0}, "omega2_1_0": {"vary": False}}}))
+    assert found.f_max == 0.05
+    assert {n: p.model_dump(exclude_defaults=True) for n, p in found.parameters.items()} == {
+        "C_1": {"vary": False},
+        "omega2_1_0": {"vary": False},
+        "lambda_2": {"value": 1.0776, "vary": False},
+        "alpha_phi_1": {"expr": "alpha_phi_2"},
+        "C_2": {"prior": (0.186, 0.01), "min": 0.1},
+        "delta_ifo_1": {"min": -1e-4, "max": 1e-4},
+    }
+
+
+@pytest.mark.parametrize(
+    ("option", "given", "message"),
+    [
+        ("fix", "lambda_2=x", '"x" is not a number, expected NAME or NAME=VALUE'),
+        ("fix", "=3", "expected NAME or NAME=VALUE"),
+        ("tie", "lambda_2", "expected NAME=EXPR"),
+        ("tie", "lambda_2=", "no expression, expected NAME=EXPR"),
+        ("prior", "lambda_2=1", "expected NAME=MEAN,SIGMA"),
+        ("bound", "lambda_2=1", "expected NAME=MIN:MAX"),
+        ("bound", "lambda_2=:", "expected NAME=MIN:MAX"),
+        ("bound", "lambda_2=2:1", "options.parameters.lambda_2.min: 2, expected less than max = 1"),
+    ],
+)
+def test_options_that_cannot_be_read_are_refused(option, given, message):
+    with pytest.raises(fit.InputError) as refused:
+        Constraints(**{option: [given]}).on(settings())
+    assert message in str(refused.value)
+
+
+def test_one_option_for_one_thing():
+    with pytest.raises(fit.InputError, match="a second vary of C_2"):
+        Constraints(fix=["C_2", "C_2=0.1"]).on(settings())
