@@ -316,14 +316,13 @@ class _Search:
         lost, directions = linear.blind(H, self._widths)
         lost |= self._resting(H, lost)
         self._lost = lost
-        weak = {int(i): Prior(float(self._start[i]), float(self._widths[i])) for i in np.flatnonzero(lost)}
-        self._weak = weak
+        start, scale = self._start.tolist(), self._widths.tolist()
+        self._weak = {i: Prior(start[i], scale[i]) for i in np.flatnonzero(lost).tolist()}
         uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
         beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
         self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
-        scale = AT_BOUND * self._widths
-        narrow = {int(i): Prior(float(theta[i]), float(scale[i])) for i in np.flatnonzero(beyond)}
-        return priors.PriorSet({**weak, **narrow}, lost | beyond, directions, None)
+        at = {i: Prior(float(theta[i]), AT_BOUND * scale[i]) for i in np.flatnonzero(beyond).tolist()}
+        return priors.PriorSet({**self._weak, **at}, lost | beyond, directions, None)
 
     def _resting(self, H: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Tell which parameters the data tell only with what `lost` ones are held at."""
@@ -338,9 +337,8 @@ class _Search:
         """
         to = np.clip(to, self._low, self._high)
         for tried in range(HALVED):
-            refused = [
-                (w, why) for w, why in parallel_map(partial(_refused, theta=to), self.weighings) if why
-            ]
+            outcomes = parallel_map(partial(_refused, theta=to), self.weighings)
+            refused = [(w, why) for w, why in outcomes if why]
             if not refused:
                 return to
             if tried == 0 and np.any(self._lost):
@@ -356,11 +354,9 @@ class _Search:
         """Return the bounds at which parameters are held, tested against the data."""
         if not self.bound:
             return []
-        theta, at = outcome.solution.theta, {}
-        for k, p in enumerate(self.joint.parameters):
-            if p.name in self.bound:
-                is_low = abs(theta[k] - self._low[k]) < abs(theta[k] - self._high[k])
-                at[k] = float(self._low[k] if is_low else self._high[k])
+        low, high, theta = self._low, self._high, outcome.solution.theta
+        nearest = np.where(np.abs(theta - low) < np.abs(theta - high), low, high).tolist()
+        at = {k: nearest[k] for k, p in enumerate(self.joint.parameters) if p.name in self.bound}
         return bounds.tested(outcome, self._weak, at)
 
     def told(self) -> list[FitWarning]:
