@@ -8,6 +8,7 @@ statistic (that of the Lagrange multipliers).
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -22,6 +23,13 @@ FALSE_ALARM = 1e-3  # probability with which bounds that hold are contradicted b
 MOVES = 0.3  # sigma, by which an estimate moves without the bounds if it rests on them
 
 
+class Bound(NamedTuple):
+    """A bound of a parameter, SI."""
+
+    value: float
+    is_lower: bool
+
+
 @dataclass(frozen=True)
 class Limit:
     """A bound at which a parameter is held.
@@ -30,33 +38,28 @@ class Limit:
     ----------
     name : str
         The parameter.
-    lower : bool
-        Whether it is its lower bound.
-    value : float
-        The bound, SI.
+    bound : Bound
+        The bound.
     free, sigma : float
         Where the data put the parameter without bounds, and the standard deviation of that.
     probability : float
         With which noise alone puts all parameters that are held as far beyond their bounds, 1e-300 at least.
-    moved : tuple of str
-        Other parameters whose estimates rest on the bounds, each as "name by so many sigma".
-    resting : tuple of str
-        Their names.
+    moves : dict of str to float
+        Other parameters whose estimates rest on the bounds, and by how many sigma they move without.
     """
 
     name: str
-    lower: bool
-    value: float
+    bound: Bound
     free: float
     sigma: float
     probability: float
-    moved: tuple[str, ...]
-    resting: tuple[str, ...]
+    moves: dict[str, float]
 
     @property
     def pull(self) -> float:
-        """By how many sigma the data put the parameter beyond its bound."""
-        return abs(self.free - self.value) / self.sigma
+        """By how many sigma the data put the parameter beyond its bound; negative within it."""
+        beyond = self.bound.value - self.free if self.bound.is_lower else self.free - self.bound.value
+        return beyond / self.sigma
 
     @property
     def contradicted(self) -> bool:
@@ -66,17 +69,24 @@ class Limit:
     @property
     def record(self) -> dict[str, object]:
         """What the provenance has of it."""
-        which = "min" if self.lower else "max"
         return {
-            "value": self.value,
-            "bound": which,
+            "value": self.bound.value,
+            "bound": "min" if self.bound.is_lower else "max",
             "unbounded": self.free,
             "sigma": self.sigma,
             "probability": self.probability,
         }
 
+    def __str__(self) -> str:
+        which = "lower" if self.bound.is_lower else "upper"
+        where = f"{self.pull:.2g} sigma beyond" if self.pull > 0 else "within it"
+        return (
+            f"{self.name} is held at its {which} bound {self.bound.value:.6g}, the data put it at "
+            f"{self.free:.6g} ± {self.sigma:.2g}, {where}"
+        )
 
-def tested(outcome: Outcome, weak: Mapping[int, Prior], at: Mapping[int, float]) -> list[Limit]:
+
+def tested(outcome: Outcome, weak: Mapping[int, Prior], at: Mapping[int, Bound]) -> list[Limit]:
     """Test the bounds at which parameters are held.
 
     Parameters
@@ -85,7 +95,7 @@ def tested(outcome: Outcome, weak: Mapping[int, Prior], at: Mapping[int, float])
         With the parameters at their bounds.
     weak : mapping of int to Prior
         What is known beside data and bounds, by place of the parameter.
-    at : mapping of int to float
+    at : mapping of int to Bound
         Which parameters are at a bound, and the bound.
     """
     theta = outcome.solution.theta
@@ -101,26 +111,17 @@ def tested(outcome: Outcome, weak: Mapping[int, Prior], at: Mapping[int, float])
         p.user_data = {**weak, **departures}.get(i)
     unbounded = outcome.model.fit(params).params
     free, covariances = parameter_values(unbounded), outcome.model.covariance(unbounded)
-    sigma, step = np.sqrt(np.diag(covariances)), free - theta
+    sigma = np.sqrt(np.diag(covariances))
+    moves = (free - theta) / sigma
     held = list(at)
-    beyond, covariance = step[held], covariances[np.ix_(held, held)]
-    # more than one parameter that hardly differ make the covariance singular
-    statistic = float(beyond @ np.linalg.lstsq(covariance, beyond, rcond=1e-12)[0])
+    beyond, correlations = moves[held], (covariances / np.outer(sigma, sigma))[np.ix_(held, held)]
+    # parameters that the data hardly tell apart make the matrix singular
+    statistic = float(beyond @ np.linalg.lstsq(correlations, beyond, rcond=1e-12)[0])
     probability = max(float(scipy.special.chdtrc(len(at), statistic)), 1e-300)
-    moves = step / sigma
-    others = [k for k in range(outcome.shared) if k not in at and abs(moves[k]) > MOVES]
-    names = [p.name for p in outcome.parameters]
+    names = [p.name for p in outcome.parameters[: outcome.shared]]
+    others = {name: float(moves[k]) for k, name in enumerate(names) if k not in at and abs(moves[k]) > MOVES}
     return [
-        Limit(
-            names[k],
-            bool(step[k] < 0),
-            bound,
-            float(free[k]),
-            float(sigma[k]),
-            probability,
-            tuple(f"{names[j]} by {moves[j]:+.2g} sigma" for j in others),
-            tuple(names[j] for j in others),
-        )
+        Limit(names[k], bound, float(free[k]), float(sigma[k]), probability, others)
         for k, bound in at.items()
     ]
 
@@ -138,17 +139,12 @@ def warnings(limits: Sequence[Limit], reported: Collection[str]) -> list[FitWarn
     if not limits:
         return []
     contradicted = limits[0].contradicted
-    where = "; ".join(
-        f"{limit.name} is held at its {'lower' if limit.lower else 'upper'} bound {limit.value:.6g}, the "
-        f"data put it at {limit.free:.6g} ± {limit.sigma:.2g}, {limit.pull:.2g} sigma beyond"
-        for limit in limits
-    )
     which = "the bound" if len(limits) == 1 else "the bounds"
     so = f"the data contradict {which}" if contradicted else "noise explains it"
-    message = f"{where}; probability {limits[0].probability:.2g}: {so}"
-    resting = [name for name in limits[0].resting if name in reported]
-    moved = [text for text in limits[0].moved if text.split(" by ")[0] in reported]
-    if moved:
-        message += f"; without {which} these would move: {', '.join(moved)}"
-    names = (*(limit.name for limit in limits), *resting)
+    message = f"{'; '.join(map(str, limits))}; probability {limits[0].probability:.2g}: {so}"
+    moves = {name: move for name, move in limits[0].moves.items() if name in reported}
+    if moves:
+        moved = ", ".join(f"{name} by {move:+.2g} sigma" for name, move in moves.items())
+        message += f"; without {which} these would move: {moved}"
+    names = (*(limit.name for limit in limits), *moves)
     return [FitWarning("bound_contradicted" if contradicted else "at_bound", names, message)]

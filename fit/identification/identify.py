@@ -153,7 +153,7 @@ def _beside(
     chosen: Settings,
 ) -> comparison.Beside:
     """Return what the loop has beside the estimates, at bounds too."""
-    values = {**held, **{limit.name: limit.value for limit in limits}}
+    values = {**held, **{limit.name: limit.bound.value for limit in limits}}
     runs = [e.sysid.telemetry for e in experiments] if not outcome.departing else []
     return comparison.Beside(values, runs, Sharing(chosen.shared))
 
@@ -352,12 +352,11 @@ class _Search:
 
     def limits(self, outcome: irls.Outcome) -> list[bounds.Limit]:
         """Return the bounds at which parameters are held, tested against the data."""
-        if not self.bound:
-            return []
-        low, high, theta = self._low, self._high, outcome.solution.theta
-        nearest = np.where(np.abs(theta - low) < np.abs(theta - high), low, high).tolist()
+        low, high = self._low, self._high
+        is_low = np.abs(outcome.solution.theta - low) < np.abs(outcome.solution.theta - high)
+        nearest = list(map(bounds.Bound, np.where(is_low, low, high).tolist(), is_low.tolist()))
         at = {k: nearest[k] for k, p in enumerate(self.joint.parameters) if p.name in self.bound}
-        return bounds.tested(outcome, self._weak, at)
+        return bounds.tested(outcome, self._weak, at) if at else []
 
     def told(self) -> list[FitWarning]:
         """Report steps that were taken back."""
