@@ -99,7 +99,7 @@ def dependence(a: Source, b: Source) -> str:
     pairs = [(x, y) for x in a.recordings for y in b.recordings]
     if runs := [x.run for x, y in pairs if x.seed is not None and (x.seed, x.run) == (y.seed, y.run)]:
         return f"the same simulated noise, as seed and name of runs are the same: {_some(runs)}"
-    flown = [(x, y) for x, y in pairs if x.seed is None and y.seed is None]
+    flown = [(x, y) for x, y in pairs if x.seed is None or y.seed is None]
     if runs := [x.run for x, y in flown if x.begin < y.end and y.begin < x.end]:
         return f"telemetry of the same time: {_some(runs)}"
     if (values := _joint(a.results)) and values == _joint(b.results):

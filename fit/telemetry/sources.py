@@ -1,5 +1,6 @@
 """The columns of one run in the archives that a map names for it."""
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -76,7 +77,13 @@ class Archives:
         InputError
             If one is missing or no row of numbers, if there are several, or if its unit is wrong.
         """
-        return {name: self._column(name, column, attributes) for name, column in self._map.channels.items()}
+        columns = {name: self._column(name, col, attributes) for name, col in self._map.channels.items()}
+        users: dict[tuple[int, str], str] = {}
+        for name, column in columns.items():
+            other = users.setdefault((id(column.table), column.name), name)
+            if other != name:
+                raise InputError(f"{column.place}: also that of channel {other}, expected a column for each")
+        return columns
 
     def time(self, columns: Collection[ArchiveColumn]) -> tuple[str, stamps.Stamps] | None:
         """Return the time column beside those of the channels and its place, None without one.
@@ -137,8 +144,9 @@ class Archives:
         known = table.columns[name]
         if known.size is None or known.text:
             raise InputError(f"{place}: {known.reason or 'no row of numbers'}, expected a row of numbers")
-        unit = (column.unit if column.unit is not None else known.unit) or None
-        factor = factor_of(place, unit, channel, attributes)
+        factor = factor_of(place, column.unit or known.unit or None, channel, attributes)
+        if column.unit and known.unit:
+            _check_units(place, column.unit, known.unit, channel, attributes)
         missing = self._map.missing if column.missing is None else column.missing
         return ArchiveColumn(table, name, place, known.size, factor, missing)
 
@@ -163,6 +171,21 @@ class Archives:
         stated = unit if clock.format in SECONDS else None
         factor = factor_of(place, stated or None, TIME, {})
         return place, stamps.read_numbers(place, blocks, clock.format, clock.scale, factor)
+
+
+def _check_units(
+    place: str, unit: str, unit_in_file: str, channel: str, attributes: Mapping[str, object]
+) -> None:
+    """Refuse a unit of the map other than that in the file, if the latter can be one of the channel."""
+    try:
+        factor = factor_of(place, unit_in_file, channel, attributes)
+    except InputError:
+        return  # such as counts, which the map explains
+    if not math.isclose(factor, factor_of(place, unit, channel, attributes), rel_tol=1e-9):
+        raise InputError(
+            f"{place}: in {unit_in_file!r} by the file, but in {unit!r} by the map; expected the same, or no "
+            "unit in the map"
+        )
 
 
 def _key(name: str) -> str:

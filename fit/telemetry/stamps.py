@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 _UNIX_EPOCH = 40587  # MJD of 1970-01-01
 _FIRST, _LAST = 36934.0, 88069.0  # MJD of 1960, when UTC began, and of 2100
 _DAY = 86400.0  # s
+_WEEK = 604800.0  # s
+AGREEMENT = 1e-3  # s, of the clocks of two files: a shift of a channel is one of its delay
 _CLOCK_ERROR = 1e-6  # of the rate of a clock, which changes no estimate
 _CLOCK = r"\d\d:\d\d(?::\d\d(?:[.,](?P<digits>\d*))?)?"
 _ZONE = r"\s*(?:Z|UTC|[+-]00:?00)?"
@@ -127,6 +129,7 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
     if not seconds[-1] > seconds[0]:
         _refuse_single(place, stamps)
         raise InputError(f"{place}: from {seconds[0]:g} s to {seconds[-1]:g} s, expected it to increase")
+    _refuse_absent_rows(place, seconds, stamps.resolution)
     rates = [fs] if fs is not None else _rates(seconds, stamps.resolution)
     for rate in rates:
         even = np.arange(seconds.size) / rate
@@ -139,6 +142,24 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
             return (np.asarray(time[:]) if stamps.t0 is None else even), rate
     _refuse_single(place, stamps)
     return np.asarray(check_time(place, seconds, rates[0])[:]), rates[0]
+
+
+def _refuse_absent_rows(place: str, seconds: Array, resolution: float) -> None:
+    """Refuse times that are uniform but for steps of several samples."""
+    steps = np.diff(seconds)
+    step = float(np.median(steps))
+    if step <= 2 * resolution:
+        return
+    rows = np.round(steps / step)
+    uniform = np.abs(steps - rows * step) <= 2 * resolution + 1e-2 * step
+    absent = int((rows - 1).sum())
+    if uniform.all() and rows.min() >= 1 and absent:
+        n = int(np.argmax(rows > 1))
+        raise InputError(
+            f"{place}: {absent} row{'s are' if absent > 1 else ' is'} absent, first after sample {n} "
+            f"({seconds[n]:.10g} s); expected a row for each sample, with empty cells, nan or a marker "
+            "(missing = -9999 in the map) where values are missing"
+        )
 
 
 def _is_rounded(off: Array, digit: float, rate: float) -> bool:
@@ -170,11 +191,15 @@ def check_agreement(place: str, stamps: Stamps, other: str, reference: Stamps) -
     digit = min(max(stamps.resolution, reference.resolution, 1e-3 * step), 0.5 * step)
     if abs(off) > digit:
         raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other}, {wanted}")
-    beyond = np.abs(stamps.seconds - reference.seconds) > digit
+    differences = stamps.seconds - reference.seconds
+    beyond = np.abs(differences) > digit
     if beyond.any():
         n = int(np.argmax(beyond))
-        off = float(stamps.seconds[n] - reference.seconds[n])
+        off = float(differences[n])
         raise InputError(f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other}, {wanted}")
+    mean = off + float(differences.mean())  # in which the rounding of stamps averages out
+    if abs(mean) > max(AGREEMENT, 1e-3 * step):
+        raise InputError(f"{place}: {abs(mean):.3g} s {_order(mean)} {other} on average, {wanted}")
 
 
 def _order(off: float) -> str:
@@ -254,6 +279,11 @@ def _instants(place: str, values: Array, format_: Format, scale: Scale | None) -
 
 
 def _check_range(place: str, values: Array, mjd: Array, format_: str) -> None:
+    if format_ == "gps" and values.size and values.max() <= _WEEK:
+        raise InputError(
+            f"{place}: {values[0]:.16g} at sample 0, seconds of a GPS week; expected seconds since "
+            "1980-01-06, week * 604800 + second of the week"
+        )
     beyond = ~((mjd >= _FIRST) & (mjd < _LAST))
     if beyond.any():
         n = int(np.argmax(beyond))
