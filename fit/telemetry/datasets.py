@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError, shown
+from fit.errors import InputError, StorageError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
 from fit.telemetry.pieces import PIECE, Row, pieces
@@ -353,13 +353,18 @@ def check_storage(dataset: h5py.Dataset, place: str) -> None:
     """Refuse a dataset that is kept in other files, or whose values take far more room than the file.
 
     What was left out reads as zeros, and a few bytes that stand for a chunk can stand for gigabytes.
+
+    Raises
+    ------
+    StorageError
+        If it is.
     """
     if dataset.is_virtual or dataset.external:
-        raise InputError(f"{place}: kept in other files, expected its values in this one")
+        raise StorageError(place, "kept in other files", "its values in this one")
     size = dataset.size or 0
     held = dataset.id.get_storage_size()
     if held > dataset.file.id.get_filesize():
-        raise InputError(f"{place}: declares {held} bytes, more than the file has")
+        raise StorageError(place, f"declares {held} bytes, more than the file has", "a whole file")
     properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
     if dataset.chunks is None:
@@ -367,14 +372,16 @@ def check_storage(dataset: h5py.Dataset, place: str) -> None:
     else:
         chunk = math.prod(dataset.chunks)
         if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):
-            raise InputError(
-                f"{place}: chunks of {chunk} values through the filters {filters}, expected at most "
-                f"{MAX_CHUNK} through each of gzip, lzf, shuffle and fletcher32 at most once"
+            raise StorageError(
+                place,
+                f"chunks of {chunk} values through the filters {filters}",
+                f"at most {MAX_CHUNK} through each of gzip, lzf, shuffle and fletcher32 at most once",
+                is_filtered=True,
             )
         written = dataset.id.get_num_chunks() * chunk
     if written < size:
-        told = f"only {written} values of {size}" if written else "never"
-        raise InputError(f"{place}: declared but {told} written, expected {size} values")
+        extent = f"only {written} values of {size}" if written else "never"
+        raise StorageError(place, f"declared but {extent} written", f"{size} values")
 
 
 def _own(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:
