@@ -59,7 +59,7 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
     return check_time(f"{path}: time", time, fs, part.start or 0)
 
 
-def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
+def check_time(place: str, time: Row, fs: float, start: int = 0, resolution: float = 0.0) -> Row:
     """Return a time axis [s] with steps of 1/fs, exact where single precision has rounded it.
 
     Parameters
@@ -72,6 +72,8 @@ def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
         Sample rate [Hz].
     start : int
         Number of the first sample.
+    resolution : float
+        What the last digit of the times stands for [s]; a message is about a larger fault, if there is one.
 
     Raises
     ------
@@ -89,7 +91,8 @@ def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
         if np.ptp(extremes) * fs <= 2e-3:
             raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
         beyond = np.abs(np.diff(time) * fs - 1)
-        rounded = fs * float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
+        single = float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
+        rounded = fs * max(single, resolution)
         n = int(np.argmax(beyond > (1e-3 + rounded if beyond.max() > 1e-3 + rounded else 1e-3)))
         raise InputError(
             f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
