@@ -168,6 +168,12 @@ def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
     return {name: text for name, text in told.items() if isinstance(text, str)}
 
 
+def complete_channels(file: h5py.File, channels: Iterable[str]) -> set[str]:
+    """Return the channels that state that no number marks missing samples: their missing_value is NaN."""
+    stated = {name: plain(file[name].attrs.get("missing_value")) for name in channels}
+    return {name for name, value in stated.items() if isinstance(value, float) and math.isnan(value)}
+
+
 def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
     """Return a part of a channel; a missing sample is NaN, an infinite one is refused."""
     dataset = file[name]
