@@ -14,20 +14,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import InputError, StorageError, shown
+from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
 from fit.telemetry.pieces import PIECE, Row, pieces
+from fit.telemetry.storage import check_storage
 from fit.units import same_unit
 
 MAX_MEMBERS = 10_000  # of a file
-MAX_CHUNK = 2**24  # values that are unpacked at a time
 MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
 LARGEST = 1e6  # in SI, of any channel; squares and products of such values keep their digits
 MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
 MAX_GAP = 600.0  # s
-#: What may stand between a chunk and the file: these are safe with whatever they are given.
-_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
 
 
 #: Attributes that make something else of values, and with which value they do not.
@@ -356,41 +354,6 @@ def _check_missing_value(
                 f"{place}: attribute {name}: {shown(fill)} stands for missing samples, such as number "
                 f"{start + int(np.argmax(hit))}, expected NaN"
             )
-
-
-def check_storage(dataset: h5py.Dataset, place: str) -> None:
-    """Refuse a dataset that is kept in other files, or whose values take far more room than the file.
-
-    What was left out reads as zeros, and a few bytes that stand for a chunk can stand for gigabytes.
-
-    Raises
-    ------
-    StorageError
-        If it is.
-    """
-    if dataset.is_virtual or dataset.external:
-        raise StorageError(place, "kept in other files", "its values in this one")
-    size = dataset.size or 0
-    held = dataset.id.get_storage_size()
-    if held > dataset.file.id.get_filesize():
-        raise StorageError(place, f"declares {held} bytes, more than the file has", "a whole file")
-    properties = dataset.id.get_create_plist()
-    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
-    if dataset.chunks is None:
-        written = held // dataset.dtype.itemsize
-    else:
-        chunk = math.prod(dataset.chunks)
-        if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):
-            raise StorageError(
-                place,
-                f"chunks of {chunk} values through the filters {filters}",
-                f"at most {MAX_CHUNK} through each of gzip, lzf, shuffle and fletcher32 at most once",
-                is_filtered=True,
-            )
-        written = dataset.id.get_num_chunks() * chunk
-    if written < size:
-        extent = f"only {written} values of {size}" if written else "never"
-        raise StorageError(place, f"declared but {extent} written", f"{size} values")
 
 
 def _own(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:

@@ -12,7 +12,8 @@ from fit.errors import StorageError
 from fit.telemetry.archives import arrays
 from fit.telemetry.archives.arrays import Series
 from fit.telemetry.archives.table import Column
-from fit.telemetry.datasets import check_storage, plain
+from fit.telemetry.datasets import plain
+from fit.telemetry.storage import check_storage
 
 _NAMES = ("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "INT", "BININT", "BININT1", "BININT2")
 #: What a group raises that has the attributes of pandas, but not what pandas writes.

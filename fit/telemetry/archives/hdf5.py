@@ -11,7 +11,8 @@ from fit.telemetry.archives import dataframes, matlab73, netcdf, objects
 from fit.telemetry.archives.arrays import Arrays, Series, select_table, series_of
 from fit.telemetry.archives.attributes import decode, unit_of
 from fit.telemetry.archives.table import Column, Table
-from fit.telemetry.datasets import check_storage, plain
+from fit.telemetry.datasets import plain
+from fit.telemetry.storage import check_storage
 
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc", ".nc4")
 _CACHE = 2**26  # bytes of unpacked chunks, so that rows of a matrix are not unpacked for each of its columns
