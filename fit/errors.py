@@ -17,15 +17,18 @@ class StorageError(InputError):
 
     Attributes
     ----------
-    reason, expected : str
-        What its storage is, and what is read instead.
+    place, reason, expected : str
+        File and dataset, what its storage is, and what is read instead.
     is_filtered : bool
         Whether the fault is in its chunks or their filters.
     """
 
     def __init__(self, place: str, reason: str, expected: str, *, is_filtered: bool = False) -> None:
-        super().__init__(f"{place}: {reason}, expected {expected}")
-        self.reason, self.expected, self.is_filtered = reason, expected, is_filtered
+        super().__init__(place, reason, expected)  # as it is unpickled, where another process raised it
+        self.place, self.reason, self.expected, self.is_filtered = place, reason, expected, is_filtered
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.reason}, expected {self.expected}"
 
 
 class FitError(CalibrationError):

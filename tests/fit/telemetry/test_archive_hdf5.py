@@ -8,7 +8,7 @@ import pytest
 import xarray
 from scipy.io import netcdf_file
 
-from fit.errors import InputError
+from fit.errors import InputError, StorageError
 from fit.telemetry.archives import opened
 from tests.fit.telemetry.columns import (
     NAN,
@@ -265,3 +265,10 @@ def test_missing_samples_of_records(tmp_path, name):
         "one.x": [7],
         "one.xyz[2]": [11],
     }
+
+
+def test_a_fault_of_storage_comes_whole_from_another_process():
+    fault = StorageError("a.h5: x", "chunks of 10 values", "fewer", is_filtered=True)
+    copied = pickle.loads(pickle.dumps(fault))
+    assert str(copied) == str(fault) == "a.h5: x: chunks of 10 values, expected fewer"
+    assert copied.is_filtered
