@@ -143,6 +143,8 @@ def _of_folder(folder: Path) -> list[Path]:
                 f"{inner}: no files *.h5 in it, expected telemetry; if lpfcosim run was interrupted, the "
                 "same command continues it"
             )
+        if results is not None and recorded:
+            telemetry_of(results, file)  # refuses the loss of a file
     elif recorded or (is_file(file) and not here):
         files = telemetry_of(results or load(file), file)
     else:

@@ -6,7 +6,7 @@ elsewhere first, since they may crash a library (`guard`).
 
 from fit.telemetry.axis import TimeAxis, axis_part
 from fit.telemetry.contract import CHANNELS, SCHEMA, TOWARDS_1, TOWARDS_2, XAxis, utc
-from fit.telemetry.datasets import MAX_MISSING, check_storage
+from fit.telemetry.datasets import MAX_MISSING
 from fit.telemetry.pieces import PIECE, Row, pieces
 from fit.telemetry.reader import (
     Telemetry,
@@ -20,6 +20,7 @@ from fit.telemetry.reader import (
     root_attributes,
     samples,
 )
+from fit.telemetry.storage import check_storage
 from fit.telemetry.writer import Writer
 
 __all__ = [

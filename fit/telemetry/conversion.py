@@ -139,8 +139,13 @@ def _write(path: Path, mapping: Map, i: int, folder: Path, *, any_gaps: bool) ->
             "archive_map_sha256": _digest(path),
         }
         described = {name: describe(name, column) for name, column in columns.items()}
+        complete = [name for name, column in columns.items() if column.is_complete]
         with Writer(
-            folder / f"{mapping.runs[i].run}.h5", size, described, {**attributes, **origin}
+            folder / f"{mapping.runs[i].run}.h5",
+            size,
+            described,
+            {**attributes, **origin},
+            complete=complete,
         ) as writer:
             missing = _copy(columns, writer, time, fs)
             if not any_gaps:
@@ -196,8 +201,11 @@ def _copy(
             writer.append(time[start:stop], values)
         start = stop
     for name, extreme in extremes.items():
-        if extreme.is_marker(name):
-            cure = f"missing = {extreme.value:.7g} in the map, at its top or in channels.{name}"
+        if not columns[name].is_complete and extreme.is_marker(name):
+            cure = (
+                f"missing = {extreme.spell()} in the map, at its top or in channels.{name}, "
+                f"or missing = [] in channels.{name} if the samples are real"
+            )
             raise InputError(f"{columns[name].place}: {extreme.describe(fs)} expected {cure}")
     if fault is not None:
         raise fault

@@ -18,16 +18,14 @@ from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry.contract import REQUIRED, expected_unit
 from fit.telemetry.pieces import PIECE, Row, pieces
+from fit.telemetry.storage import check_storage
 from fit.units import same_unit
 
 MAX_MEMBERS = 10_000  # of a file
-MAX_CHUNK = 2**24  # values that are unpacked at a time
 MAX_SAMPLES = 2**28  # 310 days at 10 Hz; a file that declares more is damaged
 LARGEST = 1e6  # in SI, of any channel; squares and products of such values keep their digits
 MAX_MISSING = 0.01  # share of the samples that may be missing in the channels a calibration needs
 MAX_GAP = 600.0  # s
-#: What may stand between a chunk and the file: these are safe with whatever they are given.
-_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
 
 
 #: Attributes that make something else of values, and with which value they do not.
@@ -59,7 +57,7 @@ def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
     return check_time(f"{path}: time", time, fs, part.start or 0)
 
 
-def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
+def check_time(place: str, time: Row, fs: float, start: int = 0, resolution: float = 0.0) -> Row:
     """Return a time axis [s] with steps of 1/fs, exact where single precision has rounded it.
 
     Parameters
@@ -72,6 +70,8 @@ def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
         Sample rate [Hz].
     start : int
         Number of the first sample.
+    resolution : float
+        What the last digit of the times stands for [s]; a message is about a larger fault, if there is one.
 
     Raises
     ------
@@ -89,7 +89,8 @@ def check_time(place: str, time: Row, fs: float, start: int = 0) -> Row:
         if np.ptp(extremes) * fs <= 2e-3:
             raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
         beyond = np.abs(np.diff(time) * fs - 1)
-        rounded = fs * float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
+        single = float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
+        rounded = fs * max(single, resolution)
         n = int(np.argmax(beyond > (1e-3 + rounded if beyond.max() > 1e-3 + rounded else 1e-3)))
         raise InputError(
             f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
@@ -163,6 +164,12 @@ def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
     """Return what the file says channels are, for those of which it does."""
     told = {name: plain(file[name].attrs.get("long_name")) for name in channels}
     return {name: text for name, text in told.items() if isinstance(text, str)}
+
+
+def complete_channels(file: h5py.File, channels: Iterable[str]) -> set[str]:
+    """Return the channels that state that no number marks missing samples: their missing_value is NaN."""
+    stated = {name: plain(file[name].attrs.get("missing_value")) for name in channels}
+    return {name for name, value in stated.items() if isinstance(value, float) and math.isnan(value)}
 
 
 def read_channel(file: h5py.File, path: Path, name: str, part: slice, fs: float) -> NDArray[np.float64]:
@@ -347,34 +354,6 @@ def _check_missing_value(
                 f"{place}: attribute {name}: {shown(fill)} stands for missing samples, such as number "
                 f"{start + int(np.argmax(hit))}, expected NaN"
             )
-
-
-def check_storage(dataset: h5py.Dataset, place: str) -> None:
-    """Refuse a dataset that is kept in other files, or whose values take far more room than the file.
-
-    What was left out reads as zeros, and a few bytes that stand for a chunk can stand for gigabytes.
-    """
-    if dataset.is_virtual or dataset.external:
-        raise InputError(f"{place}: kept in other files, expected its values in this one")
-    size = dataset.size or 0
-    held = dataset.id.get_storage_size()
-    if held > dataset.file.id.get_filesize():
-        raise InputError(f"{place}: declares {held} bytes, more than the file has")
-    properties = dataset.id.get_create_plist()
-    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
-    if dataset.chunks is None:
-        written = held // dataset.dtype.itemsize
-    else:
-        chunk = math.prod(dataset.chunks)
-        if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):
-            raise InputError(
-                f"{place}: chunks of {chunk} values through the filters {filters}, expected at most "
-                f"{MAX_CHUNK} through each of gzip, lzf, shuffle and fletcher32 at most once"
-            )
-        written = dataset.id.get_num_chunks() * chunk
-    if written < size:
-        told = f"only {written} values of {size}" if written else "never"
-        raise InputError(f"{place}: declared but {told} written, expected {size} values")
 
 
 def _own(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:

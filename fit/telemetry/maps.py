@@ -241,7 +241,7 @@ def places_of(path: Path, mapping: Map, i: int, channel: str) -> list[Place]:
 
 
 def has_common_clock(mapping: Map, i: int) -> bool:
-    """Say whether the time of run `i` is in one stated place, and not in each table beside the channels."""
+    """Return whether the time of run `i` has one stated place, not one in each table of channels."""
     source, clock = mapping.runs[i], mapping.time
     if clock is None or clock.file is not None or clock.table is not None:
         return True
@@ -301,7 +301,7 @@ def _check_clock(path: Path, clock: Clock | None) -> None:
         )
     if clock.format in SECONDS and clock.scale is not None:
         raise InputError(
-            f"{path}: time.scale: {clock.scale!r}, expected none: {clock.format!r} has its of_run"
+            f"{path}: time.scale: {clock.scale!r}, expected none: {clock.format!r} has a scale of its own"
         )
 
 

@@ -28,26 +28,39 @@ USUAL: tuple[float, ...] = (
 )
 USUAL += (32767.0, 32768.0, 2147483647.0, 2147483648.0)
 _HUGE = 1e10  # in any unit of an archive; default fills of netCDF and others are beyond
-_SINGLE = 2e-7  # relative: a number in single precision is that of a map
+_DOUBLE = 1e-15  # relative: rounding by a scale that the archive states
 _FAR, _VERY_FAR = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
 _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
+_SET_POINTS = "guidance_"  # channels that stay at the numbers that an operator chooses
 
 
-def check_markers(place: str, channel: str, parts: Iterable[Array], fs: float) -> None:
-    """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it."""
+def check_markers(
+    place: str, channel: str, parts: Iterable[Array], fs: float, *, is_complete: bool = False
+) -> None:
+    """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it.
+
+    A channel that is complete states that no number does; its parts are read all the same.
+    """
     extreme = Extreme()
     for values in parts:
         extreme.add(values)
-    if extreme.is_marker(channel):
+    if not is_complete and extreme.is_marker(channel):
         raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
 
 
 def replace_markers(values: Array, missing: Sequence[float]) -> Array:
-    """Return values of an archive, NaN where one is a marker of missing samples."""
+    """Return values of an archive, NaN where one is a marker in double or single precision."""
     for marker in missing:
-        with np.errstate(over="ignore"):
-            values = np.where(np.isclose(values, marker, rtol=_SINGLE, atol=0.0), np.nan, values)
+        values = np.where(_equal(values, marker), np.nan, values)
     return values
+
+
+def _equal(values: Array, marker: float) -> NDArray[np.bool_]:
+    """Return which values are a number, or what single precision makes of it."""
+    with np.errstate(over="ignore"):
+        single = float(np.float32(marker))
+        close = np.isclose(values, marker, rtol=_DOUBLE, atol=0.0)
+    return np.asarray(close | ((values == single) & np.isfinite(single)))
 
 
 @dataclass
@@ -95,11 +108,21 @@ class Extreme:
         if channel not in CHANNELS or not 2 <= self.count < self._size:
             return False
         size = abs(self.value)
-        usual = size >= _HUGE or bool(np.any(np.isclose(size, USUAL, rtol=_SINGLE, atol=0.0)))
+        usual = size >= _HUGE or (not channel.startswith(_SET_POINTS) and self._is_usual())
         if usual and size > _FAR * self.others:
             return True
         is_rare = self.count < self._size / 2
         return channel.startswith(_READ_OUTS) and is_rare and size > _VERY_FAR * self.others > 0.0
+
+    def _is_usual(self) -> bool:
+        size = np.array([abs(self.value)])
+        return any(_equal(size, marker).any() for marker in USUAL)
+
+    def spell(self) -> str:
+        """Return the value with as few digits as `replace_markers` needs to recognise it."""
+        spelt = (f"{self.value:.{digits}g}" for digits in range(7, 17))
+        value = np.array([self.value])
+        return next((text for text in spelt if _equal(value, float(text)).all()), repr(self.value))
 
     def describe(self, fs: float) -> str:
         """Return what the value is and where, for a message."""

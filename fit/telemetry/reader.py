@@ -22,7 +22,15 @@ from fit.files import key
 from fit.parallel import parallel_map, update_progress
 from fit.telemetry import axis, guard
 from fit.telemetry.contract import REQUIRED, SCHEMA, TOWARDS_1, TOWARDS_2, Root, XAxis, check_root, utc, whole
-from fit.telemetry.datasets import channel_names, channel_units, check_missing, lying, plain, read_time
+from fit.telemetry.datasets import (
+    channel_names,
+    channel_units,
+    check_missing,
+    complete_channels,
+    lying,
+    plain,
+    read_time,
+)
 from fit.telemetry.markers import check_markers
 from fit.telemetry.pieces import Row, pieces
 from fit.telemetry.rows import OnDemand, check_schema, opened
@@ -183,9 +191,11 @@ def check_channels(telemetry: Telemetry) -> None:
     InputError
         If a value breaks the contract, or seems to mark missing samples.
     """
+    with opened(telemetry.path) as file:
+        complete = complete_channels(file, telemetry.units)
     for name in telemetry.channels:
         place = f"{telemetry.path}: channel {key(name)}"
-        check_markers(place, name, _parts(telemetry, name), telemetry.fs)
+        check_markers(place, name, _parts(telemetry, name), telemetry.fs, is_complete=name in complete)
 
 
 def _parts(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:

@@ -47,6 +47,8 @@ class ArchiveColumn:
         From the unit of the archive to that of the contract.
     missing : list of float
         Numbers that mark missing samples, in the unit of the archive.
+    is_complete : bool
+        Whether the map states of this channel that no number does.
     """
 
     table: Table
@@ -55,6 +57,7 @@ class ArchiveColumn:
     size: int
     factor: float
     missing: list[float]
+    is_complete: bool
 
 
 class Archives:
@@ -148,7 +151,7 @@ class Archives:
         if column.unit and known.unit:
             _check_units(place, column.unit, known.unit, channel, attributes)
         missing = self._map.missing if column.missing is None else column.missing
-        return ArchiveColumn(table, name, place, known.size, factor, missing)
+        return ArchiveColumn(table, name, place, known.size, factor, missing, column.missing == [])
 
     def _stamps(self, table: Table, name: str) -> tuple[str, stamps.Stamps]:
         clock = self._map.time

@@ -127,7 +127,7 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
     """
     seconds = stamps.seconds
     if not seconds[-1] > seconds[0]:
-        _refuse_single(place, stamps)
+        _check_resolution(place, stamps, abs(float(seconds[-1] - seconds[0])))
         raise InputError(f"{place}: from {seconds[0]:g} s to {seconds[-1]:g} s, expected it to increase")
     _refuse_absent_rows(place, seconds, stamps.resolution)
     rates = [fs] if fs is not None else _rates(seconds, stamps.resolution)
@@ -140,8 +140,8 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
                 return even, rate
         else:
             return (np.asarray(time[:]) if stamps.t0 is None else even), rate
-    _refuse_single(place, stamps)
-    return np.asarray(check_time(place, seconds, rates[0])[:]), rates[0]
+    _check_resolution(place, stamps, 0.5 / rates[0])
+    return np.asarray(check_time(place, seconds, rates[0], resolution=stamps.resolution)[:]), rates[0]
 
 
 def _refuse_absent_rows(place: str, seconds: Array, resolution: float) -> None:
@@ -386,8 +386,9 @@ def _resolution(values: Array) -> tuple[float, bool]:
     return max(digit, spacing, single), single > digit
 
 
-def _refuse_single(place: str, stamps: Stamps) -> None:
-    if stamps.is_single:
+def _check_resolution(place: str, stamps: Stamps, largest: float) -> None:
+    """Refuse single precision whose last digit is worth more than `largest` [s]."""
+    if stamps.is_single and stamps.resolution > largest:
         raise InputError(
             f"{place}: kept in single precision, the time stamps have lost their digits: they are rounded to "
             f"{stamps.resolution:g} s, expected double precision, or no [time] but attributes fs and t0"

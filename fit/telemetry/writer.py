@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -35,6 +35,8 @@ class Writer:
         Attributes of a group ``/truth``.
     truths : mapping of str to (ndarray, str), optional
         Datasets in that group, each with its unit.
+    complete : collection of str
+        Channels that state, by an attribute missing_value of NaN, that no number marks missing samples.
     finite : bool
         Refuse values that are not.
     alphabetical : bool
@@ -57,6 +59,7 @@ class Writer:
         *,
         truth: Mapping[str, float] | None = None,
         truths: Mapping[str, tuple[Array, str]] | None = None,
+        complete: Collection[str] = (),
         finite: bool = False,
         alphabetical: bool = False,
         settled: bool = True,
@@ -76,6 +79,8 @@ class Writer:
                 self._channels[name] = channel = self._file.create_dataset(name, (size,), dtype="f8")
                 about = {"units": unit, "long_name": long_name}
                 channel.attrs.update(sorted(about.items()) if alphabetical else about)
+                if name in complete:
+                    channel.attrs["missing_value"] = np.nan
                 if name == "time":
                     channel.make_scale("time")
                 else:

@@ -31,11 +31,17 @@ class Series:
         Returns the rows of a slice: an array of numbers with NaN for missing samples, or one of texts.
     source : str
         What it is a column of: the array, or the table in the file. These have an order, a file has none.
+    dtype : numpy.dtype or None
+        Of the stored values, where an array of the file has them.
+    field : str
+        Name of the field of records that it is, empty for others.
     """
 
     column: Column
     read: Callable[[slice], Any] | None = None
     source: str = ""
+    dtype: np.dtype[Any] | None = None
+    field: str = ""
 
     def scaled(self, factor: float, offset: float = 0.0) -> "Series":
         """Return these numbers times a factor, plus an offset."""
@@ -137,7 +143,8 @@ def series_of(name: str, array: Any, unit: str | None = None) -> dict[str, Serie
     if array.dtype.names:
         series: dict[str, Series] = {}
         for member in array.dtype.names:
-            series |= series_of(f"{name}.{member}" if name else member, field(array, member), unit)
+            columns = series_of(f"{name}.{member}" if name else member, field(array, member), unit)
+            series |= {column: replace(each, field=member) for column, each in columns.items()}
         return {column: replace(each, source=name) for column, each in series.items()}
     return {column: replace(each, source=name) for column, each in _plain(name, array, unit).items()}
 
@@ -185,7 +192,8 @@ def row(array: Any, unit: str | None, time: int, at: Mapping[int, int]) -> Serie
             lambda part: np.datetime_as_string(np.asarray(read(part))),
         )
     is_text = array.dtype.kind not in _NUMBERS
-    return Series(Column(array.shape[time], unit, "text" if is_text else "", text=is_text), read)
+    column = Column(array.shape[time], unit, "text" if is_text else "", text=is_text)
+    return Series(column, read, dtype=array.dtype)
 
 
 def _letters(array: Any) -> Callable[[slice], Any]:

@@ -19,7 +19,7 @@ def unit_of(attributes: Mapping[str, Any]) -> str | None:
     return clean_unit(stated.partition(" since ")[0]) if isinstance(stated, str) else None
 
 
-def decode(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -> Series:
+def decode(series: Series, attributes: Mapping[str, Any]) -> Series:
     """Return a column with the missing samples and the scale that its attributes state.
 
     Parameters
@@ -27,9 +27,7 @@ def decode(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -
     series : Series
         As it is stored.
     attributes : mapping of str to object
-        By name.
-    kind : numpy.dtype
-        Of the stored numbers.
+        By name; a mark of missing records has that of each field.
     """
     column = series.column
     if column.size is None or column.text:
@@ -38,9 +36,10 @@ def decode(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -
         reason = "unsigned integers stored as signed ones (attribute _Unsigned)"
         return Series(Column(None, column.unit, reason), source=series.source)
     stated = [np.atleast_1d(attributes[name]) for name in _MISSING if name in attributes]
-    marks = [mark for values in stated for mark in values if _is_representable(mark, kind)]
+    stated = [_of_field(values, series.field) for values in stated]
+    marks = [mark for values in stated for mark in values if _is_representable(mark, series.dtype)]
     if marks:
-        series = series.without(np.asarray(marks).astype(kind))
+        series = series.without(np.asarray(marks).astype(series.dtype))
     scale, offset = (plain(attributes.get(name)) for name in ("scale_factor", "add_offset"))
     if isinstance(scale, int | float) or isinstance(offset, int | float):
         series = series.scaled(
@@ -50,9 +49,16 @@ def decode(series: Series, attributes: Mapping[str, Any], kind: np.dtype[Any]) -
     return series
 
 
-def _is_representable(mark: Any, kind: np.dtype[Any]) -> bool:
+def _of_field(values: Any, field: str) -> Any:
+    """Return what an attribute states of a field: its part of a record, else the attribute itself."""
+    if values.dtype.names is None:
+        return values
+    return values[field] if field in values.dtype.names else ()
+
+
+def _is_representable(mark: Any, kind: np.dtype[Any] | None) -> bool:
     """Return whether a mark of missing samples can be among numbers of a type."""
-    if not isinstance(mark, np.number) or kind.kind not in "iuf":
+    if kind is None or not isinstance(mark, np.number) or kind.kind not in "iuf":
         return False
     with np.errstate(all="ignore"):
         return kind.kind == "f" or bool(mark.astype(kind) == mark)

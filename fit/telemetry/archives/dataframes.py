@@ -8,13 +8,16 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fit.errors import InputError
+from fit.errors import StorageError
 from fit.telemetry.archives import arrays
 from fit.telemetry.archives.arrays import Series
 from fit.telemetry.archives.table import Column
-from fit.telemetry.datasets import check_storage, plain
+from fit.telemetry.datasets import plain
+from fit.telemetry.storage import check_storage
 
 _NAMES = ("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "INT", "BININT", "BININT1", "BININT2")
+#: What a group raises that has the attributes of pandas, but not what pandas writes.
+_MISFITS = (KeyError, AttributeError, TypeError, ValueError, OverflowError)
 
 
 def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
@@ -27,11 +30,11 @@ def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
         columns = {"frame": _frame, "series": _series}.get(kind, _none)(group)
         if kind.endswith("_table") and isinstance(group.get("table"), h5py.Dataset):
             columns = _table(group)
-    except (KeyError, AttributeError):  # not as pandas writes it
-        return None
-    except InputError as error:
-        reason = f"a data frame of pandas in {str(error).removeprefix(': ')}"
+    except StorageError as error:
+        reason = f"a data frame of pandas in {error.reason}, expected {error.expected}"
         return {name: Series(Column(None, reason=reason), source=name)}
+    except _MISFITS:
+        return None
     if columns is None:
         return None
     return {f"{name}.{column}": replace(each, source=name) for column, each in columns.items()}
@@ -75,7 +78,8 @@ def _table(group: h5py.Group) -> dict[str, Series]:
             columns[labels[0] if len(labels) == 1 else field] = _column(values, kind)
         else:
             columns |= arrays.series_of(field, values)
-    order = ["index", *_pickled(group.attrs.get("non_index_axes"))]
+    _, *labels = _pickled(group.attrs.get("non_index_axes")) or [""]  # the number of the axis, its labels
+    order = ["index", *labels]
     return {label: columns[label] for label in (*(o for o in order if o in columns), *columns)}
 
 
@@ -107,6 +111,7 @@ def _timed(series: Series, kind: object) -> Series:
     read, unit = series.read, unit.partition(",")[0] or "ns"
     if read is None or name not in ("datetime64", "timedelta64"):
         return series
+    np.datetime_data(f"M8[{unit}]")  # refuses a unit that is none
     if name == "timedelta64":
         return replace(series, column=replace(series.column, unit=unit))
 

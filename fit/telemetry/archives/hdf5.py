@@ -6,12 +6,13 @@ from pathlib import Path
 
 import h5py
 
-from fit.errors import InputError
+from fit.errors import InputError, StorageError
 from fit.telemetry.archives import dataframes, matlab73, netcdf, objects
 from fit.telemetry.archives.arrays import Arrays, Series, select_table, series_of
 from fit.telemetry.archives.attributes import decode, unit_of
 from fit.telemetry.archives.table import Column, Table
-from fit.telemetry.datasets import check_storage, plain
+from fit.telemetry.datasets import plain
+from fit.telemetry.storage import check_storage
 
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc", ".nc4")
 _CACHE = 2**26  # bytes of unpacked chunks, so that rows of a matrix are not unpacked for each of its columns
@@ -74,10 +75,8 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
         return {name: Series(Column(None, reason="empty"), source=name)}
     try:
         check_storage(dataset, "")
-    except InputError as error:
-        reason, _, expected = str(error).removeprefix(": ").partition(", expected ")
-        if dataset.chunks is not None and "filters" in reason:
-            reason = f"{reason} ({expected} are read)"
+    except StorageError as error:
+        reason = f"{error.reason} ({error.expected} are read)" if error.is_filtered else error.reason
         return {name: Series(Column(None, reason=reason), source=name)}
     if matlab == "char":
         return {name: matlab73.letters(dataset, name)}
@@ -87,4 +86,4 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
     if matlab == "cell":
         return matlab73.cells(dataset, name)
     series = series_of(name, dataset, unit_of(dataset.attrs))
-    return {column: decode(each, dataset.attrs, dataset.dtype) for column, each in series.items()}
+    return {column: decode(each, dataset.attrs) for column, each in series.items()}

@@ -4,7 +4,8 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 from fit.errors import InputError, shown
@@ -46,7 +47,13 @@ class Layout:
 
     def row(self, cells: list[str]) -> list[str]:
         """Return the cells of a line without an empty one after the last delimiter."""
+        if not cells:  # a blank line
+            return [""]
         return cells[:-1] if len(cells) == len(self.names) + 1 and not cells[-1].strip() else cells
+
+    def is_empty_row(self, line: str) -> bool:
+        """Return whether a blank line among the data is a row of which all samples are missing."""
+        return not line.strip() and (len(self.names) == 1 or (self.delimiter == "\t" and "\t" in line))
 
 
 def is_data(line: str) -> bool:
@@ -98,7 +105,7 @@ def detect_layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     Raises
     ------
     InputError
-        If it is no text, or the decimal mark is ambiguous.
+        If it is no text, or the decimal mark or the first row is ambiguous.
     """
     lines = [(n, text) for n, text in sample if is_data(text)]
     if not lines:
@@ -120,10 +127,22 @@ def detect_layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     first = lines[head][0] if head < len(lines) else lines[-1][0] + 1
     is_text = is_text if head < len(lines) else [False] * width
     comments = [t.lstrip("#% \t") for n, t in sample if n < first and t.strip() and not is_data(t)]
-    names, units = _names(rows[:head], comments, delimiter, is_text)
-    return Layout(
-        delimiter, _decimal(path, lines[head:], rows[head:], delimiter), names, units, is_text, first
-    )
+    head_rows = (
+        [[" ".join(row)] for row in rows[:head]] if width == 1 else rows[:head]
+    )  # a name with its unit
+    names, units = _names(head_rows, comments, delimiter, is_text)
+    if width == 2 and delimiter == ",":
+        _check_commas(path, lines[head:], lines[:head], comments)
+    decimal = _decimal(path, lines[head:], rows[head:], delimiter)
+    layout = Layout(delimiter, decimal, names, units, is_text, first)
+    above = reversed([(n, text) for n, text in sample if n < first])
+    empty = [n for n, _ in takewhile(lambda line: layout.is_empty_row(line[1]), above)]
+    if empty and width == 1:
+        raise InputError(
+            f"{path}: line {empty[-1]}: blank above the first number of a single column, which may be a "
+            "missing sample, expected nan if it is one, or no blank line"
+        )
+    return replace(layout, first=min([first, *empty]))
 
 
 def _likelihood(lines: Sequence[str], delimiter: str) -> float:
@@ -209,6 +228,27 @@ def _are_units(names: Sequence[str], row: Sequence[str], is_text: Sequence[bool]
     known = sum(clean_unit(cell) is None or is_unit(cell) for cell in cells)
     in_brackets = any(cell[0] + cell[-1] in ("[]", "()") for cell in cells)
     return in_brackets or known == len(cells) or (2 * known >= len(cells) and known > others)
+
+
+def _check_commas(
+    path: Path, data: Sequence[tuple[int, str]], head: Sequence[tuple[int, str]], comments: Sequence[str]
+) -> None:
+    """Refuse lines that are two integers each, or else one number with a decimal comma.
+
+    Names of two columns above them, or in a comment, say which.
+    """
+    if not data or not all(_COMMA.fullmatch(text.strip()) for _, text in data):
+        return
+    names = split([text for _, text in head], ",")
+    names += [
+        row for row in split(comments, ",") if not any(" " in split_unit(cell.strip())[0] for cell in row)
+    ]
+    if not any(len(row) == 2 and all(cell.strip() for cell in row) for row in map(_trimmed, names)):
+        n, line = data[0]
+        raise InputError(
+            f"{path}: line {n}: {shown(line.strip())}, the comma may be a decimal mark or separate two "
+            "columns, expected numbers with a decimal point, or the names of two columns in the line above"
+        )
 
 
 def _decimal(path: Path, lines: Sequence[tuple[int, str]], rows: Sequence[list[str]], delimiter: str) -> str:

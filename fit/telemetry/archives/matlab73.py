@@ -9,7 +9,8 @@ import h5py
 from fit.errors import InputError
 from fit.telemetry.archives.arrays import Series, series_of
 from fit.telemetry.archives.table import Column
-from fit.telemetry.datasets import check_storage, plain
+from fit.telemetry.datasets import plain
+from fit.telemetry.storage import check_storage
 
 _OBJECT = 3  # of the attribute MATLAB_object_decode
 _MOST_CELLS = 100  # of numbers

@@ -87,7 +87,7 @@ class Text(Table):
         self._layout = detect_layout(path, list(self._sample()))
         self._names = unique_names(self._layout.names)
         self.order = self._names
-        size = sum(1 for _ in self._lines())
+        size, self._last = self._extent()
         self.columns = {
             name: Column(size, unit, "text" if text else "", text)
             for name, unit, text in zip(self._names, self._layout.units, self._layout.is_text, strict=True)
@@ -119,8 +119,22 @@ class Text(Table):
                 return
 
     def _lines(self) -> Iterator[tuple[int, str]]:
-        """Yield number and text of every line of data."""
-        return ((n, text) for n, text in self._numbered() if n >= self._layout.first and is_data(text))
+        """Yield number and text of every line of data, blank ones of a single column among them."""
+        for n, text in self._numbered():
+            if n > self._last:
+                return
+            if n >= self._layout.first and (is_data(text) or self._layout.is_empty_row(text)):
+                yield n, text
+
+    def _extent(self) -> tuple[int, int]:
+        """Return the number of rows, and that of the last line with data: blank ones after it are none."""
+        size = last = empty = 0
+        for n, text in self._numbered():
+            if n >= self._layout.first and is_data(text):
+                size, last, empty = size + empty + 1, n, 0
+            elif n >= self._layout.first and self._layout.is_empty_row(text):
+                empty += 1
+        return size, last
 
     def _numbered(self) -> Iterator[tuple[int, str]]:
         self._file.seek(0)

@@ -1,12 +1,14 @@
 """Archives in HDF5 and netCDF, as h5py, pandas and xarray write them."""
 
+import pickle
+
 import h5py
 import numpy as np
 import pytest
 import xarray
 from scipy.io import netcdf_file
 
-from fit.errors import InputError
+from fit.errors import InputError, StorageError
 from fit.telemetry.archives import opened
 from tests.fit.telemetry.columns import (
     NAN,
@@ -180,3 +182,93 @@ def test_pickles_of_pandas_are_not_unpickled(tmp_path):
     found = read(tmp_path / "a.h5", "table")
     assert list(found) == ["index", *(f"values_block_0[{k}]" for k in (1, 2, 3))]
     assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("labels", "blocks"),
+    [
+        (range(5), [range(5)]),
+        (["t", "b", "a", "1", "c"], [["t", "b", "a", "1", "c"]]),
+        ([2, 1, 0], [[2, 0], [1]]),
+    ],
+)
+def test_columns_of_data_frames_that_are_numbers_keep_their_order(tmp_path, labels, blocks):
+    labels = list(labels)
+    fields = [(f"values_block_{i}", "f8", (len(block),)) for i, block in enumerate(blocks)]
+    table = np.zeros(N, [("index", "i8"), *fields])
+    for (field, *_), block in zip(fields, blocks, strict=True):
+        table[field] = [[10 * row + labels.index(label) for label in block] for row in range(N)]
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("df")
+        group.attrs["pandas_type"] = np.bytes_(b"frame_table")
+        group.attrs["non_index_axes"] = np.bytes_(pickle.dumps([(1, labels)], 0))
+        group["table"] = table
+        for (field, *_), block in zip(fields, blocks, strict=True):
+            group["table"].attrs[f"{field}_kind"] = np.bytes_(pickle.dumps(list(block), 0))
+    with opened(tmp_path / "a.h5", "df") as archive:
+        assert list(archive.columns) == ["index", *map(str, labels)]
+        for k, label in enumerate(labels):
+            assert archive.column(k + 2) == str(label)
+            (values,) = next(archive.blocks([str(label)]))
+            np.testing.assert_array_equal(values, 10 * np.arange(N) + k)
+
+
+def misfits():
+    fixed = {"axis0": 1, "axis1": 2, "block0_items": 3, "block0_values": 4}
+    return {
+        "a word as a count": ({"pandas_type": np.bytes_(b"frame"), "nblocks": "many"}, {"x": T}),
+        "an infinite count": ({"pandas_type": np.bytes_(b"frame"), "nblocks": np.inf}, {"x": T}),
+        "scalars as axes": ({"pandas_type": np.bytes_(b"frame"), "nblocks": 1}, fixed),
+        "a table without fields": ({"pandas_type": np.bytes_(b"frame_table")}, {"table": T}),
+    }
+
+
+@pytest.mark.parametrize("case", misfits())
+def test_a_group_that_is_no_data_frame_is_one_of_arrays(tmp_path, case):
+    attributes, members = misfits()[case]
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("d")
+        group.attrs.update(attributes)
+        for name, values in members.items():
+            group[name] = values
+    same(read(tmp_path / "a.h5"), {f"d.{name}": T for name in members if len(members) == 1})
+
+
+def test_a_data_frame_with_times_in_no_unit_is_one_of_arrays(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("d")
+        group.attrs["pandas_type"] = np.bytes_(b"series")
+        group["index"], group["values"] = np.arange(N), X
+        group["index"].attrs["kind"] = np.bytes_(b"datetime64[furlong]")
+    same(read(tmp_path / "a.h5"), {"d.index": np.arange(N), "d.values": X})
+
+
+@pytest.mark.parametrize("name", ["_FillValue", "missing_value"])
+def test_missing_samples_of_records(tmp_path, name):
+    kind = np.dtype([("t", "f8"), ("x", "f4"), ("n", "i4"), ("xyz", "f8", (2,)), ("flag", "S2")])
+    records = np.zeros(N, kind)
+    records["t"], records["x"], records["n"], records["xyz"] = T, X, range(N), OUT[:, 1:]
+    records["x"][7], records["n"][9], records["xyz"][11, 1] = -9999, -9999, -9999
+    of_each = np.zeros(1, kind)
+    of_each["t"], of_each["x"], of_each["n"], of_each["xyz"] = 3.5, -9999, 5, [-9999, -9999]
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["one"], file["each"] = records, records
+        file["one"].attrs[name] = np.float64(-9999)
+        file["each"].attrs[name] = of_each[["t", "x", "n"]]
+    found = read(tmp_path / "a.h5")
+    lost = {k: np.flatnonzero(np.isnan(v)).tolist() for k, v in found.items() if v.dtype.kind == "f"}
+    assert {k: n for k, n in lost.items() if n} == {
+        "each.n": [5],
+        "each.t": [7],
+        "each.x": [7],
+        "one.n": [9],
+        "one.x": [7],
+        "one.xyz[2]": [11],
+    }
+
+
+def test_a_fault_of_storage_comes_whole_from_another_process():
+    fault = StorageError("a.h5: x", "chunks of 10 values", "fewer", is_filtered=True)
+    copied = pickle.loads(pickle.dumps(fault))
+    assert str(copied) == str(fault) == "a.h5: x: chunks of 10 values, expected fewer"
+    assert copied.is_filtered

@@ -62,6 +62,15 @@ def test_a_folder_of_a_run_means_its_telemetry_whatever_lies_beside(tmp_path, wi
     assert telemetry_files([tmp_path]) == files
 
 
+@pytest.mark.parametrize("others", [["b"], ["b", "c"], ["b", "failed"]])
+def test_the_loss_of_telemetry_that_results_name_is_reported(tmp_path, others):
+    telemetry(tmp_path / "telemetry", *others)
+    results(tmp_path, "telemetry/a.h5", "telemetry/b.h5")
+    message = refused(telemetry_files, [tmp_path])
+    assert message.startswith(f"{tmp_path / 'telemetry' / 'a.h5'}: no such file, expected telemetry that ")
+    assert str(tmp_path / "results.json") in message
+
+
 def test_results_without_telemetry_beside_them_mean_what_they_name(tmp_path):
     files = telemetry(tmp_path / "flight", "a", "b", "other")
     results(tmp_path / "out", "../flight/a.h5", "../flight/b.h5")

@@ -80,7 +80,11 @@ FAULTS = {
     "no column": ("column = 2, ", "", 'channels.o_1.column: missing, write column = "t"'),
     "no text": ('unit = "pN"', "unit = 5", "channels.f_x_1.unit: 5 is not a text, write it in quotes"),
     "format": ('"gps"', '"GPS"', 'time.format: "GPS" is not known, did you mean "gps"?'),
-    "scale of a format with its own": ('"gps"', '"gps"\nscale = "utc"', "time.scale: 'utc', expected none"),
+    "scale of a format with its own": (
+        '"gps"',
+        '"gps"\nscale = "utc"',
+        "time.scale: 'utc', expected none: 'gps' has a scale of its own",
+    ),
     "scale": ('"gps"', '"mjd"\nscale = "ut1"', 'time.scale: "ut1" is not known, did you mean "utc"?'),
     "unit of days": ('"gps"', '"mjd"\nunit = "d"', "time.unit: 'd', expected none with format 'mjd'"),
     "marker": ("missing = -1", 'missing = "n/a"', 'channels.o_1.missing: "n/a" is no number'),

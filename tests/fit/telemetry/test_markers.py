@@ -1,0 +1,95 @@
+"""Numbers that mark missing samples: real samples near them stay, and a map can state that none does."""
+
+import h5py
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from fit.telemetry.conversion import convert
+from fit.telemetry.markers import Extreme, replace_markers
+from fit.telemetry.reader import read
+
+N = 2400
+UNITS = {"o_1": "nm", "o_12": "nm", "f_x_1": "pm s-2", "f_x_2": "pm s-2"}
+
+
+@pytest.fixture
+def columns():
+    rng = np.random.default_rng(15)
+    return {name: rng.normal(size=N) for name in UNITS}
+
+
+def converted(folder, columns, *, top="", keys="", **units):
+    """Telemetry that a map makes of columns in HDF5; `keys` are those of its channel o_12."""
+    with h5py.File(folder / "A.hdf5", "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+    more = {"o_12": keys}
+    lines = "".join(
+        f'{name} = {{ column = "{name}", unit = "{unit}"{more.get(name, "")} }}\n'
+        for name, unit in {**UNITS, **units}.items()
+    )
+    (folder / "map.toml").write_text(
+        f'schema = "lpf-map/1"\n{top}\n[attributes]\nm_tm = 1.928\nF_max_1 = 0.0\nF_max_2 = 2.2e-9\n'
+        "N_max_1 = 1e-11\nN_max_2 = 1e-11\nalignment_epoch = 1\nfs = 10.0\n"
+        f'[channels]\n{lines}\n[[runs]]\nfile = "A.hdf5"\nrun = "A"\nexperiment = "A"\nkind = "sysid"\n'
+        "t0 = 2016-04-16T14:00:00Z\n"
+    )
+    (path,) = convert([folder / "map.toml"], folder / "out", any_gaps=False)
+    return read(path)
+
+
+@pytest.mark.parametrize("marker", [9999.0, -999.9, 32768.0])
+def test_real_samples_near_a_marker_stay(marker):
+    near = marker + np.arange(-50, 50) * 5e-5 * abs(marker) / 9999
+    lost = np.isnan(replace_markers(near, [marker]))
+    assert np.flatnonzero(lost).tolist() == [50]
+    assert not np.isnan(
+        replace_markers(np.nextafter([marker, marker], [np.inf, -np.inf]) * (1 + 1e-12), [marker])
+    ).any()
+
+
+@pytest.mark.parametrize("marker", [-9999.9, 1e20, 9.96921e36, 0.1, -9999.0, 0.0, np.inf])
+def test_a_marker_in_single_precision_or_scaled_is_found(marker):
+    values = np.array([np.float32(marker), marker, marker / 0.1 * 0.1, 1.5])
+    assert np.isnan(replace_markers(values, [marker])).tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    "value", [-123456.789, float(np.float32(-9999.9)), float(np.float32(1e20)), 32768.0, -1e30]
+)
+def test_the_map_that_a_message_asks_for_is_enough(tmp_path, columns, value):
+    columns["o_12"][50:900:200] = value
+    with pytest.raises(
+        InputError, match=r"missing = \S+ in the map, .* or missing = \[\] in channels"
+    ) as refused:
+        converted(tmp_path, columns)
+    cure = str(refused.value).partition("expected ")[2].partition(" in the map")[0]
+    run = converted(tmp_path, columns, top=cure)
+    assert np.flatnonzero(np.isnan(run.channels["o_12"])).tolist() == list(range(50, 900, 200))
+
+
+@pytest.mark.parametrize("value", [999.0, 32768.0, -4321.0])
+def test_a_channel_without_markers_is_said_to_be_so(tmp_path, columns, value):
+    columns["o_12"][[50, 250]] = value
+    run = converted(tmp_path, columns, keys=", missing = []")
+    np.testing.assert_allclose(run.channels["o_12"], 1e-9 * columns["o_12"], rtol=1e-14)
+    with h5py.File(run.path) as file:
+        assert [name for name in file if "missing_value" in file[name].attrs] == ["o_12"]
+        assert np.isnan(file["o_12"].attrs["missing_value"])
+    columns["o_1"][[50, 250]] = value
+    with pytest.raises(InputError, match=r"\(channel o_1\): .* seems to mark missing samples"):
+        converted(tmp_path, columns, keys=", missing = []")
+
+
+@pytest.mark.parametrize("step", [999.0, 999.9, -32768.0, 9999.0])
+def test_guidance_may_step_by_any_number(tmp_path, columns, step):
+    columns["guidance_o_12"] = np.where(np.arange(N) // 300 % 2, step, 0.0)
+    run = converted(tmp_path, columns, guidance_o_12="nm")
+    np.testing.assert_allclose(run.channels["guidance_o_12"], 1e-9 * columns["guidance_o_12"], rtol=1e-14)
+
+
+def test_guidance_is_not_a_fill_value():
+    extreme = Extreme()
+    extreme.add(np.where(np.arange(N) % 100, 0.0, -1e20))
+    assert extreme.is_marker("guidance_o_12")

@@ -1,0 +1,49 @@
+"""Faults of time stamps with few digits: those of the samples are reported, not those of the rounding."""
+
+import re
+
+import numpy as np
+import pytest
+
+from fit.errors import InputError
+from fit.telemetry import stamps
+
+N = 36000
+LOST = np.delete(np.arange(N + 1), 900)
+
+
+def single(begin):
+    return lambda t: (begin + t).astype("f4").astype(float)
+
+
+def milliseconds(t):
+    return np.round(t, 3)
+
+
+@pytest.mark.parametrize("fs", [10.0, 3.0])
+@pytest.mark.parametrize("spell", [single(0.0), single(1e4), single(1e5), single(3e5), milliseconds])
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_lost_sample_is_named_whatever_the_rounding(fs, spell, stated):
+    rate = fs if stated else None
+    exact = stamps.read_elapsed("A: t", [spell(np.arange(N) / fs)], 1.0)
+    assert stamps.fit_grid("A: t", exact, rate)[1] == fs
+    column = stamps.read_elapsed("A: t", [spell(LOST / fs)], 1.0)
+    with pytest.raises(InputError, match="at sample 900, expected uniform steps") as refused:
+        stamps.fit_grid("A: t", column, rate)
+    earlier, later = map(float, re.findall(r"(?:from|to) (\S+) s", str(refused.value)))
+    assert earlier == pytest.approx(899 / fs, abs=0.04)
+    assert later == pytest.approx(901 / fs, abs=0.04)
+
+
+def test_single_precision_is_reported_where_it_loses_samples():
+    column = stamps.read_elapsed("A: t", [single(1e6)(LOST / 10)], 1.0)
+    with pytest.raises(
+        InputError, match=r"A: t: kept in single precision, .* rounded to 0\.0625 s, expected"
+    ):
+        stamps.fit_grid("A: t", column, None)
+
+
+def test_time_that_goes_backwards_in_single_precision():
+    column = stamps.read_elapsed("A: t", [single(4000.1)(-np.arange(N) / 10)], 1.0)
+    with pytest.raises(InputError, match=r"A: t: from 0 s to -3599\.9 s, expected it to increase"):
+        stamps.fit_grid("A: t", column, None)
