@@ -53,6 +53,8 @@ def identify_files(
     check_folder(directory, "telemetry")
     with about(campaign):
         validation.validate(plan)
+        # Before telemetry is fitted; `archives.held` checks the copies that are loaded.
+        archives.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
         placed = interfaces(plan.runs[0], fmus)
