@@ -1,14 +1,17 @@
 """FMUs of other tools: what is set and when, what is accepted, and what is said of those that fail."""
 
 import contextlib
+import shutil
 import tempfile
+import zipfile
 from dataclasses import replace
+from functools import partial
 
 import fmpy
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import interfaces, placement, slave, warnings
+from lpfcosim.cosim import compilation, interfaces, placement, slave, warnings
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.worlds import world_of
@@ -234,6 +237,40 @@ def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
     before = library.stat().st_mtime_ns
     simulate(run, fmus, archive)
     assert library.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("what", ["flags", "headers", "compiler for C++"])
+def test_sources_are_compiled_anew_with_other_tools(run, fmus, tmp_path, monkeypatch, what):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    archive = third_party.built(tmp_path, sources=True, fmi="3.0", name="source")
+    if what == "compiler for C++":
+        archive = sources_in_c_plus(archive, tmp_path / "plus.fmu")
+    _, found = placed(run, fmus, replacement(archive))
+    description = next(i.description for i in found if i.model == MODEL)
+    compiled = partial(compilation.compiled, archive, description, archive)
+    before = compiled()
+    assert compiled() == before
+    if what == "flags":
+        monkeypatch.setattr(compilation, "_FLAGS", (*compilation._FLAGS, "-O1"))
+    elif what == "headers":
+        headers = shutil.copytree(compilation._HEADERS, tmp_path / "headers")
+        (headers / "fmi3PlatformTypes.h").write_text("/* another version */")
+        monkeypatch.setattr(compilation, "_HEADERS", headers)
+    else:
+        monkeypatch.setenv("CXX", "g++ -O1")
+    assert compiled() != before
+
+
+def sources_in_c_plus(archive, path):
+    """Copy an archive with its C source under the name of one in C++."""
+    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name.endswith("buildDescription.xml"):
+                content = content.replace(b'"slave.c"', b'"slave.cpp"').replace(b' language="C11"', b"")
+            content = b"int none;" if name.endswith("slave.c") else content
+            target.writestr(name.replace("slave.c", "slave.cpp"), content)
+    return path
 
 
 def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):
