@@ -11,7 +11,7 @@ from pathlib import Path
 from fit.errors import quote
 from lpfcosim.cosim import compilation
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
-from lpfcosim.cosim.variables import REALS, known, stage
+from lpfcosim.cosim.variables import REALS, known, size, stage
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 from lpfcosim.network import Component, check_feedthrough, endpoint
@@ -147,7 +147,7 @@ def problems(
     if not missing:
         general = [
             partial(_check_once, interface, parameters),
-            partial(interface.parameters, values),
+            partial(_check_values, interface, values),
             *general,
         ]
     for check in general:
@@ -160,7 +160,7 @@ def problems(
 def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
     """Refuse a variable that would be set from two sides, be it under two names."""
     own = interface.replacement.values if interface.replacement else ()
-    set_by: dict[tuple[int, int], str] = {}
+    set_by: dict[tuple[tuple[str, int], int], str] = {}
     for name in (*interface.inputs, *map(interface.name, parameters), *own):
         place = interface.place(name)
         if set_by.get(place) == name:
@@ -171,6 +171,19 @@ def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
             other = set_by[place]
             raise InputError(f"{interface.named}: '{other}' and '{name}' are one variable; expected two")
         set_by[place] = name
+
+
+def _check_values(interface: Interface, values: Mapping[str, float]) -> None:
+    """Refuse values that are not of the type of their variable, and start values that the loop cannot send.
+
+    Inputs and arrays are sent as a whole, with the start values of the elements that nothing else sets.
+    """
+    for name in interface.parameters(values):
+        variable = interface.variable(name)
+        if size(variable) != 1:
+            interface.start_values(variable)
+    for name in (*interface.inputs, *interface.outputs):
+        interface.start_values(interface.variable(name))
 
 
 def check_variable(interface: Interface, ours: str, causality: str) -> None:

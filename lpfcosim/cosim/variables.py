@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,9 @@ _RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
+_DEFAULTS = {"Boolean": "false", "String": ""}
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_MOST_ELEMENTS = 10_000  # of an array
 _MOST_NAMES, _LONGEST = 12, 250  # that a message lists, and their letters
 
 
@@ -77,6 +80,58 @@ def known(names: Collection[str], name: str) -> str:
 def size(variable: Any) -> int:
     """Count the elements of a variable."""
     return math.prod(int(extent) for extent in variable.shape or ())
+
+
+def start_values(archive: Path, variable: Any, texts: Sequence[str]) -> list[Value]:
+    """Return the start values that a description states, row by row, as the type of the variable has them.
+
+    Parameters
+    ----------
+    archive : Path
+        The FMU, for messages.
+    variable : object
+        FMPy's record of the variable.
+    texts : sequence of str
+        What the description states: nothing, a value of each element, or one of all.
+
+    Raises
+    ------
+    InputError
+        If a value is not one of the type, or there are too many elements, or another number of values.
+    """
+    place = f"{archive}: variable {quote(variable.name)}"
+    count, kind = size(variable), variable.type
+    if not 0 <= count <= _MOST_ELEMENTS:
+        raise InputError(f"{place} has {count} elements; expected at most {_MOST_ELEMENTS}")
+    try:
+        values = [_parse(kind, text) for text in texts or (_DEFAULTS.get(kind, "0"),)]
+    except ValueError:
+        stated = quote(" ".join(texts))
+        raise InputError(f"{place} starts at {stated}; expected start values of type {line(kind)}") from None
+    if len(values) not in (1, count):
+        raise InputError(
+            f"{place} has {len(values)} start values and {count} elements; expected one value for each"
+        )
+    return values if len(values) == count else values * count
+
+
+def _parse(kind: str, text: str) -> Value:
+    """Return the value that a text of a description states; ValueError if it is not one of its type.
+
+    Types that `convert` refuses, such as Binary, do not come here.
+    """
+    if kind in REALS:
+        return float(text)
+    if kind == "String":
+        return text
+    if kind == "Boolean":
+        if text not in _BOOLEANS:
+            raise ValueError(text)
+        return _BOOLEANS[text]
+    low, high = _RANGES["Int64" if kind == "Enumeration" else kind]
+    if not low <= int(text) <= high:
+        raise ValueError(text)
+    return int(text)
 
 
 def resized(variables: Mapping[str, Any], structure: Mapping[str, Value]) -> dict[str, Any]:
