@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from lpfcosim.cosim import compilation
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
 from lpfcosim.cosim.variables import REALS, known, size, stage
 from lpfcosim.errors import InputError
-from lpfcosim.messages import line
+from lpfcosim.messages import grouped, line
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -70,6 +70,43 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         direct[component.model] = interface.direct
     check_feedthrough(world.steps(run), direct)
     return found
+
+
+def interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[Interface]:
+    """Check that the FMUs of a campaign fit their places in every run, as `interfaces` does for one.
+
+    Runs may differ in parameter values, which an FMU may refuse.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        All of the campaign.
+    fmus : mapping of str to Path
+        As of `interfaces`.
+
+    Returns
+    -------
+    list of Interface
+        Of the first run.
+
+    Raises
+    ------
+    InputError
+        As `interfaces`; with the names of the runs, unless it is the same for all.
+    """
+    found: list[list[Interface]] = []
+    refused: list[tuple[str, str]] = []
+    for run in runs:
+        try:
+            found.append(interfaces(run, fmus))
+        except InputError as error:
+            refused.append((run.name, str(error)))
+    causes = {cause for _, cause in refused}
+    if len(refused) == len(runs) and len(causes) == 1:
+        raise InputError(causes.pop())
+    if refused:
+        raise InputError("; ".join(grouped(refused)))
+    return found[0]
 
 
 def warnings(found: Iterable[Interface]) -> list[str]:

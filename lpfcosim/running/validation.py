@@ -81,7 +81,7 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
         from lpfcosim.running import fmus
 
         theirs = {r.model: r.archive for r in plan.replacements}
-        interfaces = placement.interfaces(plan.runs[0], theirs)  # the other runs have the same
+        interfaces = placement.interfaces_of_runs(plan.runs, theirs)
         odd = placement.warnings(interfaces)
         fmus.check_digests(plan, theirs)
     else:
