@@ -11,7 +11,7 @@ from pathlib import Path
 from fit.errors import quote
 from lpfcosim.cosim import compilation
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
-from lpfcosim.cosim.variables import REALS, known, size, stage
+from lpfcosim.cosim.variables import REALS, MissingVariableError, known, size, stage
 from lpfcosim.errors import InputError
 from lpfcosim.messages import grouped, line
 from lpfcosim.network import Component, check_feedthrough, endpoint
@@ -230,7 +230,8 @@ def check_variable(interface: Interface, ours: str, causality: str) -> None:
         variable = interface.variable(name)
     except InputError as error:
         purpose = f" as its {causality} for {ours}" if interface.replacement else ""
-        hint = known(interface.candidates(causality), name) if "is missing" in str(error) else ""
+        missing = isinstance(error, MissingVariableError)
+        hint = known(interface.candidates(causality), name) if missing else ""
         raise InputError(f"{error}{purpose}{hint}") from None
     place = f"{interface.named}: variable '{name}'"
     if variable.causality != causality or variable.variability == "constant":
@@ -247,9 +248,7 @@ def _check_settable(interface: Interface, name: str) -> None:
     every = {n: v for n, v in interface.variables.items() if stage(v)}
     try:
         variable = interface.variable(name)
-    except InputError as error:
-        if "is missing" not in str(error):
-            raise
+    except MissingVariableError:
         raise InputError(
             f"{interface.named}: has no parameter {quote(name)}, which values names{known(every, name)}"
         ) from None

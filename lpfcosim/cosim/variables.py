@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fit.errors import quote
-from fit.files import closest
+from fit.files import closest, suggestion
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 
@@ -32,6 +32,10 @@ _MOST_ELEMENTS = 10_000  # of an array
 _MOST_NAMES, _LONGEST = 12, 250  # that a message lists, and their letters
 
 
+class MissingVariableError(InputError):
+    """An FMU has no variable of a name."""
+
+
 class Stage(Enum):
     """The state of an instance in which FMI lets a variable be set before the first step."""
 
@@ -45,8 +49,10 @@ def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) 
 
     Raises
     ------
+    MissingVariableError
+        If there is none.
     InputError
-        If there is none, or `name` means a whole array.
+        If `name` means a whole array.
     """
     if name in variables:
         variable = variables[name]
@@ -66,14 +72,14 @@ def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) 
             for i, n in zip(indices, shape, strict=True):
                 place = place * n + i
             return variable, place
-    raise InputError(f"{archive}: variable '{name}' is missing; expected of the {model}")
+    raise MissingVariableError(f"{archive}: variable '{name}' is missing; expected of the {model}")
 
 
 def known(names: Collection[str], name: str) -> str:
     """Return which name of an FMU was probably meant, and which there are unless that is much to say."""
     hint = closest(name, names)
     if len(names) > _MOST_NAMES or len(hint) > _LONGEST:
-        hint = hint.partition(" (known: ")[0]
+        hint = suggestion(name, names)
     return line(hint) if len(hint) <= _LONGEST else ""
 
 
@@ -216,7 +222,7 @@ def _item(variable: Any, value: Value) -> int:
     if isinstance(value, int) and not isinstance(value, bool) and (value in items.values() or not items):
         return value
     names = line(", ".join(f"{quote(name)} ({number})" for name, number in items.items()))
-    hint = closest(value, items).partition(" (known: ")[0] if isinstance(value, str) else ""
+    hint = suggestion(value, items) if isinstance(value, str) else ""
     raise InputError(
         f"{quote(value)}{hint or ','} expected one of {names or 'the numbers'} (type Enumeration)"
     )

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from lpfcosim.cosim import compilation, interfaces, placement, slave, warnings
+from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.worlds import world_of
@@ -277,6 +278,26 @@ def test_float32_inputs_and_outputs(run, fmus, tmp_path, engine, names):
     got = simulate(run, fmus, archive, engine)
     assert np.allclose(got["f_x_2"], wanted["f_x_2"], rtol=0, atol=1e-5 * np.abs(wanted["f_x_2"]).max())
     assert not np.array_equal(got["f_x_2"], wanted["f_x_2"])
+
+
+def test_names_of_files_and_variables_do_not_change_what_is_said(run, fmus, tmp_path):
+    """Names that read like a message: of a file, an array in it, and an item of an enumeration."""
+    item = ('name="stiff"', 'name="stiff (known: 1)"')
+    archive = third_party.built(tmp_path, fmi="3.0", name="what is missing", changes=[item])
+    names = {**third_party.VARIABLES, "f_u": "weights"}
+    mine = Replacement(MODEL, archive, names, third_party.UNUSED)
+    with pytest.raises(InputError) as refused:
+        placed(run, fmus, mine)
+    assert str(refused.value).endswith("such as 'weights[1]' as its parameter for f_u")
+    message = refusal(run, fmus, archive, values={"weights": 1.0})
+    assert message.endswith("expected one of its elements, such as 'weights[1]'")
+    message = refusal(run, fmus, archive, values={"law": "stif (known: 1)"})
+    assert ', did you mean "stiff (known: 1)"? expected one of ' in message
+
+
+def test_one_of_many_names_that_reads_like_a_message():
+    names = [f"x_{i}" for i in range(20)] + ["force (known: 2)"]
+    assert known(names, "forces (known: 2)") == ', did you mean "force (known: 2)"?'
 
 
 FAULTS = {
