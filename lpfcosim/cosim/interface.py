@@ -200,8 +200,10 @@ def _strings(archive: Path, name: str) -> list[str]:
     """Return the start values of an array of strings, of which FMPy reads the first alone."""
     with zipfile.ZipFile(archive) as file:
         root = ET.fromstring(file.read("modelDescription.xml"))
-    found = next((v for v in root.iter("String") if v.get("name") == name), None)
-    return [] if found is None else [start.get("value", "") for start in found.iter("Start")]
+    for variable in root.iter("String"):
+        if name in (variable.get("name"), *(alias.get("name") for alias in variable.iter("Alias"))):
+            return [start.get("value", "") for start in variable.iter("Start")]
+    return []
 
 
 def read(

@@ -183,13 +183,14 @@ def with_array(folder, kind, start, elements="", of=3):
     return third_party.built(folder, fmi="3.0", changes=[('(<Float64 name="state")', rf"{array}\1")])
 
 
+@pytest.mark.parametrize("name", ["items", "alias"])
 @pytest.mark.parametrize("case", ARRAYS)
-def test_elements_of_arrays_of_every_type(run, fmus, tmp_path, case):
+def test_elements_of_arrays_of_every_type(run, fmus, tmp_path, case, name):
     start, elements, value, wanted = ARRAYS[case]
-    archive = with_array(tmp_path, case.split()[0], start, elements)
-    _, found = placed(run, fmus, replacement(archive, values={"items[2]": value}))
+    archive = with_array(tmp_path, case.split()[0], start, f'{elements}<Alias name="alias"/>')
+    _, found = placed(run, fmus, replacement(archive, values={f"{name}[2]": value}))
     (interface,) = (i for i in found if i.model == MODEL)
-    got = interface.start_values(interface.variable("items[1]"))
+    got = interface.start_values(interface.variable(f"{name}[1]"))
     assert (got, list(map(type, got))) == (wanted, list(map(type, wanted)))
 
 
