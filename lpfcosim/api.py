@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +18,8 @@ from lpfcosim.running import runner, telemetry, validation
 from lpfcosim.signals import decimation
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
+
+_messages = logging.getLogger(__name__)
 
 PathLike = str | os.PathLike[str]
 
@@ -41,6 +44,9 @@ def simulate(
     trusted: bool = False,
 ) -> list[Path]:
     """Simulate a campaign into ``folder/telemetry``, one file per run. Files that exist are kept.
+
+    The warnings that ``lpfcosim run`` prints, such as that of an FMU that is accepted because of
+    ``validate = false``, are logged by the logger ``lpfcosim.api`` at level WARNING.
 
     Parameters
     ----------
@@ -72,7 +78,8 @@ def simulate(
         If a run failed. The others are finished first.
     """
     plan = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
-    validation.validate(plan, fitted=False)
+    for warning in validation.validate(plan, fitted=False).warnings:
+        _messages.warning("%s", warning)
     directory = Path(folder) / "telemetry"
     with results.held(Path(folder)):
         if not fmus:

@@ -22,6 +22,25 @@ class RunError(LpfcosimError):
     """The input is sound but the work failed (exit 1)."""
 
 
+class DivergenceError(RunError):
+    """A loop diverged (exit 1).
+
+    Parameters
+    ----------
+    run : str
+        Name of the run.
+    cause : str
+        What shows it.
+    """
+
+    def __init__(self, run: str, cause: str) -> None:
+        super().__init__(run, cause)  # both, as processes hand it on
+        self.run, self.cause = run, cause
+
+    def __str__(self) -> str:
+        return f"{self.run}: {self.cause}"
+
+
 @contextmanager
 def ours(place: str = "") -> Iterator[None]:
     """Turn an error of `fit`, whose ways with files we share, into ours, with `place` before it."""

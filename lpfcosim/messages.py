@@ -53,4 +53,4 @@ def _sentence(causes: dict[str, str], noun: str) -> str:
 def _bare(name: str, cause: str, noun: str) -> str:
     """Return a cause without the name it is about."""
     bare = re.sub(rf"^{noun} (['\"]?){re.escape(name)}\1:? ", "", cause)
-    return re.sub(rf"(?<![\w.-]){re.escape(name)}(?=\.h5\b)", "RUN", bare)
+    return re.sub(rf"(?<![\w.-]){re.escape(name)}(?=\.(?:h5|log)\b)", "RUN", bare)

@@ -5,7 +5,7 @@ file, the error is one sentence that names it and the place in it.
 """
 
 from fit.files.documents import is_file
-from fit.files.faults import closest, key, place, problem, told
+from fit.files.faults import closest, key, place, problem, suggestion, told
 from fit.files.outputs import refuse_links
 from fit.files.tables import Table
 
@@ -19,5 +19,6 @@ __all__ = [
     "place",
     "problem",
     "refuse_links",
+    "suggestion",
     "told",
 ]

@@ -37,10 +37,14 @@ def problem(text: str, key: str | None = None) -> PydanticCustomError:
 def closest(name: str, known: Iterable[str]) -> str:
     """Say which names there are, and which one was probably meant."""
     names = sorted(known)
-    folded = {known.casefold(): known for known in names}
+    return f"{suggestion(name, names)} (known: {', '.join(names) if names else 'none'})"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the question whether the most similar of the known names was meant; empty if none is similar."""
+    folded = {known.casefold(): known for known in sorted(known)}
     close = difflib.get_close_matches(name.casefold(), folded, n=1)
-    hint = f', did you mean "{folded[close[0]]}"?' if close else ""
-    return f"{hint} (known: {', '.join(names) if names else 'none'})"
+    return f', did you mean "{folded[close[0]]}"?' if close else ""
 
 
 def key(name: str) -> str:

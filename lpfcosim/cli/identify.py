@@ -22,7 +22,7 @@ from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
 from lpfcosim.cli.fit import calibrated, telemetry
-from lpfcosim.cosim import Where, interfaces, warnings
+from lpfcosim.cosim import Where, interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
 from lpfcosim.identify import Simulation, Target, check, targets
 from lpfcosim.running import fmus as archives
@@ -53,9 +53,11 @@ def identify_files(
     check_folder(directory, "telemetry")
     with about(campaign):
         validation.validate(plan)
+        # Before telemetry is fitted; `archives.held` checks the copies that are loaded.
+        archives.check(plan, {r.model: r.archive for r in plan.replacements}, trusted=trusted)
     fmus = cli_fmu.fmus(plan, console)
     with about(campaign):
-        placed = interfaces(plan.runs[0], fmus)
+        placed = interfaces_of_runs(plan.runs, fmus)
         for target in targets(plan, plan.runs[0], placed):
             _free(target)  # before anything takes its time
     for line in warnings(placed):

@@ -7,7 +7,7 @@ the same bits.
 from lpfcosim.cosim.interface import Interface, describe, nonconformity, read
 from lpfcosim.cosim.loaded import Shelf
 from lpfcosim.cosim.master import Engine, Where
-from lpfcosim.cosim.placement import driver, interfaces, warnings
+from lpfcosim.cosim.placement import driver, interfaces, interfaces_of_runs, warnings
 from lpfcosim.cosim.slave import Slave
 from lpfcosim.cosim.variables import REALS, Value
 
@@ -26,6 +26,7 @@ __all__ = [
     "describe",
     "driver",
     "interfaces",
+    "interfaces_of_runs",
     "master",
     "nonconformity",
     "placement",

@@ -130,8 +130,7 @@ def compiled(archive: Path, description: Any, named: Path) -> Path:
         ) from None
     with archive.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    key = hashlib.sha256(f"{digest} {chosen.version} {platform(description)}".encode()).hexdigest()[:16]
-    folder = build.cache_directory() / "compiled" / key
+    folder = build.cache_directory() / "compiled" / _key(digest, description, chosen, named)
     binary = folder / Path(library(description)).name
     if not binary.is_file():
         try:
@@ -140,6 +139,17 @@ def compiled(archive: Path, description: Any, named: Path) -> Path:
         except OSError as error:
             raise RunError(f"{named}: cannot be compiled in {folder}: {error.strerror or error}") from None
     return binary
+
+
+def _key(digest: str, description: Any, chosen: compiler.Compiler, named: Path) -> str:
+    """Return the cache key of a binary: of all that it is compiled from and with."""
+    sources = [name for files in _file_sets(description) for name in files.sourceFiles]
+    parts = [digest, chosen.version, platform(description), *_FLAGS, *map(str, _OPTIONS.items()), *_MATH]
+    if any(name.endswith(_PLUS) for name in sources):
+        parts += _plus(chosen, named)
+    for header in sorted(_HEADERS.glob("*.h")):
+        parts += [header.name, hashlib.sha256(header.read_bytes()).hexdigest()]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 def _compile(archive: Path, description: Any, named: Path, chosen: compiler.Compiler, binary: Path) -> None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import fmpy
 from fmpy.model_description import ValidationError
 
 from fit.errors import quote
 from lpfcosim.cosim import archive as archives
-from lpfcosim.cosim.variables import Value, convert, resized, resolve
+from lpfcosim.cosim.variables import Value, convert, resized, resolve, start_values
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 from lpfcosim.network import Component
@@ -112,17 +114,35 @@ class Interface:
         own = self.replacement.values
         for name, value in {**wanted, **own}.items():
             variable = self.variable(name)
-            try:
-                wanted[name] = convert(variable, value)
-            except InputError as error:
-                place = f"values.{name}" if name in own else f"variable '{name}'"
-                raise InputError(f"{place}: {error}, for {self.named}") from None
+            place = f"values.{name}" if name in own else f"variable '{name}'"
+            wanted[name] = _converted(variable, value, place, self.named)
         return wanted
 
-    def place(self, name: str) -> tuple[int, int]:
-        """Return value reference and element, which aliases share, that a name of the FMU means."""
+    def place(self, name: str) -> tuple[tuple[str, int], int]:
+        """Return what aliases share that a name of the FMU means: `reference` and element."""
         variable, element = resolve(self.named, self.variables, name, self.model)
-        return variable.valueReference, element
+        return reference(variable), element
+
+    def start_values(self, variable: Any) -> list[Value]:
+        """Return the value of each element of a variable, row by row, until the loop sets it.
+
+        Raises
+        ------
+        InputError
+            If a start value of the description, or a value that the user gives, is not one of the type.
+        """
+        if variable.type == "String" and variable.shape:
+            texts = _strings(self.archive, variable.name)
+        elif variable.type == "String":
+            texts = [variable.start or ""]
+        else:
+            texts = str(variable.start if variable.start is not None else "").split()
+        values = start_values(self.named, variable, texts)
+        for name, value in (self.replacement.values if self.replacement else {}).items():
+            same, element = self.place(name)
+            if same == reference(variable):
+                values[element] = _converted(variable, value, f"values.{name}", self.named)
+        return values
 
     def variable(self, name: str) -> Any:
         """Return FMPy's record of the variable that a name of the FMU means; the name may be an element's."""
@@ -162,6 +182,30 @@ class Interface:
         return found
 
 
+def reference(variable: Any) -> tuple[str, int]:
+    """Return what identifies the memory behind a variable; FMI 2.0 numbers each base type by itself."""
+    kind = "Integer" if variable.type == "Enumeration" else variable.type
+    return str(kind), int(variable.valueReference)
+
+
+def _converted(variable: Any, value: Value, place: str, named: Path) -> Value:
+    """Return a value as the type of a variable has it; an InputError gives the `place` of the value."""
+    try:
+        return convert(variable, value)
+    except InputError as error:
+        raise InputError(f"{place}: {error}, for {named}") from None
+
+
+def _strings(archive: Path, name: str) -> list[str]:
+    """Return the start values of an array of strings, of which FMPy reads the first alone."""
+    with zipfile.ZipFile(archive) as file:
+        root = ET.fromstring(file.read("modelDescription.xml"))
+    for variable in root.iter("String"):
+        if name in (variable.get("name"), *(alias.get("name") for alias in variable.iter("Alias"))):
+            return [start.get("value", "") for start in variable.iter("Start")]
+    return []
+
+
 def read(
     component: Component, archive: Path, settings: Iterable[str], replacement: Replacement | None
 ) -> Interface:
@@ -187,7 +231,10 @@ def read(
         archive,
         description.fmiVersion,
         description,
-        resized(variables, {n: convert(variables[n], v) for n, v in structure.items()}),
+        resized(
+            variables,
+            {n: _converted(variables[n], v, f"values.{n}", named) for n, v in structure.items()},
+        ),
         {u.name: _base(u.baseUnit) for u in description.unitDefinitions if u.baseUnit is not None},
         tuple(settings),
         replacement,

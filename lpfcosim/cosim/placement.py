@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from fit.errors import quote
 from lpfcosim.cosim import compilation
 from lpfcosim.cosim.interface import BASE_UNITS, Interface, nonconformity, read
-from lpfcosim.cosim.variables import REALS, known, stage
+from lpfcosim.cosim.variables import REALS, MissingVariableError, known, size, stage
 from lpfcosim.errors import InputError
-from lpfcosim.messages import line
+from lpfcosim.messages import grouped, line
 from lpfcosim.network import Component, check_feedthrough, endpoint
 from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
@@ -70,6 +70,43 @@ def interfaces(run: Run, fmus: Mapping[str, Path]) -> list[Interface]:
         direct[component.model] = interface.direct
     check_feedthrough(world.steps(run), direct)
     return found
+
+
+def interfaces_of_runs(runs: Sequence[Run], fmus: Mapping[str, Path]) -> list[Interface]:
+    """Check that the FMUs of a campaign fit their places in every run, as `interfaces` does for one.
+
+    Runs may differ in parameter values, which an FMU may refuse.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        All of the campaign.
+    fmus : mapping of str to Path
+        As of `interfaces`.
+
+    Returns
+    -------
+    list of Interface
+        Of the first run.
+
+    Raises
+    ------
+    InputError
+        As `interfaces`; with the names of the runs, unless it is the same for all.
+    """
+    found: list[list[Interface]] = []
+    refused: list[tuple[str, str]] = []
+    for run in runs:
+        try:
+            found.append(interfaces(run, fmus))
+        except InputError as error:
+            refused.append((run.name, str(error)))
+    causes = {cause for _, cause in refused}
+    if len(refused) == len(runs) and len(causes) == 1:
+        raise InputError(causes.pop())
+    if refused:
+        raise InputError("; ".join(grouped(refused)))
+    return found[0]
 
 
 def warnings(found: Iterable[Interface]) -> list[str]:
@@ -147,7 +184,7 @@ def problems(
     if not missing:
         general = [
             partial(_check_once, interface, parameters),
-            partial(interface.parameters, values),
+            partial(_check_values, interface, values),
             *general,
         ]
     for check in general:
@@ -160,7 +197,7 @@ def problems(
 def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
     """Refuse a variable that would be set from two sides, be it under two names."""
     own = interface.replacement.values if interface.replacement else ()
-    set_by: dict[tuple[int, int], str] = {}
+    set_by: dict[tuple[tuple[str, int], int], str] = {}
     for name in (*interface.inputs, *map(interface.name, parameters), *own):
         place = interface.place(name)
         if set_by.get(place) == name:
@@ -173,6 +210,19 @@ def _check_once(interface: Interface, parameters: Iterable[str]) -> None:
         set_by[place] = name
 
 
+def _check_values(interface: Interface, values: Mapping[str, float]) -> None:
+    """Refuse values that are not of the type of their variable, and start values that the loop cannot send.
+
+    Inputs and arrays are sent as a whole, with the start values of the elements that nothing else sets.
+    """
+    for name in interface.parameters(values):
+        variable = interface.variable(name)
+        if size(variable) != 1:
+            interface.start_values(variable)
+    for name in (*interface.inputs, *interface.outputs):
+        interface.start_values(interface.variable(name))
+
+
 def check_variable(interface: Interface, ours: str, causality: str) -> None:
     """Refuse a variable for one of ours that is missing, or of another causality or type."""
     name = interface.name(ours)
@@ -180,7 +230,8 @@ def check_variable(interface: Interface, ours: str, causality: str) -> None:
         variable = interface.variable(name)
     except InputError as error:
         purpose = f" as its {causality} for {ours}" if interface.replacement else ""
-        hint = known(interface.candidates(causality), name) if "is missing" in str(error) else ""
+        missing = isinstance(error, MissingVariableError)
+        hint = known(interface.candidates(causality), name) if missing else ""
         raise InputError(f"{error}{purpose}{hint}") from None
     place = f"{interface.named}: variable '{name}'"
     if variable.causality != causality or variable.variability == "constant":
@@ -197,9 +248,7 @@ def _check_settable(interface: Interface, name: str) -> None:
     every = {n: v for n, v in interface.variables.items() if stage(v)}
     try:
         variable = interface.variable(name)
-    except InputError as error:
-        if "is missing" not in str(error):
-            raise
+    except MissingVariableError:
         raise InputError(
             f"{interface.named}: has no parameter {quote(name)}, which values names{known(every, name)}"
         ) from None

@@ -9,22 +9,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from fmpy import fmi2
 from fmpy.fmi1 import FMICallException, printLogMessage
 
-from fit.errors import quote
 from lpfcosim.cosim import loaded
-from lpfcosim.cosim.interface import Interface
-from lpfcosim.cosim.variables import REALS, Stage, Value, resolve, size, stage
+from lpfcosim.cosim.interface import Interface, reference
+from lpfcosim.cosim.variables import Stage, Value, resolve, size, stage
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.messages import line
 
 _messages = logging.getLogger(__name__)
 
-_MOST = 10_000  # elements of an array
 ENDS, EARLY, NOT_FINITE = 100, 101, 102  # as in engine.c, beside the status of FMI
 
 
@@ -246,9 +243,7 @@ class Slave:
                 continue  # nothing changes, and not every FMU has a configuration mode
             if variable.name not in arrays:
                 single = size(variable) == 1
-                kind = float if variable.type in REALS else int
-                starts = [] if single else _starts(self._interface.named, variable)
-                arrays[variable.name] = [value] if single else list(map(kind, starts))
+                arrays[variable.name] = [value] if single else self._interface.start_values(variable)
                 when = stage(variable) or Stage.INSTANTIATED
                 of_type = found.setdefault(when, {}).setdefault(variable.type, [])
                 of_type.append((variable.valueReference, arrays[variable.name]))
@@ -273,20 +268,20 @@ class Slave:
 
     def _port(self, names: Sequence[str]) -> Port:
         meant = [self._resolve(name) for name in names]
-        distinct = {variable.name: variable for variable, _ in meant}
+        distinct = {reference(variable): variable for variable, _ in meant}
         variables = sorted(distinct.values(), key=lambda v: bool(v.type == "Float32"))
-        first: dict[str, int] = {}  # variable to the place of its first value
+        first: dict[tuple[str, int], int] = {}  # variable to the place of its first value
         starts: list[float] = []
         n_doubles = n_double_values = 0
         for variable in variables:
-            first[variable.name] = len(starts)
-            starts += _starts(self._interface.named, variable)
+            first[reference(variable)] = len(starts)
+            starts += map(float, self._interface.start_values(variable))
             if variable.type != "Float32":
                 n_doubles, n_double_values = n_doubles + 1, len(starts)
         return Port(
             (ctypes.c_uint32 * len(variables))(*(v.valueReference for v in variables)),
             (ctypes.c_double * len(starts))(*starts),
-            tuple(first[variable.name] + element for variable, element in meant),
+            tuple(first[reference(variable)] + element for variable, element in meant),
             n_doubles,
             n_double_values,
         )
@@ -370,20 +365,3 @@ def _last(text: str) -> str:
     """Return the last line of a message of many: of a Python traceback the one that says what happened."""
     lines = [each for each in text.splitlines() if each.strip()]
     return lines[-1] if lines and lines[0].lstrip().startswith("Traceback") else text
-
-
-def _starts(archive: Path, variable: Any) -> list[float]:
-    """Start values of a variable, as many as it has elements."""
-    count = size(variable)
-    if not 0 <= count <= _MOST:
-        raise InputError(
-            f"{archive}: variable {quote(variable.name)} has {count} elements; expected at most {_MOST}"
-        )
-    texts = str(variable.start if variable.start is not None else "0").split()
-    try:
-        values = [float(text) for text in texts]
-    except ValueError:
-        raise InputError(
-            f"{archive}: variable {quote(variable.name)} starts at {quote(variable.start)}; expected numbers"
-        ) from None
-    return values if len(values) == count else [values[0] if values else 0.0] * count

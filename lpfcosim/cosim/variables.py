@@ -5,13 +5,13 @@ from __future__ import annotations
 import copy
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from fit.errors import quote
-from fit.files import closest
+from fit.files import closest, suggestion
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 
@@ -26,7 +26,14 @@ _RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
+_DEFAULTS = {"Boolean": "false", "String": ""}
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_MOST_ELEMENTS = 10_000  # of an array
 _MOST_NAMES, _LONGEST = 12, 250  # that a message lists, and their letters
+
+
+class MissingVariableError(InputError):
+    """An FMU has no variable of a name."""
 
 
 class Stage(Enum):
@@ -42,8 +49,10 @@ def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) 
 
     Raises
     ------
+    MissingVariableError
+        If there is none.
     InputError
-        If there is none, or `name` means a whole array.
+        If `name` means a whole array.
     """
     if name in variables:
         variable = variables[name]
@@ -63,20 +72,72 @@ def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) 
             for i, n in zip(indices, shape, strict=True):
                 place = place * n + i
             return variable, place
-    raise InputError(f"{archive}: variable '{name}' is missing; expected of the {model}")
+    raise MissingVariableError(f"{archive}: variable '{name}' is missing; expected of the {model}")
 
 
 def known(names: Collection[str], name: str) -> str:
     """Return which name of an FMU was probably meant, and which there are unless that is much to say."""
     hint = closest(name, names)
     if len(names) > _MOST_NAMES or len(hint) > _LONGEST:
-        hint = hint.partition(" (known: ")[0]
+        hint = suggestion(name, names)
     return line(hint) if len(hint) <= _LONGEST else ""
 
 
 def size(variable: Any) -> int:
     """Count the elements of a variable."""
     return math.prod(int(extent) for extent in variable.shape or ())
+
+
+def start_values(archive: Path, variable: Any, texts: Sequence[str]) -> list[Value]:
+    """Return the start values that a description states, row by row, as the type of the variable has them.
+
+    Parameters
+    ----------
+    archive : Path
+        The FMU, for messages.
+    variable : object
+        FMPy's record of the variable.
+    texts : sequence of str
+        What the description states: nothing, a value of each element, or one of all.
+
+    Raises
+    ------
+    InputError
+        If a value is not one of the type, or there are too many elements, or another number of values.
+    """
+    place = f"{archive}: variable {quote(variable.name)}"
+    count, kind = size(variable), variable.type
+    if not 0 <= count <= _MOST_ELEMENTS:
+        raise InputError(f"{place} has {count} elements; expected at most {_MOST_ELEMENTS}")
+    try:
+        values = [_parse(kind, text) for text in texts or (_DEFAULTS.get(kind, "0"),)]
+    except ValueError:
+        stated = quote(" ".join(texts))
+        raise InputError(f"{place} starts at {stated}; expected start values of type {line(kind)}") from None
+    if len(values) not in (1, count):
+        raise InputError(
+            f"{place} has {len(values)} start values and {count} elements; expected one value for each"
+        )
+    return values if len(values) == count else values * count
+
+
+def _parse(kind: str, text: str) -> Value:
+    """Return the value that a text of a description states; ValueError if it is not one of its type.
+
+    Types that `convert` refuses, such as Binary, do not come here.
+    """
+    if kind in REALS:
+        return float(text)
+    if kind == "String":
+        return text
+    if kind == "Boolean":
+        if text not in _BOOLEANS:
+            raise ValueError(text)
+        return _BOOLEANS[text]
+    low, high = _RANGES["Int64" if kind == "Enumeration" else kind]
+    if not low <= int(text) <= high:
+        raise ValueError(text)
+    return int(text)
 
 
 def resized(variables: Mapping[str, Any], structure: Mapping[str, Value]) -> dict[str, Any]:
@@ -161,7 +222,7 @@ def _item(variable: Any, value: Value) -> int:
     if isinstance(value, int) and not isinstance(value, bool) and (value in items.values() or not items):
         return value
     names = line(", ".join(f"{quote(name)} ({number})" for name, number in items.items()))
-    hint = closest(value, items).partition(" (known: ")[0] if isinstance(value, str) else ""
+    hint = suggestion(value, items) if isinstance(value, str) else ""
     raise InputError(
         f"{quote(value)}{hint or ','} expected one of {names or 'the numbers'} (type Enumeration)"
     )

@@ -21,7 +21,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.cosim import REALS, Interface, Value, driver, interfaces
+from lpfcosim.cosim import REALS, Interface, Value, driver, interfaces_of_runs
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
 from lpfcosim.export.outcome import Outcome
@@ -93,7 +93,7 @@ def export(
     for run in campaign.runs:
         first.setdefault(run.authority.name, run)
     run = next(iter(first.values()))
-    found = interfaces(campaign.runs[0], fmus)
+    found = interfaces_of_runs(list(first.values()), fmus)
     _refuse_unfit(found, version)
     signals = world_of(run).signals
     driving = driver(run, found, build.build([signals], fmi=fmi(version))[signals])

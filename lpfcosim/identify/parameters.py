@@ -153,13 +153,8 @@ def _target(key: str, name: str, interface: Interface, values: Mapping[str, floa
         raise InputError(f"{where}: {quote(variable)} is {kind}; expected a parameter that can be set")
     if record.type not in ("Real", "Float64", "Float32"):
         raise InputError(f"{where}: {quote(variable)} is of type {record.type}; expected a real number")
-    own = interface.replacement.values if interface.replacement else {}
-    if ours:
-        given = values[name]
-    elif variable in own:
-        given = float(own[variable])
-    else:
-        given = float(str(record.start if record.start is not None else 0.0).split()[0])
+    _, element = interface.place(variable)
+    given = values[name] if ours else float(interface.start_values(record)[element])
     shared = ours and name in SHARED_NAMES
     told = key if key in DELAYS else name if shared else f"{interface.model}.{name}"
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")

@@ -99,7 +99,7 @@ def masked_share(run: Run) -> float:
 
     Raises
     ------
-    RunError
+    DivergenceError
         If a read-out leaves its range.
     """
     channels = world_of(run).simulate(run)

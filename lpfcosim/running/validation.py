@@ -10,7 +10,7 @@ import numpy as np
 
 from fit.requirements import F_MAX, MOST_SATURATED, SHORTEST, TAPER
 from lpfcosim.campaign import Campaign
-from lpfcosim.errors import InputError, RunError, UnavailableError
+from lpfcosim.errors import DivergenceError, InputError, UnavailableError
 from lpfcosim.messages import grouped
 from lpfcosim.plant import saturation, stability
 from lpfcosim.spacecraft import HalfCosine, Injection, Run, Sine
@@ -81,7 +81,7 @@ def validate(plan: Campaign, *, fitted: bool = True) -> Validation:
         from lpfcosim.running import fmus
 
         theirs = {r.model: r.archive for r in plan.replacements}
-        interfaces = placement.interfaces(plan.runs[0], theirs)  # the other runs have the same
+        interfaces = placement.interfaces_of_runs(plan.runs, theirs)
         odd = placement.warnings(interfaces)
         fmus.check_digests(plan, theirs)
     else:
@@ -151,8 +151,8 @@ def _saturation(plan: Campaign) -> list[str]:
         share, ended = max(demand.share for demand in commands), ""
         try:
             share = share if share > MOST_SATURATED else saturation.masked_share(run)
-        except RunError as error:
-            ended = str(error).removeprefix(f"{run.name}: ")
+        except DivergenceError as error:
+            ended = error.cause
         for demand in commands:
             said = f"{_limited(run, demand)}; "
             if ended:

@@ -300,7 +300,11 @@ def _done(setting: Setting, name: str, item: tuple[Any, ...], where: Where) -> A
         return RunError(f"{setting.called.format(name)} failed: out of memory")
     except Exception as error:
         logging.getLogger(__name__).exception("in a worker")
-        return RunError(f"{setting.called.format(name)} failed: {type(error).__name__}: {error}")
+        log = f"{setting.logs.name}/{setting.log(name).name}"
+        cause = "internal error of lpfcosim, please report it with the traceback"
+        if isinstance(error, OSError) and error.strerror:  # a disk or a file rather than a fault of ours
+            cause = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        return RunError(f"{setting.called.format(name)} failed: {cause}; see {log}")
 
 
 @contextmanager

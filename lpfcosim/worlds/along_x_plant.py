@@ -184,7 +184,7 @@ def simulate(run: Run) -> dict[str, Array]:
 
     Raises
     ------
-    RunError
+    DivergenceError
         If o_1 or o_12 leaves +-1e-4 m.
     """
     step = loop(run)

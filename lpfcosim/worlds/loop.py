@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lpfcosim.errors import RunError
+from lpfcosim.errors import DivergenceError
 from lpfcosim.spacecraft import READ_OUT_RANGE, Controller, Lead, Run
 
 Array = NDArray[np.float64]
@@ -171,7 +171,7 @@ def check_inside(run: Run, o_1: Array, o_12: Array, begin: int) -> None:
 
     Raises
     ------
-    RunError
+    DivergenceError
         Gives the channel and the time.
     """
     lost = ~(np.abs([o_1, o_12]) <= READ_OUT_RANGE)  # true for NaN too
@@ -179,6 +179,5 @@ def check_inside(run: Run, o_1: Array, o_12: Array, begin: int) -> None:
         i = int(lost.any(axis=0).argmax())
         channel = "o_1" if lost[0, i] else "o_12"
         time = (begin + i) / run.fs
-        raise RunError(
-            f"{run.name}: the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
-        )
+        cause = f"the loop diverged, {channel} left +-{READ_OUT_RANGE:g} m at t = {time:g} s"
+        raise DivergenceError(run.name, cause)

@@ -39,7 +39,7 @@ def simulate(run: Run, driven: Mapping[str, Array] | None = None) -> dict[str, A
 
     Raises
     ------
-    RunError
+    DivergenceError
         If o_1 or o_12 leaves +-1e-4 m.
     """
     if driven is None:

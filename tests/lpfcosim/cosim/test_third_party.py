@@ -1,14 +1,18 @@
 """FMUs of other tools: what is set and when, what is accepted, and what is said of those that fail."""
 
 import contextlib
+import shutil
 import tempfile
+import zipfile
 from dataclasses import replace
+from functools import partial
 
 import fmpy
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import interfaces, placement, slave, warnings
+from lpfcosim.cosim import compilation, interfaces, placement, slave, warnings
+from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.spacecraft.run import Noise, Replacement, Sine
 from lpfcosim.worlds import world_of
@@ -132,6 +136,94 @@ def test_start_value_of_an_input_that_nothing_feeds(run, fmus, tmp_path):
     assert not np.array_equal(found[0.0], found[5e-9])
 
 
+#: Makes `weights` an input of two elements, and a force follow from it.
+WEIGHTS_AS_INPUT = [
+    (r'(name="weights" valueReference="11" causality=)"parameter"', r'\1"input"'),
+    (r'(<Output valueReference="4" dependencies="0) 1"', r'\1 11"'),
+]
+ALIAS = [(r'(start="0.5">)(\s*<Dimension valueReference="10"/>)', r'\1\2<Alias name="other"/>')]
+
+
+@ENGINE
+@pytest.mark.parametrize(("name", "changes"), [("weights", []), ("other", ALIAS)])
+@pytest.mark.parametrize("wired", [1, 2])
+def test_values_of_an_input_array_beside_an_element_that_is_fed(
+    run, fmus, tmp_path, engine, name, changes, wired
+):
+    quiet = replace(run, injections=())  # so that what is fed is zero
+    archive = third_party.built(tmp_path, fmi="3.0", changes=[*WEIGHTS_AS_INPUT, *changes], name="array")
+    names = {**third_party.VARIABLES, "guidance_o_12": f"weights[{wired}]"}
+    mine = Replacement(MODEL, archive, names, third_party.UNUSED, values={f"{name}[{3 - wired}]": 7.0})
+    got = in_memory.simulate(replace(quiet, replacements=(mine,)), {**fmus, MODEL: archive}, engine)
+    parameter = third_party.built(tmp_path, fmi="3.0")
+    wanted = simulate(quiet, fmus, parameter, values={"weights[1]": 0.0, "weights[2]": 7.0})
+    assert np.ptp(wanted["f_x_2"]) > 0
+    assert all(np.array_equal(got[channel], wanted[channel]) for channel in wanted)
+
+
+def test_variables_of_several_types_share_numbers_in_fmi_2(run, fmus, tmp_path):
+    archive = third_party.built(tmp_path, changes=[('(name="mode" valueReference=)"5"', r'\1"0"')])
+    placed(run, fmus, replacement(archive, values={"mode": 3}))
+
+
+ARRAYS = {
+    "Boolean": ('start="true false true">', "", True, [True, True, True]),
+    "Boolean as digits": ('start="1 0 1">', "", False, [True, False, True]),
+    "String": (">", '<Start value="a b"/><Start value=""/><Start value="c"/>', "x", ["a b", "x", "c"]),
+    "Int64": ('start="9007199254740993 4 -9007199254740993">', "", 7, [2**53 + 1, 7, -(2**53) - 1]),
+    "UInt64": ('start="18446744073709551615">', "", 7, [2**64 - 1, 7, 2**64 - 1]),
+    "Float64": ('start="0.1 0.2 0.3">', "", 7, [0.1, 7.0, 0.3]),
+}
+
+
+def with_array(folder, kind, start, elements="", of=3):
+    """Build an FMU that has another parameter ``items``, an array."""
+    array = f'<{kind} name="items" valueReference="20" causality="parameter" {start}'
+    array += f'<Dimension start="{of}"/>{elements}</{kind}>'
+    return third_party.built(folder, fmi="3.0", changes=[('(<Float64 name="state")', rf"{array}\1")])
+
+
+@pytest.mark.parametrize("name", ["items", "alias"])
+@pytest.mark.parametrize("case", ARRAYS)
+def test_elements_of_arrays_of_every_type(run, fmus, tmp_path, case, name):
+    start, elements, value, wanted = ARRAYS[case]
+    archive = with_array(tmp_path, case.split()[0], start, f'{elements}<Alias name="alias"/>')
+    _, found = placed(run, fmus, replacement(archive, values={f"{name}[2]": value}))
+    (interface,) = (i for i in found if i.model == MODEL)
+    got = interface.start_values(interface.variable(f"{name}[1]"))
+    assert (got, list(map(type, got))) == (wanted, list(map(type, wanted)))
+
+
+def test_array_of_integers_reaches_the_fmu_as_it_is(run, fmus, tmp_path):
+    sent = []
+    archive = with_array(tmp_path, "Int64", 'start="9007199254740993 4">', of=2)
+    run, found = placed(run, fmus, replacement(archive, values={"items[2]": 7}))
+    (interface,) = (i for i in found if i.model == MODEL)
+    with contextlib.ExitStack() as stack:
+        alone = slave.Slave(stack, interface)
+        alone.fmu.setInt64 = lambda references, values: sent.append((references, values))
+        alone.initialize(interface.parameters(world_of(run).parameters(run)[MODEL]))
+    assert sent == [([20], [9007199254740993, 7])]
+
+
+@pytest.mark.parametrize(
+    ("kind", "start", "of", "said"),
+    [
+        ("Float64", 'start="0.1 0.2">', 3, "has 2 start values and 3 elements; expected one value for each"),
+        ("Float64", ">", 20_000, "has 20000 elements; expected at most 10000"),
+        ("UInt8", 'start="1 300">', 2, 'starts at "1 300"; expected start values of type UInt8'),
+        ("Boolean", 'start="true 2">', 2, 'starts at "true 2"; expected start values of type Boolean'),
+    ],
+)
+def test_start_values_that_cannot_be_sent_are_refused_before_a_run(
+    run, fmus, tmp_path, kind, start, of, said
+):
+    archive = with_array(tmp_path, kind, start, of=of)
+    values = {"items[2]": True if kind == "Boolean" else 1}
+    message = refusal(run, fmus, archive, values=values, validate=False)
+    assert message == f'fmus.SuspensionControl: {archive}: variable "items" {said}'
+
+
 @FMI
 @pytest.mark.parametrize(
     ("values", "said"),
@@ -159,6 +251,11 @@ def test_values_that_do_not_fit_are_one_sentence(run, fmus, tmp_path, fmi, value
     assert str(archive) in message
 
 
+def test_size_of_an_array_that_is_not_an_integer(run, fmus, tmp_path):
+    message = refusal(run, fmus, third_party.built(tmp_path, fmi="3.0"), values={"order": 2.5})
+    assert message.startswith("fmus.SuspensionControl: values.order: 2.5, expected an integer from 0 to ")
+
+
 def test_range_that_the_fmu_states(run, fmus, tmp_path):
     archive = third_party.built(tmp_path)
     fast = replace(run, suspension=replace(run.suspension, unity_gain=0.2))
@@ -182,6 +279,26 @@ def test_float32_inputs_and_outputs(run, fmus, tmp_path, engine, names):
     got = simulate(run, fmus, archive, engine)
     assert np.allclose(got["f_x_2"], wanted["f_x_2"], rtol=0, atol=1e-5 * np.abs(wanted["f_x_2"]).max())
     assert not np.array_equal(got["f_x_2"], wanted["f_x_2"])
+
+
+def test_names_of_files_and_variables_do_not_change_what_is_said(run, fmus, tmp_path):
+    """Names that read like a message: of a file, an array in it, and an item of an enumeration."""
+    item = ('name="stiff"', 'name="stiff (known: 1)"')
+    archive = third_party.built(tmp_path, fmi="3.0", name="what is missing", changes=[item])
+    names = {**third_party.VARIABLES, "f_u": "weights"}
+    mine = Replacement(MODEL, archive, names, third_party.UNUSED)
+    with pytest.raises(InputError) as refused:
+        placed(run, fmus, mine)
+    assert str(refused.value).endswith("such as 'weights[1]' as its parameter for f_u")
+    message = refusal(run, fmus, archive, values={"weights": 1.0})
+    assert message.endswith("expected one of its elements, such as 'weights[1]'")
+    message = refusal(run, fmus, archive, values={"law": "stif (known: 1)"})
+    assert ', did you mean "stiff (known: 1)"? expected one of ' in message
+
+
+def test_one_of_many_names_that_reads_like_a_message():
+    names = [f"x_{i}" for i in range(20)] + ["force (known: 2)"]
+    assert known(names, "forces (known: 2)") == ', did you mean "force (known: 2)"?'
 
 
 FAULTS = {
@@ -234,6 +351,40 @@ def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
     before = library.stat().st_mtime_ns
     simulate(run, fmus, archive)
     assert library.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("what", ["flags", "headers", "compiler for C++"])
+def test_sources_are_compiled_anew_with_other_tools(run, fmus, tmp_path, monkeypatch, what):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    archive = third_party.built(tmp_path, sources=True, fmi="3.0", name="source")
+    if what == "compiler for C++":
+        archive = sources_in_c_plus(archive, tmp_path / "plus.fmu")
+    _, found = placed(run, fmus, replacement(archive))
+    description = next(i.description for i in found if i.model == MODEL)
+    compiled = partial(compilation.compiled, archive, description, archive)
+    before = compiled()
+    assert compiled() == before
+    if what == "flags":
+        monkeypatch.setattr(compilation, "_FLAGS", (*compilation._FLAGS, "-O1"))
+    elif what == "headers":
+        headers = shutil.copytree(compilation._HEADERS, tmp_path / "headers")
+        (headers / "fmi3PlatformTypes.h").write_text("/* another version */")
+        monkeypatch.setattr(compilation, "_HEADERS", headers)
+    else:
+        monkeypatch.setenv("CXX", "g++ -O1")
+    assert compiled() != before
+
+
+def sources_in_c_plus(archive, path):
+    """Copy an archive with its C source under the name of one in C++."""
+    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name.endswith("buildDescription.xml"):
+                content = content.replace(b'"slave.c"', b'"slave.cpp"').replace(b' language="C11"', b"")
+            content = b"int none;" if name.endswith("slave.c") else content
+            target.writestr(name.replace("slave.c", "slave.cpp"), content)
+    return path
 
 
 def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):

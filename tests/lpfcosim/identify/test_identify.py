@@ -8,7 +8,7 @@ import h5py
 import pytest
 
 from lpfcosim.modelica import build as fmu_build
-from tests import ROOT
+from tests import ROOT, third_party
 from tests.campaign_text import ONE_EXPERIMENT
 from tests.odd_controller import built
 from tests.oracles import turned
@@ -284,6 +284,16 @@ def test_without_telemetry_there_is_nothing_to_identify_from(lpfcosim, campaign)
     status, _, err = lpfcosim("identify", campaign)
     assert status == 2
     assert f"give the command lpfcosim run {campaign}" in err
+
+
+def test_fmus_are_approved_before_anything_is_read_or_written(lpfcosim, campaign, tmp_path):
+    third_party.built(tmp_path)
+    campaign.write_text(CAMPAIGN + third_party.TABLE)
+    status, _, err = lpfcosim("identify", campaign, "none.h5", "--out", "new")
+    assert status == 2
+    assert "native code that lpfcosim did not build" in err
+    assert "none.h5" not in err
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from lpfcosim.cosim import placement
 from lpfcosim.identify import parameters, targets
 from lpfcosim.identify.parameters import settings
 from lpfcosim.spacecraft.run import Replacement
+from tests import third_party
 from tests.lpfcosim.cosim.foreign import renamed
 
 pytestmark = pytest.mark.fmu
@@ -61,3 +62,12 @@ def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fm
     assert (target.name, target.variable) == ("SuspensionControl.f_u", "bandwidth")
     assert (target.given, target.unit) == (1e-3, "Hz")
     assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
+
+
+@pytest.mark.parametrize(("values", "given"), [({}, 0.25), ({"weights[2]": 0.75}, 0.75)])
+def test_an_element_of_an_array_is_given_by_its_own_start_value(resolved, tmp_path, values, given):
+    two = ('valueReference="11" causality="parameter" start="0.5"', 'valueReference="11" start="0.5 0.25"')
+    archive = third_party.built(tmp_path, fmi="3.0", changes=[(two[0], f'causality="parameter" {two[1]}')])
+    mine = Replacement("SuspensionControl", archive, third_party.VARIABLES, third_party.UNUSED, values=values)
+    (target,) = resolved({"SuspensionControl.weights[2]": Sought(width=0.1)}, mine)
+    assert target.given == given

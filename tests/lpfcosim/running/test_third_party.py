@@ -6,10 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
+import lpfcosim
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
+from lpfcosim.export import ssp
 from lpfcosim.running import fmus as archives
-from lpfcosim.running import runner
+from lpfcosim.running import runner, validation
 from tests import third_party
 from tests.campaign_text import ONE_EXPERIMENT
 
@@ -115,3 +117,71 @@ def test_sources_are_compiled_only_where_they_may_run(load, fmus, tmp_path, monk
     with h5py.File(done.files["one"]) as file:  # of the user's archive, not of what was made of it
         assert re.fullmatch("[0-9a-f]{64}", file.attrs["fmu_SuspensionControl"])
         assert file.attrs["fmu_SuspensionControl"] == runner.digest(archive)
+
+
+def test_simulate_logs_what_the_command_warns_of(load, tmp_path, caplog):
+    third_party.built(tmp_path, changes=[('generationTool="By hand"', 'generationTool="By hand" colour="x"')])
+    plan = load("validate = false")
+    paths = lpfcosim.simulate(plan, tmp_path / "out", jobs=1, trusted=True)
+    assert [path.is_file() for path in paths] == [True]
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
+    assert said == validation.validate(plan, fitted=False).warnings[0]
+    assert "accepted because of validate = false" in said
+
+
+#: Experiments that differ in the force to be held, and so in a start value, and in their authority.
+TWO_FORCES = """duration = "30 min"
+dc = "0 m s^-2"
+
+[authority.B]
+F_max_1 = "0 pN"
+F_max_2 = "2000 pN"
+N_max_1 = "10.4 pN m"
+N_max_2 = "10.4 pN m"
+
+[[experiments]]
+name = "two"
+authority = "B"
+alignment_epoch = 1
+duration = "30 min"
+dc = "8e-12 m s^-2"
+"""
+
+
+@pytest.fixture
+def two_forces(tmp_path):
+    def campaign(of, attribute):
+        """Write it with an FMU that states a range of a parameter."""
+        stated = (rf'(name="{of}"[^>]*>\s*<Real unit="[^"]*" start="[^"]*")[^/]*', rf"\1 {attribute}")
+        third_party.built(tmp_path, changes=[stated])
+        head = 'schema = "lpf-campaign/1"\nname = "own"\nseed = 3\n'
+        (tmp_path / "own.toml").write_text(f"{head}{third_party.TABLE}\n{ONE_EXPERIMENT}{TWO_FORCES}")
+        return loading.load(tmp_path / "own.toml")
+
+    return campaign
+
+
+RANGES = [
+    ("hold", 'min="-1e-12"', "run two: fmus.SuspensionControl: variable 'hold': -7"),
+    ("hold", 'max="-1e-12"', "run one: fmus.SuspensionControl: variable 'hold': "),
+    ("hold", 'min="1"', "runs one, two: fmus.SuspensionControl: variable 'hold': "),
+    ("bandwidth", 'max="1e-4"', "fmus.SuspensionControl: variable 'bandwidth': 0.001 is beyond the max"),
+]
+
+
+@pytest.mark.parametrize(("of", "attribute", "said"), RANGES)
+def test_parameters_of_every_run_are_checked_before_any_is_simulated(two_forces, of, attribute, said):
+    plan = two_forces(of, attribute)
+    with pytest.raises(InputError) as refused:
+        validation.validate(plan)
+    assert str(refused.value).startswith(said)
+
+
+@pytest.mark.parametrize(("of", "attribute", "said"), RANGES)
+def test_parameters_of_every_authority_are_checked_before_an_export(
+    two_forces, tmp_path, of, attribute, said
+):
+    plan = two_forces(of, attribute)
+    with pytest.raises(InputError) as refused:
+        ssp.export(plan, {MODEL: plan.replacements[0].archive}, tmp_path / "loop.ssp")
+    assert str(refused.value).startswith(said)

@@ -1,6 +1,8 @@
 """The reference loop against frequency-domain formulas and a general-purpose integrator; no shared code."""
 
 import ast
+import pickle
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.signal import bilinear, lfilter
 
-from lpfcosim.errors import RunError
+from lpfcosim.errors import DivergenceError
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Sine, Truth
 from lpfcosim.worlds import along_x_plant, drive
 
@@ -213,13 +215,17 @@ def test_thrusters_shake_x_1_as_in_flight(make_run, flight_noise):
 
 def test_divergence_is_told_with_channel_and_time(make_run, flight_noise):
     run = make_run(name="lost", noise=flight_noise, truth=Truth(omega2_1_0=-1.0, omega2_2_0=-1.0))
-    with pytest.raises(RunError, match=r"lost: the loop diverged, o_1 left \+-0.0001 m at t = \d+(\.\d)? s"):
+    with pytest.raises(DivergenceError) as diverged:
         along_x_plant.simulate(run)
+    assert re.fullmatch(r"the loop diverged, o_1 left \+-0.0001 m at t = \d+(\.\d)? s", diverged.value.cause)
+    assert str(diverged.value) == f"lost: {diverged.value.cause}"
+    sent = pickle.loads(pickle.dumps(diverged.value))  # as workers send it
+    assert (sent.run, sent.cause) == ("lost", diverged.value.cause)
 
 
 def test_authority_that_cannot_hold_lets_the_test_mass_go(make_run):
     run = make_run(n_samples=200_000, authority=Authority("none", 0, 1e-12, 0, 0), dc=2e-12)
-    with pytest.raises(RunError, match="o_12 left"):
+    with pytest.raises(DivergenceError, match="o_12 left"):
         along_x_plant.simulate(run)
 
 

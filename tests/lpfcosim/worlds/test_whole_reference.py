@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from lpfcosim.errors import RunError
+from lpfcosim.errors import DivergenceError
 from lpfcosim.spacecraft.run import Authority, HalfCosine, Noise, Pulse, Sine, Truth
 from lpfcosim.spacecraft.spacecraft import Spacecraft
 from lpfcosim.worlds import along_x_plant, drive, whole_loops, whole_plant, whole_rigid
@@ -143,7 +143,9 @@ def test_read_outs_see_cross_talk_of_jitter(craft):
 
 def test_divergence_is_told_with_channel_and_time(craft, flight_noise):
     run = craft(name="lost", noise=flight_noise, truth=Truth(omega2_1_0=-1.0, omega2_2_0=-1.0))
-    with pytest.raises(RunError, match=r"lost: the loop diverged, o_1 left \+-0.0001 m at t = \d+(\.\d)? s"):
+    with pytest.raises(
+        DivergenceError, match=r"lost: the loop diverged, o_1 left \+-0.0001 m at t = \d+(\.\d)? s"
+    ):
         whole_plant.simulate(run)
 
 
