@@ -127,4 +127,4 @@ def test_what_is_given_beside_instruments_is_moved_and_widened_as_the_results_ar
 def test_folder_without_results(lpfcosim, tmp_path):
     status, _, err = lpfcosim("mcmc", tmp_path)
     assert status == 2
-    assert "results.json: no such file, expected" in err
+    assert "no results.json in it, expected the folder of an earlier run or fit" in err

@@ -84,7 +84,7 @@ def test_what_cannot_be_reproduced_is_refused(lpfcosim, copied, tmp_path):
     for folder, sentence in (
         (
             tmp_path / "nowhere",
-            r"nowhere.campaign\.toml: no such file, expected the folder of an earlier run",
+            r"nowhere: no such folder, expected the folder of an earlier run",
         ),
         (copied, "telemetry: no telemetry, expected the folder of an earlier run"),
     ):

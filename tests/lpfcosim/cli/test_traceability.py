@@ -85,7 +85,9 @@ def test_results_of_something_else_are_refused(lpfcosim, short, tmp_path):
         assert status == 2
         return one_sentence(err)
 
-    assert "results.json: no such file" in refused(short, "--results", tmp_path / "nowhere")
+    assert "nowhere: no such file or folder, expected results" in refused(
+        short, "--results", tmp_path / "nowhere"
+    )
     other = tmp_path / "other.toml"
     other.write_text(short.read_text().replace("seed = 3", "seed = 4"))
     assert "was not simulated from this campaign as it is now" in refused(other, "--results", folder)
