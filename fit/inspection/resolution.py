@@ -24,6 +24,7 @@ RESOLVED = 1e4  # spacings of double precision, above which a step is no roundin
 WHOLE = 0.05  # of a step, within which a difference is a multiple of it
 SURE = 4.0  # errors of a remainder, within which it is zero
 DECADE = 4.0  # ratio of the steps of neighbouring classes, above which decimal digits make it
+EXACT = 1e-5  # of a step, below which a remainder is a rounding of values before a mean was taken off
 FIXED = 1.5  # ratio of the steps of different octaves, below which there is but one
 
 
@@ -83,7 +84,7 @@ def estimate_resolution(x: Row) -> Resolution | None:
     values = values[values != 0]
     sizes = _class_of_size(np.abs(values))
     first, last = int(sizes.min()), int(sizes.max())
-    known = {size: lattice(values[sizes == size]) for size in range(first, last + 1)}
+    known = {size: _step(values[sizes == size]) for size in range(first, last + 1)}
     known = {size: step for size, step in known.items() if step}
     few = not known and signed.size < ENOUGH < values.size
     if few:
@@ -101,6 +102,14 @@ def estimate_resolution(x: Row) -> Resolution | None:
 def _class_of_size(x: Array) -> NDArray[np.intp]:
     """Return the classes, `SIZES` in an octave, of positive values."""
     return np.asarray(np.floor(SIZES * np.log2(x)), dtype=np.intp)
+
+
+def _step(values: Array) -> float:
+    """Return the step of values of about the same size and either sign, the larger one if they differ.
+
+    They differ where a mean was taken off numbers whose own steps grow there.
+    """
+    return max(lattice(values[values < 0]), lattice(values[values > 0])) or lattice(values)
 
 
 def lattice(values: Array) -> float:
@@ -130,7 +139,7 @@ def lattice(values: Array) -> float:
 def _divisor(a: float, b: float, error: float) -> float:
     """Return the greatest common divisor of two numbers, each known to `error`."""
     of_a, of_b = error, error
-    while b > SURE * of_b:
+    while b > max(SURE * of_b, EXACT * a):
         times = np.round(a / b)
         a, b, of_a, of_b = b, abs(a - times * b), of_b, of_a + times * of_b
     return a

@@ -81,7 +81,8 @@ def _shares(
     Returns
     -------
     share : ndarray, shape (S,)
-        One where too few windows are left to show it.
+        Where too few windows are left to show it, one, or zero if there are many lines: lines with corners
+        in between are interpolated, rounding makes one curve.
     """
     count = x.size // size
     valid, straight = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
@@ -89,7 +90,9 @@ def _shares(
         windows = x[rows.start * size : rows.stop * size].reshape(-1, size)
         valid[rows] = np.isfinite(windows).all(axis=1)
         straight[rows] = _on_line(windows, resolution)
-    for begin, end in np.concatenate(excluded).tolist():
+    lines = np.concatenate(excluded)
+    unknown = 1.0 if len(lines) < FEWEST else 0.0
+    for begin, end in lines.tolist():
         valid[begin // size : (end - 1) // size + 1] = False
     at = np.flatnonzero(valid)
     total = np.concatenate([[0], np.cumsum(straight[at])])
@@ -102,7 +105,7 @@ def _shares(
         first, last = np.maximum(0, before - most), np.minimum(at.size, after + most)
         number = last - first
         part = (total[last] - total[first]) / np.maximum(number, 1)
-        share = np.maximum(share, np.where(number < FEWEST, 1.0, part))
+        share = np.maximum(share, np.where(number < FEWEST, unknown, part))
     return share
 
 

@@ -292,15 +292,37 @@ def test_an_offset_leaves_the_step_of_a_lattice(step, shift):
         assert not said
 
 
-@pytest.mark.parametrize(
-    ("function", "step"),
-    [(about(1e-6), 2.0**-43), (about(1e-6, digits(6)), 1e-11 / 10), (about(1e-7, counts(20)), None)],
-    ids=["single", "6 digits", "20 bits"],
-)
-def test_the_mean_that_was_taken_off_leaves_the_step(function, step):
-    x = function(flown()[0].channels["o_12"].copy())
+@pytest.mark.parametrize("function", [single, digits(6), counts(20)], ids=["single", "6 digits", "20 bits"])
+def test_the_mean_that_was_taken_off_leaves_the_step(function):
+    n = np.arange(60_000)
+    walk = scipy.signal.lfilter([1], [1, -0.9995], 2e-11 * np.random.default_rng(3).standard_normal(n.size))
+    x = function(walk + 1e-8 * np.sin(2 * np.pi * 1e-3 * n) + 1.1e-6)
     before, after = estimate_resolution(x), estimate_resolution(x - x.mean())
-    assert after.largest == pytest.approx(before.largest if step is None else step, rel=1e-3)
+    assert after.fixed
+    assert after.largest == pytest.approx(before.largest, rel=1e-6)
+    assert not list(samples.stuck(x - x.mean(), 10.0, after))
+
+
+@pytest.mark.parametrize(("function", "growth"), [(single, 2.0**-20), (digits(7), 1e-6)])
+def test_the_step_is_the_larger_one_where_it_grew_before_the_mean_was_taken_off(function, growth):
+    x = flown()[0].channels["o_12"]
+    x = function(x - x.mean() + growth)
+    step = np.diff(np.unique(x[x > growth])).min()
+    x = x - x.mean()
+    found = estimate_resolution(x)
+    assert found.largest == pytest.approx(step, rel=1e-3)
+    assert not list(samples.stuck(x, 1.0, found))
+
+
+@pytest.mark.parametrize("every", [40, 100])
+@pytest.mark.parametrize("function", [single, counts(24)], ids=["single", "24 bits"])
+def test_a_whole_run_that_is_interpolated_is_found(function, every):
+    x = in_memory(1.0)
+    n = np.arange(x.size)
+    x = function(np.interp(n, n[::every], x[::every]))
+    found = list(samples.stuck(x, 1.0, estimate_resolution(x)))
+    assert sum(o.end - o.begin for o in found) > 0.9 * x.size
+    assert sum(o.what.startswith("is a straight line") for o in found) > 0.9 * len(found)
 
 
 def test_square_waves_of_an_open_loop_are_not_rounded():
