@@ -6,7 +6,7 @@ numbers were converted to, values of about the same size then lie on a lattice, 
 of sorted values; those of double precision lie so close that no run shows it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -23,6 +23,8 @@ SMALLEST = 40  # differences that show it
 RESOLVED = 1e4  # spacings of double precision, above which a step is no rounding of it
 WHOLE = 0.05  # of a step, within which a difference is a multiple of it
 SURE = 4.0  # errors of a remainder, within which it is zero
+DECADE = 4.0  # ratio of the steps of neighbouring classes, above which decimal digits make it
+EXACT = 1e-5  # of a step, below which a remainder is a rounding of values before a mean was taken off
 FIXED = 1.5  # ratio of the steps of different octaves, below which there is but one
 
 
@@ -55,6 +57,12 @@ class Resolution:
         return np.asarray(self.steps[np.clip(sizes, 0, self.steps.size - 1)])
 
     @property
+    def upper(self) -> "Resolution":
+        """The same, with the larger of the two steps where a power of ten lies within a class."""
+        following = np.append(self.steps[1:], 0.0)
+        return replace(self, steps=np.where(following > DECADE * self.steps, following, self.steps))
+
+    @property
     def largest(self) -> float:
         """The step where values are largest."""
         return float(self.steps[-1])
@@ -73,10 +81,10 @@ def estimate_resolution(x: Row) -> Resolution | None:
     signed = np.unique(values)
     if signed.size < 2:
         return None
-    values = np.abs(values[values != 0])
-    sizes = _class_of_size(values)
+    values = values[values != 0]
+    sizes = _class_of_size(np.abs(values))
     first, last = int(sizes.min()), int(sizes.max())
-    known = {size: lattice(values[sizes == size]) for size in range(first, last + 1)}
+    known = {size: _step(values[sizes == size]) for size in range(first, last + 1)}
     known = {size: step for size, step in known.items() if step}
     few = not known and signed.size < ENOUGH < values.size
     if few:
@@ -96,17 +104,26 @@ def _class_of_size(x: Array) -> NDArray[np.intp]:
     return np.asarray(np.floor(SIZES * np.log2(x)), dtype=np.intp)
 
 
-def lattice(values: Array) -> float:
-    """Return the step of which values of about the same size are multiples; 0 if they show none.
+def _step(values: Array) -> float:
+    """Return the step of values of about the same size and either sign, the larger one if they differ.
 
-    It is the greatest common divisor of the smallest differences between values that are next in size: those
-    of double precision have none that their own rounding does not hide.
+    They differ where a mean was taken off numbers whose own steps grow there.
+    """
+    return max(lattice(values[values < 0]), lattice(values[values > 0])) or lattice(values)
+
+
+def lattice(values: Array) -> float:
+    """Return the step of the lattice of values of about the same size; 0 if they show none.
+
+    It is the greatest common divisor of the smallest differences between neighbouring values of one sign,
+    which an offset of all values does not change. Those of double precision have none that their own rounding
+    does not hide.
     """
     values = np.unique(values)
     if values.size < ENOUGH:
         return 0.0
-    error = float(np.spacing(values[-1]))
-    d = np.diff(values)
+    error = float(np.spacing(np.abs(values).max()))
+    d = np.diff(values)[values[1:] * values[:-1] > 0]
     d = np.sort(d[d > RESOLVED * error])[:SMALLEST]
     if d.size < ENOUGH - 1:
         return 0.0
@@ -122,7 +139,7 @@ def lattice(values: Array) -> float:
 def _divisor(a: float, b: float, error: float) -> float:
     """Return the greatest common divisor of two numbers, each known to `error`."""
     of_a, of_b = error, error
-    while b > SURE * of_b:
+    while b > max(SURE * of_b, EXACT * a):
         times = np.round(a / b)
         a, b, of_a, of_b = b, abs(a - times * b), of_b, of_a + times * of_b
     return a

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy
 
 from fit.errors import InputError
 from fit.inspection import rounding, samples
@@ -216,6 +217,112 @@ def test_faults_are_found_beside_rounding(function, fault, channel, words):
     said = list(samples.faults(spoilt, noise))
     assert any(re.search(words, reason) for reason in said), said
     assert all(f" {channel} " in reason for reason in said)
+
+
+def constant(x, begin, size):
+    x[begin : begin + size] = x[begin]
+
+
+def line(x, begin, size):
+    x[begin : begin + size + 1] = np.linspace(x[begin], x[begin + size], size + 1)
+
+
+def in_memory(fs, seed=3, size=30_000):
+    """A read-out of white noise on a slow tone, that moves by about a hundred steps of single precision."""
+    n = np.arange(size)
+    noise = 1e-13 * np.random.default_rng(seed).standard_normal(size)
+    walk = scipy.signal.lfilter(
+        [1], [1, -0.9995], 2e-12 * np.random.default_rng(seed + 1).standard_normal(size)
+    )
+    return 9e-9 * np.sin(2 * np.pi * 1e-3 * n / fs) + noise + walk
+
+
+FORMATS = pytest.mark.parametrize(
+    "function", [lambda x: x, single, digits(7), counts(24)], ids=["double", "single", "7 digits", "24 bits"]
+)
+
+
+@pytest.mark.parametrize("fs", [1.0, 10.0])
+@pytest.mark.parametrize("fault", [constant, line])
+@FORMATS
+def test_short_stretches_are_found_wherever_they_are(function, fault, fs):
+    """Of 31 to 95 samples, several of them in a run, whether or not few samples of a run are compared."""
+    x = in_memory(fs)
+    at = {4001 + 1237 * k: size for k, size in enumerate((31, 32, 38, 45, 60, 95))}
+    for begin, size in at.items():
+        fault(x, begin, size)
+    x = function(x)
+    found = [(round(o.begin * fs), round(o.end * fs)) for o in samples.stuck(x, fs, estimate_resolution(x))]
+    assert len(found) == len(at)
+    for (begin, end), (expected, size) in zip(found, at.items(), strict=True):
+        assert abs(begin - expected) <= 2
+        assert abs(end - expected - size) <= 3
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_a_stretch_is_found_however_much_of_a_run_it_takes(share):
+    x = in_memory(1.0, size=6000)
+    constant(x, 2000, int(share * x.size))
+    x = single(x)
+    (fault,) = samples.stuck(x, 1.0, estimate_resolution(x))
+    assert fault.what.startswith("is stuck at")
+    assert (fault.begin, fault.end - fault.begin) == (2000, int(share * x.size))
+
+
+@pytest.mark.parametrize(
+    ("function", "channel"),
+    [(f, c) for f in (single, digits(7), counts(24), counts(20)) for c in ("o_1", "o_12", "f_x_2")]
+    + [(about(1e-6), "o_12")],
+)
+def test_quiet_parts_of_a_clean_run_are_no_faults(function, channel):
+    """Before the first injection and after the last, rounding makes longer lines than in between."""
+    for run in flown():
+        x = function(run.channels[channel].copy())
+        assert not list(samples.stuck(x, run.fs, estimate_resolution(x)))
+
+
+@pytest.mark.parametrize("shift", [0.013, 0.25, 1 / 3, 0.37, 1e3 / 7])
+@pytest.mark.parametrize("step", [3e-13, 1e-12])
+def test_an_offset_leaves_the_step_of_a_lattice(step, shift):
+    for run in stored(lambda x: step * np.round(x / step) + shift * step, ("o_12",)):
+        found = estimate_resolution(run.channels["o_12"])
+        assert found.fixed
+        assert found.largest == pytest.approx(step, rel=1e-6)
+        said = [o for o in samples.stuck(run.channels["o_12"], run.fs, found) if o.again]
+        assert not said
+
+
+@pytest.mark.parametrize("function", [single, digits(6), counts(20)], ids=["single", "6 digits", "20 bits"])
+def test_the_mean_that_was_taken_off_leaves_the_step(function):
+    n = np.arange(60_000)
+    walk = scipy.signal.lfilter([1], [1, -0.9995], 2e-11 * np.random.default_rng(3).standard_normal(n.size))
+    x = function(walk + 1e-8 * np.sin(2 * np.pi * 1e-3 * n) + 1.1e-6)
+    before, after = estimate_resolution(x), estimate_resolution(x - x.mean())
+    assert after.fixed
+    assert after.largest == pytest.approx(before.largest, rel=1e-6)
+    assert not list(samples.stuck(x - x.mean(), 10.0, after))
+
+
+@pytest.mark.parametrize(("function", "growth"), [(single, 2.0**-20), (digits(7), 1e-6)])
+def test_the_step_is_the_larger_one_where_it_grew_before_the_mean_was_taken_off(function, growth):
+    x = flown()[0].channels["o_12"]
+    x = function(x - x.mean() + growth)
+    step = np.diff(np.unique(x[x > growth])).min()
+    x = x - x.mean()
+    found = estimate_resolution(x)
+    assert found.largest == pytest.approx(step, rel=1e-3)
+    assert not list(samples.stuck(x, 1.0, found))
+
+
+@pytest.mark.parametrize("every", [40, 100])
+@pytest.mark.parametrize("function", [single, counts(24)], ids=["single", "24 bits"])
+def test_a_whole_run_that_is_interpolated_is_found(function, every):
+    x = in_memory(1.0)
+    n = np.arange(x.size)
+    x = function(np.interp(n, n[::every], x[::every]))
+    found = list(samples.stuck(x, 1.0, estimate_resolution(x)))
+    assert sum(o.end - o.begin for o in found) > 0.9 * x.size
+    assert sum(o.what.startswith("is a straight line") for o in found) > 0.9 * len(found)
 
 
 def test_square_waves_of_an_open_loop_are_not_rounded():
