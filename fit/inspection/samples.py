@@ -97,6 +97,9 @@ def stuck(x: Row, fs: float, resolution: Resolution | None) -> Iterator[Oddity]:
         Of its numbers: what that explains is no fault.
     """
     looked, noisy = x[:LOOKED], is_noisy(x)
+    there = looked[~np.isnan(looked)]  # what is masked is no value
+    if not there.size:
+        return
     least, most = _extremes(x)
     if least == most or not (noisy or resolution):
         what = (
@@ -106,7 +109,6 @@ def stuck(x: Row, fs: float, resolution: Resolution | None) -> Iterator[Oddity]:
         )
         yield Oddity(what, 0.0, x.size / fs)
         return
-    there = looked[~np.isnan(looked)]  # what is masked is no value
     if (different := _different(there)) < FEW * there.size:
         again = _period(looked)
         if again or resolution is None:

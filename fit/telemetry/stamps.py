@@ -129,7 +129,7 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
     if not seconds[-1] > seconds[0]:
         _check_resolution(place, stamps, abs(float(seconds[-1] - seconds[0])))
         raise InputError(f"{place}: from {seconds[0]:g} s to {seconds[-1]:g} s, expected it to increase")
-    _refuse_absent_rows(place, seconds, stamps.resolution)
+    _refuse_absent_rows(place, seconds)
     rates = [fs] if fs is not None else _rates(seconds, stamps.resolution)
     for rate in rates:
         even = np.arange(seconds.size) / rate
@@ -144,14 +144,14 @@ def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float
     return np.asarray(check_time(place, seconds, rates[0], resolution=stamps.resolution)[:]), rates[0]
 
 
-def _refuse_absent_rows(place: str, seconds: Array, resolution: float) -> None:
+def _refuse_absent_rows(place: str, seconds: Array) -> None:
     """Refuse times that are uniform but for steps of several samples."""
     steps = np.diff(seconds)
     step = float(np.median(steps))
-    if step <= 2 * resolution:
+    if not step > 0:
         return
     rows = np.round(steps / step)
-    uniform = np.abs(steps - rows * step) <= 2 * resolution + 1e-2 * step
+    uniform = np.abs(steps - rows * step) <= 1e-2 * step
     absent = int((rows - 1).sum())
     if uniform.all() and rows.min() >= 1 and absent:
         n = int(np.argmax(rows > 1))

@@ -178,6 +178,7 @@ def problems(
             missing = True
             yield error
     general: list[Callable[[], object]] = [
+        partial(_check_token, interface),
         partial(_check_step, interface, h),
         partial(compilation.check_platform, interface.archive, interface.description, interface.named),
     ]
@@ -300,6 +301,13 @@ def _exponents(unit: str) -> dict[str, int] | None:
             for base, power in _SYMBOLS.get(match[1], {}).items():
                 exponents[base] = exponents.get(base, 0) + sign * power * int(match[2] or 1)
     return {base: power for base, power in exponents.items() if power} if unit.count("/") < 2 else None
+
+
+def _check_token(interface: Interface) -> None:
+    """Refuse a description without the token by which an FMU recognises it."""
+    if not interface.description.instantiationToken:
+        token = "guid" if interface.version.startswith("2") else "instantiationToken"
+        raise InputError(f"{interface.named}: its modelDescription.xml has no {token}; expected one")
 
 
 def _check_step(interface: Interface, h: float) -> None:

@@ -200,6 +200,11 @@ TIME_FAULTS = {
         "",
         "column t: 1 row is absent, first after sample 899 (89.9 s); expected a row for each sample",
     ),
+    "gaps of elapsed seconds": (
+        lambda t: [f"{x:.1f}" for x in np.where(np.arange(N) < 900, np.arange(N), np.arange(N) + 50) / 10],
+        "",
+        "column t: 50 rows are absent, first after sample 899 (89.9 s); expected a row for each sample",
+    ),
     "too few digits": (lambda t: isot(t, 0), "", "column t: from 0 s to 0 s at sample 1, expected uniform"),
     "single precision": (
         lambda t: t.gps.astype("f4").astype(float).tolist(),

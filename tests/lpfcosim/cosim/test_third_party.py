@@ -339,6 +339,14 @@ def test_what_cannot_be_read_is_refused_all_the_same(run, fmus, tmp_path):
 
 
 @FMI
+def test_a_description_without_token_is_refused_before_it_is_loaded(run, fmus, tmp_path, fmi):
+    token = "guid" if fmi == "2.0" else "instantiationToken"
+    archive = third_party.built(tmp_path, changes=[(f' {token}="1"', "")], fmi=fmi)
+    message = refusal(run, fmus, archive, validate=False)
+    assert message.endswith(f"its modelDescription.xml has no {token}; expected one")
+
+
+@FMI
 def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
     monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
     wanted = simulate(run, fmus, third_party.built(tmp_path, fmi=fmi))
