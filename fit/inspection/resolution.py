@@ -21,10 +21,10 @@ SIZES = 4  # classes of size in an octave, each of one lattice but where steps g
 ENOUGH = 16  # different values of a class that show a lattice
 SMALLEST = 40  # differences that show it
 RESOLVED = 1e4  # spacings of double precision, above which a step is no rounding of it
-WHOLE = 0.05  # of a step, within which a difference is a multiple of it
+WHOLE = 0.01  # of a step, within which a difference is a multiple of it
 SURE = 4.0  # errors of a remainder, within which it is zero
 DECADE = 4.0  # ratio of the steps of neighbouring classes, above which decimal digits make it
-EXACT = 1e-5  # of a step, below which a remainder is a rounding of values before a mean was taken off
+EXACT = 1e-7  # of a step, below which a remainder is a rounding of values before a mean was taken off
 FIXED = 1.5  # ratio of the steps of different octaves, below which there is but one
 
 

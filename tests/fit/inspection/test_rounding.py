@@ -255,7 +255,7 @@ def test_short_stretches_are_found_wherever_they_are(function, fault, fs):
     found = [(round(o.begin * fs), round(o.end * fs)) for o in samples.stuck(x, fs, estimate_resolution(x))]
     assert len(found) == len(at)
     for (begin, end), (expected, size) in zip(found, at.items(), strict=True):
-        assert abs(begin - expected) <= 2
+        assert abs(begin - expected) <= 8  # at a power of ten, where steps change within a line
         assert abs(end - expected - size) <= 3
 
 
@@ -330,3 +330,9 @@ def test_square_waves_of_an_open_loop_are_not_rounded():
     pulses = np.where(np.arange(run.size) % 2000 < 1000, 5e-12, 0.0)
     driven = replace(run, channels={**run.channels, "f_x_1": pulses})
     assert not list(rounding.roundings(driven, noise))
+
+
+def test_a_ramp_of_double_precision_is_no_lattice():
+    """Its samples are nearly evenly spaced, as those of a large slow command."""
+    increments = 3.5e-13 * (1 + 3e-3 * np.random.default_rng(5).standard_normal(20_000))
+    assert estimate_resolution(1.5e-9 + np.cumsum(increments)) is None
