@@ -25,6 +25,7 @@ WHOLE = 0.01  # of a step, within which a difference is a multiple of it
 SURE = 4.0  # errors of a remainder, within which it is zero
 DECADE = 4.0  # ratio of the steps of neighbouring classes, above which decimal digits make it
 EXACT = 1e-7  # of a step, below which a remainder is a rounding of values before a mean was taken off
+FINER = 0.1  # of the step of other classes, below which differences are of no lattice
 FIXED = 1.5  # ratio of the steps of different octaves, below which there is but one
 
 
@@ -96,6 +97,10 @@ def estimate_resolution(x: Row) -> Resolution | None:
     for size in range(first, last + 1):
         near = min(known, key=lambda other: abs(other - size))
         steps.append(known[near] * (2.0 ** ((size - near) / SIZES) if most > FIXED * least else 1.0))
+    finer = [size for size in range(first, last + 1) if size not in known]
+    finer = [n for n in finer if _finest(values[sizes == n]) < FINER * steps[n - first]]
+    if np.count_nonzero(np.isin(sizes, finer)) > 0.5 * sizes.size:
+        return None  # a smooth channel, in a few classes of which increments happen to be alike
     return Resolution(first, np.array(steps), _precision(values), few)
 
 
@@ -112,6 +117,19 @@ def _step(values: Array) -> float:
     return max(lattice(values[values < 0]), lattice(values[values > 0])) or lattice(values)
 
 
+def _finest(values: Array) -> float:
+    """Return a small difference between neighbours of about one size, infinite for few values."""
+    values = np.unique(values)
+    d = _differences(values) if values.size >= ENOUGH else np.empty(0)
+    return float(np.median(d)) if d.size else np.inf
+
+
+def _differences(values: Array) -> Array:
+    """Return the smallest differences between different, sorted values of one sign that are no rounding."""
+    d = np.diff(values)[values[1:] * values[:-1] > 0]
+    return np.sort(d[d > RESOLVED * np.spacing(np.abs(values).max())])[:SMALLEST]
+
+
 def lattice(values: Array) -> float:
     """Return the step of the lattice of values of about the same size; 0 if they show none.
 
@@ -123,8 +141,7 @@ def lattice(values: Array) -> float:
     if values.size < ENOUGH:
         return 0.0
     error = float(np.spacing(np.abs(values).max()))
-    d = np.diff(values)[values[1:] * values[:-1] > 0]
-    d = np.sort(d[d > RESOLVED * error])[:SMALLEST]
+    d = _differences(values)
     if d.size < ENOUGH - 1:
         return 0.0
     step = float(d[0])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.files import refuse_links
-from fit.telemetry import guard, stamps
+from fit.telemetry import grid, guard, stamps
 from fit.telemetry.archives import is_text, look
 from fit.telemetry.contract import REQUIRED, SCHEMA, check_root
 from fit.telemetry.datasets import MAX_SAMPLES, check_missing, check_values
@@ -162,11 +162,11 @@ def _time(
     if clock is None:
         return np.arange(size) / float(attributes["fs"])
     place, column = clock
-    time, rate = stamps.fit_grid(place, column, fs)
+    time, rate = grid.fit_grid(place, column, fs)
     attributes.setdefault("fs", rate)
     if column.t0 is not None:
         if "t0" in attributes:
-            stamps.check_start(f"{run}.t0", str(attributes["t0"]), column, rate)
+            grid.check_start(f"{run}.t0", str(attributes["t0"]), column, rate)
         attributes["t0"] = column.t0
     elif "t0" not in attributes:
         raise InputError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError, shown
 from fit.files import key
-from fit.telemetry import stamps
+from fit.telemetry import grid, stamps
 from fit.telemetry.archives import Table, opened
 from fit.telemetry.contract import CHANNELS
 from fit.telemetry.maps import (
@@ -112,7 +112,7 @@ class Archives:
         place, reference = self._stamps(having[0], having[0].column(clock.column))
         for table in having[1:]:
             another, stamps_there = self._stamps(table, table.column(clock.column))
-            stamps.check_agreement(another, stamps_there, place, reference)
+            grid.check_agreement(another, stamps_there, place, reference)
         return place, reference
 
     def _table(self, place: Place) -> Table:

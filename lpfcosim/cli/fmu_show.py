@@ -334,7 +334,7 @@ def _print_match(place: Place, path: Path, match: Match, faulty: bool, console: 
         rows.append((need.causality, need.name, need.unit, theirs))
     console.say(f"{path} in the place of {place.component.model}\n")
     _print(Lines(("", "ours", "unit", path.name), tuple(rows)), console)
-    console.say(f"\n[fmus.{place.component.model}]\npath = {quote(str(path))}")
+    console.say(f"\n[fmus.{place.component.model}]\npath = {json.dumps(str(path))}")
     mapped = ", ".join(f"{_key(ours)} = {json.dumps(name)}" for ours, name in match.variables.items())
     console.say(f"variables = {{ {mapped} }}" if mapped else "variables = {}")
     for name, choices in match.candidates.items():

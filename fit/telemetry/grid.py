@@ -1,0 +1,139 @@
+"""The uniform grid of the samples of a run, from the time stamps of one file or of several.
+
+Every function raises `fit.errors.InputError`; its message names the place and what was expected.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.telemetry.contract import utc
+from fit.telemetry.datasets import check_time
+from fit.telemetry.stamps import Stamps
+
+Array = NDArray[np.float64]
+
+AGREEMENT = 1e-3  # s, of the clocks of two files: a shift of a channel is one of its delay
+CLOCK_ERROR = 1e-6  # of the rate of a clock, which changes no estimate
+
+
+def fit_grid(place: str, stamps: Stamps, fs: float | None) -> tuple[Array, float]:
+    """Return the seconds since the first sample and the rate [Hz], by default the one that fits best.
+
+    The rounding of stamps to their last digit is no jitter: if they are uniform but for that, the exact grid
+    is returned.
+    """
+    seconds = stamps.seconds
+    if not seconds[-1] > seconds[0]:
+        _check_resolution(place, stamps, abs(float(seconds[-1] - seconds[0])))
+        raise InputError(f"{place}: from {seconds[0]:g} s to {seconds[-1]:g} s, expected it to increase")
+    _refuse_absent_rows(place, seconds)
+    rates = [fs] if fs is not None else _rates(seconds, stamps.resolution)
+    for rate in rates:
+        even = np.arange(seconds.size) / rate
+        try:
+            time = check_time(place, seconds, rate)
+        except InputError:
+            if _is_rounded(seconds - even, stamps.resolution, rate):
+                return even, rate
+        else:
+            return (np.asarray(time[:]) if stamps.t0 is None else even), rate
+    _check_resolution(place, stamps, 0.5 / rates[0])
+    return np.asarray(check_time(place, seconds, rates[0], resolution=stamps.resolution)[:]), rates[0]
+
+
+def _refuse_absent_rows(place: str, seconds: Array) -> None:
+    """Refuse times that are uniform but for steps of several samples."""
+    steps = np.diff(seconds)
+    step = float(np.median(steps))
+    if not step > 0:
+        return
+    rows = np.round(steps / step)
+    uniform = np.abs(steps - rows * step) <= 1e-2 * step
+    absent = int((rows - 1).sum())
+    if uniform.all() and rows.min() >= 1 and absent:
+        n = int(np.argmax(rows > 1))
+        raise InputError(
+            f"{place}: {absent} row{'s are' if absent > 1 else ' is'} absent, first after sample {n} "
+            f"({seconds[n]:.10g} s); expected a row for each sample, with empty cells, nan or a marker "
+            "(missing = -9999 in the map) where values are missing"
+        )
+
+
+def _is_rounded(off: Array, digit: float, rate: float) -> bool:
+    """Return whether times are `off` a uniform grid by no more than their last digit.
+
+    It must be finer than half a sample, so that one sample too many or too few shows. A clock may be wrong by
+    1e-6, as elsewhere.
+    """
+    n = np.arange(off.size)
+    slope = float(np.polyfit(n, off, 1)[0])
+    if abs(slope) * rate <= CLOCK_ERROR:
+        off = off - slope * n
+    return digit <= 0.5 / rate and bool(np.ptp(off) <= 1.1 * digit + 1e-3 / rate)
+
+
+def check_agreement(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
+    """Refuse the time stamps of one table that are not those of another table of the same run."""
+    wanted = "expected the same time stamps in all files of a run"
+    sizes = stamps.seconds.size, reference.seconds.size
+    if sizes[0] != sizes[1]:
+        raise InputError(f"{place}: {sizes[0]} samples, but {other} has {sizes[1]}, {wanted}")
+    if stamps.t0 is None or reference.t0 is None:
+        off = stamps.start - reference.start
+    else:
+        off = (utc(stamps.t0) - utc(reference.t0)).total_seconds()
+    if sizes[0] < 2:
+        return  # too few samples in any case
+    step = float(reference.seconds[-1]) / (sizes[0] - 1)
+    digit = min(max(stamps.resolution, reference.resolution, 1e-3 * step), 0.5 * step)
+    if abs(off) > digit:
+        raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other}, {wanted}")
+    differences = stamps.seconds - reference.seconds
+    beyond = np.abs(differences) > digit
+    if beyond.any():
+        n = int(np.argmax(beyond))
+        off = float(differences[n])
+        raise InputError(f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other}, {wanted}")
+    mean = off + float(differences.mean())  # in which the rounding of stamps averages out
+    if abs(mean) > max(AGREEMENT, 1e-3 * step):
+        raise InputError(f"{place}: {abs(mean):.3g} s {_order(mean)} {other} on average, {wanted}")
+
+
+def check_start(place: str, stated: str, stamps: Stamps, fs: float) -> None:
+    """Refuse a stated start that is more than a sample off the first time stamp; `place` is that of t0."""
+    if stamps.t0 is None:
+        return
+    off = (utc(stated) - utc(stamps.t0)).total_seconds()
+    if abs(off) > 1 / fs:
+        raise InputError(
+            f"{place}: {stated!r} is {abs(off):.10g} s {_order(off)} the first time stamp, "
+            f"{stamps.t0!r}, expected the same, or none: it follows from the time stamps"
+        )
+
+
+def _order(off: float) -> str:
+    return "before" if off < 0 else "after"
+
+
+def _rates(seconds: Array, digit: float) -> list[float]:
+    """Return sample rates [Hz] to try: round ones, those of round periods, the mean, and the best fit."""
+    span = float(seconds[-1])
+    mean = (seconds.size - 1) / span
+    tolerance = max(CLOCK_ERROR, 2 * digit / span)
+    spelt = [f"{{:.{digits}g}}" for digits in range(1, 6)]
+    candidates = (rate for s in spelt for rate in (float(s.format(mean)), 1 / float(s.format(1 / mean))))
+    rates = [rate for rate in candidates if math.isclose(rate, mean, rel_tol=tolerance)]
+    slope = float(np.polyfit(np.arange(seconds.size), seconds, 1)[0])
+    return [*dict.fromkeys(rates[:2]), mean, *([1 / slope] if slope > 0 else [])]
+
+
+def _check_resolution(place: str, stamps: Stamps, largest: float) -> None:
+    """Refuse single precision whose last digit is worth more than `largest` [s]."""
+    if stamps.is_single and stamps.resolution > largest:
+        raise InputError(
+            f"{place}: kept in single precision, the time stamps have lost their digits: they are rounded to "
+            f"{stamps.resolution:g} s, expected double precision, or no [time] but attributes fs and t0"
+        )
