@@ -1,60 +1,23 @@
 """FMUs of other tools: what is set and when, what is accepted, and what is said of those that fail."""
 
 import contextlib
-import shutil
 import tempfile
-import zipfile
 from dataclasses import replace
-from functools import partial
 
 import fmpy
 import numpy as np
 import pytest
 
-from lpfcosim.cosim import compilation, interfaces, placement, slave, warnings
+from lpfcosim.cosim import slave, warnings
 from lpfcosim.cosim.variables import known
 from lpfcosim.errors import InputError, RunError
-from lpfcosim.spacecraft.run import Noise, Replacement, Sine
+from lpfcosim.spacecraft.run import Noise, Replacement
 from lpfcosim.worlds import world_of
 from tests import third_party
 from tests.lpfcosim.cosim import in_memory
-from tests.lpfcosim.cosim.foreign import edited
+from tests.lpfcosim.cosim.third_party_fmu import ENGINE, FMI, MODEL, placed, refusal, replacement, simulate
 
 pytestmark = [pytest.mark.fmu]
-FMI = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
-ENGINE = pytest.mark.parametrize("engine", ["compiled", "fmpy"])
-MODEL = "SuspensionControl"
-
-
-@pytest.fixture
-def run(make_run):
-    return make_run(
-        n_samples=1200,
-        noise=Noise(oms=35e-15),
-        injections=(Sine("guidance_o_12", amplitude=10e-9, frequency=0.01, cycles=1, start=10),),
-        dc=4e-12,
-    )
-
-
-def replacement(archive, *, unused=third_party.UNUSED, **fields):
-    return Replacement(MODEL, archive, third_party.VARIABLES, unused, **fields)
-
-
-def placed(run, fmus, mine, archive=None):
-    run = replace(run, replacements=(mine,))
-    return run, interfaces(run, {**fmus, MODEL: archive or mine.archive})
-
-
-def simulate(run, fmus, archive, engine="compiled", **fields):
-    run = replace(run, replacements=(replacement(archive, **fields),))
-    return in_memory.simulate(run, {**fmus, MODEL: archive}, engine=engine)
-
-
-def refusal(run, fmus, archive, **fields):
-    with pytest.raises(InputError) as refused:
-        placed(run, fmus, replacement(archive, **fields))
-    assert "\n" not in str(refused.value)
-    return str(refused.value)
 
 
 @FMI
@@ -344,85 +307,6 @@ def test_a_description_without_token_is_refused_before_it_is_loaded(run, fmus, t
     archive = third_party.built(tmp_path, changes=[(f' {token}="1"', "")], fmi=fmi)
     message = refusal(run, fmus, archive, validate=False)
     assert message.endswith(f"its modelDescription.xml has no {token}; expected one")
-
-
-@FMI
-def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
-    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
-    wanted = simulate(run, fmus, third_party.built(tmp_path, fmi=fmi))
-    archive = third_party.built(tmp_path, sources=True, fmi=fmi, name="source")
-    _, found = placed(run, fmus, replacement(archive))
-    assert "its sources are compiled" in warnings(found)[0]
-    got = simulate(run, fmus, archive)
-    assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
-    (library,) = (tmp_path / "cache" / "compiled").glob(f"*/*{fmpy.sharedLibraryExtension}")
-    before = library.stat().st_mtime_ns
-    simulate(run, fmus, archive)
-    assert library.stat().st_mtime_ns == before
-
-
-@pytest.mark.parametrize("what", ["flags", "headers", "compiler for C++"])
-def test_sources_are_compiled_anew_with_other_tools(run, fmus, tmp_path, monkeypatch, what):
-    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
-    archive = third_party.built(tmp_path, sources=True, fmi="3.0", name="source")
-    if what == "compiler for C++":
-        archive = sources_in_c_plus(archive, tmp_path / "plus.fmu")
-    _, found = placed(run, fmus, replacement(archive))
-    description = next(i.description for i in found if i.model == MODEL)
-    compiled = partial(compilation.compiled, archive, description, archive)
-    before = compiled()
-    assert compiled() == before
-    if what == "flags":
-        monkeypatch.setattr(compilation, "_FLAGS", (*compilation._FLAGS, "-O1"))
-    elif what == "headers":
-        headers = shutil.copytree(compilation._HEADERS, tmp_path / "headers")
-        (headers / "fmi3PlatformTypes.h").write_text("/* another version */")
-        monkeypatch.setattr(compilation, "_HEADERS", headers)
-    else:
-        monkeypatch.setenv("CXX", "g++ -O1")
-    assert compiled() != before
-
-
-def sources_in_c_plus(archive, path):
-    """Copy an archive with its C source under the name of one in C++."""
-    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(path, "w") as target:
-        for name in source.namelist():
-            content = source.read(name)
-            if name.endswith("buildDescription.xml"):
-                content = content.replace(b'"slave.c"', b'"slave.cpp"').replace(b' language="C11"', b"")
-            content = b"int none;" if name.endswith("slave.c") else content
-            target.writestr(name.replace("slave.c", "slave.cpp"), content)
-    return path
-
-
-def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):
-    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
-    archive = third_party.built(tmp_path, "step=(", sources=True)
-    with pytest.raises(
-        InputError, match=r"ThirdParty\.fmu: its sources do not compile with .*error.*; see "
-    ) as refused:
-        simulate(run, fmus, archive)
-    log = str(refused.value).rpartition("see ")[2]
-    with open(log) as file:  # noqa: PTH123
-        assert "error" in file.read()
-    monkeypatch.setenv("CC", "no-such-compiler")
-    placement.compilation.compiler.compiler.cache_clear()
-    with pytest.raises(InputError, match=r"has sources but no binary for .*'no-such-compiler', is not there"):
-        simulate(run, fmus, archive)
-    placement.compilation.compiler.compiler.cache_clear()
-
-
-@pytest.mark.parametrize(
-    ("listed", "said"),
-    [
-        ("slave.f90", 'has no binary for this platform, and sources: "slave.f90"; expected C or C++'),
-        ("other.c", "sources/other.c: is missing, which its description lists"),
-    ],
-)
-def test_sources_that_are_not_there_or_of_another_language(run, fmus, tmp_path, listed, said):
-    archive = third_party.built(tmp_path, sources=True)
-    changed = edited(archive, tmp_path / "changed.fmu", (r"slave\.c", listed))
-    assert refusal(run, fmus, changed).endswith(said)
 
 
 @pytest.mark.parametrize(

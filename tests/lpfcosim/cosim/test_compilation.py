@@ -1,0 +1,96 @@
+"""FMUs that come as sources: compiled once, for this platform, and what does not compile."""
+
+import shutil
+import zipfile
+from functools import partial
+
+import fmpy
+import numpy as np
+import pytest
+
+from lpfcosim.cosim import compilation, placement, warnings
+from lpfcosim.errors import InputError
+from tests import third_party
+from tests.lpfcosim.cosim.foreign import edited
+from tests.lpfcosim.cosim.third_party_fmu import FMI, MODEL, placed, refusal, replacement, simulate
+
+pytestmark = [pytest.mark.fmu]
+
+
+@FMI
+def test_sources_are_compiled_once(run, fmus, tmp_path, monkeypatch, fmi):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    wanted = simulate(run, fmus, third_party.built(tmp_path, fmi=fmi))
+    archive = third_party.built(tmp_path, sources=True, fmi=fmi, name="source")
+    _, found = placed(run, fmus, replacement(archive))
+    assert "its sources are compiled" in warnings(found)[0]
+    got = simulate(run, fmus, archive)
+    assert all(np.array_equal(got[channel], values) for channel, values in wanted.items())
+    (library,) = (tmp_path / "cache" / "compiled").glob(f"*/*{fmpy.sharedLibraryExtension}")
+    before = library.stat().st_mtime_ns
+    simulate(run, fmus, archive)
+    assert library.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("what", ["flags", "headers", "compiler for C++"])
+def test_sources_are_compiled_anew_with_other_tools(run, fmus, tmp_path, monkeypatch, what):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    archive = third_party.built(tmp_path, sources=True, fmi="3.0", name="source")
+    if what == "compiler for C++":
+        archive = sources_in_c_plus(archive, tmp_path / "plus.fmu")
+    _, found = placed(run, fmus, replacement(archive))
+    description = next(i.description for i in found if i.model == MODEL)
+    compiled = partial(compilation.compiled, archive, description, archive)
+    before = compiled()
+    assert compiled() == before
+    if what == "flags":
+        monkeypatch.setattr(compilation, "_FLAGS", (*compilation._FLAGS, "-O1"))
+    elif what == "headers":
+        headers = shutil.copytree(compilation._HEADERS, tmp_path / "headers")
+        (headers / "fmi3PlatformTypes.h").write_text("/* another version */")
+        monkeypatch.setattr(compilation, "_HEADERS", headers)
+    else:
+        monkeypatch.setenv("CXX", "g++ -O1")
+    assert compiled() != before
+
+
+def sources_in_c_plus(archive, path):
+    """Copy an archive with its C source under the name of one in C++."""
+    with zipfile.ZipFile(archive) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name.endswith("buildDescription.xml"):
+                content = content.replace(b'"slave.c"', b'"slave.cpp"').replace(b' language="C11"', b"")
+            content = b"int none;" if name.endswith("slave.c") else content
+            target.writestr(name.replace("slave.c", "slave.cpp"), content)
+    return path
+
+
+def test_sources_that_do_not_compile(run, fmus, tmp_path, monkeypatch):
+    monkeypatch.setenv("LPFCOSIM_CACHE", str(tmp_path / "cache"))
+    archive = third_party.built(tmp_path, "step=(", sources=True)
+    with pytest.raises(
+        InputError, match=r"ThirdParty\.fmu: its sources do not compile with .*error.*; see "
+    ) as refused:
+        simulate(run, fmus, archive)
+    log = str(refused.value).rpartition("see ")[2]
+    with open(log) as file:  # noqa: PTH123
+        assert "error" in file.read()
+    monkeypatch.setenv("CC", "no-such-compiler")
+    placement.compilation.compiler.compiler.cache_clear()
+    with pytest.raises(InputError, match=r"has sources but no binary for .*'no-such-compiler', is not there"):
+        simulate(run, fmus, archive)
+    placement.compilation.compiler.compiler.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        ("slave.f90", 'has no binary for this platform, and sources: "slave.f90"; expected C or C++'),
+        ("other.c", "sources/other.c: is missing, which its description lists"),
+    ],
+)
+def test_sources_that_are_not_there_or_of_another_language(run, fmus, tmp_path, listed, said):
+    archive = third_party.built(tmp_path, sources=True)
+    changed = edited(archive, tmp_path / "changed.fmu", (r"slave\.c", listed))
+    assert refusal(run, fmus, changed).endswith(said)
