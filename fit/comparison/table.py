@@ -4,7 +4,7 @@ from markupsafe import Markup
 
 from fit.comparison.comparison import Comparison, ParameterComparison
 from fit.display import html, text
-from fit.results import WITHHELD, Estimate
+from fit.results import FIXED, WITHHELD, Estimate
 from fit.tables import Lines
 from fit.tables import parameters as tables
 
@@ -63,6 +63,8 @@ def _concise(estimate: Estimate | None, *, sound: bool) -> str:
     """Return a value with its uncertainty in units of the last digits, as ``-3.983(52)e-07``."""
     if estimate is None:
         return _NONE
+    if estimate.fixed:
+        return f"{estimate.value:.8g} ({FIXED})"
     exponent = tables.power_of_ten(estimate.value)
     number = tables.number(estimate.value, estimate.sigma, exponent)
     shown = number.concise if sound else f"{number.value}({WITHHELD})"
@@ -73,7 +75,8 @@ def _truth(p: ParameterComparison) -> str:
     if p.truth is None:
         return _NONE
     exponent = tables.power_of_ten(p.truth)
-    sigma = min(e.sigma for e in p.estimates if e is not None)
+    sigmas = [(bool(e.fixed), e.sigma) for e in p.estimates if e is not None]
+    _, sigma = min(sigmas)  # of what is fixed only without any other
     return _ascii(tables.number(p.truth, sigma, exponent).value, exponent)
 
 

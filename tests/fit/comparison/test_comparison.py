@@ -156,6 +156,13 @@ def test_truth_is_shown_and_other_truths_are_reported():
     assert found.notes == ("the true values differ, and with them the estimates: a",)
 
 
+def test_a_fixed_parameter_is_shown_as_such():
+    free, held = made([1.1], [0.1], truth=1.0), made([1.0], [1e-9], truth=1.0)
+    held = replace(held, parameters={"a": replace(held["a"], fixed=True)})
+    (row,) = lines(fit.compare([results(held), results(free)])).rows
+    assert row == ("a", "1", "1 (fixed)", "1.1(1)", "+1.00", "1.0")
+
+
 def test_nothing_in_common():
     found = fit.compare([results(made({"a": 1.0}, [1.0])), results(made({"b": 1.0}, [1.0]))])
     assert found.notes == ("no parameter is estimated by more than one of the results",)
