@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fit.files import atomic
+from fit.parallel import processors
 from fit.telemetry import root_attributes
 from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Shelf, compiled, master, placement
@@ -322,11 +322,6 @@ def saturated(paths: Iterable[Path]) -> dict[str, int]:
     """Return the number of samples with a command at its limit, by run, of the files that have some."""
     told = (root_attributes(path) or {} for path in paths)
     return {str(said["run"]): int(said["saturated_samples"]) for said in told if "saturated_samples" in said}
-
-
-def processors() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 # In a worker -------------------------------------------------------------------------------------------
