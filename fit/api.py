@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 from fit import pipeline
 from fit import results as fit_results
 from fit.errors import FitError, InputError, shown
-from fit.estimate import pulls, user_params
 from fit.files import refuse_links
+from fit.fitting import user_params
+from fit.forecasting import coverage
 from fit.results import Results, results_file, telemetry_files
 from fit.settings import ParameterSettings, settings
 from fit.tables import notebook  # noqa: F401 - for how what is returned shows itself
@@ -119,7 +120,7 @@ def calibrate(runs: Sequence[Telemetry], params: lmfit.Parameters | None = None,
             raise InputError("calibrate: both params and parameters, expected one of them")
         chosen["parameters"] = user_params.as_settings(params)
     results = pipeline.calibrate(runs, settings(chosen, "calibrate"))
-    return pulls.with_truth(results, runs)  # now that the fit is done: it must not see them
+    return coverage.with_truth(results, runs)  # now that the fit is done: it must not see them
 
 
 def calibrate_inertial(
@@ -150,7 +151,7 @@ def calibrate_inertial(
         If no estimate comes out that can be trusted.
     """
     fit_results.sound_joint(results)
-    return pulls.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
+    return coverage.with_truth(pipeline.calibrate_inertial(runs, results, parameters), runs)
 
 
 def load_results(path: PathLike) -> Results:

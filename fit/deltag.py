@@ -30,13 +30,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.crosstalk import centrifugal, crosstalk_fit, euler_fit
 from fit.errors import InputError
-from fit.estimate import bump, centrifugal
-from fit.estimate import inertial as euler_fit
 from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation, separation
 from fit.parallel import update_progress
 from fit.results import Fit, Results, check_frame, sound_joint
-from fit.signal import Excess, derivatives
+from fit.spectra import Excess, derivatives
 from fit.telemetry import (
     Telemetry,
     Writer,
@@ -283,7 +282,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     notes = [warning.message for warning in known.warnings]
     epoch, period = str(head.alignment_epoch), inertial_period(head)
     fitted = results.cross_talk.get(epoch)
-    cross_talk = bump.beside_euler(results, epoch) if fitted and not fitted.unsound else {}
+    cross_talk = crosstalk_fit.beside_euler(results, epoch) if fitted and not fitted.unsound else {}
     if not cross_talk:
         notes.append(f"delta_g_SC is left out: {_without(fitted, f'cross_talk of alignment epoch {epoch}')}")
     elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):
@@ -301,7 +300,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
             euler = (of_period["delta_phi"].value, of_period["delta_eta"].value)
         else:
             notes.append(f"g_dOmega is left out: {_without(of_period, f'inertial period {period}')}")
-    split = bool(cross_talk and fitted and not bump.is_separated(fitted))
+    split = bool(cross_talk and fitted and not crosstalk_fit.is_separated(fitted))
     d = separation(head.x_axis)
     f_max = min(results.provenance.f_max or derivatives.F_MAX, head.fs / 10)
     return _Recipe(d, known, cross_talk or None, turning, euler, split, f_max, tuple(notes))

@@ -1,37 +1,44 @@
-"""From telemetry to results: prepared, alone, joint, judged, cross-talk, inertial; each a value handed on."""
+"""From telemetry to results: masks, single fits, joint fit, verdict, cross-talk, inertial forces."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from fit.consistency import explained, jury
+from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
-from fit.estimate import (
-    attenuation,
-    bump,
-    centrifugal,
+from fit.fitting import (
+    IRLSResult,
+    Known,
     constraint_test,
+    constraints,
     constraints_of,
     fit_experiment,
     fit_joint,
-    inertial,
     known_of,
-    levels,
-    residuals,
-    steadiness,
-    verdict,
+    louder,
 )
-from fit.fitting import Known, Outcome, constraints, louder
-from fit.inspection import LeftOut, Prepared, Ready, admission, prepare_each, searches
-from fit.judgement import explained, jury
 from fit.model import Sharing, rotation, separation
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
+from fit.quality import (
+    Exclusion,
+    ExperimentSet,
+    MaskedExperiment,
+    fit_quality,
+    mask_experiments,
+    metadata,
+    noise_level,
+    residual_tests,
+    searches,
+    stationarity,
+)
 from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results, check_frame
 from fit.settings import ParameterSettings, Settings, settings
 from fit.telemetry import Telemetry, common_x_axis, inertial_period
 from fit.warnings import FitWarning
-from fit.weighing import Experiment, divide, pair
+from fit.whitening import Experiment, divide, pair
 
-PARAMETERS = "fit.parameters"  # where a user says something of parameters
+PARAMETERS = "fit.parameters"
 
 
 @one_blas_thread
@@ -47,20 +54,18 @@ def calibrate(
     Parameters
     ----------
     telemetries : sequence of Telemetry
-        Runs of any sample rates; each sysid run is paired with the noise run of the same experiment.
+        Runs of any sample rates, a sysid run and a noise run for each experiment.
     chosen : Settings, optional
         What the user chose, the default otherwise.
     drawn : bool
-        Whether for a Monte Carlo: what only faults of an archive could cause is not looked for then, and
-        nobody reads what experiments yield by themselves.
+        Whether for a Monte Carlo: faults that only archives have are not looked for then.
     constant : bool
-        Whether gains are known to be: which of them depart is asked only once experiments disagree.
+        Whether gains are known to be constant.
 
     Raises
     ------
     InputError
-        If there is nothing to fit, or nothing of which the data are what they say, or if runs state
-        different frames.
+        If there is nothing to fit, or if runs state different frames.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -83,15 +88,12 @@ def calibrate_inertial(
     calibration : Results
         Of the dynamics, with a joint fit.
     parameters : mapping of str to ParameterSettings, optional
-        What the user says of the angles.
 
     Raises
     ------
     InputError
-        If there is a sysid run, or no run that lets the inertial forces be fitted, or if runs state
-        different frames, or another one than the calibration has.
+        If there is a sysid run, no run with torques, or if frames differ.
     FitError
-        If no trustworthy estimate comes out.
     """
     for run in telemetries:
         if run.kind == "sysid":
@@ -99,12 +101,12 @@ def calibrate_inertial(
                 f"{run.path}: a sysid run, expected noise runs only beside an earlier calibration"
             )
         check_frame(calibration, run)
-    if not any(map(inertial.takes_part, telemetries)):
+    if not any(map(euler_fit.takes_part, telemetries)):
         raise InputError(
-            f"{_where(telemetries)}: no noise run of {inertial.SHORTEST / 3600:g} h or more with torques "
+            f"{_where(telemetries)}: no noise run of {euler_fit.SHORTEST / 3600:g} h or more with torques "
             "about phi and eta (N_phi_1, N_eta_1), expected at least one"
         )
-    constraints.check(parameters or {}, inertial.names(telemetries), PARAMETERS)
+    constraints.check(parameters or {}, euler_fit.names(telemetries), PARAMETERS)
     turned = replace(calibration.provenance, x_axis=common_x_axis(telemetries))
     return _with_inertial(replace(calibration, provenance=turned), telemetries, parameters or {})
 
@@ -116,16 +118,16 @@ def _where(telemetries: Sequence[Telemetry]) -> str:
 def _with_inertial(
     results: Results, telemetries: Sequence[Telemetry], parameters: Mapping[str, ParameterSettings]
 ) -> Results:
-    """Fit the inertial periods that the runs belong to; they need the dynamics of a joint fit."""
+    """Fit the inertial periods that the runs belong to, given a joint fit."""
     periods: dict[str, list[Telemetry]] = {}
-    for run in filter(inertial.takes_part, telemetries):
+    for run in filter(euler_fit.takes_part, telemetries):
         periods.setdefault(inertial_period(run), []).append(run)
     if (joint := results.joint) is None or not periods:
         return results
 
     def fitted(period: str) -> tuple[str, Fit]:
-        said = constraints.of_fit(parameters, {f"{name}_{period}": name for name in inertial.NAMES})
-        return period, _doubted(inertial.fit_period(periods[period], joint, said), joint)
+        said = constraints.of_fit(parameters, {f"{name}_{period}": name for name in euler_fit.NAMES})
+        return period, _doubted(euler_fit.fit_period(periods[period], joint, said), joint)
 
     fits = dict(parallel_map(fitted, periods))
     names = {name: [run.run for run in runs] for name, runs in periods.items()}
@@ -133,7 +135,7 @@ def _with_inertial(
         results,
         inertial={**results.inertial, **fits},
         cross_talk=_separated(results, fits),
-        provenance=replace(results.provenance, inertial_runs=names, inertial_band=list(inertial.BAND)),
+        provenance=replace(results.provenance, inertial_runs=names, inertial_band=list(euler_fit.BAND)),
     )
 
 
@@ -142,24 +144,24 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     found, apart = dict(results.cross_talk), separation(results.provenance.frame)
     for epoch, period in (results.provenance.cross_talk_periods or {}).items():
         told = period in fits and not centrifugal.contradicts(fits[period].warnings)
-        if told and epoch in found and not bump.is_separated(found[epoch]):
-            found[epoch] = bump.separate(found[epoch], fits[period], period, apart)
+        if told and epoch in found and not crosstalk_fit.is_separated(found[epoch]):
+            found[epoch] = crosstalk_fit.separate(found[epoch], fits[period], period, apart)
     return found
 
 
 @dataclass(frozen=True)
 class _Together:
-    """The joint fit as it comes out, who was left out of it, and what the others say beside each other."""
+    """The joint fit, the experiments left out of it, and the statistics of their agreement."""
 
-    outcome: Outcome
+    outcome: IRLSResult
     fit: Fit
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[Exclusion, ...]
     agreement: dict[str, dict[str, float]] | None
 
 
 def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, constant: bool) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
-    progress_stage(0.1)  # as the shares below, about what it takes of the time
+    progress_stage(0.1)
     found = [experiment.up_to(chosen.f_max) for experiment in pair(telemetries)]
     if not found:
         raise InputError(
@@ -170,16 +172,16 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
     if chosen.parameters:
         runs = [(e.sysid.telemetry, e.parameters) for e in found]
         names = [p.name for p in Sharing(chosen.shared).parameters(runs)]
-        constraints.check(chosen.parameters, [*names, *inertial.names(telemetries)], PARAMETERS)
+        constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], PARAMETERS)
     # what the data are like is judged without what the user says of parameters: that may be wrong
     asked, chosen = chosen, chosen.model_copy(update={"parameters": {}})
-    ready = _prepared(found, chosen, drawn).without(admission.mislabelled(found, telemetries))
+    ready = _prepared(found, chosen, drawn).without(metadata.mislabelled(found, telemetries))
     progress_stage(0.65)
     ready = ready.noted(louder.judged(ready.trusted, chosen))
     alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
-    misfits = {name: w.message for name, w in warned if w.code == levels.MISMATCH}
+    misfits = {name: w.message for name, w in warned if w.code == noise_level.MISMATCH}
     progress_stage(0.95)
     together = _together(ready, alone, chosen, misfits, drawn, constant, asked.parameters)
     if together:
@@ -189,28 +191,30 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
     return Results(joint, own, cross_talk, {}, _provenance(ready, together, asked))
 
 
-def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Ready:
+def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> ExperimentSet:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     progress_stage(0.25)
-    first = admission.faults([e for e in found if not drawn and e.name not in chosen.exclude])
+    first = metadata.faults([e for e in found if not drawn and e.name not in chosen.exclude])
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
     progress_stage(0.45)
-    made = prepare_each(found, chosen, faulty)
-    prepared = {name: p for name, p in made.items() if isinstance(p, Prepared)}
+    made = mask_experiments(found, chosen, faulty)
+    prepared = {name: p for name, p in made.items() if isinstance(p, MaskedExperiment)}
     refused = {name: p for name, p in made.items() if isinstance(p, InputError) and name not in faulty}
-    left_out += [LeftOut(name, str(error)) for name, error in refused.items()]
+    left_out += [Exclusion(name, str(error)) for name, error in refused.items()]
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
-    ready = Ready(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
-    then = admission.changes(_that_may_change(ready, chosen, drawn))
+    ready = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
+    then = metadata.changes(_that_may_change(ready, chosen, drawn))
     ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.left_out)
     spoilt = [e for e in ready.taking_part if prepared[e.name].spoilt]
     if len(spoilt) == len(ready.taking_part):
         return ready  # chi2 will tell
-    return ready.without([LeftOut(e.name, prepared[e.name].spoilt, "excluded", "", "cause") for e in spoilt])
+    return ready.without(
+        [Exclusion(e.name, prepared[e.name].spoilt, "excluded", "", "cause") for e in spoilt]
+    )
 
 
-def _that_may_change(ready: Ready, chosen: Settings, drawn: bool) -> tuple[Experiment, ...]:
+def _that_may_change(ready: ExperimentSet, chosen: Settings, drawn: bool) -> tuple[Experiment, ...]:
     """Return the experiments whose parts may obey different equations, all or none."""
     struck = any(e.sysid.masks or e.sysid.glitches for e in ready.taking_part)
     searched = searches(chosen)  # else glitches pass for changes
@@ -218,24 +222,24 @@ def _that_may_change(ready: Ready, chosen: Settings, drawn: bool) -> tuple[Exper
 
 
 def _noises(
-    ready: Ready, alone: dict[str, Outcome | FitError], chosen: Settings
-) -> tuple[Ready, dict[str, Outcome | FitError]]:
+    ready: ExperimentSet, alone: dict[str, IRLSResult | FitError], chosen: Settings
+) -> tuple[ExperimentSet, dict[str, IRLSResult | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
-    ready = ready.noted(levels.judged(of_levels, alone, chosen))
+    ready = ready.noted(noise_level.judged(of_levels, alone, chosen))
     alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen)
-    ready = ready.noted(steadiness.judged(ready.trusted, alone))
+    ready = ready.noted(stationarity.judged(ready.trusted, alone))
     return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen)
 
 
-def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, Outcome | FitError]:
+def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, IRLSResult | FitError]:
     fits = parallel_map(lambda e: _alone(e, chosen), experiments, Experiment.samples)
     return {e.name: own for e, own in zip(experiments, fits, strict=True)}
 
 
 def _alone(
-    e: Experiment, chosen: Settings, known: Known | None = None, begun: Outcome | FitError | None = None
-) -> Outcome | FitError:
+    e: Experiment, chosen: Settings, known: Known | None = None, begun: IRLSResult | FitError | None = None
+) -> IRLSResult | FitError:
     """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
     try:
         return fit_experiment(e, known, chosen.estimator, begun, chosen.parameters)
@@ -244,15 +248,15 @@ def _alone(
 
 
 def _together(
-    ready: Ready,
-    alone: Mapping[str, Outcome | FitError],
+    ready: ExperimentSet,
+    alone: Mapping[str, IRLSResult | FitError],
     chosen: Settings,
     misfits: Mapping[str, str],
     drawn: bool,
     constant: bool,
     parameters: Mapping[str, ParameterSettings],
 ) -> _Together | None:
-    """Fit what takes part jointly, as far as it agrees, and then with what the user says of parameters."""
+    """Fit jointly what agrees, then with what the user says of parameters."""
     if not ready.taking_part:
         return None
     agreed = jury.convene(ready.taking_part, alone, chosen, misfits, drawn, constant)
@@ -265,7 +269,7 @@ def _together(
             names = ", ".join(parameters)
             raise FitError(f"{error}; it does without what the settings say of {names}") from error
     more = (*agreed.warnings, *constraint_test.warnings(outcome))
-    fit = _warned(verdict.as_fit(outcome, agreed.experiments), more)
+    fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), more)
     left_out = explained(
         (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
     )
@@ -273,8 +277,8 @@ def _together(
 
 
 def _judged(
-    ready: Ready,
-    alone: Mapping[str, Outcome | FitError],
+    ready: ExperimentSet,
+    alone: Mapping[str, IRLSResult | FitError],
     together: _Together | None,
     chosen: Settings,
     drawn: bool,
@@ -302,34 +306,33 @@ def _judged(
                 fits[e.name] = _warned(fits[e.name], [warning])
     if not together:
         return None, fits
-    explained = levels.explained(ready.taking_part, together.outcome)
+    explained = noise_level.explained(ready.taking_part, together.outcome)
     doubted = [e for e in ready.taking_part if e.name not in explained]
     of_joint += [
         w
         for e in ready.taking_part
         for w in ready.prepared[e.name].warnings
-        if e in doubted or w.code != levels.MISMATCH
+        if e in doubted or w.code != noise_level.MISMATCH
     ]
     said = {w.code for w in together.fit.warnings}
     if "constraint_contradicted" not in said:
-        of_joint += [w for w in verdict.of_joint(together.fit, fits, doubted) if w.code not in said]
+        of_joint += [w for w in fit_quality.of_joint(together.fit, fits, doubted) if w.code not in said]
     return _warned(together.fit, of_joint), fits
 
 
 def _of_experiment(
     experiment: Experiment,
-    ready: Ready,
-    own: Outcome | FitError,
+    ready: ExperimentSet,
+    own: IRLSResult | FitError,
     together: _Together | None,
     chosen: Settings,
     drawn: bool,
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
     known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared)) if together else None
-    # a single tone needs what others know
     if known and (isinstance(own, FitError) or (own.tone and not drawn)):
         own = _alone(experiment, chosen, known, own)
-    from_joint, judged = bool(known and isinstance(own, Outcome) and own.tone and not drawn), own
+    from_joint, judged = bool(known and isinstance(own, IRLSResult) and own.tone and not drawn), own
     if not from_joint and constraints_of(experiment, chosen.parameters):  # these may be wrong
         own = _alone(experiment, chosen, None, own)
     if isinstance(own, FitError) or isinstance(judged, FitError):
@@ -338,28 +341,28 @@ def _of_experiment(
             raise error
         # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("not_fitted_alone", (), str(error))
-    fit = verdict.as_fit(own, [experiment], from_joint=from_joint)
+    fit = fit_quality.as_fit(own, [experiment], from_joint=from_joint)
     more = (
         *ready.said_of(experiment.name),
         *ready.prepared[experiment.name].warnings,
-        *verdict.of_experiment(experiment, judged, verdict.as_fit(judged, [experiment])),
+        *fit_quality.of_experiment(experiment, judged, fit_quality.as_fit(judged, [experiment])),
         *constraint_test.warnings(own),
     )
-    diagnostics = None if drawn else residuals.diagnose(experiment, own)
+    diagnostics = None if drawn else residual_tests.diagnose(experiment, own)
     return _warned(replace(fit, diagnostics=diagnostics), more)
 
 
 def _cross_talk(
-    ready: Ready, together: _Together | None, judged: Fit | None, chosen: Settings
+    ready: ExperimentSet, together: _Together | None, judged: Fit | None, chosen: Settings
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
     if not (together and judged and any(e.sysid.channels.means for e in ready.taking_part)):
         return judged, {}
-    told = bump.unattenuated(together.outcome, ready.taking_part)
+    told = crosstalk_fit.unattenuated(together.outcome, ready.taking_part)
     joint = attenuation.mended(judged, together.outcome, told.freed, told.shift, told.before)
-    found = bump.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared), told)
+    found = crosstalk_fit.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared), told)
     if any(rotation.sources(e.sysid.telemetry) for e in ready.taking_part):
-        found = {epoch: bump.joined(fit) for epoch, fit in found.items()}
+        found = {epoch: crosstalk_fit.joined(fit) for epoch, fit in found.items()}
     return joint, {epoch: _doubted(fit, judged) for epoch, fit in found.items()}
 
 
@@ -372,12 +375,16 @@ def _doubted(fit: Fit, joint: Fit | None) -> Fit:
     return _warned(fit, joint.unsound if joint else ())
 
 
-def _provenance(ready: Ready, together: _Together | None, chosen: Settings) -> Provenance:
+def _provenance(ready: ExperimentSet, together: _Together | None, chosen: Settings) -> Provenance:
     periods: dict[str, set[str]] = {}
     for run in (e.sysid.telemetry for e in ready.taking_part):
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
-    best = bump.subtraction(together.outcome, ready.taking_part, Sharing(chosen.shared)) if together else {}
+    best = (
+        crosstalk_fit.subtraction(together.outcome, ready.taking_part, Sharing(chosen.shared))
+        if together
+        else {}
+    )
     return Provenance(
         joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
         noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},

@@ -31,19 +31,19 @@ PAPER = [
 ]
 #: Where to look first for what is implemented.
 HOMES = {
-    "alphaphi": "fit/paper.py",
-    "alphax": "fit/paper.py",
+    "alphaphi": "fit/parameters.py",
+    "alphax": "fit/parameters.py",
     "bump": "fit/model/dynamics.py",
     "centrifugal": "fit/model/inertial.py",
     "deltagjointfit": "fit/model/dynamics.py",
     "deltastiff_model": "fit/model/sharing.py",
     "fx2": "fit/model/dynamics.py",
     "gomegafinal": "fit/model/inertial.py",
-    "inprod": "fit/weighing/linear.py",
+    "inprod": "fit/whitening/whitened_run.py",
     "irls": "fit/fitting/irls.py",
     "jointlh": "fit/fitting/joint_model.py",
-    "llhgaussian": "fit/weighing/likelihood.py",
-    "stiff_model": "fit/paper.py",
+    "llhgaussian": "fit/whitening/likelihoods.py",
+    "stiff_model": "fit/parameters.py",
 }
 FOLDERS = ("fit", "lpfcosim", "fmus", "docs")
 SUFFIXES = (".py", ".mo", ".md", ".jinja")

@@ -1,6 +1,6 @@
 """Figures as records: what is drawn, each with the numbers it draws and what its axes measure.
 
-Nothing here draws. `fit.journal` does so for print, `fit.report` for the page.
+Nothing here draws. `fit.plotting` does so for print, `fit.report` for the page.
 """
 
 from fit.figures.charts import Axis, Chart, Curve, Figure, Matrix, Note, Panel, Points, Span

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fit.figures.series import averaged, struck
 from fit.model import dynamics
-from fit.signal import Binned, Estimator, derivatives
+from fit.spectra import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry, pieces
 
 Array = NDArray[np.float64]

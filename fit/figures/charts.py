@@ -1,6 +1,6 @@
 """What a figure is made of, whoever draws it: axes, what stands in them, and the numbers in its table.
 
-`fit.journal` draws these records for print, `fit.report` puts them into the page.
+`fit.plotting` draws these records for print, `fit.report` puts them into the page.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import residuals
 from fit.figures.charts import (
     START,
     Axis,
@@ -25,6 +24,7 @@ from fit.figures.charts import (
     measured,
     posix,
 )
+from fit.quality import residual_tests
 from fit.results import Estimate
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def _gains(
     marks: list[Mark] = []
     alone = [p.gain for p in points if not p.leaning]
     if len(alone) > 1:
-        found = residuals.about_mean(alone)
+        found = residual_tests.about_mean(alone)
         told = f"their mean (χ²/ν = {found.chi2_red:.3g})"
         marks += _level(told, "green", ":", across, found.mean, found.sigma)
     if joint is not None:

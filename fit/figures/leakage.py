@@ -20,7 +20,7 @@ from fit.figures.charts import (
     limits,
     measured,
 )
-from fit.paper import DELTA_IFO_DESIGN
+from fit.parameters import DELTA_IFO_DESIGN
 from fit.results import Estimate
 
 _EPOCH = Axis("alignment epoch", "", "alignment epoch")

@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.estimate import SCORES
 from fit.figures.charts import Axis, Chart, Columns, Curve, Matrix, Panel
+from fit.quality import SCORES
 from fit.results import Diagnostics, Fit
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fit.figures.charts import ASD, FREQUENCY, Chart, Curve, Panel, chart, limits
 from fit.model import dynamics
-from fit.signal import LogSpectrum, log_psds
+from fit.spectra import LogSpectrum, log_psds
 
 Array = NDArray[np.float64]
 Series = Sequence[Mapping[str, Array]]

@@ -23,8 +23,8 @@ from fit.figures.charts import (
     limits,
     posix,
 )
-from fit.paper import M_TM, PLATEAU, lisa
-from fit.signal import Level, LogSpectrum
+from fit.parameters import M_TM, PLATEAU, lisa
+from fit.spectra import Level, LogSpectrum
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class NoisePoint:
     start : numpy.datetime64
         UTC.
     authority : float
-        `fit.paper.effective_authority` of the run [N].
+        `fit.parameters.effective_authority` of the run [N].
     levels : mapping of str to Level
         By name of the `BANDS` [m s^-2 Hz^-1/2].
     """
@@ -93,7 +93,7 @@ def by_date(points: Sequence[NoisePoint]) -> Chart:
 
 
 def required(band: Limits) -> float:
-    """Return the level of `fit.paper.lisa` over a band, as `fit.signal.Estimator.level` would find it."""
+    """Return the level of `fit.parameters.lisa` over a band, as `Estimator.level` finds it."""
     f = np.linspace(*band, 201)
     return float(np.sqrt(np.trapezoid([lisa(x) ** 2 for x in f], f) / (band[1] - band[0])))
 

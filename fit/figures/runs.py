@@ -26,7 +26,7 @@ from fit.figures.charts import (
 )
 from fit.figures.series import envelope, struck
 from fit.model import dynamics
-from fit.signal import Binned, derivatives
+from fit.spectra import Binned, derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from fit.figures.charts import (
     limits,
     measured,
 )
-from fit.paper import stiffness, stiffness_terms
+from fit.parameters import stiffness, stiffness_terms
 from fit.results import Estimate, Fit
 
 Array = NDArray[np.float64]

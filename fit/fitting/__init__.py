@@ -5,10 +5,11 @@ of such runs is what every fit minimises, and what a user gets for whatever else
 iteration, `irls.iterate`, moves weights, delays and parameters until nothing moves.
 """
 
-from fit.fitting import constraints
-from fit.fitting.hierarchy import Normal, Width
-from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Outcome, Rule, iterate, reweight
-from fit.fitting.joint_model import Prior, delta_chi2, lmfit_params, parameter_values
+from fit.fitting.hierarchy import ScaleParameter
+from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, IRLSResult, Rule, iterate
+from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint, known_of
+from fit.fitting.joint_model import Prior, delta_chi2, parameter_values
+from fit.fitting.normal import inflations
 from fit.fitting.priors import Known, PriorSet, weak_priors
 from fit.fitting.problem import FREE
 from fit.fitting.run_estimate import score_whitening
@@ -18,25 +19,33 @@ __all__ = [
     "HARMLESS",
     "MAX_ITERATIONS",
     "TOLERANCE",
+    "IRLSResult",
     "Known",
-    "Normal",
-    "Outcome",
     "Prior",
     "PriorSet",
     "Rule",
-    "Width",
+    "ScaleParameter",
+    "constraint_test",
     "constraints",
+    "constraints_of",
     "delta_chi2",
+    "departures",
+    "drift",
+    "fit_experiment",
+    "fit_joint",
     "flscov",
     "hierarchy",
+    "inflations",
     "irls",
     "iterate",
-    "lmfit_params",
+    "known_of",
     "louder",
+    "normal",
     "parameter_values",
     "priors",
-    "reweight",
     "score_whitening",
+    "sums",
     "unsteady",
+    "user_params",
     "weak_priors",
 ]

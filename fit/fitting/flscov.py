@@ -22,8 +22,8 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.model import Columns
-from fit.signal import Spectrum, derivatives
-from fit.weighing import Block, Weights, drives, linear, single_tone
+from fit.spectra import Spectrum, derivatives
+from fit.whitening import Weights, WhitenedRun, drives, single_tone, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -53,12 +53,12 @@ def _stretches(N: int) -> tuple[Array, NDArray[np.int64]]:
     return w, np.minimum(np.arange(STRETCHES) * round(n * (1 - OVERLAP)), N - n)
 
 
-def block(terms: Columns, share: Array, c: Array | None) -> tuple[Block, float]:
+def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, float]:
     """Weigh a run by its own residual; without coefficients `c` of the columns to make one, all bins alike.
 
     Returns
     -------
-    block : Block
+    block : WhitenedRun
         For the joint model.
     total : float
         The summed weights' denominators, whose change tells when to stop.
@@ -68,10 +68,10 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[Block, float]:
     U = (columns * np.sqrt(2 / S)[:, None]).reshape(-1, columns.shape[2])
     tone = single_tone(f, np.mean(drives(columns), axis=0) * (2 / S)[:, None])
     one = np.ones(len(U))
-    return Block(terms.tau, U, Weights(one, one, one), None, tone, share), float(np.sum(S))
+    return WhitenedRun(terms.tau, U, Weights(one, one, one), None, tone, share), float(np.sum(S))
 
 
-def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share: Array) -> Block:
+def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share: Array) -> WhitenedRun:
     """Return the run that `block` is expected to make of noise, its estimates as scattered as they will be.
 
     Parameters
@@ -82,11 +82,11 @@ def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share
         From frequencies [Hz], shape (B,), to the cross powers of the noise in the columns, shape (B, K, K),
         and the PSD of the residual, shape (B,).
     share : ndarray, shape (K - 1, P)
-        See `Block`.
+        See `WhitenedRun`.
 
     Returns
     -------
-    Block
+    WhitenedRun
         Its rows are the bins along every eigenvector of the correlation of the stretches, and K rows for the
         noise in the columns along each of them.
     """
@@ -97,13 +97,13 @@ def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share
     turned = np.exp(-2j * np.pi * np.outer(starts, f) / terms.fs)  # one time for all stretches
     U = columns * np.sqrt(2 / S)[:, None]
     rows = np.einsum("sk,sb,sbp->kbp", vectors, turned, U, optimize=True)
-    jitter = linear.rooted(np.sum(power * (2 / S)[:, None, None], axis=0))
+    jitter = whitened_run.rooted(np.sum(power * (2 / S)[:, None, None], axis=0))
     rows = np.concatenate([rows, np.sqrt(values)[:, None, None] * jitter], axis=1)
     of_noise = np.einsum("bkk->bk", power) * (2 / S)[:, None]
     tone = single_tone(f, np.mean(drives(U), axis=0) + drives(np.sqrt(np.maximum(of_noise, 0))))
     fit, curvature, score = (np.repeat(factor, rows.shape[1]) for factor in _expected_weights(values))
     even = Weights(fit, curvature, score)
-    return Block(terms.tau, rows.reshape(-1, U.shape[2]), even, None, tone, share)
+    return WhitenedRun(terms.tau, rows.reshape(-1, U.shape[2]), even, None, tone, share)
 
 
 def _modes(w: Array, starts: NDArray[np.int64]) -> tuple[Array, Array]:

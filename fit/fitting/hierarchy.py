@@ -50,7 +50,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Width:
+class ScaleParameter:
     """A width that departures have in common.
 
     Attributes
@@ -100,14 +100,14 @@ class Mixture:
     log_sigmas: Array
 
 
-def given(normal: Normal, widths: Sequence[Width], log_widths: Array) -> tuple[float, Array, Array]:
+def given(normal: Normal, widths: Sequence[ScaleParameter], log_widths: Array) -> tuple[float, Array, Array]:
     """Return what is known given the widths.
 
     Parameters
     ----------
     normal : Normal
         What data say.
-    widths : sequence of Width
+    widths : sequence of ScaleParameter
         The W widths.
     log_widths : ndarray, shape (W,)
         Their logarithms.
@@ -143,7 +143,7 @@ def given(normal: Normal, widths: Sequence[Width], log_widths: Array) -> tuple[f
     return density, normal.at + to_theta @ y, to_theta @ to_theta.T
 
 
-def evidence(z: Array, columns: Array, widths: Sequence[Width]) -> tuple[float, Array]:
+def evidence(z: Array, columns: Array, widths: Sequence[ScaleParameter]) -> tuple[float, Array]:
     """Return how much likelier data are made by departures than if there were none.
 
     From the data themselves, not from A and b of above: departures may be told to 1e-9 of their width.
@@ -154,7 +154,7 @@ def evidence(z: Array, columns: Array, widths: Sequence[Width]) -> tuple[float, 
         Data whose noise is white and of unit variance, all but departures projected out.
     columns : ndarray, shape (N, P)
         What departures of 1 make of them.
-    widths : sequence of Width
+    widths : sequence of ScaleParameter
         The W widths.
 
     Returns
@@ -205,7 +205,7 @@ def _absorbed(power: Array, squares: Array) -> tuple[float, float]:
     return float(np.sum(power * squares / (1 + squares))), float(np.sum(np.log1p(squares)))
 
 
-def integrate(normal: Normal, widths: Sequence[Width]) -> Mixture:
+def integrate(normal: Normal, widths: Sequence[ScaleParameter]) -> Mixture:
     """Return the posterior of parameters and widths.
 
     Raises
@@ -234,7 +234,7 @@ def integrate(normal: Normal, widths: Sequence[Width]) -> Mixture:
     )
 
 
-def _axes(normal: Normal, widths: Sequence[Width]) -> list[Array]:
+def _axes(normal: Normal, widths: Sequence[ScaleParameter]) -> list[Array]:
     """Return for each width the logarithms that the grid has, about the most likely ones."""
 
     def density(log_widths: Array) -> float:

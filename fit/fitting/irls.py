@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting.hierarchy import Width
+from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.joint_model import JointModel, LinearEquation, Prior, SolvedModel, parameter_values
 from fit.fitting.priors import Known, PriorSet, all_but_lambda_2, weak_priors
 from fit.fitting.problem import Problem
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.weighings import WARM_UP, Weighing, weighing
-from fit.paper import Parameter
 from fit.parallel import parallel_map, progress_range
+from fit.parameters import Parameter
 from fit.settings import Estimator, ParameterSettings
-from fit.weighing import Experiment, linear
+from fit.whitening import Experiment, whitened_run
 
 if TYPE_CHECKING:
     from lmfit.minimizer import MinimizerResult
@@ -65,14 +65,14 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class IRLSResult:
     """What the iteration ends with.
 
     Attributes
     ----------
     parameters : tuple of Parameter
         The P parameters.
-    solution : linear.Solution
+    solution : whitened_run.Solution
         The estimate.
     lost : ndarray of bool, shape (P,)
         True for indeterminable parameters.
@@ -82,9 +82,9 @@ class Outcome:
         Frequency [Hz] of the only signal, if all runs hold the same single tone; 0 if none holds a signal.
     converged : bool
         Whether the last move was within TOLERANCE.
-    blocks : tuple of linear.Block
+    blocks : tuple of whitened_run.WhitenedRun
         The data as they were weighed last.
-    prior : linear.Prior
+    prior : whitened_run.Prior
         What was known beside them.
     model : JointModel or None
         The runs, compressed, as lmfit has minimised them last.
@@ -93,8 +93,8 @@ class Outcome:
     problem : Problem or None
         Its parameters, as lmfit has them.
     scatter : mapping of str to tuple of float
-        Width, and its sigma, by which a parameter scatters between experiments.
-    departing : tuple of Width
+        ScaleParameter, and its sigma, by which a parameter scatters between experiments.
+    departing : tuple of ScaleParameter
         The widths, and which parameters depart by them.
     by_data : bool
         Whether the data chose what departs, not the settings.
@@ -103,18 +103,18 @@ class Outcome:
     """
 
     parameters: tuple[Parameter, ...]
-    solution: linear.Solution
+    solution: whitened_run.Solution
     lost: NDArray[np.bool_]
     directions: Array
     tone: float | None
     converged: bool
-    blocks: tuple[linear.Block, ...]
-    prior: linear.Prior
+    blocks: tuple[whitened_run.WhitenedRun, ...]
+    prior: whitened_run.Prior
     model: JointModel | None = None
     result: MinimizerResult | None = None
     problem: Problem | None = None
     scatter: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    departing: tuple[Width, ...] = ()
+    departing: tuple[ScaleParameter, ...] = ()
     by_data: bool = False
     log_widths: tuple[tuple[float, float], ...] = ()
 
@@ -136,14 +136,14 @@ class Outcome:
         return self.problem is not None and i in self.problem.settings and not self.problem.settings[i].vary
 
     @property
-    def held(self) -> linear.Prior:
+    def held(self) -> whitened_run.Prior:
         """The prior, and departures within their likeliest widths: without, they and what is common blur."""
         rows = [self.prior.rows]
         for width, (log_width, _) in zip(self.departing, self.log_widths, strict=True):
             own = np.zeros((len(width.members), len(self.parameters)))
             own[range(len(own)), list(width.members)] = 1 / (np.exp(log_width) * width.units)
             rows.append(own)
-        return linear.Prior(self.prior.centre, np.concatenate(rows))
+        return whitened_run.Prior(self.prior.centre, np.concatenate(rows))
 
 
 def reweight(
@@ -153,10 +153,10 @@ def reweight(
     known: Known | None = None,
     *,
     estimator: Estimator = "gaussian",
-    departing: Sequence[Width] = (),
-    begun: Mapping[str, linear.Block] | None = None,
+    departing: Sequence[ScaleParameter] = (),
+    begun: Mapping[str, whitened_run.WhitenedRun] | None = None,
     settings: Mapping[str, ParameterSettings] | None = None,
-) -> Outcome:
+) -> IRLSResult:
     """Iterate weights, delays and parameters until no determinable parameter moves.
 
     Parameters
@@ -164,16 +164,16 @@ def reweight(
     experiments : sequence of Experiment
         To be fitted together.
     shares : sequence of ndarray, shape (K, P)
-        For each experiment, see `linear.Block`.
+        For each experiment, see `linear.WhitenedRun`.
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their flight values.
     known : Known, optional
         Used if the runs hold a single tone: then of all parameters of a run only lambda_2 is fitted.
     estimator : str
-        ``flscov``, or the likelihood of the residual, see `fit.weighing.likelihood`.
-    departing : sequence of Width
+        ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
+    departing : sequence of ScaleParameter
         Departures of experiments, held so weakly here that the data tell them.
-    begun : mapping of str to linear.Block, optional
+    begun : mapping of str to whitened_run.WhitenedRun, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
     settings : mapping of str to ParameterSettings, optional
         What the user says of parameters, by name.
@@ -190,7 +190,7 @@ def reweight(
 
     constrained = Problem(parameters, (), settings).constrained
 
-    def priors(blocks: Sequence[linear.Block], theta: Array, more: Array) -> PriorSet:
+    def priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array) -> PriorSet:
         found = weak_priors(blocks, theta, parameters, shares[0], more, constrained)
         if not (found.tone and known):
             return found
@@ -207,12 +207,12 @@ def reweight(
 def iterate(
     weighings: Sequence[Weighing],
     parameters: Sequence[Parameter],
-    priors: Callable[[Sequence[linear.Block], Array, Array], PriorSet],
+    priors: Callable[[Sequence[whitened_run.WhitenedRun], Array, Array], PriorSet],
     rule: Rule | None = None,
-    departing: Sequence[Width] = (),
+    departing: Sequence[ScaleParameter] = (),
     admitted: Callable[[Array, Array], Array] = lambda _, to: to,
     settings: Mapping[str, ParameterSettings] | None = None,
-) -> Outcome:
+) -> IRLSResult:
     """Iterate weights, delays and parameters; every fit and the forecast go through here.
 
     Parameters
@@ -225,7 +225,7 @@ def iterate(
         Returns what is known beside the data, from blocks, theta and what holds the departures.
     rule : Rule, optional
         When to stop.
-    departing : sequence of Width
+    departing : sequence of ScaleParameter
         Departures of experiments, see `reweight`.
     admitted : callable
         Returns how far to go from an estimate towards the next one.
@@ -258,7 +258,7 @@ def iterate(
             prior = problem.prior(result.params, known)
             state = (known.lost, known.directions, known.tone, settled, blocks, prior, model, result)
             solution = _solution(blocks, JointModel(estimates), result, covariance)
-            return Outcome(tuple(parameters), solution, *state, problem, departing=tuple(departing))
+            return IRLSResult(tuple(parameters), solution, *state, problem, departing=tuple(departing))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= SETTLED and swings else step, move
         theta = admitted(theta, theta + step * (found - theta))
@@ -268,10 +268,10 @@ def iterate(
 
 def _weighed(
     weighings: Sequence[Weighing], theta: Array, covariance: Array, iteration: int
-) -> tuple[tuple[linear.Block, ...], tuple[RunEstimate, ...]]:
+) -> tuple[tuple[whitened_run.WhitenedRun, ...], tuple[RunEstimate, ...]]:
     """Return the runs weighed at theta, and what each of them then says by itself."""
 
-    def weighed(weighing: Weighing) -> tuple[linear.Block, RunEstimate]:
+    def weighed(weighing: Weighing) -> tuple[whitened_run.WhitenedRun, RunEstimate]:
         block = weighing.block(theta, covariance, iteration)
         return block, run_estimate(weighing.name, block)
 
@@ -286,17 +286,17 @@ def _correlated(known: PriorSet) -> list[RunEstimate]:
 
 
 def _solution(
-    blocks: Sequence[linear.Block], model: JointModel, result: MinimizerResult, covariance: Array
-) -> linear.Solution:
+    blocks: Sequence[whitened_run.WhitenedRun], model: JointModel, result: MinimizerResult, covariance: Array
+) -> whitened_run.Solution:
     """Return the estimate with chi^2 and degrees of freedom of all data."""
     theta = parameter_values(result.params)
     residuals = [block.plain @ block.coefficients(theta) for block in blocks]
     determined = round(float(np.trace(covariance @ model.information(result.params))))
     dof = sum(block.size for block in blocks) - determined
-    return linear.Solution(theta, covariance, float(np.sum(np.concatenate(residuals) ** 2)), dof)
+    return whitened_run.Solution(theta, covariance, float(np.sum(np.concatenate(residuals) ** 2)), dof)
 
 
-def refit(outcome: Outcome, blocks: Sequence[linear.Block]) -> Outcome:
+def refit(outcome: IRLSResult, blocks: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
     """Return the outcome with its runs weighed anew, all else known being what it was."""
     assert outcome.model and outcome.result and outcome.problem
     estimates = [

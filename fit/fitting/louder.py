@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.model import dynamics
-from fit.paper import DELAYS
 from fit.parallel import parallel_map
+from fit.parameters import DELAYS
 from fit.settings import Settings
-from fit.signal import Spectra, Spectrum, fit_noise, spectra
+from fit.spectra import Spectra, Spectrum, fit_noise, windowing
 from fit.warnings import FitWarning
-from fit.weighing import Experiment
+from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ def measure(experiment: Experiment) -> tuple[float, float]:
     quiet = scipy.ndimage.uniform_filter1d(relative, FLANK, mode="nearest") < LEAKS * _around(relative)
     ratio = float(relative[quiet].mean())
     of_model = model.basis(run.f).summed(quiet / np.count_nonzero(quiet))
-    variance = spectra.spread(run.window) / np.count_nonzero(quiet)
-    variance += spectra.spread(noise.window) * float(of_model @ model.covariance @ of_model)
+    variance = windowing.spread(run.window) / np.count_nonzero(quiet)
+    variance += windowing.spread(noise.window) * float(of_model @ model.covariance @ of_model)
     return ratio, ratio * float(np.sqrt(variance))
 
 

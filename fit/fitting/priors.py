@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from fit.fitting.joint_model import Prior
 from fit.model import dynamics
-from fit.paper import Parameter
-from fit.weighing import linear
+from fit.parameters import Parameter
+from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
 
@@ -43,8 +43,8 @@ class PriorSet:
     directions : ndarray, shape (K, P)
         See `linear.blind`.
     tone : float or None
-        See `Outcome`.
-    correlated : linear.Prior or None
+        See `IRLSResult`.
+    correlated : whitened_run.Prior or None
         Of several parameters at once.
     """
 
@@ -52,20 +52,20 @@ class PriorSet:
     lost: NDArray[np.bool_]
     directions: Array
     tone: float | None
-    correlated: linear.Prior | None = None
+    correlated: whitened_run.Prior | None = None
 
-    def rows(self, known: Mapping[int, Prior]) -> linear.Prior:
+    def rows(self, known: Mapping[int, Prior]) -> whitened_run.Prior:
         """Return all of it as rows of chi^2, with other priors `known` of single parameters."""
         if self.correlated is not None:
             return self.correlated
         centre, priors = np.zeros(self.lost.size), {**self.priors, **known}
         for i, prior in priors.items():
             centre[i] = prior.mean
-        return linear.Prior(centre, prior_rows(priors, self.lost.size))
+        return whitened_run.Prior(centre, prior_rows(priors, self.lost.size))
 
 
 def weak_priors(
-    blocks: Sequence[linear.Block],
+    blocks: Sequence[whitened_run.WhitenedRun],
     theta: Array,
     parameters: Sequence[Parameter],
     share: Array,
@@ -76,21 +76,21 @@ def weak_priors(
 
     Parameters
     ----------
-    blocks : sequence of linear.Block
+    blocks : sequence of whitened_run.WhitenedRun
         The data.
     theta : ndarray, shape (P,)
         The estimate.
     parameters : sequence of Parameter
         The P parameters.
     share : ndarray, shape (K, P)
-        Of a run, see `linear.Block`.
+        Of a run, see `linear.WhitenedRun`.
     more : ndarray, shape (N, P)
         What is known beside the data, as rows of chi^2.
     constrained : ndarray of bool, shape (P,), optional
         Of which parameters that is known from the user.
     """
     width, tone = np.array([p.prior_sigma for p in parameters]), common_tone(blocks)
-    lost, directions = linear.blind(linear.information(blocks, theta) + more.T @ more, width)
+    lost, directions = whitened_run.blind(whitened_run.information(blocks, theta) + more.T @ more, width)
     if tone is not None:
         out = beyond(tone, share)
         if constrained is None or not (out & constrained).any():
@@ -105,7 +105,7 @@ def prior_rows(priors: Mapping[int, Prior], size: int) -> Array:
     return np.asarray(np.eye(size)[list(priors)] / np.reshape(sigmas, (-1, 1)))
 
 
-def common_tone(blocks: Sequence[linear.Block]) -> float | None:
+def common_tone(blocks: Sequence[whitened_run.WhitenedRun]) -> float | None:
     """Return the one frequency of all signals, 0 if there are none, else None."""
     if any(block.tone is None for block in blocks):
         return None
@@ -122,8 +122,10 @@ def beyond(tone: float, share: Array) -> NDArray[np.bool_]:
     return np.asarray(np.any(share[rows] != 0, axis=0))
 
 
-def all_but_lambda_2(known: Known, share: Array) -> tuple[linear.Prior, NDArray[np.bool_]]:
+def all_but_lambda_2(known: Known, share: Array) -> tuple[whitened_run.Prior, NDArray[np.bool_]]:
     """Return what is known of a run, its gain excepted, as prior in the order of its own parameters."""
     others = np.arange(len(share)) != dynamics.PARAMETERS.index("lambda_2")
     root = np.linalg.cholesky(known.covariance[np.ix_(others, others)])
-    return linear.Prior(share.T @ known.theta, np.linalg.inv(root) @ share[others]), share[others].any(axis=0)
+    return whitened_run.Prior(share.T @ known.theta, np.linalg.inv(root) @ share[others]), share[others].any(
+        axis=0
+    )

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.fitting import constraints
-from fit.fitting.hierarchy import Width
+from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.joint_model import JointModel, Prior, lmfit_names, lmfit_params, parameter_values
 from fit.fitting.priors import PriorSet, prior_rows
-from fit.paper import Parameter
+from fit.parameters import Parameter
 from fit.settings import ParameterSettings
-from fit.weighing import linear
+from fit.whitening import whitened_run
 
 if TYPE_CHECKING:
     import lmfit
@@ -33,7 +33,7 @@ class Problem:
     ----------
     parameters : sequence of Parameter
         The parameters.
-    departing : sequence of Width
+    departing : sequence of ScaleParameter
         Departures of experiments among them, held so weakly that the data tell them.
     settings : mapping of str to ParameterSettings
         What the user says of them, by name.
@@ -49,7 +49,7 @@ class Problem:
     def __init__(
         self,
         parameters: Sequence[Parameter],
-        departing: Sequence[Width] = (),
+        departing: Sequence[ScaleParameter] = (),
         settings: Mapping[str, ParameterSettings] | None = None,
     ) -> None:
         by_name = settings or {}
@@ -104,7 +104,7 @@ class Problem:
             return rows
         return np.concatenate([rows, constraints.constraint_rows(self.params(theta), self._widths)[0]])
 
-    def prior(self, params: lmfit.Parameters, weak: PriorSet) -> linear.Prior:
+    def prior(self, params: lmfit.Parameters, weak: PriorSet) -> whitened_run.Prior:
         """Return all that is known beside the data but for the departures."""
         theta, known = parameter_values(params), weak.rows(self._priors)
         rows = constraints.constraint_rows(params, self._widths)[0]
@@ -114,7 +114,7 @@ class Problem:
         centre = known.centre.copy()
         centre[constraints.fixed_or_tied(params)] = 0.0
         centre[constraints.fixed_or_tied(params)] = follows @ (theta - centre)
-        return linear.Prior(centre, np.concatenate([known.rows, rows]))
+        return whitened_run.Prior(centre, np.concatenate([known.rows, rows]))
 
     def covariance(self, model: JointModel, params: lmfit.Parameters) -> Array:
         """Return the covariance at a minimum, shape (P, P), positive for what is fixed or tied as well."""
@@ -127,7 +127,7 @@ class Problem:
         return covariance
 
 
-def _free_departures(width: Width) -> dict[int, Prior]:
+def _free_departures(width: ScaleParameter) -> dict[int, Prior]:
     """Return what holds the departures of a width while weights settle, by their place."""
     sigmas = FREE * width.scale * np.abs(width.units)
     return {i: Prior(0.0, sigma) for i, sigma in zip(width.members, sigmas.tolist(), strict=True)}

@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.signal import spectra
-from fit.weighing import Block, expected_weights
+from fit.spectra import windowing
+from fit.whitening import WhitenedRun, expected_weights
 
 Array = NDArray[np.float64]
 
@@ -61,14 +61,14 @@ class RunEstimate:
         return np.asarray(self.root @ self.equation.gradient(theta)[1:])
 
 
-def run_estimate(name: str, block: Block) -> RunEstimate:
+def run_estimate(name: str, block: WhitenedRun) -> RunEstimate:
     """Compress a whitened run.
 
     Parameters
     ----------
     name : str
         Of the experiment.
-    block : Block
+    block : WhitenedRun
         The run.
     """
     R = block.R
@@ -80,7 +80,7 @@ def run_estimate(name: str, block: Block) -> RunEstimate:
     return RunEstimate(name, c, W @ H, block.without_data())
 
 
-def moments(block: Block) -> tuple[Array, Array]:
+def moments(block: WhitenedRun) -> tuple[Array, Array]:
     """Return the curvature of a run and the covariance of its scores, both of shape (K, K).
 
     A Student-t weights every bin by its own residual. A tone lies in few bins, and what these happen to be
@@ -94,7 +94,7 @@ def moments(block: Block) -> tuple[Array, Array]:
         float(np.mean(factors)) for factors in (expected.fit, expected.curvature, expected.score)
     )
     G = block.R[:, 1:].T @ block.R[:, 1:]
-    window = 1.0 if block.window is None else spectra.spread(block.window)
+    window = 1.0 if block.window is None else windowing.spread(block.window)
     return G, G * score * window * fit / curvature**2
 
 

@@ -6,14 +6,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.weighing import linear
+from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
 Steps = tuple[tuple[float, float, Array], ...]  # ends of a band [Hz], and its power in equal parts of the run
 
 
 @dataclass(frozen=True)
-class Unsteady(linear.Block):
+class Unsteady(whitened_run.WhitenedRun):
     """A whitened run whose noise is louder in some parts than in others.
 
     Attributes
@@ -27,7 +27,7 @@ class Unsteady(linear.Block):
 
     @cached_property
     def M(self) -> Array:
-        """As that of `linear.Block`."""
+        """As that of `linear.WhitenedRun`."""
         if not self.loud:
             return super().M
         assert self.window is not None
@@ -39,7 +39,9 @@ class Unsteady(linear.Block):
 
     def _of_band(self, bins: NDArray[np.bool_], window: Array) -> Array:
         weights = replace(self.weights, score=self.weights.score * bins)
-        return linear.Block(self.tau, self.columns, weights, window, self.tone, self.share, self.first).M
+        return whitened_run.WhitenedRun(
+            self.tau, self.columns, weights, window, self.tone, self.share, self.first
+        ).M
 
 
 def parts(window: Array, count: int) -> NDArray[np.intp]:
@@ -47,9 +49,9 @@ def parts(window: Array, count: int) -> NDArray[np.intp]:
     return np.arange(window.size) * count // window.size
 
 
-def block(run: linear.Block, f: Array, steps: Steps) -> Unsteady:
+def block(run: whitened_run.WhitenedRun, f: Array, steps: Steps) -> Unsteady:
     """Return a run with noise that is not steady, as `steadiness` has it; f [Hz] has shape (B,)."""
-    own = {x.name: getattr(run, x.name) for x in fields(linear.Block)}
+    own = {x.name: getattr(run, x.name) for x in fields(whitened_run.WhitenedRun)}
     return Unsteady(**own, loud=bins(f, steps))
 
 

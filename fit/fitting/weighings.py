@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from fit.fitting import flscov, louder, unsteady
 from fit.model import dynamics
 from fit.settings import Estimator
-from fit.signal import NoiseModel
-from fit.weighing import Experiment, Likelihood, linear, noise_model
+from fit.spectra import NoiseModel
+from fit.whitening import Experiment, Likelihood, noise_model, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -31,12 +31,12 @@ class Weighing(Protocol):
     def settled(self) -> bool:
         """Whether the weights themselves have come to rest."""
 
-    def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
+    def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
         """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
 
 
 def weighing(
-    experiment: Experiment, share: Array, estimator: Estimator, begun: linear.Block | None
+    experiment: Experiment, share: Array, estimator: Estimator, begun: whitened_run.WhitenedRun | None
 ) -> Weighing:
     """Return what weighs the sysid run of an experiment.
 
@@ -45,10 +45,10 @@ def weighing(
     experiment : Experiment
         The runs.
     share : ndarray, shape (K, P)
-        See `linear.Block`.
+        See `linear.WhitenedRun`.
     estimator : str
-        ``flscov``, or the likelihood of the residual, see `fit.weighing.likelihood`.
-    begun : linear.Block or None
+        ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
+    begun : whitened_run.WhitenedRun or None
         The run as another fit has weighed it, which is where the iteration begins.
     """
     if estimator == "flscov":
@@ -60,7 +60,11 @@ class _Smooth:
     """Weighs a run by the smooth PSD of its noise run, and by what its own residual then is like."""
 
     def __init__(
-        self, experiment: Experiment, share: Array, likelihood: Likelihood, begun: linear.Block | None
+        self,
+        experiment: Experiment,
+        share: Array,
+        likelihood: Likelihood,
+        begun: whitened_run.WhitenedRun | None,
     ) -> None:
         self._experiment, self._share, self._likelihood = experiment, share, likelihood
         self.name = experiment.name
@@ -70,7 +74,7 @@ class _Smooth:
         self._moved: Array | None = None
         self.settled = True
 
-    def block(self, theta: Array, covariance: Array, iteration: int) -> linear.Block:
+    def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
         if self._begun and iteration == 0:
             return replace(self._begun, share=self._share)
         share, of_run, run, own = self._share, self._share @ theta, self._experiment.sysid, self._own
@@ -85,7 +89,7 @@ class _Smooth:
             terms = terms.beside(run.wander(tau))
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
-        block = linear.block(terms, self._model, share, likelihood=self._likelihood, c=c)
+        block = whitened_run.block(terms, self._model, share, likelihood=self._likelihood, c=c)
         steps = self._experiment.unsteady
         return unsteady.block(block, terms.f, steps) if steps else block
 
@@ -118,7 +122,7 @@ class _Flscov:
         self._total = 0.0
         self.settled = False
 
-    def block(self, theta: Array, _: Array, iteration: int) -> linear.Block:
+    def block(self, theta: Array, _: Array, iteration: int) -> whitened_run.WhitenedRun:
         of_run = self._share @ theta
         terms = self._experiment.sysid.columns(dynamics.delays(of_run))
         c = dynamics.coefficients(of_run, terms.tau) if iteration else None

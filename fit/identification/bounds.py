@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.fitting import Outcome, Prior, parameter_values
+from fit.fitting import IRLSResult, Prior, parameter_values
 from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
@@ -86,12 +86,12 @@ class Limit:
         )
 
 
-def tested(outcome: Outcome, weak: Mapping[int, Prior], at: Mapping[int, Bound]) -> list[Limit]:
+def tested(outcome: IRLSResult, weak: Mapping[int, Prior], at: Mapping[int, Bound]) -> list[Limit]:
     """Test the bounds at which parameters are held.
 
     Parameters
     ----------
-    outcome : Outcome
+    outcome : IRLSResult
         With the parameters at their bounds.
     weak : mapping of int to Prior
         What is known beside data and bounds, by place of the parameter.

@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import attenuation
-from fit.fitting import Outcome
+from fit.crosstalk import attenuation
+from fit.fitting import IRLSResult
 from fit.identification import series
 from fit.identification.protocol import Loop
 from fit.model import Sharing, dynamics
 from fit.results import Fit, Results
-from fit.signal import derivatives
+from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
-from fit.weighing import Run
+from fit.whitening import Run
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def differences(found: Fit, calibrated: Fit | None) -> dict[str, float]:
     }
 
 
-def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outcome) -> Fit:
+def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: IRLSResult) -> Fit:
     """Return an identification moved and widened as instruments do it to the fit.
 
     The loop takes its cross-talk from the same noisy read-outs and has no instruments, so that what noise in
@@ -64,7 +64,7 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: Outc
         Of the equation, with what instruments move.
     moved : set of str
         Names of that.
-    least : Outcome
+    least : IRLSResult
         Of the equation, by least squares.
     """
     given = {name: calibrated[name] for name in found.parameters if name in moved}

@@ -8,20 +8,21 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.consistency import jury
+from fit.crosstalk import earlier
 from fit.errors import FitError, InputError
-from fit.estimate import departures, earlier, verdict
-from fit.fitting import Prior, irls, priors
+from fit.fitting import Prior, departures, irls, priors
 from fit.identification import bounds, comparison, noise
 from fit.identification.joint import Joint, joint
 from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
-from fit.judgement import jury
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map
+from fit.quality import fit_quality
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.warnings import FitWarning
-from fit.weighing import Experiment, Likelihood, linear
+from fit.whitening import Experiment, Likelihood, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -45,11 +46,9 @@ def identify(
     Parameters
     ----------
     experiments : sequence of Experiment
-        Prepared as for the joint fit.
     free : sequence of Free
         The parameters.
     loop : Loop
-        Simulates the runs.
     calibrated : Results
         Of the same telemetry, by the equation of motion.
     chosen : Settings
@@ -94,7 +93,7 @@ def identify(
     return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
 
 
-def _integrated(outcome: irls.Outcome, chosen: Settings) -> irls.Outcome:
+def _integrated(outcome: irls.IRLSResult, chosen: Settings) -> irls.IRLSResult:
     """Return the outcome with the widths of departures, if there are any, integrated over."""
     if not outcome.departing:
         return outcome
@@ -134,20 +133,20 @@ def _begun(
 
 
 def _reported(
-    search: "_Search", outcome: irls.Outcome, experiments: Sequence[Experiment], free: Sequence[Free]
+    search: "_Search", outcome: irls.IRLSResult, experiments: Sequence[Experiment], free: Sequence[Free]
 ) -> Fit:
     """Return what is determined of what was sought, and why the rest is not."""
     sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
     names = {p.name: p.name for p in outcome.parameters if p.name in sought}
     named = {name: name for name in names if name not in search.bound}
-    lost = verdict.indeterminable(outcome, experiments, named)
-    doubts = [*verdict.doubts(outcome, experiments), *verdict.scattered(outcome)]
-    return verdict.report(outcome, experiments, names, [*lost, *doubts])
+    lost = fit_quality.indeterminable(outcome, experiments, named)
+    doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
+    return fit_quality.report(outcome, experiments, names, [*lost, *doubts])
 
 
 def _beside(
     experiments: Sequence[Experiment],
-    outcome: irls.Outcome,
+    outcome: irls.IRLSResult,
     held: Mapping[str, float],
     limits: Sequence[bounds.Limit],
     chosen: Settings,
@@ -184,7 +183,7 @@ def _searched(
     begin: Callable[[Sequence[bool], Mapping[str, float]], "_Search"],
     experiments: Sequence[Experiment],
     chosen: Settings,
-) -> tuple["_Search", irls.Outcome, list[str]]:
+) -> tuple["_Search", irls.IRLSResult, list[str]]:
     """Search; return also the experiments whose noise levels are marginalised.
 
     Where the data chose them in the fit, the equation may only have lacked what the loop has: they are
@@ -193,7 +192,7 @@ def _searched(
     told = [e.levels for e in experiments]
     by_data = chosen.levels == ["auto"]
 
-    def searched(levels: Sequence[bool]) -> tuple[_Search, irls.Outcome]:
+    def searched(levels: Sequence[bool]) -> tuple[_Search, irls.IRLSResult]:
         search = begin(levels, {})
         outcome = search.outcome()
         if search.strayed(outcome.solution.theta):
@@ -262,7 +261,7 @@ class _Search:
         of_fmus = ["." in name for name in self.joint.named(theta)]
         return bool(np.any(moved[: len(of_fmus)][of_fmus] > STRAYED))
 
-    def outcome(self) -> irls.Outcome:
+    def outcome(self) -> irls.IRLSResult:
         """Search.
 
         Raises
@@ -294,7 +293,7 @@ class _Search:
             raise FitError(f"{error}{f'; the search began at {given}' * bool(given)}") from None
 
     def commands(
-        self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.Outcome
+        self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.IRLSResult
     ) -> dict[str, comparison.Commands]:
         """Replay the recorded commands with what was found, by run."""
         theta, covariance = outcome.solution.theta, outcome.solution.covariance
@@ -307,13 +306,15 @@ class _Search:
                 found[experiment.sysid.telemetry.run] = replayed
         return found
 
-    def priors(self, blocks: Sequence[linear.Block], theta: Array, more: Array) -> priors.PriorSet:
+    def priors(
+        self, blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array
+    ) -> priors.PriorSet:
         """Return weak priors of what the data do not determine, and narrow ones at bounds that are reached.
 
         Rows of chi^2, `more`, hold what departs.
         """
-        H = linear.information(blocks, theta) + more.T @ more
-        lost, directions = linear.blind(H, self._widths)
+        H = whitened_run.information(blocks, theta) + more.T @ more
+        lost, directions = whitened_run.blind(H, self._widths)
         lost |= self._resting(H, lost)
         self._lost = lost
         start, scale = self._start.tolist(), self._widths.tolist()
@@ -350,7 +351,7 @@ class _Search:
             to = np.where(alone if alone.any() else True, (theta + to) / 2, to)
         raise FitError(f"no step leads on, however short: {self.stepped[-1]}")
 
-    def limits(self, outcome: irls.Outcome) -> list[bounds.Limit]:
+    def limits(self, outcome: irls.IRLSResult) -> list[bounds.Limit]:
         """Return the bounds at which parameters are held, tested against the data."""
         low, high = self._low, self._high
         is_low = np.abs(outcome.solution.theta - low) < np.abs(outcome.solution.theta - high)
@@ -381,7 +382,7 @@ def _refused(weighing: Simulated, theta: Array) -> tuple[Simulated, str]:
 
 
 def _provenance(
-    calibrated: Results, outcome: irls.Outcome, more: Mapping[str, object], levels: list[str]
+    calibrated: Results, outcome: irls.IRLSResult, more: Mapping[str, object], levels: list[str]
 ) -> Provenance:
     """Return that of the calibration without what an identification has not."""
     said = calibrated.provenance

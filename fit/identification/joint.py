@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.estimate import departures
-from fit.fitting import hierarchy
+from fit.fitting import departures, hierarchy
 from fit.identification.protocol import Free, joint_parameters, share
 from fit.model import dynamics
-from fit.paper import Parameter
+from fit.parameters import Parameter
 from fit.settings import Settings
-from fit.weighing import Experiment
+from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
@@ -53,7 +52,7 @@ class Joint:
         The parameters of the loop, by the names that it knows.
     scales : tuple of ndarray, each of shape (len(names),)
         Their natural scales, and bounds.
-    departing : tuple of Width
+    departing : tuple of ScaleParameter
         The widths of departures.
     views : tuple of View
         One for each experiment.
@@ -64,7 +63,7 @@ class Joint:
     bounds: tuple[Array, Array]
     names: tuple[str, ...]
     scales: tuple[Array, Array, Array]
-    departing: tuple[hierarchy.Width, ...]
+    departing: tuple[hierarchy.ScaleParameter, ...]
     views: tuple[View, ...]
 
     @property

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.paper import Parameter, joint_parameter
+from fit.parameters import Parameter, joint_parameter
 from fit.settings import Group
 from fit.telemetry import Telemetry
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics
-from fit.signal import derivatives
+from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 
 Array = NDArray[np.float64]

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.estimate import departures
-from fit.fitting import louder, unsteady
+from fit.fitting import departures, louder, unsteady
 from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
 from fit.model import dynamics, wander
-from fit.signal import NoiseModel, Spectra, spectra
-from fit.weighing import Experiment, Left, Likelihood, Run, linear, smooth_noise, weights
+from fit.spectra import NoiseModel, Spectra, windowing
+from fit.whitening import Experiment, Left, Likelihood, Run, smooth_noise, weights, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -38,12 +37,12 @@ class Linearised(unsteady.Unsteady):
     at: Array = field(kw_only=True)
 
     def coefficients(self, theta: Array) -> Array:
-        """As those of `linear.Block`."""
+        """As those of `linear.WhitenedRun`."""
         moved = theta - (self.at if theta.ndim == 1 else self.at[:, None])
         return np.concatenate([np.ones_like(theta[:1]), self.share @ moved])
 
     def of_run(self, _: Array, /) -> Array:
-        """As those of `linear.Block`."""
+        """As those of `linear.WhitenedRun`."""
         return np.eye(len(self.share) + 1, len(self.share), k=-1)
 
 
@@ -157,7 +156,7 @@ class Imposed:
         grid = self._grid
         impulses = self._run.impulses(grid.time, grid.fs)
         beside = [*self._beside, self._settling]
-        return spectra.transform(values, grid.valid, grid.fs, beside=beside, impulses=impulses)
+        return windowing.transform(values, grid.valid, grid.fs, beside=beside, impulses=impulses)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)
@@ -256,7 +255,7 @@ class Simulated:
             kept = replace(terms, columns=terms.columns[:, : -len(self._louder)])
             terms = louder.without(kept, terms.columns[:, -len(self._louder) :])
         self._model = self._smooth(terms, left, covariance)
-        U, _ = linear.whiten(terms, self._model.expected(terms.f))
+        U, _ = whitened_run.whiten(terms, self._model.expected(terms.f))
         u = np.abs(U[:, 0]) ** 2 if iteration else np.full(len(U), 2.0)
         return Linearised(
             tau=terms.tau,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.model.sharing import Sharing
-from fit.paper import joint_names, joint_parameter
+from fit.parameters import joint_names, joint_parameter
 from fit.results import Fit
 from fit.settings import settings
 from fit.telemetry import Telemetry

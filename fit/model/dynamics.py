@@ -32,7 +32,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.signal import derivatives
+from fit.spectra import derivatives
 from fit.telemetry import MAX_MISSING, Telemetry, TimeAxis, axis_part
 
 Array = NDArray[np.float64]

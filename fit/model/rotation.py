@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.signal import derivatives
+from fit.spectra import derivatives
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 

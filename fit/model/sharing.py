@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.model import dynamics
-from fit.paper import Parameter, joint_parameter, stiffness_terms
+from fit.parameters import Parameter, joint_parameter, stiffness_terms
 from fit.settings import Group
 from fit.telemetry import Telemetry
 

@@ -7,10 +7,10 @@ from functools import cache, partial
 
 from markupsafe import Markup
 
-from fit.estimate import bump
+from fit.crosstalk import crosstalk_fit
 from fit.figures import Chart, analysis
 from fit.figures import runs as figures
-from fit.paper import experiment_parameters
+from fit.parameters import experiment_parameters
 from fit.report.parts import Drawing, Shown
 from fit.report.verdict import failing, raised
 from fit.results import Fit, Results
@@ -156,7 +156,7 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
     return (
         values
         | results.experiments[run.experiment].values
-        | bump.subtracting(results, str(run.alignment_epoch))
+        | crosstalk_fit.subtracting(results, str(run.alignment_epoch))
     )
 
 

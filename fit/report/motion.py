@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import partial
 
 from fit.figures import motion as figures_motion
-from fit.paper import Parameter, cross_talk_parameter, misalignments
 from fit.parallel import parallel_map
+from fit.parameters import Parameter, cross_talk_parameter, misalignments
 from fit.report.noise import Products
 from fit.report.parts import Drawing, Part
 from fit.report.verdict import biased

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from fit import deltag
 from fit.figures import noise as figures
 from fit.figures import series
-from fit.paper import effective_authority
 from fit.parallel import parallel_map
+from fit.parameters import effective_authority
 from fit.report.parts import Drawing, Part, started
 from fit.results import Results
-from fit.signal import Estimator, LogSpectrum, log_psd
+from fit.spectra import Estimator, LogSpectrum, log_psd
 from fit.tables import Cell, Grid, Line
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry

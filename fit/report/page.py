@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from fit.figures import COLOURS
 from fit.files import atomic
-from fit.paper import joint_names, joint_parameter
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
+from fit.parameters import joint_names, joint_parameter
 from fit.report import charts
 from fit.report import experiments as report_experiments
 from fit.report import identified as report_identified

@@ -15,8 +15,8 @@ from fit.errors import InputError
 from fit.figures import Figure, analysis
 from fit.figures import runs as figures_runs
 from fit.figures import stiffness as figures_stiffness
-from fit.journal import Plot as Drawn
-from fit.journal import drawn, save, svg
+from fit.plotting import Plot as Drawn
+from fit.plotting import drawn, save, svg
 from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results

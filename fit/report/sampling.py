@@ -6,10 +6,12 @@ from pathlib import Path
 from markupsafe import Markup
 from pydantic import BaseModel
 
-from fit.estimate import Pulls, earlier, pulls, sampling
+from fit.crosstalk import earlier
 from fit.files import documents
+from fit.forecasting import Pulls, coverage
 from fit.report.parts import Drawing, Part
 from fit.results import Results
+from fit.sampling import emcee_sampling
 from fit.tables import LIMIT, Grid, Line, flagged, name_head
 from fit.tables import parameters as tables
 
@@ -58,10 +60,10 @@ def parts(results: Results, directory: Path) -> list[Part]:
     """
     found = []
     if (path := directory / "mcmc.json").exists():
-        chain = documents.from_json(path, "what mcmc leaves", sampling.SCHEMA, _Chain)
+        chain = documents.from_json(path, "what mcmc leaves", emcee_sampling.SCHEMA, _Chain)
         found.append(_chain(chain, results, directory / "figures"))
     if (path := directory / "montecarlo.json").exists():
-        study = documents.from_json(path, "what montecarlo leaves", pulls.SCHEMA, _Study)
+        study = documents.from_json(path, "what montecarlo leaves", coverage.SCHEMA, _Study)
         found.append(_study(study, directory / "figures"))
     return found
 

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup, escape
 
-from fit import paper
+from fit import parameters
 from fit.figures import stiffness as figures
-from fit.paper import joint_parameter
+from fit.parameters import joint_parameter
 from fit.report.parts import Drawing, Part, fitted_for
 from fit.results import Estimate, Fit, Results
 from fit.tables import LIMIT, Grid, Line, flagged, parameter_head, signed
@@ -151,9 +151,9 @@ class Prediction:
 
 def predictions(joint: Fit) -> list[Prediction]:
     """Compare with the prediction each stiffness coefficient that the joint fit determines."""
-    gain, gain_sigma = paper.LAMBDA_V
+    gain, gain_sigma = parameters.LAMBDA_V
     found = []
-    for kind, model in (("alpha_x", paper.alpha_x), ("alpha_phi", paper.alpha_phi)):
+    for kind, model in (("alpha_x", parameters.alpha_x), ("alpha_phi", parameters.alpha_phi)):
         for name in (f"{kind}_1", f"{kind}_2"):
             estimate = joint.parameters.get(name)
             if estimate is None:
@@ -163,7 +163,7 @@ def predictions(joint: Fit) -> list[Prediction]:
                     name=name,
                     value=model(gain),
                     sigma=2 * gain_sigma / gain * abs(model(gain)),
-                    paper=paper.PREDICTED[kind],
+                    paper=parameters.PREDICTED[kind],
                     fitted=estimate,
                     lambda_V=_gain_that_gives(estimate, model(1.0)),
                 )
@@ -195,12 +195,12 @@ def _alphas(joint: Fit) -> Grid | None:
                 ),
             )
         )
-    gain, sigma = paper.LAMBDA_V
+    gain, sigma = parameters.LAMBDA_V
     about = (
         "Stiffness per unit of authority, from eqs alphax and alphaphi, with λ_V = "
         f"{gain} ± {sigma} (paper). The derivatives of the capacitance are a choice: "
-        f"∂C/∂x {1e12 * paper.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * paper.D2C_DX2:.0f} nF/m², "
-        f"∂C/∂φ {1e12 * paper.DC_DPHI:.1f} pF/rad, C_tot {1e12 * paper.C_TOT:.1f} pF; "
+        f"∂C/∂x {1e12 * parameters.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * parameters.D2C_DX2:.0f} nF/m², "
+        f"∂C/∂φ {1e12 * parameters.DC_DPHI:.1f} pF/rad, C_tot {1e12 * parameters.C_TOT:.1f} pF; "
         "the σ of the prediction is that of λ_V alone. Excess: fitted over predicted, less 1. Last column: "
         "the λ_V that makes the prediction the fitted value."
     )
@@ -223,8 +223,8 @@ def _budget(joint: Fit) -> Grid | None:
     def text(value: float) -> str:
         return signed(1e7 * value, 2)
 
-    lines = [Line(escape(cause), tuple(map(text, values))) for cause, values in paper.BUDGET.items()]
-    totals = paper.background()
+    lines = [Line(escape(cause), tuple(map(text, values))) for cause, values in parameters.BUDGET.items()]
+    totals = parameters.background()
     lines += [
         Line(Markup("<b>total</b>"), tuple(map(text, totals))),
         Line(Markup("fitted"), tuple(tables.number(e.value, e.sigma, -7) if e else None for e in fitted)),

@@ -7,11 +7,10 @@ from functools import partial
 
 from markupsafe import Markup, escape
 
-from fit.estimate import residuals
 from fit.figures import gain as figures_gain
 from fit.figures import leakage as figures_leakage
 from fit.figures import mission as figures_mission
-from fit.paper import (
+from fit.parameters import (
     DELTA_IFO_DESIGN,
     FLIGHT,
     GAIN_CHI2_RED,
@@ -21,6 +20,7 @@ from fit.paper import (
     joint_names,
     joint_parameter,
 )
+from fit.quality import residual_tests
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
 from fit.report.parts import Drawing, Part, fitted_for, started
@@ -159,10 +159,10 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
 
 
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
-    estimates = list(residuals.independent(results.experiments).values())
+    estimates = list(residual_tests.independent(results.experiments).values())
     if len(estimates) < 2:
         return None
-    found = residuals.about_mean(estimates)
+    found = residual_tests.about_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
     of_joint = tables.number(joint.value, joint.sigma) if joint else None
@@ -184,7 +184,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     return Part("gain", "Stationarity of the gain", _gain_verdict(found), (grid,), pictures)
 
 
-def _gain_verdict(found: residuals.Stationarity) -> Markup:
+def _gain_verdict(found: residual_tests.Stationarity) -> Markup:
     if found.p_value >= DOUBTFUL:
         return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
     mean = tables.number(found.mean, found.sigma_with_scatter)
@@ -199,7 +199,7 @@ def _p_value(p: float) -> str:
 
 
 def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Drawing, ...]:
-    alone = residuals.independent(results.experiments)
+    alone = residual_tests.independent(results.experiments)
     points = [
         figures_gain.GainPoint(
             run.experiment,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fit.paper import Parameter
+from fit.parameters import Parameter
 from fit.tables.parameters import Number, power_of_ten, unit_text
 
 Cell = Number | str | None

@@ -9,7 +9,7 @@ from contextlib import suppress
 from markupsafe import Markup
 
 from fit.display import html, text
-from fit.paper import Parameter, joint_parameter
+from fit.parameters import Parameter, joint_parameter
 from fit.results import FIXED, Estimate, Fit, Results
 from fit.tables import parameters as tables
 from fit.tables.lines import Lines, digits, estimates

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from markupsafe import Markup, escape
 
-from fit.paper import Parameter, experiment_parameters, joint_parameter
+from fit.parameters import Parameter, experiment_parameters, joint_parameter
 from fit.results import FIXED, WITHHELD, Estimate, Fit
 
 LIMIT = 4.0  # sigma: more is called a disagreement

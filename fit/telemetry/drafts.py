@@ -9,8 +9,8 @@ from typing import Any
 import tomli_w
 
 from fit.telemetry import guard, stamps
-from fit.telemetry.archives import Column, Table, is_text, look, opened
-from fit.telemetry.archives.table import split_unit
+from fit.telemetry.archives import is_text, look, opened
+from fit.telemetry.archives.table import Column, Table, split_unit
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED
 from fit.telemetry.maps import Map
 

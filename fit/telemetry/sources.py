@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from fit.errors import InputError, shown
 from fit.files import key
 from fit.telemetry import grid, stamps
-from fit.telemetry.archives import Table, opened
+from fit.telemetry.archives import opened
+from fit.telemetry.archives.table import Table
 from fit.telemetry.contract import CHANNELS
 from fit.telemetry.maps import (
     SECONDS,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fit import settings as fit_settings
-from fit.estimate import angles, forecast
+from fit.forecasting import expected_euler_fit, expected_fit
 from fit.parallel import processors
 from fit.results import Fit
 from fit.tables import Lines
@@ -48,7 +48,7 @@ def check(campaign: Path, console: Console) -> None:
         "runs": [_run_document(run) for run in plan.runs],
         "duration": sum(map(_duration, plan.runs)),
         "loops": None if loops is None else cli_margins.documents(loops),
-        "forecast": forecast.document(expected, periods) if expected else None,
+        "forecast": expected_fit.document(expected, periods) if expected else None,
         "unavailable": expectation.unavailable,
         "warnings": warnings,
         "wall_time": None if expectation.seconds is None else round(expectation.seconds),
@@ -112,11 +112,11 @@ def _expectation(plan: Campaign, chosen: fit_settings.Settings, jobs: int, conso
     loops = margins.margins(plan.runs[0])
     with console.stage("forecast"):
         try:
-            joint = forecast.expected_fit(planned(plan), chosen)
-            periods = angles.expected_periods(turning(plan.runs), joint)
-        except forecast.NoneTakesPartError:
+            joint = expected_fit.expected_fit(planned(plan), chosen)
+            periods = expected_euler_fit.expected_periods(turning(plan.runs), joint)
+        except expected_fit.NoneTakesPartError:
             warnings.append(_why_none(plan))
-        except forecast.NoiselessError as error:
+        except expected_fit.NoiselessError as error:
             warnings.append(f"no forecast: {error}")
     warnings += [left_out(name) for name in plan.truth.living]
     warnings += messages(joint, periods) if joint else []

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 import fit.errors
-from fit.estimate import angles, inertial, sight
-from fit.estimate import forecast as forecasts
+from fit.crosstalk import euler_fit
 from fit.files import atomic
+from fit.forecasting import expected_euler_fit, fisher
+from fit.forecasting import expected_fit as forecasts
 from fit.parallel import follow_progress, update_progress
 from fit.results import Fit
 from fit.settings import Settings, refuse_constraints, settings
@@ -109,23 +110,23 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
         joint = fitted(of)
 
         def told(at: Campaign) -> dict[str, float]:
-            periods = angles.expected_periods(turning(at.runs), joint)
+            periods = expected_euler_fit.expected_periods(turning(at.runs), joint)
             return {
                 f"{name}_{period}": estimate.sigma
                 for period, fit in periods.items()
                 for name, estimate in fit.parameters.items()
             }
 
-        return Calibration(told, inertial.SHORTEST)
+        return Calibration(told, euler_fit.SHORTEST)
 
     @cache
     def more() -> dict[str, float]:
         with follow_progress(None):
-            return sight.found(planned(plan), chosen)
+            return fisher.found(planned(plan), chosen)
 
-    def told_by(of: Campaign) -> sight.Sights:
+    def told_by(of: Campaign) -> fisher.Sights:
         # noise alone does not tell cross-talk as well: it is as the campaign will tell it
-        return sight.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
+        return fisher.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
 
     return Foresight(told_by, expected, calibration)
 
@@ -133,7 +134,7 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
 def _draw(found: Design, path: Path) -> None:
     """Draw what tones tell by frequency, with those of the design."""
     from fit.figures import tones
-    from fit.journal import drawn, save  # takes its time
+    from fit.plotting import drawn, save  # takes its time
 
     frequency = np.geomspace(4e-4, 0.095, 300)
     chosen = [

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+from fit.crosstalk import earlier
 from fit.errors import InputError
-from fit.estimate import earlier
 from fit.figures import Figure
 from fit.parallel import processors
 from fit.report import page
@@ -58,6 +58,6 @@ def _told(names: Iterable[str]) -> str:
 
 def _written(place: Path, name: str, figure: Figure, where: Where) -> None:
     where.rest()  # nothing that hangs
-    from fit.journal import drawn, write  # takes its time
+    from fit.plotting import drawn, write  # takes its time
 
     write(place, name, drawn, figure)

@@ -4,9 +4,9 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from fit.estimate import angles
-from fit.estimate import forecast as forecasts
-from fit.paper import FLIGHT, misalignments
+from fit.forecasting import expected_euler_fit
+from fit.forecasting import expected_fit as forecasts
+from fit.parameters import FLIGHT, misalignments
 from fit.results import FIXED, Fit
 from fit.settings import settings
 from fit.tables import Lines
@@ -37,7 +37,7 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         with console.stage("forecast"):
             gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
             expected = forecasts.expected_fit(planned(plan), chosen, gains)
-            periods = angles.expected_periods(turning(plan.runs), expected)
+            periods = expected_euler_fit.expected_periods(turning(plan.runs), expected)
     text = json.dumps(forecasts.document(expected, periods), indent=1, allow_nan=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import fit.errors
-from fit.estimate import earlier, pulls
+from fit.crosstalk import earlier
+from fit.forecasting import coverage
 from fit.identification import Free, identify
 from fit.parallel import serial
 from fit.report import page as fit_report
@@ -16,7 +17,7 @@ from fit.results import Results, write
 from fit.settings import Group, Settings, refuse_constraints, settings
 from fit.telemetry import Telemetry, read_truth
 from fit.warnings import FitWarning
-from fit.weighing import Experiment
+from fit.whitening import Experiment
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
@@ -186,7 +187,9 @@ def _found(
         message = f"the telemetry says that it was simulated otherwise: {loop.others}"
         warnings = (*found.joint.warnings, FitWarning("another_loop", (), message))
         found = replace(found, joint=replace(found.joint, warnings=warnings))
-    return pulls.with_truth(found, telemetries, {t.run: _truth(t, plan, loop.targets) for t in telemetries})
+    return coverage.with_truth(
+        found, telemetries, {t.run: _truth(t, plan, loop.targets) for t in telemetries}
+    )
 
 
 def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> dict[str, float]:

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit.estimate import Posterior, earlier
-from fit.estimate import sampling as chains
+from fit.crosstalk import earlier
 from fit.files import atomic
 from fit.report import page as fit_report
 from fit.results import Results
+from fit.sampling import Posterior
+from fit.sampling import emcee_sampling as chains
 from fit.telemetry import Telemetry
 from lpfcosim.cli.console import Console
 from lpfcosim.running import folder
@@ -50,7 +51,7 @@ def _sample(
     document = chains.summary(chain, outcome, truths)
     text = atomic.write_json(directory / "mcmc.json", document)
     with console.stage("figure"):
-        from fit.journal import studies, write  # takes its time
+        from fit.plotting import studies, write  # takes its time
 
         (directory / "figures").mkdir(exist_ok=True)
         theta = chain.theta.reshape(-1, chain.theta.shape[2])

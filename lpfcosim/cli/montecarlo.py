@@ -16,8 +16,9 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 import fit.errors
-from fit.estimate import inertial, pulls
+from fit.crosstalk import euler_fit
 from fit.files import documents
+from fit.forecasting import coverage
 from fit.model import dynamics, rotation
 from fit.parallel import one_blas_thread, processors, serial
 from fit.pipeline import calibrate
@@ -153,19 +154,19 @@ def _report(
     header: Mapping[str, object],
     lines: Mapping[int, Line],
     lost: int,
-) -> pulls.Verdict:
+) -> coverage.Verdict:
     """Write and print what the campaigns say together, though some are not done."""
     failed = {k: line["failed"] for k, line in lines.items() if "failed" in line}
     drawn = [line["estimates"] for line in lines.values() if "estimates" in line]
     for told in grouped(((str(number), f"failed: {why}") for number, why in failed.items()), "campaign"):
         console.note(told)
-    found = pulls.summary(drawn)
+    found = coverage.summary(drawn)
     if not found:
         raise RunError(f"{plan.name}: of {len(lines)} campaigns {len(failed)} failed; there are no pulls")
     more = {"campaign": plan.name, **header}
-    document = pulls.write(found, len(drawn), failed, more, directory / "montecarlo.json")
+    document = coverage.write(found, len(drawn), failed, more, directory / "montecarlo.json")
     with console.stage("figure"):
-        from fit.journal import studies, write  # takes its time
+        from fit.plotting import studies, write  # takes its time
 
         (directory / "figures").mkdir(exist_ok=True)
         write(directory / "figures", "pulls", studies.histograms, found, drawn)
@@ -173,7 +174,7 @@ def _report(
     console.show(_table(found))
     not_done = f", {lost} not done" if lost else ""
     console.say(f"{len(drawn)} campaigns, {len(failed)} failed{not_done}: {directory / 'montecarlo.json'}")
-    verdict = pulls.verdict(found, len(drawn), len(failed))
+    verdict = coverage.verdict(found, len(drawn), len(failed))
     if verdict.valid:
         parameters = f"{len(found)} parameter{'s' * (len(found) > 1)}"
         console.say(f"valid: pulls and coverage of {parameters} are consistent with true sigmas")
@@ -245,7 +246,7 @@ def _outcomes(
     yield from workers.results(setting, tasks, jobs or processors())
 
 
-def _table(found: Mapping[str, pulls.Pulls]) -> Lines:
+def _table(found: Mapping[str, coverage.Pulls]) -> Lines:
     rows = [
         (
             name,
@@ -283,7 +284,7 @@ def trial(work: Work, number: int, fmus: Mapping[str, Path], where: Where | None
     if results.joint and results.joint.unsound:
         return {"number": number, "failed": results.joint.unsound[0].message}
     drawn = {"truth": telemetry.truth(plan.runs[0])} if work.redraw else {}
-    return {"number": number, "estimates": pulls.estimates(results), **drawn}
+    return {"number": number, "estimates": coverage.estimates(results), **drawn}
 
 
 def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], where: Where) -> Results:
@@ -293,7 +294,7 @@ def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], wh
                 runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where, shelf=shelf)
                 where.rest()
         telemetries = read_all(sorted(Path(folder).glob("*.h5")), own=True)
-        return pulls.with_truth(calibrate(telemetries, chosen), telemetries)
+        return coverage.with_truth(calibrate(telemetries, chosen), telemetries)
 
 
 def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
@@ -306,7 +307,7 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     if not any(map(spectral.struck, plan.runs)):
         chosen = chosen.model_copy(update={"glitches": False})  # noise passes for one in 1 of 100 campaigns
     results = calibrate(telemetries, chosen, drawn=True, constant=constant)
-    return pulls.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
+    return coverage.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 
 #: What the last campaign left, by run, the newest last: made anew only if more than the seed is another.
@@ -331,6 +332,6 @@ def _drawn(run: Run, generator: np.random.Generator) -> Telemetry:
 def _channels(run: Run) -> list[str]:
     """Return what fits read of what is recorded; of the star tracker that is long noise runs alone."""
     of_means = (name for parts in dynamics.MEANS.values() for name in parts)
-    turning = run.kind == "noise" and run.n_samples / run.fs >= inertial.SHORTEST
+    turning = run.kind == "noise" and run.n_samples / run.fs >= euler_fit.SHORTEST
     stars = [f"ast_{axis}" for axis in rotation.AXES] if turning else []
     return [*dynamics.CHANNELS, *(name for name in (*of_means, *stars) if name in world_of(run).record)]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _FMU = "fmu_"
 
 
-def gather(folder: Path, campaign: Campaign) -> outcome.Outcome:
+def gather(folder: Path, campaign: Campaign) -> outcome.IRLSResult:
     """Read what `folder` holds of a campaign.
 
     Raises
@@ -47,7 +47,7 @@ def gather(folder: Path, campaign: Campaign) -> outcome.Outcome:
                 model = key.removeprefix(_FMU)
                 raise InputError(f"{file}: was simulated with another {model} than other runs")
         said |= attributes
-    return outcome.Outcome(
+    return outcome.IRLSResult(
         results=path,
         telemetry=telemetry,
         flown={key.removeprefix(_FMU): str(said[key]) for key in sorted(said) if key.startswith(_FMU)},

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from fit.estimate import Planned, PlannedTurn
+from fit.forecasting import Planned, PlannedTurn
 from fit.model import rotation
 from fit.telemetry import Telemetry
-from fit.weighing import Experiment
-from fit.weighing import Run as Flown
+from fit.whitening import Experiment
+from fit.whitening import Run as Flown
 from lpfcosim.campaign import Campaign
 from lpfcosim.plant import planning, stability
 from lpfcosim.running import telemetry

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fit.estimate import earlier
+from fit.crosstalk import earlier
 from fit.report import page as fit_report
 from lpfcosim.cli.console import Console
 from lpfcosim.running import folder

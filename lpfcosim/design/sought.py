@@ -13,7 +13,7 @@ from lpfcosim.design import limits
 from lpfcosim.design.calibration import Calibration
 from lpfcosim.design.limits import Limit
 from lpfcosim.design.objective import Objective
-from lpfcosim.design.stage import Sight, Stage
+from lpfcosim.design.stage import ExperimentInformation, Stage
 from lpfcosim.errors import InputError
 from lpfcosim.spacecraft import Injection, Run, Sine
 
@@ -32,7 +32,7 @@ HELD: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 
 class Sights(Protocol):
-    """What the experiments of a campaign tell, see `fit.estimate.sight.Sights`."""
+    """What the experiments of a campaign tell, see `fit.forecasting.fisher.Sights`."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ class Sights(Protocol):
         """Of their weak priors, shape (P,)."""
 
     @property
-    def each(self) -> Sequence[Sight]:
+    def each(self) -> Sequence[ExperimentInformation]:
         """The experiments."""
 
 

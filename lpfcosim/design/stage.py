@@ -22,8 +22,8 @@ HIGHEST = 0.095  # Hz, below the end of the fitted band
 _ENTERS = {"F_x_1": "f_x_1"}  # where an injection enters the system, if not under its own name
 
 
-class Sight(Protocol):
-    """What an experiment tells, see `fit.estimate.sight.Sight`."""
+class ExperimentInformation(Protocol):
+    """What an experiment tells, see `fit.forecasting.fisher.ExperimentInformation`."""
 
     @property
     def name(self) -> str:
@@ -56,7 +56,7 @@ class Stage:
     ----------
     run : Run
         With nothing injected but what is no tone.
-    sight : Sight
+    sight : ExperimentInformation
         What it tells.
     limits : tuple of Limit
         What it must not exceed.
@@ -65,7 +65,7 @@ class Stage:
     """
 
     run: Run
-    sight: Sight
+    sight: ExperimentInformation
     limits: tuple[Limit, ...]
     scale: Array
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 @dataclass(frozen=True)
-class Outcome:
+class IRLSResult:
     """The telemetry and the results of a campaign.
 
     Attributes

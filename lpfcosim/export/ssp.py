@@ -24,7 +24,7 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import REALS, Interface, Value, driver, interfaces_of_runs
 from lpfcosim.errors import InputError
 from lpfcosim.export import traceability
-from lpfcosim.export.outcome import Outcome
+from lpfcosim.export.outcome import IRLSResult
 from lpfcosim.modelica import build, markup
 from lpfcosim.network import endpoint
 from lpfcosim.spacecraft import Run
@@ -57,7 +57,7 @@ def export(
     fmus: Mapping[str, Path],
     path: Path,
     version: str = "1.0",
-    outcome: Outcome | None = None,
+    outcome: IRLSResult | None = None,
 ) -> Path:
     """Write the closed loop to an ``.ssp`` archive; the same input gives the same bytes.
 
@@ -76,7 +76,7 @@ def export(
         The archive to write.
     version : str
         Of SSP, ``1.0`` or ``2.0``.
-    outcome : Outcome, optional
+    outcome : IRLSResult, optional
         What came of the campaign. Its results go into the archive; its telemetry is named and stays outside.
 
     Returns

@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from lpfcosim.campaign import Campaign
-from lpfcosim.export.outcome import Outcome
+from lpfcosim.export.outcome import IRLSResult
 
 FILE = "extra/org.ssp-standard.ssp-traceability.stmd/SimulationTask.stmd"
 RESULTS = "resources/results.json"
@@ -30,7 +30,7 @@ _TYPES = {
 }  # by the end of a name: MIME type and kind of resource
 
 
-def task(campaign: Campaign, root: Path, execution: str, outcome: Outcome | None = None) -> ET.Element:
+def task(campaign: Campaign, root: Path, execution: str, outcome: IRLSResult | None = None) -> ET.Element:
     """Return the simulation task meta-data (STMD) of an archive.
 
     Parameters
@@ -41,7 +41,7 @@ def task(campaign: Campaign, root: Path, execution: str, outcome: Outcome | None
         The folder with all files of the archive but this one.
     execution : str
         How the system is to be stepped.
-    outcome : Outcome, optional
+    outcome : IRLSResult, optional
         What came of it. Telemetry is named by its place beside the unpacked archive, and by its digest.
     """
     files = {p.relative_to(root).as_posix(): p for p in sorted(root.rglob("*")) if p.is_file()}
@@ -85,7 +85,7 @@ def task(campaign: Campaign, root: Path, execution: str, outcome: Outcome | None
     return element
 
 
-def _flown(procedure: ET.Element, outcome: Outcome, inside: set[str]) -> None:
+def _flown(procedure: ET.Element, outcome: IRLSResult, inside: set[str]) -> None:
     """Say with which FMUs the telemetry was simulated, and whether they are those of the archive."""
     others = sorted(model for model, digest in outcome.flown.items() if digest not in inside)
     known = {"fmus_flown": f"not those inside: {', '.join(others)}" if others else "those inside"}
@@ -93,7 +93,7 @@ def _flown(procedure: ET.Element, outcome: Outcome, inside: set[str]) -> None:
     _classify(procedure, {**outcome.simulated, **known, **digests})
 
 
-def _evaluation(task: ET.Element, outcome: Outcome, digest: str, runs: int) -> None:
+def _evaluation(task: ET.Element, outcome: IRLSResult, digest: str, runs: int) -> None:
     phase = ET.SubElement(task, f"{_STMD}EvaluationPhase")
     step = ET.SubElement(phase, f"{_STMD}EvaluateSimulationResults")
     source = ET.SubElement(step, f"{_STC}Input")

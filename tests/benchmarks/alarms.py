@@ -26,9 +26,9 @@ import numpy as np
 
 from fit.errors import CalibrationError
 from fit.pipeline import calibrate
-from fit.results import Results
+from fit.results.results import Results
 from fit.settings import settings
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning, Severity
 from lpfcosim.campaign import Campaign, loading
 from lpfcosim.campaign import montecarlo as campaigns

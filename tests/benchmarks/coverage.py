@@ -20,10 +20,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binom, norm
 
-from fit.estimate import pulls
-from fit.figures import COLOURS
-from fit.journal import Plot, write
-from fit.journal.style import WIDE
+from fit.figures.colours import COLOURS
+from fit.forecasting import coverage
+from fit.plotting.files import Plot, write
+from fit.plotting.style import WIDE
 
 DOCS = Path(__file__).parents[2] / "docs"
 HEAD = ("campaign", "parameter", "n", "mean", "mean_error", "std", "std_error", "within_1", "within_2")
@@ -41,7 +41,7 @@ def columns(drawn: Drawn) -> dict[str, list[object]]:
     """The numbers beside the figure, a line for each parameter of each campaign."""
     lines: list[tuple[object, ...]] = []
     for campaign, records in drawn.items():
-        for name, p in pulls.summary(records).items():
+        for name, p in coverage.summary(records).items():
             within_2 = np.mean([abs(one[name][0]) < 2 for one in records if name in one])
             pull = (p.pull_mean, p.pull_mean_error, p.pull_std, p.pull_std_error)
             lines.append((campaign, name, p.n, *(f"{x:.3f}" for x in (*pull, p.coverage_1sigma, within_2))))
@@ -59,7 +59,7 @@ def draw(drawn: Drawn) -> Plot:
         for edge, label in ((0.025, "95 % of such curves"), (0.16, "68 %")):
             low, high = (binom.ppf(q, n, expected) / n - expected for q in (edge, 1 - edge))
             ax.fill_between(z, low, high, color=COLOURS["grey"], alpha=0.25, lw=0, label=label)
-        for i, name in enumerate(pulls.summary(records)):
+        for i, name in enumerate(coverage.summary(records)):
             size = np.abs([one[name][0] for one in records if name in one])
             within = np.searchsorted(np.sort(size), z) / size.size
             label = "one parameter" if i == 0 else None

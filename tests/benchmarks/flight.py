@@ -19,14 +19,15 @@ import numpy as np
 import scipy
 
 from fit import deltag
-from fit.estimate import forecast as forecasts
-from fit.estimate.residuals import about_mean
+from fit.forecasting import expected_fit as forecasts
 from fit.model import dynamics
-from fit.paper import FLIGHT
-from fit.results import Fit, Results, load
+from fit.parameters import FLIGHT
+from fit.quality.residual_tests import about_mean
+from fit.results.results import Fit, Results, load
 from fit.settings import settings
-from fit.telemetry import Telemetry, inertial_period, read_all
-from fit.weighing import Experiment, Run
+from fit.telemetry.reader import Telemetry, inertial_period, read_all
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from tests import ROOT

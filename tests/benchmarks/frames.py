@@ -22,7 +22,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 
-from fit.estimate.inertial import SHORTEST, fit_period
+from fit.crosstalk.euler_fit import SHORTEST, fit_period
 from tests.oracles import rotation_synthetic as synthetic
 
 #: Noise of Delta g [m s^-2 Hz^-0.5], and how much of the rate and of the noise of the star tracker is left.

@@ -12,9 +12,9 @@ import numpy as np
 
 import fit
 import lpfcosim
-from fit.estimate.residuals import about_mean
-from fit.results import Results
-from fit.telemetry import Telemetry
+from fit.quality.residual_tests import about_mean
+from fit.results.results import Results
+from fit.telemetry.reader import Telemetry
 from tests import ROOT
 
 SETS = "ABCDABCDABC"

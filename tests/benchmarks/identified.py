@@ -24,13 +24,14 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 
+from fit.crosstalk import earlier
 from fit.errors import CalibrationError
-from fit.estimate import earlier, pulls
-from fit.identification import identify
+from fit.forecasting import coverage
+from fit.identification.identify import identify
 from fit.parallel import serial
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.identify import _free
 from lpfcosim.errors import LpfcosimError
@@ -77,7 +78,7 @@ def trial(plan: Campaign, number: int) -> Line:
     except (CalibrationError, LpfcosimError) as error:
         return {**line, "failed": str(error)}
     given = {t.name: t.given for t in loop.targets if "." in t.name}
-    joint = pulls.with_truth(found, runs, {run.name: given | truth(run) for run in plan.runs}).joint
+    joint = coverage.with_truth(found, runs, {run.name: given | truth(run) for run in plan.runs}).joint
     assert joint
     theirs = results.joint.parameters if results.joint else {}
     return {

@@ -19,9 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fit.estimate.inertial import fit_period
-from fit.paper import joint_names, joint_parameter
-from fit.results import Estimate, Fit
+from fit.crosstalk.euler_fit import fit_period
+from fit.parameters import joint_names, joint_parameter
+from fit.results.estimates import Estimate
+from fit.results.results import Fit
 from fit.telemetry import reader as telemetry
 from lpfcosim.campaign import loading
 from lpfcosim.modelica import build

@@ -12,13 +12,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fit.estimate.joint import fit_joint
-from fit.inspection import glitches
+from fit.fitting.joint_fit import fit_joint
 from fit.pipeline import calibrate
-from fit.results import telemetry_files
+from fit.quality import glitches
+from fit.results.folders import telemetry_files
 from fit.settings import settings
 from fit.telemetry import reader as telemetry
-from fit.weighing import pair
+from fit.whitening.runs import pair
 
 
 def seconds(work: Callable[[], object]) -> float:

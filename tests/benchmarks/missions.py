@@ -37,14 +37,15 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a process for each processor does be
 
 import numpy as np
 
+from fit.crosstalk.euler_fit import fit_period
 from fit.errors import CalibrationError
-from fit.estimate import pulls
-from fit.estimate.inertial import fit_period
-from fit.paper import joint_names, joint_parameter
+from fit.forecasting import coverage
+from fit.parameters import joint_names, joint_parameter
 from fit.pipeline import calibrate
-from fit.results import Estimate, Fit, Results
+from fit.results.estimates import Estimate
+from fit.results.results import Fit, Results
 from fit.settings import settings
-from fit.telemetry import read_all
+from fit.telemetry.reader import read_all
 from lpfcosim.campaign import Campaign, loading, montecarlo
 from lpfcosim.cli.montecarlo import _channels
 from lpfcosim.cli.planned import in_memory
@@ -136,7 +137,7 @@ def fitted(plan: Campaign, number: int) -> Results:
         rng = np.random.default_rng([number, plan.seed, *run.name.encode()])
         runs.append(in_memory(run, spectral.Simulation(run, _channels(run)).record(rng)))
     results = calibrate(runs, settings(dict(plan.fit), "missions"))
-    return pulls.with_truth(results, runs, {run.name: truth(run) for run in plan.runs})
+    return coverage.with_truth(results, runs, {run.name: truth(run) for run in plan.runs})
 
 
 def trial(number: int, kind: str) -> Line:

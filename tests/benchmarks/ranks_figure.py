@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fit.figures import COLOURS
-from fit.journal import Plot, write
-from fit.journal.style import WIDE
+from fit.figures.colours import COLOURS
+from fit.plotting.files import Plot, write
+from fit.plotting.style import WIDE
 from tests.benchmarks import ranks
 
 Ranks = Mapping[str, Mapping[str, np.ndarray]]

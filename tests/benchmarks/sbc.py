@@ -38,9 +38,9 @@ from scipy.stats import norm
 from fit.errors import CalibrationError
 from fit.fitting import hierarchy
 from fit.pipeline import calibrate
-from fit.results import Fit
+from fit.results.results import Fit
 from fit.settings import settings
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from tests.benchmarks import ranks_figure
 from tests.benchmarks.ranks import chance
 from tests.oracles import glitches, thirteen
@@ -155,7 +155,7 @@ _heard: list[Posterior] = []
 _integrate = hierarchy.integrate
 
 
-def _overheard(normal: hierarchy.Normal, widths: Sequence[hierarchy.Width]) -> hierarchy.Mixture:
+def _overheard(normal: hierarchy.Normal, widths: Sequence[hierarchy.ScaleParameter]) -> hierarchy.Mixture:
     points = np.array(list(product(*hierarchy._axes(normal, widths))))
     each = [hierarchy.given(normal, widths, point) for point in points]
     density = np.array([one[0] for one in each])

@@ -17,7 +17,9 @@ import fit
 import lpfcosim as simulator
 from fit import pipeline, settings
 from fit.deltag import write_delta_g
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.results.estimates import Estimate
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 from fit.warnings import FitWarning
 from tests import ROOT
 from tests.fit.telemetry.test_archives import as_csv, columns_of, map_of

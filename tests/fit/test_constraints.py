@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import fit
-from fit.estimate.forecast import Planned, expected_fit
+from fit.forecasting.expected_fit import Planned, expected_fit
 from fit.settings import settings
 from lpfcosim.cli.constraints import Constraints
 from tests.fit.estimate.test_forecast import SETS, expected

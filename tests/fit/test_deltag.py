@@ -16,7 +16,8 @@ from fit import deltag
 from fit import results as fit_results
 from fit.deltag import write_delta_g
 from fit.errors import FitError, InputError
-from fit.results import Estimate, Fit
+from fit.results.estimates import Estimate
+from fit.results.results import Fit
 from fit.warnings import FitWarning
 from lpfcosim.cli import start as cli
 from tests.oracles.rotation_synthetic import BASELINE, World, calibration, run, write

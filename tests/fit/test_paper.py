@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit import units
-from fit.paper import (
+from fit.parameters import (
     FLIGHT,
     cross_talk_parameter,
     experiment_parameters,

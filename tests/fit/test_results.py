@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fit.crosstalk.crosstalk_fit import joined
 from fit.errors import FitError, InputError
-from fit.estimate.bump import joined
-from fit.estimate.pulls import with_truth
-from fit.results import Estimate, Fit, Provenance, Results, Stiffness, load, sound_joint, write
+from fit.forecasting.coverage import with_truth
+from fit.results.estimates import Estimate, Stiffness
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results, load, sound_joint, write
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning, Span
 from tests.oracles.contract_file import write_contract_file

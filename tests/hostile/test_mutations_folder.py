@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from fit import results as fit_results
+from fit.crosstalk import earlier
 from fit.errors import InputError
-from fit.estimate import earlier, sampling
-from fit.estimate.posterior import Posterior
 from fit.pipeline import calibrate
 from fit.report import page as report
+from fit.sampling import emcee_sampling
+from fit.sampling.posterior import Posterior
 from fit.telemetry import guard as probe
 from fit.telemetry.writer import Writer
 from lpfcosim.cli import montecarlo as cli_montecarlo
@@ -168,13 +169,13 @@ def test_logs_of_campaigns(tmp_path, cases):
 def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
     monkeypatch.setattr(probe, "PATIENCE", 20.0)
-    monkeypatch.setattr(sampling, "CHECK", 10)
+    monkeypatch.setattr(emcee_sampling, "CHECK", 10)
     results, runs = earlier.load(copied)
     posterior = Posterior(earlier.refit(results, runs, copied / "results.json"))
     path = copied / "mcmc.h5"
 
     def sample():
-        sampling.sample(posterior, path, steps=10, seed=1)
+        emcee_sampling.sample(posterior, path, steps=10, seed=1)
 
     assert "not converged" in survives(sample, path, "new")
     good = path.read_bytes()

@@ -9,8 +9,10 @@ import pytest
 from scipy.stats import chi2 as chi2_distribution
 
 import fit
-from fit.comparison import lines, sentences
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.comparison.table import lines, sentences
+from fit.results.estimates import Estimate
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 from fit.warnings import FitWarning
 from tests.oracles.contract_file import write_contract_file
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fit.fitting.irls import Outcome
-from fit.paper import FLIGHT
-from fit.weighing import linear
-from fit.weighing.likelihood import weights
+from fit.fitting.irls import IRLSResult
+from fit.parameters import FLIGHT
+from fit.whitening import whitened_run
+from fit.whitening.likelihoods import weights
 from tests.fit.estimate.euler import DAY, QUIET, fitted
 from tests.oracles.rotation_synthetic import run
 
@@ -47,12 +47,14 @@ def linear_case():
     mean = covariance @ A.T @ b
     share = np.zeros((7, 3))
     share[[1, 3, 4, 5], [0, 1, 2, 2]] = 1
-    block = linear.Block(TAU, U, weights("gaussian", np.arange(B) + 1.0, np.full(B, 2.0)), None, None, share)
+    block = whitened_run.WhitenedRun(
+        TAU, U, weights("gaussian", np.arange(B) + 1.0, np.full(B, 2.0)), None, None, share
+    )
     sigma = np.sqrt(np.diag(covariance))
     # where it starts from is beside the truth and too wide: the chain must not depend on it
-    solution = linear.Solution(mean + 0.5 * sigma, 1.5 * covariance, 1.0, 1)
+    solution = whitened_run.Solution(mean + 0.5 * sigma, 1.5 * covariance, 1.0, 1)
     return (
-        Outcome(
+        IRLSResult(
             parameters=tuple(FLIGHT[name] for name in ("lambda_2", "C_2", "omega2_2_0")),
             solution=solution,
             lost=np.zeros(3, dtype=bool),
@@ -60,7 +62,7 @@ def linear_case():
             tone=None,
             converged=True,
             blocks=(block,),
-            prior=linear.Prior(centre, rows),
+            prior=whitened_run.Prior(centre, rows),
             scatter={},
         ),
         mean,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fit.estimate.inertial import fit_period
+from fit.crosstalk.euler_fit import fit_period
 from tests.oracles.rotation_synthetic import World, calibration
 
 DAY = 86400.0

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate.angles import expected_periods
-from fit.estimate.inertial import fit_period
+from fit.crosstalk.euler_fit import fit_period
+from fit.forecasting.expected_euler_fit import expected_periods
 from lpfcosim.campaign import loading
 from lpfcosim.cli import montecarlo
 from lpfcosim.cli.planned import in_memory, turning

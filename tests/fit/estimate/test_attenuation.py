@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fit.estimate.attenuation import mended, widened
-from fit.results import Estimate, Fit
+from fit.crosstalk.attenuation import mended, widened
+from fit.results.estimates import Estimate
+from fit.results.results import Fit
 
 NAMES = ("lambda_2", "delta_ifo_1", "delta_ifo_2")
 EXPECTED = np.array([0.02, np.nan, 0.02])  # of least squares

@@ -6,17 +6,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fit.estimate import bump, instruments, read_outs
-from fit.estimate.bump import cross_talk
-from fit.estimate.joint import fit_experiment, fit_joint, known_of
-from fit.estimate.verdict import as_fit
+from fit.crosstalk import crosstalk_fit, instruments, readout_noise
+from fit.crosstalk.crosstalk_fit import cross_talk
+from fit.fitting.joint_fit import fit_experiment, fit_joint, known_of
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.pipeline import calibrate
+from fit.quality.fit_quality import as_fit
 from fit.settings import settings
-from fit.signal import derivatives
-from fit.weighing import Experiment, Run
-from fit.weighing.shapes import Glitch, Shape
+from fit.spectra import derivatives
+from fit.whitening.glitch_templates import Glitch, Shape
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.bump_synthetic import READ, TRUTH, Motion, blind, jitter, pair, run
 from tests.oracles.synthetic import World, of_run
 
@@ -41,7 +42,7 @@ def two_epochs(motion, other=None, **options):
 
 def fitted(runs):
     outcome = fit_joint(runs, settings())
-    return outcome, cross_talk(outcome, runs, SHARING, bump.unattenuated(outcome, runs))
+    return outcome, cross_talk(outcome, runs, SHARING, crosstalk_fit.unattenuated(outcome, runs))
 
 
 @pytest.fixture(scope="module")
@@ -137,10 +138,10 @@ def test_noisy_read_outs_attenuate_what_subtracts_best(noisy):
     # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
     # weights, that depend little on frequency where the bump is large.
     runs, outcome, _ = noisy
-    floors = [read_outs.noise(e.sysid) for e in runs]
-    shift = bump.expected_shift(outcome, bump.weigh(outcome, runs), floors)
+    floors = [readout_noise.noise(e.sysid) for e in runs]
+    shift = crosstalk_fit.expected_shift(outcome, crosstalk_fit.weigh(outcome, runs), floors)
     shift = dict(zip([p.name for p in outcome.parameters], shift, strict=True))
-    for epoch, best in bump.subtraction(outcome, runs, SHARING).items():
+    for epoch, best in crosstalk_fit.subtraction(outcome, runs, SHARING).items():
         assert list(best) == NAMES
         for name in ("b_3", "b_4"):
             assert 0.84 < best[name] / TRUTH[name] < 0.94
@@ -166,7 +167,7 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
 def test_no_bin_has_a_say_in_its_own_instruments(noisy):
     # louder by a tenth, it moves those of its neighbours; tied to its own noise, instruments would attenuate
     runs, outcome, _ = noisy
-    w, theta = bump.weigh(outcome, runs)[0], outcome.solution.theta
+    w, theta = crosstalk_fit.weigh(outcome, runs)[0], outcome.solution.theta
     before = instruments.mean(w, "y", theta).filters
     for i in (400, 600, 800, 1000):
         columns = w.terms.columns.copy()
@@ -196,7 +197,7 @@ def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
     """A gain of each experiment's own and one for all are told apart by the width that the data gave."""
     runs, _, plain = noisy
     outcome = fit_joint(runs, settings({"scatter": ["lambda_2"]}))
-    found = cross_talk(outcome, runs, SHARING, bump.unattenuated(outcome, runs))
+    found = cross_talk(outcome, runs, SHARING, crosstalk_fit.unattenuated(outcome, runs))
     for epoch, fit in plain.items():
         assert found[epoch].parameters.keys() == fit.parameters.keys()
         for name, e in fit.parameters.items():
@@ -238,7 +239,7 @@ def test_without_angles_there_is_no_second_sensor():
 
 
 def test_read_out_noise_is_measured(noisy):
-    floor = read_outs.noise(noisy[0][0].sysid)
+    floor = readout_noise.noise(noisy[0][0].sysid)
     expected = {"phi": 1.25 * 150e-12**2, "y": 2e-9**2 / 2}
     for mean, other in (("phi", "eta"), ("y", "z")):
         assert floor[mean] == pytest.approx(expected[mean], rel=0.15)
@@ -269,7 +270,7 @@ def subtraction(run, parameters, edges):
 
 def test_bump_falls_to_the_limit_of_its_noisy_regressors(noisy):
     runs, outcome, _ = noisy
-    b = bump.subtraction(outcome, runs, SHARING)["1"]
+    b = crosstalk_fit.subtraction(outcome, runs, SHARING)["1"]
     edges = np.array([25, 35, 45, 60]) * 1e-3
     before, after, least = subtraction(runs[0].noise, of_run(LATE, "A") | b, edges)
     assert np.sqrt(before / after)[0] > 3

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import levels
-from fit.estimate.joint import fit_experiment, fit_joint
+from fit.fitting.joint_fit import fit_experiment, fit_joint
+from fit.quality import noise_level
 from fit.settings import settings
-from fit.weighing import Experiment, Run
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, pair
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2), ("B", 2), ("A", 2))
@@ -100,7 +101,9 @@ def test_what_slopes_leave_in_an_experiment_alone_is_no_other_noise():
     runs = experiments(lambda n, u, _: 1 + slopes[n] * u)
     alone = fit_experiment(runs[0])
     assert alone.blocks[0].noise
-    assert levels.measure(runs[0], alone, alone.blocks[0].noise).off.any()  # it does not know of the slope
+    assert noise_level.measure(
+        runs[0], alone, alone.blocks[0].noise
+    ).off.any()  # it does not know of the slope
     names = {e.name for e in runs}
-    assert levels.explained(runs, fit_joint(runs, settings())) == names
-    assert levels.explained(runs, fit_joint(runs, PLAIN)) == set()
+    assert noise_level.explained(runs, fit_joint(runs, settings())) == names
+    assert noise_level.explained(runs, fit_joint(runs, PLAIN)) == set()

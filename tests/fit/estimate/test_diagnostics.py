@@ -5,14 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate.joint import fit_experiment
-from fit.estimate.residuals import SCORES, Residual, diagnose, judge, residual
-from fit.estimate.verdict import as_fit
+from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate
-from fit.results import Provenance, Results, load, write
+from fit.quality.fit_quality import as_fit
+from fit.quality.residual_tests import SCORES, Residual, diagnose, judge, residual
+from fit.results.provenance import Provenance
+from fit.results.results import Results, load, write
 from fit.settings import settings
-from fit.signal import fit_noise, spectra
-from fit.weighing import Experiment, Run, linear
+from fit.spectra import windowing
+from fit.spectra.noise_psd import fit_noise
+from fit.whitening import whitened_run
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, pair, telemetry
 
 HOURS = 3600
@@ -27,14 +31,14 @@ def noise(rng, n, level=1.0, slope=1.0):
 
 
 def transform(x):
-    return spectra.transform(x[:, None], np.ones(x.size, bool), 1.0)
+    return windowing.transform(x[:, None], np.ones(x.size, bool), 1.0)
 
 
 def model(run):
     """The smooth PSD of a run that holds nothing but noise, as `noise_model` fits it."""
     S = np.ones(run.f.size)
     for _ in range(2):
-        U, left = linear.whiten(run, S)
+        U, left = whitened_run.whiten(run, S)
         found = fit_noise(run.f, np.abs(U[:, 0]) ** 2 * S / 2, np.maximum(left, 0))
         S = found(run.f)
     return found
@@ -44,7 +48,7 @@ def judged(x, beside=None, **changes):
     """Judge the series x by the noise of another, or by its own."""
     run = transform(x)
     found = model(run if beside is None else transform(beside))
-    U, _ = linear.whiten(run, found(run.f) if beside is None else found.expected(run.f))
+    U, _ = whitened_run.whiten(run, found(run.f) if beside is None else found.expected(run.f))
     w2 = run.window**2
     left = Residual(run.f, U[:, 0], found, w2.size * (w2 @ w2) / w2.sum() ** 2, beside is not None)
     return judge(replace(left, **changes), taken=2)

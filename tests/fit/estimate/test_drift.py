@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import bump, drift
-from fit.estimate.joint import fit_joint
+from fit.crosstalk import crosstalk_fit
+from fit.fitting import drift
+from fit.fitting.joint_fit import fit_joint
 from fit.model.sharing import Sharing
 from fit.settings import settings
-from fit.weighing import Experiment, Run
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.bump_synthetic import TRUTH, Motion, pair
 from tests.oracles.synthetic import World
 
@@ -25,8 +27,8 @@ def told(by):
         for own, authority in zip(b, "ABC", strict=True)
     ]
     outcome = fit_joint(runs, settings({"scatter": []}))
-    free = bump.unattenuated(outcome, runs)
-    return bump.cross_talk(outcome, runs, Sharing(settings().shared), free)["1"], float(np.mean(b))
+    free = crosstalk_fit.unattenuated(outcome, runs)
+    return crosstalk_fit.cross_talk(outcome, runs, Sharing(settings().shared), free)["1"], float(np.mean(b))
 
 
 def test_the_sigma_holds_what_experiments_differ_by():

@@ -7,12 +7,13 @@ from scipy.signal import get_window
 
 from fit import pipeline
 from fit.errors import FitError, InputError
-from fit.estimate.joint import fit_experiment
 from fit.fitting import flscov
+from fit.fitting.joint_fit import fit_experiment
 from fit.model import dynamics
 from fit.pipeline import calibrate
 from fit.settings import read, settings
-from fit.weighing import Run, likelihood
+from fit.whitening import likelihoods
+from fit.whitening.run import Run
 from tests.oracles.synthetic import World, of_run, pair, telemetry
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
@@ -37,8 +38,8 @@ def minus_log_likelihood(kind, u, f):
     if kind == "gaussian":
         return np.sum(u) / 2
     if kind == "student_t":
-        return (likelihood.NU + 2) / 2 * np.sum(np.log1p(u / likelihood.NU))
-    return sum(len(u[b]) * np.log(np.sum(u[b])) for b in likelihood.bands(f))
+        return (likelihoods.NU + 2) / 2 * np.sum(np.log1p(u / likelihoods.NU))
+    return sum(len(u[b]) * np.log(np.sum(u[b])) for b in likelihoods.bands(f))
 
 
 @pytest.mark.parametrize("kind", ["gaussian", "student_t", "marginalised"])
@@ -49,7 +50,7 @@ def test_weights_lead_to_the_maximum_of_the_likelihood(kind):
     y = 0.7 * x + noise * np.where(rng.random(300) < 0.05, 8.0, 1.0)
     a = 0.0
     for _ in range(200):
-        w = likelihood.weights(kind, f, np.abs(y - a * x) ** 2).fit
+        w = likelihoods.weights(kind, f, np.abs(y - a * x) ** 2).fit
         a = np.sum(w * (x.conj() * y).real) / np.sum(w * np.abs(x) ** 2)
     best = minimize(lambda p: minus_log_likelihood(kind, np.abs(y - p[0] * x) ** 2, f), [a + 0.1], tol=1e-12)
     assert a == pytest.approx(best.x[0], abs=1e-6)
@@ -57,16 +58,16 @@ def test_weights_lead_to_the_maximum_of_the_likelihood(kind):
     step = 1e-3
     cost = [minus_log_likelihood(kind, np.abs(y - (a + d) * x) ** 2, f) for d in (-step, 0, step)]
     curvature = (cost[0] - 2 * cost[1] + cost[2]) / step**2
-    factors = likelihood.weights(kind, f, np.abs(y - a * x) ** 2).curvature
+    factors = likelihoods.weights(kind, f, np.abs(y - a * x) ** 2).curvature
     assert np.sum(factors * np.abs(x) ** 2) == pytest.approx(curvature, rel=0.1)
 
 
 def test_bands_hold_every_bin_once_and_enough_of_them():
     f = np.arange(1, 2200) / 21600
-    bands = likelihood.bands(f)
+    bands = likelihoods.bands(f)
     assert np.concatenate([np.arange(f.size)[b] for b in bands]).tolist() == list(range(f.size))
-    assert min(b.stop - b.start for b in bands) >= likelihood.BAND
-    assert likelihood.bands(f[:10]) == [slice(0, 10)]
+    assert min(b.stop - b.start for b in bands) >= likelihoods.BAND
+    assert likelihoods.bands(f[:10]) == [slice(0, 10)]
 
 
 @pytest.mark.parametrize("estimator", ["gaussian", "student_t", "marginalised", "flscov"])
@@ -88,7 +89,7 @@ def test_student_t_bears_outliers():
             y = rng.standard_normal((2000, 2)) @ [1, 1j] * np.where(rng.random(2000) < 0.02, 20.0, 1.0)
             a = 0.0
             for _ in range(30):
-                w = likelihood.weights(kind, f, np.abs(y - a * x) ** 2).fit
+                w = likelihoods.weights(kind, f, np.abs(y - a * x) ** 2).fit
                 a = np.sum(w * (x.conj() * y).real) / np.sum(w * np.abs(x) ** 2)
             found.append(a)
         errors[kind] = np.std(found)

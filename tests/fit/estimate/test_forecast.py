@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.estimate.forecast import Planned
-from fit.estimate.forecast import expected_fit as forecast
-from fit.estimate.joint import fit_joint
 from fit.fitting import flscov
-from fit.model import Columns
-from fit.paper import joint_names
+from fit.fitting.joint_fit import fit_joint
+from fit.forecasting.expected_fit import Planned
+from fit.forecasting.expected_fit import expected_fit as forecast
+from fit.model.dynamics import Columns
+from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.weighing import Experiment, Run, likelihood
+from fit.whitening import likelihoods
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from lpfcosim.plant import planning
@@ -375,7 +377,7 @@ def test_bad_input_is_one_sentence(lpfcosim, quickstart, tmp_path):
 def test_expected_weights_are_the_mean_of_those_of_noise(kind):
     f = np.arange(1, 200001) * 1e-6
     u = np.random.default_rng(0).chisquare(2, f.size)
-    told, drawn = likelihood.expected_weights(kind, f), likelihood.weights(kind, f, u)
+    told, drawn = likelihoods.expected_weights(kind, f), likelihoods.weights(kind, f, u)
     # marginalised levels of n bins have the mean n / (n - 1): n is 24 at the lowest frequencies
     assert np.mean(told.fit) == pytest.approx(np.mean(drawn.fit), rel=0.01)
     assert np.mean(told.curvature) == pytest.approx(np.mean(drawn.curvature), rel=0.01)

@@ -9,14 +9,15 @@ import pytest
 from scipy.signal import welch
 
 from fit import deltag
+from fit.crosstalk.centrifugal import FRAME, STRENGTH, judged
+from fit.crosstalk.euler_fit import fit_period
 from fit.errors import InputError
-from fit.estimate.centrifugal import FRAME, STRENGTH, judged
-from fit.estimate.inertial import fit_period
-from fit.paper import joint_names, joint_parameter
+from fit.parameters import joint_names, joint_parameter
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.report import page
-from fit.results import Estimate, Fit, load, write
-from fit.telemetry import read_all
+from fit.results.estimates import Estimate
+from fit.results.results import Fit, load, write
+from fit.telemetry.reader import read_all
 from lpfcosim.campaign import loading
 from lpfcosim.running.telemetry import attributes
 from lpfcosim.worlds import whole_plant

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import csd, welch
 from scipy.spatial.transform import Rotation
 
-from fit.estimate.inertial import fit_period
+from fit.crosstalk.euler_fit import fit_period
 from fit.model import rate, rotation
 from fit.settings import ParameterSettings
 from tests.fit.estimate.euler import (

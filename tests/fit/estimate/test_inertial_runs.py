@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fit.crosstalk.euler_fit import fit_period, takes_part
 from fit.errors import InputError
-from fit.estimate.inertial import fit_period, takes_part
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.telemetry.reader import read_all
 from lpfcosim.cli import start as cli

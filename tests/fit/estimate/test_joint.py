@@ -10,7 +10,7 @@ from scipy.signal import decimate
 from fit.errors import InputError
 from fit.model import dynamics
 from fit.model.sharing import Sharing
-from fit.paper import joint_names
+from fit.parameters import joint_names
 from fit.pipeline import calibrate
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
@@ -95,7 +95,7 @@ def test_of_what_is_drawn_the_joint_fit_is_the_same(struck):
 def test_of_constant_gains_which_depart_is_not_asked(monkeypatch):
     runs = campaign_of(OFF)
     told = calibrate(runs, drawn=True)
-    monkeypatch.setattr("fit.estimate.choice.departing", lambda *_: pytest.fail("asked"))
+    monkeypatch.setattr("fit.fitting.choice.departing", lambda *_: pytest.fail("asked"))
     found = calibrate(runs, drawn=True, constant=True)
     assert found.joint.parameters == told.joint.parameters
     assert found.joint.warnings == told.joint.warnings

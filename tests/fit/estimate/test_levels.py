@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from fit.errors import InputError
-from fit.estimate import fit_experiment, levels
+from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate
+from fit.quality import noise_level
 from fit.settings import settings
-from fit.weighing import pair as paired
+from fit.whitening.runs import pair as paired
 from tests.oracles.synthetic import World, pair, telemetry
 
 SETS = (("A", 1), ("B", 1), ("C", 2), ("D", 2))
@@ -88,13 +89,13 @@ def test_what_is_slower_than_the_noise_run_tells_no_level(monkeypatch):
     (e,) = paired(pair(World(), "A"))
     outcome = fit_experiment(e)
     noise = outcome.blocks[0].noise
-    plain = levels.measure(e, outcome, noise)
-    of = levels._Residual.of
+    plain = noise_level.measure(e, outcome, noise)
+    of = noise_level._Residual.of
 
     def slower(*args):
         r, f = of(*args), 1e-6 * np.arange(1, 9)
         more = {"f": f, "power": np.full(8, 100.0), "left": np.ones(8)}
         return replace(r, **{name: np.append(values, getattr(r, name)) for name, values in more.items()})
 
-    monkeypatch.setattr(levels._Residual, "of", slower)
-    assert np.array_equal(levels.measure(e, outcome, noise).log_ratio, plain.log_ratio)
+    monkeypatch.setattr(noise_level._Residual, "of", slower)
+    assert np.array_equal(noise_level.measure(e, outcome, noise).log_ratio, plain.log_ratio)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fit import results
-from fit.estimate import pulls
-from fit.paper import FLIGHT
+from fit.forecasting import coverage
+from fit.parameters import FLIGHT
 from fit.pipeline import calibrate
 from fit.telemetry import reader as telemetry
 from tests.oracles.contract_file import write_contract_file
@@ -35,7 +35,7 @@ def calibrated_once(tmp_path_factory):
     directory.mkdir()
     names = [os.path.relpath(t.path, directory) for t in telemetries]
     found = replace(found, provenance=replace(found.provenance, telemetry=names))
-    results.write(pulls.with_truth(found, telemetries), directory / "results.json")
+    results.write(coverage.with_truth(found, telemetries), directory / "results.json")
     return folder
 
 

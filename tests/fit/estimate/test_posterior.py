@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from fit.errors import FitError
-from fit.estimate.joint import fit_joint
-from fit.estimate.normal import inflation
-from fit.estimate.posterior import Posterior
+from fit.fitting.joint_fit import fit_joint
+from fit.fitting.normal import inflation
+from fit.sampling.posterior import Posterior
 from fit.settings import settings
-from fit.weighing import Experiment, Run
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, pair
 
 pytestmark = pytest.mark.slow

@@ -8,8 +8,8 @@ import pytest
 import scipy
 
 from fit.errors import FitError, InputError
-from fit.estimate import sampling
-from fit.estimate.posterior import Posterior
+from fit.sampling import emcee_sampling
+from fit.sampling.posterior import Posterior
 from tests.oracles.contract_file import write_contract_file
 
 pytestmark = pytest.mark.slow
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 def test_linear_gaussian_case(linear_case, tmp_path):
     # seeded; 4.5 standard errors in 6 numbers: false positives 4e-5
     outcome, mean, covariance = linear_case
-    chain = sampling.sample(Posterior(outcome), tmp_path / "c.h5", steps=20000, seed=3)
+    chain = emcee_sampling.sample(Posterior(outcome), tmp_path / "c.h5", steps=20000, seed=3)
     assert chain.converged
     flat = chain.theta.reshape(-1, 3)
     sigma = np.sqrt(np.diag(covariance))
@@ -28,7 +28,7 @@ def test_linear_gaussian_case(linear_case, tmp_path):
     correlation = covariance / np.outer(sigma, sigma)
     assert abs(correlation[0, 1]) > 0.5
     assert np.corrcoef(flat.T) == pytest.approx(correlation, abs=4.5 / np.sqrt(chain.ess.min()))
-    summary = sampling.summary(chain, outcome, {"C_2": 0.19})
+    summary = emcee_sampling.summary(chain, outcome, {"C_2": 0.19})
     assert list(summary["parameters"]) == ["lambda_2", "C_2", "omega2_2_0"]
     for i, entry in enumerate(summary["parameters"].values()):
         assert entry["shift_in_sigma"] == pytest.approx(-0.5 / 1.5**0.5, abs=4.5 * entry["shift_error"])
@@ -75,9 +75,9 @@ class Scattering:
 @pytest.mark.stat
 def test_widths_and_what_departs_by_them_have_their_long_tails(tmp_path, monkeypatch):
     # seeded; 4.5 standard errors in 7 numbers: false positives 5e-5
-    monkeypatch.setattr(sampling, "LONG", 500)
+    monkeypatch.setattr(emcee_sampling, "LONG", 500)
     posterior = Scattering(others=1)
-    chain = sampling.sample(posterior, tmp_path / "c.h5", steps=100_000, seed=3)
+    chain = emcee_sampling.sample(posterior, tmp_path / "c.h5", steps=100_000, seed=3)
     x, normal, log_s = chain.theta.reshape(-1, 3).T
     t, beyond = scipy.stats.t(posterior.NU), 4.0
     for of, expected, tau in (
@@ -90,13 +90,13 @@ def test_widths_and_what_departs_by_them_have_their_long_tails(tmp_path, monkeyp
         ((log_s - log_s.mean()) ** 2, posterior.variance, chain.tau[2]),
     ):
         assert np.mean(of) == pytest.approx(
-            expected, abs=4.5 * np.std(of) * np.sqrt(tau / sampling.KEPT / of.size)
+            expected, abs=4.5 * np.std(of) * np.sqrt(tau / emcee_sampling.KEPT / of.size)
         )
 
 
 def test_the_number_of_parameters_does_not_slow_a_chain_down(tmp_path):
     # by differential evolution alone it takes some hundred steps to forget where 30 parameters were
-    chain = sampling.sample(Scattering(others=30), tmp_path / "c.h5", steps=5000, seed=1)
+    chain = emcee_sampling.sample(Scattering(others=30), tmp_path / "c.h5", steps=5000, seed=1)
     assert np.max(chain.tau) < 30
 
 
@@ -108,7 +108,7 @@ def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
     outcome, mean, covariance = linear_case
     pulls = []
     for seed in range(8):
-        chain = sampling.sample(Posterior(outcome), tmp_path / f"{seed}.h5", steps=20000, seed=seed)
+        chain = emcee_sampling.sample(Posterior(outcome), tmp_path / f"{seed}.h5", steps=20000, seed=seed)
         error = np.sqrt(np.diag(covariance) / chain.ess)
         pulls.append((chain.theta.mean(axis=(0, 1)) - mean) / error)
     assert 0.3 < np.mean(np.square(pulls)) < 2.2
@@ -117,20 +117,21 @@ def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
 def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     with pytest.raises(FitError, match="not converged after 50 steps: too few to tell"):
-        sampling.sample(posterior, tmp_path / "parts.h5", steps=50, seed=7)
+        emcee_sampling.sample(posterior, tmp_path / "parts.h5", steps=50, seed=7)
     needed = r"autocorrelation time of \w+ is some \d+ steps, at least \d+ steps are needed; the same command"
     with pytest.raises(FitError, match=rf"parts.h5: not converged after 350 steps: the {needed}"):
-        sampling.sample(posterior, tmp_path / "parts.h5", steps=300, seed=8)
+        emcee_sampling.sample(posterior, tmp_path / "parts.h5", steps=300, seed=8)
     with pytest.raises(FitError, match="after 350 steps"):
-        sampling.sample(posterior, tmp_path / "whole.h5", steps=350, seed=7)
+        emcee_sampling.sample(posterior, tmp_path / "whole.h5", steps=350, seed=7)
     parts, whole = (_stored(tmp_path / name) for name in ("parts.h5", "whole.h5"))
     assert parts.shape == (35, 12, 3)
     assert np.array_equal(parts, whole)
     both = [
-        sampling.sample(posterior, tmp_path / name, steps=20000, seed=9) for name in ("parts.h5", "whole.h5")
+        emcee_sampling.sample(posterior, tmp_path / name, steps=20000, seed=9)
+        for name in ("parts.h5", "whole.h5")
     ]
     assert np.array_equal(both[0].z, both[1].z)
-    again = sampling.sample(posterior, tmp_path / "parts.h5", steps=20000, seed=9)
+    again = emcee_sampling.sample(posterior, tmp_path / "parts.h5", steps=20000, seed=9)
     assert again.steps == both[0].steps  # done is done
 
 
@@ -143,7 +144,7 @@ def test_seed_decides(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         with pytest.raises(FitError):
-            sampling.sample(posterior, tmp_path / name, steps=20, seed=seed)
+            emcee_sampling.sample(posterior, tmp_path / name, steps=20, seed=seed)
     a, b, c = (_stored(tmp_path / name) for name in "abc")
     assert np.array_equal(a, b)
     assert not np.any(a == c)
@@ -151,48 +152,48 @@ def test_seed_decides(linear_case, tmp_path):
 
 def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
     posterior = Posterior(linear_case[0])
-    monkeypatch.setattr(sampling, "APART", 1e-3)
+    monkeypatch.setattr(emcee_sampling, "APART", 1e-3)
     with pytest.raises(FitError, match=r"the means of \w+ in the halves of the chain differ by \d"):
-        sampling.sample(posterior, tmp_path / "c.h5", steps=3000, seed=1)
+        emcee_sampling.sample(posterior, tmp_path / "c.h5", steps=3000, seed=1)
 
 
 def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name in "ab":
         with pytest.raises(FitError):
-            sampling.sample(posterior, tmp_path / name, steps=20, seed=1)
+            emcee_sampling.sample(posterior, tmp_path / name, steps=20, seed=1)
     with h5py.File(tmp_path / "a", "a") as file:
         file["mcmc"].attrs["iteration"] = 0  # killed before the first was counted
     with pytest.raises(FitError):
-        sampling.sample(posterior, tmp_path / "a", steps=20, seed=1)
+        emcee_sampling.sample(posterior, tmp_path / "a", steps=20, seed=1)
     assert np.array_equal(_stored(tmp_path / "a"), _stored(tmp_path / "b"))
 
 
 def test_chains_of_something_else_are_refused(linear_case, tmp_path):
     outcome, path = linear_case[0], tmp_path / "c.h5"
     with pytest.raises(FitError):
-        sampling.sample(Posterior(outcome), path, steps=20, seed=1)
+        emcee_sampling.sample(Posterior(outcome), path, steps=20, seed=1)
     before = _stored(path)
     block = replace(outcome.blocks[0], columns=outcome.blocks[0].columns * (1 + 1e-6))
     with pytest.raises(InputError, match="the chain of another posterior"):
-        sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
+        emcee_sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
     assert np.array_equal(_stored(path), before)
     renamed = replace(outcome.parameters[0], name="lambda_1")
     with pytest.raises(InputError, match="the chain of another posterior"):
-        sampling.sample(
+        emcee_sampling.sample(
             Posterior(replace(outcome, parameters=(renamed, *outcome.parameters[1:]))), path, steps=20, seed=1
         )
     with h5py.File(path, "a") as file:
         del file.attrs["moves"]  # as earlier versions did not name them
     with pytest.raises(InputError, match="the chain of another version of the software"):
-        sampling.sample(Posterior(outcome), path, steps=20, seed=1)
+        emcee_sampling.sample(Posterior(outcome), path, steps=20, seed=1)
     assert np.array_equal(_stored(path), before)
     nothing = write_contract_file(tmp_path / "telemetry.h5")
     text = tmp_path / "text.h5"
     text.write_text("no HDF5")
     for wrong in (nothing, text):
         with pytest.raises(InputError, match="not a chain"):
-            sampling.sample(Posterior(outcome), wrong, steps=20, seed=1)
+            emcee_sampling.sample(Posterior(outcome), wrong, steps=20, seed=1)
 
 
 def test_rounding_makes_no_other_posterior(linear_case, tmp_path):
@@ -202,5 +203,5 @@ def test_rounding_makes_no_other_posterior(linear_case, tmp_path):
     )  # other order, other last digits
     for block in (outcome.blocks[0], turned):
         with pytest.raises(FitError, match="not converged"):
-            sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
+            emcee_sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
     assert len(_stored(path)) == 4

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from fit.estimate import bump
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.crosstalk import crosstalk_fit
+from fit.results.estimates import Estimate
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 
 
 def fit(values, sigmas, correlation=0.0):
@@ -21,26 +23,26 @@ MISALIGNED = fit({"delta_phi": -4e-4, "delta_eta": -1e-4}, [2e-5, 4e-6], 0.3)
 
 def test_by_hand():
     sums = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_2": -0.9e-5 + 0.376 * 1e-4, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9])
-    found = bump.separate(sums, MISALIGNED, "3", 0.376)
+    found = crosstalk_fit.separate(sums, MISALIGNED, "3", 0.376)
     assert found.parameters["b_1"].value == pytest.approx(1.2e-5)
     assert found.parameters["b_2"].value == pytest.approx(-0.9e-5)
     assert found.parameters["b_5"] == sums.parameters["b_5"]
     assert found.parameters["b_1"].sigma == pytest.approx(np.hypot(1e-7, 0.376 * 2e-5))
     assert found.covariance[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
-    assert bump.is_separated(found)
-    assert not bump.is_separated(sums)
+    assert crosstalk_fit.is_separated(found)
+    assert not crosstalk_fit.is_separated(sums)
 
 
 def test_what_was_not_determined_stays_away():
-    found = bump.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376)
+    found = crosstalk_fit.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376)
     assert set(found.parameters) == {"b_1", "b_3"}
 
 
 def test_the_sums_are_called_sums():
-    sums = bump.joined(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
-    assert [w.code for w in sums.warnings] == [bump.JOINED]
-    found = bump.separate(sums, MISALIGNED, "1", 0.376)
-    assert [w.code for w in found.warnings] == [bump.SEPARATED]
+    sums = crosstalk_fit.joined(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
+    assert [w.code for w in sums.warnings] == [crosstalk_fit.JOINED]
+    found = crosstalk_fit.separate(sums, MISALIGNED, "1", 0.376)
+    assert [w.code for w in found.warnings] == [crosstalk_fit.SEPARATED]
 
 
 def test_what_subtracts_best_is_kept_apart_from_the_couplings():
@@ -48,19 +50,23 @@ def test_what_subtracts_best_is_kept_apart_from_the_couplings():
     best = {"b_1": 1.1e-5 - 0.376 * 4e-4, "b_3": 1.8e-5}
     provenance = Provenance(cross_talk_periods={"1": "3"}, subtraction={"1": best})
     joined = Results(None, {}, {"1": couplings}, {"3": MISALIGNED}, provenance)
-    assert bump.subtracting(joined, "1") == bump.beside_euler(joined, "1") == best
-    assert bump.subtracting(joined, "2") == bump.beside_euler(joined, "2") == {}
+    assert crosstalk_fit.subtracting(joined, "1") == crosstalk_fit.beside_euler(joined, "1") == best
+    assert crosstalk_fit.subtracting(joined, "2") == crosstalk_fit.beside_euler(joined, "2") == {}
     apart = Results(
-        None, {}, {"1": bump.separate(couplings, MISALIGNED, "3", 0.376)}, {"3": MISALIGNED}, provenance
+        None,
+        {},
+        {"1": crosstalk_fit.separate(couplings, MISALIGNED, "3", 0.376)},
+        {"3": MISALIGNED},
+        provenance,
     )
-    assert bump.subtracting(apart, "1") == best
-    assert bump.beside_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
+    assert crosstalk_fit.subtracting(apart, "1") == best
+    assert crosstalk_fit.beside_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
 
 
 def test_results_of_before_have_one_set_of_coefficients():
     couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
-    separated = bump.separate(couplings, MISALIGNED, "3", 0.376)
+    separated = crosstalk_fit.separate(couplings, MISALIGNED, "3", 0.376)
     provenance = Provenance(cross_talk_periods={"1": "3"})
     earlier = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
-    assert bump.subtracting(earlier, "1") == pytest.approx(couplings.values)
-    assert bump.beside_euler(earlier, "1") == pytest.approx(separated.values)
+    assert crosstalk_fit.subtracting(earlier, "1") == pytest.approx(couplings.values)
+    assert crosstalk_fit.beside_euler(earlier, "1") == pytest.approx(separated.values)

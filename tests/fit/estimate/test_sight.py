@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import sight
-from fit.estimate.forecast import expected_fit
+from fit.forecasting import fisher
+from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
@@ -31,7 +31,7 @@ def plan():
 def test_tones_tell_what_the_forecast_says(plan):
     expected = expected_fit(planned(plan))
     bare = replace(plan, experiments=tuple(replace(e, injections=()) for e in plan.experiments))
-    told = sight.sights(planned(bare), settings())
+    told = fisher.sights(planned(bare), settings())
     lost = np.array([name not in expected.parameters for name in told.names])
     information = np.diag(np.where(lost, told.widths**-2.0, 0.0))
     t = np.linspace(0, 21600, 5000)
@@ -52,7 +52,7 @@ def test_tones_tell_what_the_forecast_says(plan):
 
 
 def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
-    (each, _) = sight.sights(planned(plan), settings()).each
+    (each, _) = fisher.sights(planned(plan), settings()).each
     on = np.zeros(20000)
     on[4000:12000] = 1.0
     assert each.worth(on) == pytest.approx(0.4 * each.duration, rel=1e-3)
@@ -60,7 +60,7 @@ def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
 
 
 def test_flscov_is_designed_for_as_the_default(plan):
-    told, usual = (sight.sights(planned(plan), settings(s)) for s in ({"estimator": "flscov"}, {}))
+    told, usual = (fisher.sights(planned(plan), settings(s)) for s in ({"estimator": "flscov"}, {}))
     for one, other in zip(told.each, usual.each, strict=True):
         np.testing.assert_array_equal(one.told, other.told)
         np.testing.assert_array_equal(one.seen(np.array([1e-2])), other.seen(np.array([1e-2])))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fit.estimate.residuals import about_mean, independent
-from fit.results import Estimate, Fit
+from fit.quality.residual_tests import about_mean, independent
+from fit.results.estimates import Estimate
+from fit.results.results import Fit
 from fit.warnings import FitWarning
 
 

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate import steadiness
-from fit.estimate.joint import fit_experiment
 from fit.fitting import unsteady
-from fit.signal import spectra
-from fit.weighing import Experiment, Run, linear
-from fit.weighing.likelihood import weights
+from fit.fitting.joint_fit import fit_experiment
+from fit.quality import stationarity
+from fit.spectra import windowing
+from fit.whitening import whitened_run
+from fit.whitening.likelihoods import weights
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, telemetry
 
 
@@ -31,12 +33,12 @@ def test_steady_noise_is_steady():
     # 6 runs of 2 bands: false positives 1e-5
     for seed in range(6):
         e = experiment(seed=seed)
-        assert steadiness.measure(e, fit_experiment(e)) == ()
+        assert stationarity.measure(e, fit_experiment(e)) == ()
 
 
 def test_noise_that_grows_is_seen_where_it_grows():
     e = experiment(louder=3.0)
-    steps = steadiness.measure(e, fit_experiment(e))
+    steps = stationarity.measure(e, fit_experiment(e))
     assert steps
     for _, _, power in steps:
         assert np.argmax(power) == 3
@@ -54,10 +56,10 @@ def test_scores_of_noise_in_steps_have_the_covariance_told():
     sigma = np.sqrt(power[t * 4 // n])
 
     def block(columns):
-        found = spectra.transform(columns, np.ones(n, dtype=bool), fs)
-        U, _ = linear.whiten(found, np.full(found.f.size, 2.0))  # the PSD of unit variance at 1 Hz
+        found = windowing.transform(columns, np.ones(n, dtype=bool), fs)
+        U, _ = whitened_run.whiten(found, np.full(found.f.size, 2.0))  # the PSD of unit variance at 1 Hz
         w = weights("gaussian", found.f, np.full(len(U), 2.0))
-        return linear.Block((0, 0), U, w, found.window, None, np.eye(columns.shape[1])), found.f
+        return whitened_run.WhitenedRun((0, 0), U, w, found.window, None, np.eye(columns.shape[1])), found.f
 
     run, f = block(signals)
     w2 = np.bincount(t[: run.window.size] * 4 // run.window.size, run.window**2)
@@ -76,7 +78,7 @@ def test_scores_of_noise_in_steps_have_the_covariance_told():
 def test_the_sigma_follows_the_noise_where_the_signal_is():
     e = experiment(louder=3.0)
     plain = fit_experiment(e)
-    steps = steadiness.measure(e, plain)
+    steps = stationarity.measure(e, plain)
     told = fit_experiment(replace(e, unsteady=steps))
     assert told.solution.theta == pytest.approx(plain.solution.theta, rel=1e-9)
     assert not np.allclose(told.solution.sigma, plain.solution.sigma, rtol=0.05)

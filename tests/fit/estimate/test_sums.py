@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from fit.estimate import forecast, sums
-from fit.paper import joint_parameter
+from fit.fitting import sums
+from fit.forecasting import expected_fit
+from fit.parameters import joint_parameter
 from fit.settings import settings
-from fit.weighing.linear import Solution
+from fit.whitening.whitened_run import Solution
 from lpfcosim.campaign import loading
 from lpfcosim.cli.planned import planned
 from tests import ROOT
@@ -55,7 +56,7 @@ def test_what_rests_on_weak_priors_is_no_knowledge(outcome):
 def test_a_sweep_of_one_authority_knows_the_stiffness_at_each():
     plan = loading.load(ROOT / "campaigns" / "sweep.toml")
     plan = replace(plan, experiments=plan.experiments[::3])
-    joint = forecast.expected_fit(planned(plan), settings())
+    joint = expected_fit.expected_fit(planned(plan), settings())
     assert {"omega2_2_0", "alpha_phi_2", "omega2_1_0", "alpha_phi_1"} <= set(joint.undetermined)
     truth = plan.truth
     told = {(s.j, s.F_max): s for s in joint.stiffness}

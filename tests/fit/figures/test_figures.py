@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.figures import Span, analysis, series
+from fit.figures import analysis, series
 from fit.figures import runs as figures_runs
-from fit.figures.charts import ASD, TIME, Curve, limits
-from fit.inspection import glitches
+from fit.figures.charts import ASD, TIME, Curve, Span, limits
+from fit.quality import glitches
 from fit.report.experiments import drawings
 from fit.warnings import FitWarning, masked
 from fit.warnings import Span as Stretch
-from fit.weighing import Experiment, Run
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
 
 TRUTH = of_run(World(), "A")

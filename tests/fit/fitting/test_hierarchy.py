@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import halfcauchy
 
 from fit.errors import FitError
-from fit.fitting.hierarchy import Normal, Width, given, integrate
+from fit.fitting.hierarchy import Normal, ScaleParameter, given, integrate
 
 WEAK = 10.0  # sigma of the prior of what does not depart
 
@@ -17,10 +17,10 @@ def case(request):
     design = rng.standard_normal((40, 14))
     units = np.array([2.0] * 6 + [0.5] * 6)
     widths = {
-        1: [Width("both", tuple(range(2, 14)), units, 0.7)],
+        1: [ScaleParameter("both", tuple(range(2, 14)), units, 0.7)],
         2: [
-            Width("first", tuple(range(2, 8)), units[:6], 0.7),
-            Width("second", tuple(range(8, 14)), units[6:], 0.2),
+            ScaleParameter("first", tuple(range(2, 8)), units[:6], 0.7),
+            ScaleParameter("second", tuple(range(8, 14)), units[6:], 0.2),
         ],
     }[request.param]
     truth = np.concatenate([[3.0, -2.0], 0.6 * units * rng.standard_normal(12)])
@@ -91,20 +91,20 @@ def test_the_grid_finds_widths_far_from_their_prior():
     # departures known exactly: the posterior is that of a standard deviation, here 30 scales wide
     rng = np.random.default_rng(0)
     d = 3.0 * rng.standard_normal(40)
-    width = Width("w", tuple(range(40)), np.ones(40), 0.1)
+    width = ScaleParameter("w", tuple(range(40)), np.ones(40), 0.1)
     found = integrate(Normal(1e8 * np.eye(40), 1e8 * d, np.zeros(40)), [width])
     assert found.widths[0] == pytest.approx(np.sqrt(np.mean(d**2)), rel=0.03)
     assert found.sigmas[0] == pytest.approx(found.widths[0] / np.sqrt(80), rel=0.1)
 
 
 def test_where_the_data_say_nothing_the_width_is_that_of_the_prior():
-    width = Width("w", (0,), np.ones(1), 0.1)
+    width = ScaleParameter("w", (0,), np.ones(1), 0.1)
     normal = Normal(np.diag([1e-12]), np.zeros(1), np.zeros(1))
     assert integrate(normal, [width]).log_widths[0] == pytest.approx(np.log(0.1), abs=0.05)
 
 
 def test_a_free_direction_is_told():
-    width = Width("w", (2,), np.ones(1), 0.1)
+    width = ScaleParameter("w", (2,), np.ones(1), 0.1)
     H = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     with pytest.raises(FitError, match="direction free"):
         integrate(Normal(H, np.zeros(3), np.zeros(3)), [width])

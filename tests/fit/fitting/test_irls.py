@@ -13,8 +13,10 @@ from fit.errors import FitError
 from fit.fitting import irls, weighings
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.signal import NoiseModel, derivatives, spectra
-from fit.weighing import linear, single_tone
+from fit.spectra import derivatives, windowing
+from fit.spectra.noise_psd import NoiseModel
+from fit.whitening import whitened_run
+from fit.whitening.tones import single_tone
 from lpfcosim.campaign import loading
 from lpfcosim.campaign.montecarlo import numbered
 from lpfcosim.cli import montecarlo
@@ -42,10 +44,10 @@ def flat(level):
 @pytest.mark.parametrize(("taper", "ratio"), [(0.0, 1.0), (0.1, 1.027), (1.0, 1.39)])
 def test_sigma_accounts_for_the_window(taper, ratio, changed):
     # White noise of unit variance (PSD 2 at 1 Hz), stationary columns: var = <w^4>/<w^2>^2 x naive.
-    changed(spectra, "TAPER", taper)
+    changed(windowing, "TAPER", taper)
     columns = np.random.default_rng(3).standard_normal((20000, 8))
-    run = spectra.transform(columns, np.ones(20000, bool), 1.0, (0.1, 0.1))
-    block = linear.block(run, flat(2.0), np.eye(7))
+    run = windowing.transform(columns, np.ones(20000, bool), 1.0, (0.1, 0.1))
+    block = whitened_run.block(run, flat(2.0), np.eye(7))
     naive = np.linalg.inv(block.R.T @ block.R)
     true = naive @ block.M @ naive
     measured = np.sqrt(np.diag(true) / np.diag(naive)).mean()
@@ -54,10 +56,10 @@ def test_sigma_accounts_for_the_window(taper, ratio, changed):
 
 def test_compression_keeps_chi2():
     columns = np.random.default_rng(4).standard_normal((5000, 8))
-    run = spectra.transform(columns, np.ones(5000, bool), 1.0)
-    block = linear.block(run, flat(2.0), np.eye(7))
+    run = windowing.transform(columns, np.ones(5000, bool), 1.0)
+    block = whitened_run.block(run, flat(2.0), np.eye(7))
     c = np.arange(8.0)
-    whitened, _ = linear.whiten(run, np.full(run.f.size, 2.0))
+    whitened, _ = whitened_run.whiten(run, np.full(run.f.size, 2.0))
     assert np.sum((block.R @ c) ** 2) == pytest.approx(np.sum(np.abs(whitened @ c) ** 2))
     # columns 0 alone is white noise of just this PSD, constant and ramp projected out
     assert np.sum((block.R[:, 0]) ** 2) / block.size == pytest.approx(1, abs=5 * np.sqrt(2 / block.size))
@@ -68,7 +70,7 @@ def test_constant_and_ramp_are_invisible():
     columns = np.random.default_rng(5).standard_normal((n, 8))
     drift = columns + np.linspace(3, 70, n)[:, None]
     blocks = [
-        linear.block(spectra.transform(x, np.ones(n, bool), 1.0, (0.1, 0.1)), flat(2.0), np.eye(7))
+        whitened_run.block(windowing.transform(x, np.ones(n, bool), 1.0, (0.1, 0.1)), flat(2.0), np.eye(7))
         for x in (columns, drift)
     ]
     assert np.allclose(blocks[0].R.T @ blocks[0].R, blocks[1].R.T @ blocks[1].R, atol=1e-6)
@@ -76,17 +78,17 @@ def test_constant_and_ramp_are_invisible():
 
 
 def test_exactly_blind_parameter():
-    lost, directions = linear.blind(np.diag([4.0, 0.0, 100.0]), np.ones(3))
+    lost, directions = whitened_run.blind(np.diag([4.0, 0.0, 100.0]), np.ones(3))
     assert lost.tolist() == [False, True, False]
     assert np.allclose(directions, [[0, 1, 0]])
 
 
 def test_weakly_determined_parameter_is_lost_by_its_width():
     H = np.diag([1 / 0.9**2, 1 / 1.1**2])  # sigmas of 0.9 and 1.1 widths
-    lost, directions = linear.blind(H, np.ones(2))
+    lost, directions = whitened_run.blind(H, np.ones(2))
     assert lost.tolist() == [False, True]
     assert np.allclose(np.abs(directions), [[0, 1]])
-    assert linear.blind(H, np.array([1.0, 1.2]))[0].tolist() == [False, False]
+    assert whitened_run.blind(H, np.array([1.0, 1.2]))[0].tolist() == [False, False]
 
 
 @given(
@@ -98,7 +100,7 @@ def test_collinear_columns_are_named_together(ratio, noise, strength):
     rng = np.random.default_rng(6)
     a, b = rng.standard_normal((2, 50))
     A = strength * np.stack([a, ratio * a + noise * b, b], axis=1)
-    lost, directions = linear.blind(A.T @ A, np.ones(3))
+    lost, directions = whitened_run.blind(A.T @ A, np.ones(3))
     assert lost.tolist() == [True, True, False]
     (direction,) = directions
     assert np.abs(A @ direction).max() < 1e-6 * strength
@@ -108,7 +110,7 @@ def test_collinear_columns_are_named_together(ratio, noise, strength):
 @given(arrays(float, (12, 4), elements=st.floats(-1, 1).map(lambda x: round(x, 3))))
 def test_blind_directions_are_what_the_data_do_not_see(A):
     A = 1e3 * A
-    lost, directions = linear.blind(A.T @ A, np.ones(4))
+    lost, directions = whitened_run.blind(A.T @ A, np.ones(4))
     assert not lost.any() or len(directions)
     for direction in directions:
         assert np.sum((A @ direction) ** 2) < 4 * np.sum(direction**2) + 1e-3

@@ -20,8 +20,8 @@ from fit.fitting.joint_model import (
 )
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.model import dynamics
-from fit.weighing import linear
-from fit.weighing.likelihood import weights
+from fit.whitening import whitened_run
+from fit.whitening.likelihoods import weights
 
 TRUTH = np.array([1.08, 0.19, 1.05, 0.2, -4.2e-7, 1e-8, 3e-5])  # in the order of dynamics.PARAMETERS
 SCALE = np.array([1e-4, 1e-3, 1e-4, 1e-3, 1e-9, 1e-9, 1e-6])
@@ -50,7 +50,7 @@ def driven():
     size = np.array([1.0, 1e3, 1e2, 1e3, 1e2, 1e8, 1e8, 1e5])
     U = size * (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8)))
     U[:, 0] = rng.standard_normal(400) + 1j * rng.standard_normal(400) - U[:, 1:] @ model(TRUTH)
-    block = linear.Block(
+    block = whitened_run.WhitenedRun(
         TAU, U, weights("gaussian", np.arange(400.0), np.full(400, 2.0)), None, None, np.eye(7)
     )
 
@@ -190,7 +190,7 @@ def test_directions_a_run_does_not_determine_are_no_rows(driven):
     block, *_ = driven
     still = block.columns.copy()
     still[:, 3:5] = 0  # test mass 1 is not driven
-    estimate = run_estimate("A", linear.Block(TAU, still, block.weights, None, None, np.eye(7)))
+    estimate = run_estimate("A", whitened_run.WhitenedRun(TAU, still, block.weights, None, None, np.eye(7)))
     assert estimate.root.shape == (5, 7)
     at_best = np.concatenate([[1.0], estimate.c])
     left = np.concatenate([(still @ at_best).real, (still @ at_best).imag])

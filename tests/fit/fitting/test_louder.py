@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit.estimate.earlier import refit
-from fit.estimate.joint import fit_experiment
+from fit.crosstalk.earlier import refit
 from fit.fitting import louder
+from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate
 from fit.settings import settings
-from fit.weighing import Experiment, Run
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
 from tests.oracles import thirteen
 
 TRUTH = thirteen.TRUTH["delta_ifo_4"]

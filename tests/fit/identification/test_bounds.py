@@ -13,7 +13,7 @@ import scipy
 
 from fit.fitting import irls
 from fit.identification import bounds
-from fit.paper import Parameter
+from fit.parameters import Parameter
 
 N = 400
 

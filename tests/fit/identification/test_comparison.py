@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from fit.identification import comparison
-from fit.model import Sharing
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.model.sharing import Sharing
+from fit.results.estimates import Estimate
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 from fit.settings import settings
 from fit.warnings import FitWarning
 from tests.oracles import thirteen

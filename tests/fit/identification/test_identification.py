@@ -10,11 +10,13 @@ import pytest
 from fit import pipeline
 from fit.errors import FitError, InputError
 from fit.fitting import louder
-from fit.identification import Free, comparison, identify, weighing
+from fit.identification import comparison, weighing
+from fit.identification.identify import identify
+from fit.identification.protocol import Free
 from fit.settings import settings
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning
-from fit.weighing import pair
+from fit.whitening.runs import pair
 from lpfcosim.plant import planning
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Noise, Sine, Truth

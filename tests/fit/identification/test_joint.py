@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fit.estimate import departures
+from fit.fitting import departures
 from fit.identification.joint import _view
-from fit.paper import FLIGHT
+from fit.parameters import FLIGHT
 
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
 

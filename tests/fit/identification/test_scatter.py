@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from fit import pipeline
-from fit.identification import Free, identify
+from fit.identification.identify import identify
+from fit.identification.protocol import Free
 from fit.settings import settings
-from fit.telemetry import Telemetry
-from fit.weighing import pair
+from fit.telemetry.reader import Telemetry
+from fit.whitening.runs import pair
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft import Noise, Sine, Truth
 from lpfcosim.worlds import world_of

@@ -8,7 +8,7 @@ import scipy
 
 from fit.errors import InputError
 from fit.identification import series
-from fit.signal import derivatives
+from fit.spectra import derivatives
 
 
 def archive(fs, x):

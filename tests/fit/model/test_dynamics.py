@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit.model import dynamics
-from fit.signal import derivatives, spectra
+from fit.spectra import derivatives, windowing
 from fit.telemetry.reader import Telemetry
 from lpfcosim.spacecraft.run import Noise, Run, Sine
 from lpfcosim.worlds import along_x_plant
@@ -153,7 +153,9 @@ def test_closed_loop_of_the_reference_plant_obeys_the_equation(make_run):
     assert np.median(delta_g) == pytest.approx(5e-12, rel=1e-5)
     # Injections that start and stop are not band-limited; the fit looks at the band alone.
     both = np.stack([delta_g - 5e-12, signal], axis=1)
-    left, power = np.sum(np.abs(spectra.transform(both, np.ones(len(both), bool), 1.0).columns) ** 2, axis=0)
+    left, power = np.sum(
+        np.abs(windowing.transform(both, np.ones(len(both), bool), 1.0).columns) ** 2, axis=0
+    )
     assert left < (2e-6) ** 2 * power
 
 

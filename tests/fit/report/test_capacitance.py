@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from fit import paper
-from fit.paper import alpha_phi, alpha_x, background
+from fit import parameters
+from fit.parameters import alpha_phi, alpha_x, background
 from fit.report.stiffness import predictions
-from fit.results import Estimate, Fit
+from fit.results.estimates import Estimate
+from fit.results.results import Fit
 
 
 def joint(**values):
@@ -15,7 +16,7 @@ def joint(**values):
 
 
 def test_the_capacitances_give_what_the_paper_predicts():
-    gain, _ = paper.LAMBDA_V
+    gain, _ = parameters.LAMBDA_V
     assert alpha_x(gain) == pytest.approx(-320, rel=0.01)  # "around" in the paper, two digits
     assert alpha_phi(gain) == pytest.approx(-26.5e3, rel=0.01)
 
@@ -25,7 +26,7 @@ def test_alpha_x_is_the_gradient_of_the_actuation_force():
     # plus side and falls on the minus side; energy (C_plus V_plus^2 + C_minus V_minus^2) / 2, twice.
     def force(x, plus, minus, h=1e-6):
         def energy(at):
-            C = [s * paper.DC_DX * at + paper.D2C_DX2 * at**2 / 2 for s in (1, -1)]
+            C = [s * parameters.DC_DX * at + parameters.D2C_DX2 * at**2 / 2 for s in (1, -1)]
             return C[0] * plus + C[1] * minus
 
         return (energy(x + h) - energy(x - h)) / (2 * h)
@@ -34,12 +35,12 @@ def test_alpha_x_is_the_gradient_of_the_actuation_force():
     F_max = force(0.0, V2, 0.0)
     gradient = [(force(1e-6, *V) - force(-1e-6, *V)) / 2e-6 for V in ((V2, 0.0), (V2 / 3, 2 * V2 / 3))]
     assert gradient[0] == pytest.approx(gradient[1])  # constant, whatever force is commanded
-    assert -gradient[0] / paper.M_TM / F_max == pytest.approx(alpha_x(1.0), rel=1e-6)
+    assert -gradient[0] / parameters.M_TM / F_max == pytest.approx(alpha_x(1.0), rel=1e-6)
 
 
 def test_the_potential_of_the_test_mass_weakens_alpha_phi():
     # without it, both are the same gradient per unit of what the same voltages can do
-    alone = alpha_x(1.0) * paper.DC_DX / paper.DC_DPHI
+    alone = alpha_x(1.0) * parameters.DC_DX / parameters.DC_DPHI
     assert 0.9 * alone > alpha_phi(1.0) > alone
 
 

@@ -5,8 +5,8 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from fit.figures import COLOURS, Axis, Chart, Curve, Panel, Points, Span
-from fit.figures.charts import ASD, FREQUENCY
+from fit.figures.charts import ASD, FREQUENCY, Axis, Chart, Curve, Panel, Points, Span
+from fit.figures.colours import COLOURS
 from fit.report import charts, page
 from fit.report.parts import Drawing
 from tests.browser import Page, needs_browser

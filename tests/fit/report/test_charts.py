@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit.figures import Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
-from fit.figures.charts import ASD, FREQUENCY, TIME
+from fit.figures.charts import ASD, FREQUENCY, TIME, Axis, Chart, Curve, Matrix, Note, Panel, Points, Span
 from fit.figures.leakage import leakage
 from fit.report import charts, numbers
 from fit.report.parts import Drawing
-from fit.results import Estimate
+from fit.results.estimates import Estimate
 
 F = np.geomspace(1e-4, 1, 200)
 DATES = Axis("start of run", "UTC", "start", dates=True)

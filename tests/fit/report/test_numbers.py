@@ -6,7 +6,7 @@ import numpy as np
 
 from fit.figures.gain import GainPoint, gain_against_authority
 from fit.report import numbers
-from fit.results import Estimate
+from fit.results.estimates import Estimate
 
 AUTHORITIES = {"A": 2.2e-9, "A1": 2.2e-9, "D": 5e-11}
 

@@ -13,12 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit import journal
-from fit.estimate.pulls import with_truth
-from fit.figures import COLOURS, series, stiffness
-from fit.paper import FLIGHT, joint_names
+from fit import plotting as journal
+from fit.figures import series, stiffness
+from fit.figures.colours import COLOURS
+from fit.forecasting.coverage import with_truth
+from fit.parameters import FLIGHT, joint_names
 from fit.report.page import drawings, write_report
-from fit.results import Estimate, Fit, Provenance, Results, Stiffness
+from fit.results.estimates import Estimate, Stiffness
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 from fit.tables import parameters as tables
 from fit.telemetry.reader import read
 from fit.warnings import FitWarning

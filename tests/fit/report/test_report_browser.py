@@ -5,11 +5,13 @@ import time
 
 import pytest
 
-from fit.estimate import pulls, sampling
-from fit.estimate.pulls import with_truth
-from fit.journal import studies, write
+from fit.forecasting import coverage
+from fit.forecasting.coverage import with_truth
 from fit.pipeline import calibrate, calibrate_inertial
+from fit.plotting import studies
+from fit.plotting.files import write
 from fit.report.page import write_report
+from fit.sampling import emcee_sampling
 from fit.settings import settings
 from fit.telemetry.reader import read_all
 from tests.browser import Page, needs_browser
@@ -122,7 +124,13 @@ def sampled(folder, results):
         }
         for name, e in results.joint.parameters.items()
     }  # fmt: skip
-    document = {"schema": sampling.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
+    document = {
+        "schema": emcee_sampling.SCHEMA,
+        "parameters": told,
+        "steps": 9000,
+        "burn_in": 900,
+        "walkers": 40,
+    }
     document |= {"acceptance": 0.3, "largest_tau": 60.0}
     (folder / "mcmc.json").write_text(json.dumps(document))
 
@@ -130,8 +138,8 @@ def sampled(folder, results):
 def repeated(folder):
     """What `lpfcosim montecarlo` would leave."""
     drawn = [{"lambda_2": (0.3 * i - 1, 3e-5), "lambda_2_A": (1 - 0.2 * i, 1.0)} for i in range(8)]
-    found = pulls.summary(drawn)
-    pulls.write(found, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
+    found = coverage.summary(drawn)
+    coverage.write(found, 8, {3: EVIL[0]}, {"campaign": EVIL[1]}, folder / "montecarlo.json")
     write(folder / "figures", "pulls", studies.histograms, found, drawn)
 
 

@@ -7,16 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate.residuals import SCORES
-from fit.figures import Points
 from fit.figures import gain as figures_gain
 from fit.figures import stiffness as figures_stiffness
+from fit.figures.charts import Points
 from fit.figures.stiffness import StiffnessPoint, stiffness_pull
-from fit.paper import FLIGHT, joint_names
+from fit.parameters import FLIGHT, joint_names
+from fit.quality.residual_tests import SCORES
 from fit.report import charts
 from fit.report import together as report_mission
 from fit.report.page import write_report
-from fit.results import Diagnostics, Estimate, Fit, Provenance, Results
+from fit.results.estimates import Diagnostics, Estimate
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 from fit.warnings import FitWarning
 from tests.oracles.synthetic import AUTHORITIES, World, telemetry
 

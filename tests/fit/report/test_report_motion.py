@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from fit import results as fit_results
-from fit.estimate import bump
+from fit.crosstalk import crosstalk_fit
 from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
 from fit.report import noise as report_noise
 from fit.report import page as report
 from fit.report.motion import parts
 from fit.report.noise import Products
-from fit.results import Estimate, Fit
+from fit.results.estimates import Estimate
+from fit.results.results import Fit
 from fit.telemetry.reader import read_all
 from fit.warnings import FitWarning, Span
 from tests.oracles import rotation_synthetic as synthetic
@@ -119,6 +120,6 @@ def test_what_was_separated_is_put_back_for_the_correction(found):
         {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
         np.eye(2) * 1e-14, 1.0, 1, True, (),
     )  # fmt: skip
-    apart = bump.separate(sums, inertial, "3", 0.376)
-    back = bump.sums({name: e.value for name, e in apart.parameters.items()}, inertial.values, 0.376)
+    apart = crosstalk_fit.separate(sums, inertial, "3", 0.376)
+    back = crosstalk_fit.sums({name: e.value for name, e in apart.parameters.items()}, inertial.values, 0.376)
     assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 from fit.errors import InputError
-from fit.estimate import pulls, sampling
+from fit.forecasting import coverage
 from fit.report.page import write_report
 from fit.report.sampling import parts
+from fit.sampling import emcee_sampling
 from tests.fit.report.test_report import joint_fit, results
 
 
@@ -27,7 +28,13 @@ def chain(fit, **changes):
         }
         for name, e in fit.parameters.items()
     }
-    document = {"schema": sampling.SCHEMA, "parameters": told, "steps": 9000, "burn_in": 900, "walkers": 40}
+    document = {
+        "schema": emcee_sampling.SCHEMA,
+        "parameters": told,
+        "steps": 9000,
+        "burn_in": 900,
+        "walkers": 40,
+    }
     return document | {"acceptance": 0.314, "largest_tau": 61.4} | changes
 
 
@@ -76,9 +83,9 @@ def test_a_chain_of_another_fit(tmp_path):
 
 
 def test_a_monte_carlo(tmp_path):
-    true = pulls.Pulls(200, 0.05, 0.07, 1.01, 0.05, 0.68, 0.033, 3e-5)
+    true = coverage.Pulls(200, 0.05, 0.07, 1.01, 0.05, 0.68, 0.033, 3e-5)
     found = {"lambda_2": true, "C_2": replace(true, pull_mean=0.5, coverage_1sigma=0.40)}
-    pulls.write(found, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
+    coverage.write(found, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
     (part,) = parts(results(), tmp_path)
     assert part.text == "200 calibrations of <b> with new noise and new truths; 1 failed."
     good, bad = ([getattr(c, "value", c) for c in line.cells] for line in part.grids[0].lines)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from fit.paper import FLIGHT, joint_names, joint_parameter
+from fit.parameters import FLIGHT, joint_names, joint_parameter
 from fit.report.verdict import matters, verdict
-from fit.results import Estimate
+from fit.results.estimates import Estimate
 from fit.tables import parameters as tables
 from fit.warnings import KINDS, FitWarning, Severity
 from tests import ROOT

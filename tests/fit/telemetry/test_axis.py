@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.telemetry import axis_part
+from fit.telemetry.axis import axis_part
 from tests.oracles.synthetic import World, telemetry
 
 

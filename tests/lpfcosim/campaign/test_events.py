@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lpfcosim
-from fit.telemetry import read_all, read_truth
+from fit.telemetry.reader import read_all, read_truth
 from lpfcosim.campaign import loading
 from lpfcosim.errors import InputError
 from lpfcosim.signals import events

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.paper import FLIGHT, joint_names
+from fit.parameters import FLIGHT, joint_names
 from fit.pipeline import calibrate
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cli.planned import in_memory

@@ -16,8 +16,10 @@ import pytest
 from scipy.stats import norm
 
 from fit.errors import FitError
-from fit.estimate import pulls
-from fit.results import Estimate, Fit, Provenance, Results
+from fit.forecasting import coverage
+from fit.results.estimates import Estimate
+from fit.results.provenance import Provenance
+from fit.results.results import Fit, Results
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cli import montecarlo as cli_montecarlo
@@ -49,14 +51,14 @@ def test_pulls_of_a_known_distribution():
     rng = np.random.default_rng(5)
     drawn = [{"a": (0.3 + 1.2 * x, 2.0), "b": (y, 1.0)} for x, y in rng.standard_normal((4000, 2))]
     drawn += [{"b": (0.0, 1.0)}]
-    found = pulls.summary(drawn)
+    found = coverage.summary(drawn)
     assert (found["a"].n, found["b"].n, found["a"].sigma) == (4000, 4001, 2.0)
     assert abs(found["a"].pull_mean - 0.3) < 4 * found["a"].pull_mean_error
     assert abs(found["a"].pull_std - 1.2) < 4 * found["a"].pull_std_error
     inside = norm.cdf(0.7 / 1.2) - norm.cdf(-1.3 / 1.2)
     assert abs(found["a"].coverage_1sigma - inside) < 4 * found["a"].coverage_1sigma_error
     assert found["a"].pull_mean_error == pytest.approx(1.2 / 4000**0.5, rel=0.05)
-    assert pulls.summary(drawn[:1]) == {}
+    assert coverage.summary(drawn[:1]) == {}
 
 
 def test_noise_that_drifts_takes_fmus(small, lpfcosim):
@@ -71,7 +73,7 @@ def test_estimates_are_those_with_a_truth():
     known, unknown = Estimate(1.1, 0.1, "1", 1.0, 1.0), Estimate(1.1, 0.1, "1")
     fit = Fit({"lambda_2": known, "C_2": unknown}, np.eye(2) * 0.01, 1.0, 1, True, ())
     results = Results(fit, {}, {}, {"3": replace(fit, parameters={"delta_phi": known})}, Provenance())
-    assert pulls.estimates(results) == {"lambda_2": (1.0, 0.1), "delta_phi_3": (1.0, 0.1)}
+    assert coverage.estimates(results) == {"lambda_2": (1.0, 0.1), "delta_phi_3": (1.0, 0.1)}
 
 
 def test_every_number_has_noise_of_its_own_and_keeps_it(small):
@@ -222,7 +224,7 @@ def test_pulls_that_chance_explains_are_valid_and_others_are_not():
 
     def verdict(n, failed=0, mean=0.0, std=1.0):
         drawn = [{name: (mean + std * rng.standard_normal(), 1.0) for name in names} for _ in range(n)]
-        return pulls.verdict(pulls.summary(drawn), n, failed)
+        return coverage.verdict(coverage.summary(drawn), n, failed)
 
     assert sum(not verdict(n).valid for n in (2, 3, 10, 50, 200) for _ in range(100)) < 13
     assert not verdict(200, mean=2.2).valid

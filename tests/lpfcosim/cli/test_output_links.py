@@ -7,7 +7,7 @@ import pytest
 import fit
 import lpfcosim as package
 from fit.errors import InputError
-from fit.files import refuse_links
+from fit.files.outputs import refuse_links
 from tests.campaign_text import SHORT_PLAN
 from tests.lpfcosim.cli.test_cli import one_sentence
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.estimate.forecast import NoneTakesPartError
+from fit.forecasting.expected_fit import NoneTakesPartError
 from lpfcosim.campaign import loading
 from lpfcosim.design import limits, text
 from lpfcosim.design.objective import Objective

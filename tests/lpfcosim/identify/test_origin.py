@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit.telemetry import Telemetry
+from fit.telemetry.reader import Telemetry
 from lpfcosim.errors import InputError
 from lpfcosim.identify import check
 from lpfcosim.identify.origin import other_loop

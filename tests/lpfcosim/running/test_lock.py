@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fit.estimate import earlier
+from fit.crosstalk import earlier
 from fit.files import atomic
 from fit.report import page
 from lpfcosim.cli import common

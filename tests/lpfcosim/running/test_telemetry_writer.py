@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fit.files import atomic
-from fit.paper import FLIGHT
+from fit.parameters import FLIGHT
 from lpfcosim.errors import RunError
 from lpfcosim.running import telemetry
 from lpfcosim.spacecraft.run import Sine

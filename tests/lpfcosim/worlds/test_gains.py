@@ -7,7 +7,7 @@ import pytest
 
 import fit
 from fit.model import dynamics, wander
-from fit.weighing import Run as Flown
+from fit.whitening.run import Run as Flown
 from lpfcosim.cli.planned import in_memory
 from lpfcosim.running.telemetry import truth as told
 from lpfcosim.signals import decimation

@@ -1,0 +1,327 @@
+"""What may be wrong with a run that contradicts the others: causes, as hypotheses tested against each other.
+
+Every cause moves parameters of the run in question by an unknown amount, or makes it share them in another
+way. It is possible if, with it, the run says what the others say. Of those that are, the likeliest is named,
+and with it all that the data cannot tell from it: a scale of f_x_2 and one of o_12 look alike where test mass
+1 is not driven, and so do a wrong authority in the file and a stiffness that is really another. No cause is
+better than a wrong one: if none is possible, none is named.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.consistency import lags
+from fit.consistency.consistency import Regression, Squares, Voice
+from fit.fitting import IRLSResult
+from fit.model import Sharing, dynamics
+from fit.telemetry import Telemetry
+from fit.whitening import Experiment, whitened_run
+
+Array = NDArray[np.float64]
+
+POSSIBLE = 1e-3  # least p-value of what a cause leaves
+ALIKE = 10.0  # excess within which causes explain equally well
+TOLD = 4  # causes at most that are named
+_AT = {name: i for i, name in enumerate(dynamics.PARAMETERS)}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run that contradicts others.
+
+    Attributes
+    ----------
+    voices : Regression
+        Of this run and those that agree without it.
+    at : int
+        Its number there.
+    experiments : tuple of Experiment
+        All of them, in the order of the voices.
+    blocks : tuple of whitened_run.WhitenedRun
+        As they were weighed.
+    sharing : Sharing
+        What they share.
+    outcome : IRLSResult
+        Of the joint fit, where the voices were taken.
+    """
+
+    voices: Regression
+    at: int
+    experiments: tuple[Experiment, ...]
+    blocks: tuple[whitened_run.WhitenedRun, ...]
+    sharing: Sharing
+    outcome: IRLSResult
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the P fitted parameters."""
+        return tuple(p.name for p in self.outcome.parameters)
+
+    @property
+    def theta(self) -> Array:
+        """Where the voices were taken, shape (P,)."""
+        return self.outcome.solution.theta
+
+    @property
+    def voice(self) -> Voice:
+        """What the run says."""
+        return self.voices.voices[self.at]
+
+    @property
+    def run(self) -> Telemetry:
+        """The run itself."""
+        return self.experiments[self.at].sysid.telemetry
+
+    @cached_property
+    def agrees(self) -> bool:
+        """Whether the run says what those others say: then nothing in it need be wrong."""
+        return self.voice.level == 1 and self.voices.of_run(self.at).p > POSSIBLE
+
+    @cached_property
+    def expected(self) -> Array:
+        """Parameters of the run as the others have them, shape (Q,)."""
+        return np.asarray(self.voice.theta + self.voice.share @ self._moved)
+
+    @cached_property
+    def _moved(self) -> Array:
+        return self.voices.without((self.at,)).estimate()
+
+    def of_others(self, name: str) -> float | None:
+        """Return a fitted parameter as the others have it; None if there is none."""
+        if name not in self.names:
+            return None
+        return float((self.theta + self._moved)[self.names.index(name)])
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """What may be wrong with a run, to follow "perhaps", and what then is left of the contradiction."""
+
+    words: str
+    left: Squares
+
+    @property
+    def excess(self) -> float:
+        """What is left beyond noise."""
+        return self.left.value - self.left.dof
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction in which a cause moves the parameters of a run.
+
+    Attributes
+    ----------
+    powers : mapping of str to float
+        Parameters that grow in proportion to themselves, with the power of the amount.
+    steps : mapping of str to float
+        Parameters that grow by the amount itself, times this.
+    words : callable
+        From the amount, its sigma and the case to words.
+    """
+
+    powers: Mapping[str, float]
+    steps: Mapping[str, float]
+    words: Callable[[float, float, Case], str]
+
+    def of(self, theta: Array, names: Sequence[str]) -> Array:
+        """Return it at the parameters of the run, shape (Q,), the first of which have `names`.
+
+        Those of a simulated loop are others than those of the equation: what a run has none of is left out.
+        """
+        found = np.zeros(theta.size)
+        for i, name in enumerate(names):
+            found[i] = self.powers.get(name, 0.0) * theta[i] + self.steps.get(name, 0.0)
+        return found
+
+
+def named(case: Case) -> str:
+    """Return the causes that explain the contradiction, in words; empty if none does."""
+    possible = sorted((c for c in _causes(case) if c.left.p > POSSIBLE), key=lambda c: c.excess)
+    alike = [c.words for c in possible if c.excess < possible[0].excess + ALIKE]
+    once: dict[str, str] = {}  # a lag is told in samples if in whole ones, which takes fewer words
+    for words in alike:
+        lag = words.split(" by ")[0]
+        once[lag] = min(once.get(lag, words), words, key=len)
+    return ", or ".join([*once.values()][:TOLD])
+
+
+def exchanged(case: Case, i: int) -> str:
+    """Say what a run has exchanged with another one, by number, that contradicts too; empty if nothing."""
+    if not any(c.left.p > POSSIBLE for c in _of_exchange(case, i)):
+        return ""
+    other = case.experiments[i].sysid.telemetry
+    authority = "authority" * (case.run.authority != other.authority)
+    epoch = "alignment epoch" * (case.run.alignment_epoch != other.alignment_epoch)
+    return " and ".join(filter(None, (authority, epoch)))
+
+
+def _causes(case: Case) -> Iterator[_Cause]:
+    """Try all causes; where the run does not follow the equation, only those that make it follow."""
+    experiment, tau = case.experiments[case.at], dynamics.delays(case.expected)
+    for words, other in lags.voices(experiment, case.blocks[case.at], case.outcome, tau):
+        if other.level == 1:
+            yield _Cause(words, _left(case, {case.at: other}))
+    if case.voice.level == 1:
+        yield from _of_directions(case)
+        yield from _of_epoch(case)
+        yield from _of_test_masses(case)
+        for i in range(len(case.experiments)):
+            yield from _of_exchange(case, i)
+
+
+def _of_directions(case: Case) -> Iterator[_Cause]:
+    """Try what moves parameters of the run."""
+    voice, whole = case.voice, case.voices.of_run(case.at)
+    for direction in DIRECTIONS:
+        moved = direction.of(case.expected, voice.names)
+        column = case.voices.column(case.at, voice.answer @ voice.gradient @ moved)
+        test = case.voices.of_columns(column)
+        if test.dof:
+            left = Squares(whole.value - test.value, whole.dof - test.dof, whole.of_noise)
+            yield _Cause(direction.words(*case.voices.amount(column), case), left)
+
+
+def _of_epoch(case: Case) -> Iterator[_Cause]:
+    """Try the leakage of other alignment epochs."""
+    mine = case.run.alignment_epoch
+    if case.sharing.groups["delta_ifo"] == "alignment_epoch":
+        for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in case.experiments} - {mine}):
+            left = _otherwise(case, {case.at: replace(case.run, alignment_epoch=epoch)})
+            yield _Cause(f"its alignment epoch is {epoch} and not {mine}", left)
+
+
+def _of_test_masses(case: Case) -> Iterator[_Cause]:
+    """Try the authorities of the test masses the other way round."""
+    (F_1, N_1), (F_2, N_2) = case.run.authority
+    if F_1 != F_2:
+        left = _otherwise(case, {case.at: replace(case.run, F_max_1=F_2, F_max_2=F_1)})
+        yield _Cause("its F_max_1 and F_max_2 are exchanged", left)
+    if N_1 != N_2:
+        left = _otherwise(case, {case.at: replace(case.run, N_max_1=N_2, N_max_2=N_1)})
+        yield _Cause("its N_max_1 and N_max_2 are exchanged", left)
+
+
+def _of_exchange(case: Case, i: int) -> Iterator[_Cause]:
+    """Try whether its data are those of another run, by number."""
+    other = case.experiments[i].sysid.telemetry
+    here, there = ((t.authority, t.alignment_epoch) for t in (case.run, other))
+    if here != there:
+        left = _otherwise(case, {case.at: _as(case.run, other), i: _as(other, case.run)})
+        yield _Cause(f"its data and those of {case.experiments[i].name} are exchanged", left)
+
+
+def _as(run: Telemetry, other: Telemetry) -> Telemetry:
+    """Return a run with the authority and the epoch of another."""
+    return replace(
+        run,
+        F_max_1=other.F_max_1,
+        F_max_2=other.F_max_2,
+        N_max_1=other.N_max_1,
+        N_max_2=other.N_max_2,
+        alignment_epoch=other.alignment_epoch,
+    )
+
+
+def _otherwise(case: Case, runs: Mapping[int, Telemetry]) -> Squares:
+    """Return what is left of the contradiction if these runs, by number, had other attributes."""
+    voices = {}
+    for i, run in runs.items():
+        voice, experiment = case.voices.voices[i], case.experiments[i]
+        before, after = (
+            case.sharing.matrix(t, experiment.parameters, case.names)
+            for t in (experiment.sysid.telemetry, run)
+        )
+        share = voice.share.copy()
+        share[: len(after)] += after - before  # what gains do within the run comes after
+        theta = share @ case.theta
+        move = dynamics.coefficients(theta, voice.tau) - dynamics.coefficients(voice.theta, voice.tau)
+        gradient = dynamics.gradient(theta, voice.tau)
+        z = voice.z + voice.answer @ move
+        voices[i] = replace(voice, z=z, share=share, theta=theta, gradient=gradient)
+    return _left(case, voices)
+
+
+def _left(case: Case, voices: Mapping[int, Voice]) -> Squares:
+    """Return what is left of the contradiction if runs, by number, said something else."""
+    said = tuple(voices.get(i, v) for i, v in enumerate(case.voices.voices))
+    whole, rest = replace(case.voices, voices=said).whole, case.voices.without(voices).whole
+    return Squares(whole.value - rest.value, whole.dof - rest.dof, case.voices.whole.of_noise)
+
+
+def _scaled(channel: str, factor: float, sigma: float) -> str:
+    if abs(factor + 1) < 0.05:
+        return f"its {channel} has the wrong sign"
+    return f"its {channel} is {factor:.6g} ± {sigma:.1g} times what it should be"
+
+
+def _force(j: int) -> Direction:
+    """Return the scale of a commanded force: a gain that is really another looks the same."""
+
+    def words(t: float, sigma: float, case: Case) -> str:
+        gain = case.expected[_AT[f"lambda_{j}"]] * (1 + t)
+        scaled = _scaled(f"f_x_{j}", 1 / (1 + t), sigma / (1 + t) ** 2)
+        return f"{scaled}, its lambda_{j} being really {gain:.6g}"
+
+    return Direction({f"lambda_{j}": 1.0, f"C_{j}": 1.0}, {}, words)
+
+
+def _delay(j: int) -> Direction:
+    """Return the lag of a commanded force in the file: it acts earlier than it should."""
+
+    def words(t: float, sigma: float, case: Case) -> str:
+        gain = case.expected[_AT[f"lambda_{j}"]]
+        when = "late" if t < 0 else "early"
+        return f"its f_x_{j} is {when} by {abs(t) / gain:.3g} ± {sigma / gain:.1g} s"
+
+    return Direction({}, {f"C_{j}": 1.0}, words)
+
+
+def _stiffness(j: int) -> Direction:
+    """Return a stiffness that is not that of the authority in the file."""
+
+    def words(t: float, sigma: float, case: Case) -> str:
+        (F, N), told = case.run.authority[j - 1], []
+        for key, value, base, unit in (("F_max", F, "alpha_x", "N"), ("N_max", N, "alpha_phi", "N m")):
+            alpha = case.of_others(f"{base}_{j}")
+            really = value + t / alpha if alpha else -1.0
+            if really >= 0:
+                told.append(f"its {key}_{j} is {really:.4g} and not {value:.4g} {unit}")
+        told.append(f"its stiffness omega2_{j} differs by {t:.3g} ± {sigma:.1g} s-2 from what that makes it")
+        return ", or ".join(told)
+
+    return Direction({}, {"omega2_2": 1.0, "domega2_12": 1.0} if j == 2 else {"domega2_12": -1.0}, words)
+
+
+DIRECTIONS = (
+    _force(2),
+    _force(1),
+    Direction(
+        {"lambda_1": 1.0, "lambda_2": 1.0, "C_1": 1.0, "C_2": 1.0, "domega2_12": 1.0, "delta_ifo": 1.0},
+        {},
+        lambda t, sigma, _: _scaled("o_12", 1 + t, sigma),
+    ),
+    Direction(
+        {"domega2_12": 1.0, "delta_ifo": 1.0},
+        {},
+        lambda t, sigma, _: _scaled("o_1", 1 / (1 + t), sigma / (1 + t) ** 2),
+    ),
+    Direction(  # f'' of true time is that of the file's time over (1 + t)^2
+        {"lambda_1": 2.0, "lambda_2": 2.0, "C_1": 1.0, "C_2": 1.0, "omega2_2": 2.0, "domega2_12": 2.0},
+        {},
+        lambda t, sigma, _: f"its samples are {1 + t:.7g} ± {sigma:.1g} times as far apart as its time says",
+    ),
+    _delay(2),
+    _delay(1),
+    _stiffness(2),
+    _stiffness(1),
+    Direction(
+        {},
+        {"delta_ifo": 1.0},
+        lambda t, sigma, _: f"its delta_ifo differs by {t:.3g} ± {sigma:.1g} from that of its epoch",
+    ),
+)

@@ -1,0 +1,57 @@
+"""A run as it would speak if one of its channels were late or early by samples of the file or of the loop."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from fit.consistency.consistency import Voice, voice
+from fit.fitting import IRLSResult
+from fit.model import dynamics
+from fit.whitening import Experiment, whitened_run
+
+SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
+
+
+def voices(
+    experiment: Experiment, block: whitened_run.WhitenedRun, outcome: IRLSResult, tau: tuple[float, float]
+) -> Iterator[tuple[str, Voice]]:
+    """Yield in words which channel is late by how much, and what the run then says.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+    block : whitened_run.WhitenedRun
+        The sysid run as it was weighed.
+    outcome : IRLSResult
+        Of the joint fit: where the voices of the others were taken.
+    tau : tuple of float
+        The delays [s] that the others have.
+    """
+    run = experiment.sysid
+    if block.noise is None:
+        return
+    for name in dynamics.CHANNELS:
+        if not np.any(getattr(run.channels, name)):
+            continue
+        for late, told in _lags(run.telemetry.fs):
+            shifted = run.earlier(name, late)
+            terms = shifted.spectra(tau)
+            if block.columns.shape[1] > terms.columns.shape[1]:
+                terms = terms.beside(shifted.wander(tau))
+            columns, _ = whitened_run.whiten(terms, block.noise.expected(terms.f))
+            words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
+            of_run = replace(experiment, sysid=shifted)
+            shown = replace(block, columns=columns, tau=terms.tau)
+            yield words, voice(of_run, shown, outcome.solution.theta, outcome.solution.covariance)
+
+
+def _lags(fs: float) -> Iterator[tuple[float, str]]:
+    """Yield lags [s] to be tried, and their words."""
+    for n in SAMPLES:
+        yield n / fs, f"{abs(n)} sample{'s' * (abs(n) > 1)}"
+    if fs * dynamics.LOOP_PERIOD < 1:
+        for n in SAMPLES:
+            lag = n * dynamics.LOOP_PERIOD
+            yield lag, f"{abs(lag):g} s"

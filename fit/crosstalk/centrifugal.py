@@ -1,0 +1,50 @@
+"""The coefficient of g_Omega: whether the centrifugal term is there as the stated frame has it.
+
+The sign of g_Omega = -d Omega^2 is that of d = x_2 - x_1, whatever that of Omega. So its coefficient must
+come out as 1. Where the spacecraft turns as in flight, half a day tells it to 0.1, three days to 0.05. At -1
+the telemetry is in the other frame, or all read-outs and forces along x are of the other sign. At neither,
+the rotation is not what torques and star tracker say.
+"""
+
+from dataclasses import replace
+
+from fit.parameters import Parameter, cross_talk_parameter
+from fit.results import Estimate
+from fit.telemetry import TOWARDS_1, TOWARDS_2, XAxis
+from fit.warnings import FitWarning
+
+CERTAIN = 5.0  # sigma
+NOTABLE = 0.25  # torques whose gain is not known, or without angles, make 0.15
+FRAME, STRENGTH = "frame_contradicted", "centrifugal_strength"
+_ANGLES = ("delta_phi", "delta_eta")
+#: By how much it exceeds 1; the width is no knowledge, it only keeps the equations solvable.
+EXCESS: Parameter = replace(cross_talk_parameter("b_1"), name="g_Omega", unit="1", prior_sigma=10.0)
+
+
+def judged(found: Estimate, x_axis: XAxis) -> list[FitWarning]:
+    """Return what is to be said of the coefficient, nothing where the data do not contradict 1.
+
+    Parameters
+    ----------
+    found : Estimate
+        The coefficient.
+    x_axis : str
+        The frame that the telemetry states.
+    """
+    seen = f"the coefficient of g_Omega comes out as {found.value:.3g} ± {found.sigma:.2g}"
+    if abs(found.value - 1) <= max(CERTAIN * found.sigma, NOTABLE):
+        return []
+    if found.value < -0.5:
+        other = TOWARDS_2 if x_axis == TOWARDS_1 else TOWARDS_1
+        message = (
+            f"the telemetry contradicts its frame, +x {x_axis}: {seen}, expected 1; with x_axis = "
+            f"{other!r} it would be {-found.value:.3g}"
+        )
+        return [FitWarning(FRAME, _ANGLES, message)]
+    message = f"{seen}, expected 1: torques and star tracker do not tell the rotation that x feels"
+    return [FitWarning(STRENGTH, _ANGLES, message)]
+
+
+def contradicts(warnings: tuple[FitWarning, ...]) -> bool:
+    """Tell whether the frame is refused."""
+    return any(warning.code == FRAME for warning in warnings)

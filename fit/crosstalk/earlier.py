@@ -1,0 +1,119 @@
+"""An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from fit import results as fit_results
+from fit.errors import InputError
+from fit.fitting import IRLSResult, fit_joint, louder
+from fit.parallel import one_blas_thread
+from fit.quality import mask_experiments, measure
+from fit.results import Results, results_folder, telemetry_of
+from fit.settings import Settings, refuse_constraints, settings
+from fit.telemetry import Telemetry, read_all
+from fit.whitening import Experiment, Run
+
+SAME = 0.05  # sigma: a fit that moves by more is of something else
+
+
+def load(directory: Path) -> tuple[Results, list[Telemetry]]:
+    """Read the results in `directory` and the telemetry they are of.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or breaks its contract.
+    """
+    path = results_folder(directory) / "results.json"
+    results = fit_results.load(path)
+    return results, read_all(telemetry_of(results, path))
+
+
+@one_blas_thread
+def experiments(
+    results: Results, telemetries: Sequence[Telemetry], where: Path
+) -> tuple[list[Experiment], Settings]:
+    """Return the experiments of the joint fit of `results`, prepared as they were for it, and its settings.
+
+    Raises
+    ------
+    InputError
+        If the results do not say how they came about.
+    """
+    if results.joint is None or not results.joint.parameters:
+        raise InputError(f"{where}: joint: expected a joint fit that determined parameters")
+    runs = {t.run: t for t in telemetries}
+    said = results.provenance
+    joint, pairs, chosen = said.joint_runs, said.noise_runs, said.settings
+    if joint is None or pairs is None or chosen is None:
+        raise InputError(f"{where}: provenance: expected joint_runs, noise_runs and settings; fit once more")
+    for name in (*joint, *pairs.values()):
+        if name not in runs:
+            raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
+    found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
+    how = settings(chosen, f"{where}: provenance.settings")
+    refuse_constraints(how, "mcmc and identify", f"{where}: provenance.settings")
+    prepared = []
+    for one in mask_experiments(found, how, ()).values():
+        if isinstance(one, InputError):
+            raise one
+        prepared.append(one.experiment)
+    levels = said.levels or []
+    loud = louder.judged(prepared, how)
+    return [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared], how
+
+
+def beside_instruments(results: Results) -> set[str]:
+    """Return the joint parameters that are not those of least squares, see `attenuation.mended`."""
+    warnings = results.joint.warnings if results.joint else ()
+    return {name for warning in warnings if warning.code == "instruments" for name in warning.parameters}
+
+
+def least_squares(prepared: Sequence[Experiment], how: Settings) -> IRLSResult:
+    """Return the joint fit of `experiments`, before instruments move anything.
+
+    Raises
+    ------
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    outcome = fit_joint(prepared, how)
+    steps = [measure(e, outcome, at) for at, e in enumerate(prepared)]
+    if not any(steps):
+        return outcome
+    return fit_joint([replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)], how)
+
+
+@one_blas_thread
+def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> IRLSResult:
+    """Repeat the joint fit of `results`, with its runs, pairs and settings.
+
+    Parameters
+    ----------
+    results : Results
+        With a joint fit.
+    telemetries : sequence of Telemetry
+        What it was fitted to.
+    where : Path
+        Of the results, for messages.
+
+    Raises
+    ------
+    InputError
+        If the results do not say how they came about, or another fit comes out.
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    outcome = least_squares(*experiments(results, telemetries, where))
+    found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
+    joint = results.joint.parameters if results.joint else {}
+    for name, estimate in joint.items():
+        if name in beside_instruments(results):
+            continue
+        if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:
+            raise InputError(
+                f"{where}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
+                f"gives, {found.get(name, 'none')}; fit once more"
+            )
+    return outcome

@@ -1,0 +1,357 @@
+"""Euler fit: delta_phi and delta_eta of a period, from all its long noise runs at once.
+
+What is made least is the noise Delta g between 30 uHz and 2 mHz: each run windowed as a whole, constant and
+ramp projected out, weighted by a smooth PSD of its own residual until nothing moves; chi^2 is then one per
+degree of freedom whatever the fit is worth.
+
+Of delta_g_SC the terms b_1 phibar'' + b_2 etabar'' count even here: near the bandwidth of their suspension
+the test masses lag behind the spacecraft, which would shift the angles by some 3 %, two sigma in nine days.
+These lengths are in the read-out o_12, so that omega2_2 multiplies them too, which is 0.24 % of delta_eta.
+They are fitted along, which widens the sigmas by 5 %. What a calibration knows of b_1 and b_2 is no help: at
+the frequencies where it finds them, the Euler force has their shape (see `fit.deltag`).
+
+Noise in dOmega attenuates what least squares finds by the share of its power in that of dOmega: torque noise
+on a test mass of 1.5e-12 rad s^-2 Hz^-0.5 by 0.1 %, of 1e-11 delta_phi by 6 %, 16 % with one test mass. Two
+test masses tell the same rotation with noises of their own. Each is therefore the instrument for the other:
+only what both tell counts as rotation in the normal equations (`_freed`). Noise common to both does not show.
+An error of the torque gain scales both angles, one of lambda_2 likewise (1e-4: nothing).
+
+The centrifugal term counts as it follows from the rotation. To see whether it is there, and of which sign,
+its coefficient is estimated too, along with all others (`centrifugal`); the angles are those without it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.crosstalk import centrifugal
+from fit.errors import FitError
+from fit.fitting import (
+    HARMLESS,
+    MAX_ITERATIONS,
+    TOLERANCE,
+    IRLSResult,
+    Prior,
+    PriorSet,
+    Rule,
+    constraint_test,
+    iterate,
+)
+from fit.model import Dynamics, dynamics, dynamics_of, inertial, rate, rotation
+from fit.parameters import Parameter, cross_talk_parameter, misalignments
+from fit.quality import long_noise
+from fit.results import Estimate, Fit
+from fit.settings import ParameterSettings
+from fit.spectra import NoiseModel, Spectrum, windowing
+from fit.telemetry import Telemetry, common_x_axis, inertial_period
+from fit.warnings import FitWarning
+from fit.whitening import Left, check_left, glitch_templates, smooth_noise, weights, whitened_run
+
+Array = NDArray[np.float64]
+
+NAMES = ("delta_phi", "delta_eta")
+LEVER_ARM = 4e-4  # m, what b_1 and b_2 may have to compensate: a misalignment of a milliradian
+_LENGTHS = [replace(cross_talk_parameter(name), prior_sigma=LEVER_ARM) for name in ("b_1", "b_2")]
+PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
+LAST = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
+BAND = (30e-6, 2e-3)  # Hz
+PER_CYCLE = 50.0  # instants in a cycle of the highest frequency, at which glitches are made
+DROWNED = 0.5  # share of noise in some combination of the torques, from which nothing is told
+SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
+
+
+def takes_part(run: Telemetry) -> bool:
+    """Tell whether a run is a noise run, long enough, with torques about both axes."""
+    torques = all(any(f"N_{axis}_{j}" in run.channels for j in (1, 2)) for axis in rotation.AXES)
+    return run.kind == "noise" and run.duration >= SHORTEST * 0.995 and torques
+
+
+def names(runs: Sequence[Telemetry]) -> list[str]:
+    """Return the names of the angles of every period that runs belong to, the period at their end."""
+    periods = dict.fromkeys(inertial_period(run) for run in runs if takes_part(run))
+    return [f"{name}_{period}" for period in periods for name in NAMES]
+
+
+def fit_period(
+    runs: Sequence[Telemetry], joint: Fit, settings: Mapping[str, ParameterSettings] | None = None
+) -> Fit:
+    """Fit one inertial period.
+
+    Parameters
+    ----------
+    runs : sequence of Telemetry
+        Those of the period that `takes_part` accepts.
+    joint : Fit
+        The calibration of the dynamics.
+    settings : mapping of str to ParameterSettings, optional
+        What the user says of the angles, by `NAMES`.
+
+    Raises
+    ------
+    InputError
+        If an attribute or a quaternion is not what it should be, or if runs state different frames.
+    FitError
+        If the iteration does not settle.
+    """
+    x_axis = common_x_axis(runs)
+    weighings = [_Turning(run, joint) for run in runs]
+    rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
+    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule, settings=settings)
+    turning = _centrifugal(weighings, rule, settings)
+    solution = outcome.solution
+    theta, covariance, noisy = _freed(outcome)
+    calibration = _of_calibration(outcome, weighings[0].correlation)
+    covariance = (covariance + calibration)[:2, :2]
+    sigma = np.sqrt(np.diag(covariance))
+    if not np.all(np.isfinite(sigma) & (sigma > 0)):
+        raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
+    parts = [(name, theta[i], sigma[i], outcome.is_fixed(i)) for i, name in enumerate(NAMES)]
+    return Fit(
+        parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in parts},
+        covariance=covariance,
+        chi2=solution.chi2,
+        dof=sum(block.size for block in outcome.blocks) - len(NAMES),
+        converged=outcome.converged,
+        warnings=(
+            *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
+            *([drowned()] if noisy else []),
+            *(centrifugal.judged(turning, x_axis)),
+            *constraint_test.warnings(outcome),
+        ),
+        masked_samples=sum(w.missing for w in weighings),
+        centrifugal=turning,
+        solved=outcome.solved,
+    )
+
+
+@dataclass(frozen=True)
+class _Rotation(whitened_run.LinearRun):
+    """A whitened run; its columns: Delta g_x + g_Omega, the two of `inertial.euler`, those of b_1 and b_2.
+
+    Where the coefficient of g_Omega is left free, that is the last column.
+
+    Attributes
+    ----------
+    uncertain : ndarray of complex, shape (B, K)
+        What 1 sigma of each parameter of the calibration adds to the first column.
+    apart : ndarray of complex, shape (B, 2)
+        Half of what the test masses disagree on the two columns of `inertial.euler`.
+    """
+
+    uncertain: Spectrum = field(kw_only=True)
+    apart: Spectrum = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Columns of a run as `_Turning` fits them, without mean; missing samples, what is odd about its rate.
+
+    The columns `uncertain` of `_Rotation` come as spectra: as series they would take most of the memory.
+    """
+
+    terms: dynamics.Columns
+    uncertain: Spectrum
+    missing: int
+    warnings: tuple[FitWarning, ...]
+
+
+def _columns(run: Telemetry, found: rotation.Sources, of_run: Dynamics) -> _Made:
+    """Make the columns; of what they are made of nothing stays in memory."""
+    motion = rotation.motion(run, found)
+    slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
+    d = inertial.separation(run.x_axis)
+    columns = np.empty((motion.time.size, LAST + 1 + len(NAMES)))
+    columns[:, 1:3] = inertial.euler(motion.dOmega, d)
+    # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
+    omega2_2 = of_run.theta[dynamics.PARAMETERS.index("omega2_2")]
+    columns[:, 3:LAST] = motion.swing + omega2_2 * motion.angle
+    columns[:, LAST] = inertial.g_Omega(rate.rate(motion, slow, rate.Integral(motion.fs)), d)
+    valid = motion.valid
+    del motion
+    columns[:, LAST + 1 :] = inertial.euler(rotation.apart(run, found), d)
+    channels = dynamics.channels(run, motion=False)
+    terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
+    columns[:, 0] = terms.values @ dynamics.coefficients(of_run.theta, terms.tau) + columns[:, LAST]
+    valid &= terms.valid
+    for values in (columns, terms.values):
+        # Constants and ramps are projected out later; large ones would cost digits.
+        values -= values.mean(axis=0)
+    spread = dynamics.gradient(of_run.theta, terms.tau) @ of_run.share
+    uncertain = windowing.transform(terms.values, valid, terms.fs, band=BAND).columns @ spread
+    made = replace(terms, names=(), values=columns, valid=valid)
+    return _Made(made, uncertain, channels.missing, tuple(slow.warnings))
+
+
+class _Turning:
+    """Weighs a run by the smooth PSD of its own residual.
+
+    Attributes
+    ----------
+    name : str
+        Of the run.
+    correlation : ndarray, shape (K, K)
+        Of the parameters of the calibration.
+    missing : int
+        Number of missing samples.
+    warnings : list of FitWarning
+        What is lacking.
+    """
+
+    settled = True
+
+    def __init__(self, run: Telemetry, joint: Fit) -> None:
+        found = rotation.sources(run)
+        assert found is not None
+        of_run = dynamics_of(run, joint)
+        made = _columns(run, found, of_run)
+        terms = made.terms
+        struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
+        seen = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
+        check_left(run, seen.window, "missing samples in read-outs, torques or angles")
+        window, fs = windowing.thinned(seen.window, terms.fs, PER_CYCLE * BAND[1])
+        beside = glitch_templates.loose(struck or (), terms.time[0] + np.arange(window.size) / fs, fs)
+        shaped = [windowing.windowed(part, window, fs, seen.bins) for part in beside]
+        self._terms = replace(
+            seen,
+            columns=np.hstack([seen.columns, made.uncertain]),
+            nuisance=np.hstack([seen.nuisance, *shaped]),
+        )
+        self._model: NoiseModel | None = None
+        self.name, self.correlation, self.missing = run.run, of_run.correlation, made.missing
+        glitched = long_noise.told(run.run, struck, run.duration)
+        self.warnings = [*found.warnings, *made.warnings, *of_run.warnings, *([glitched] if glitched else [])]
+
+    def block(self, theta: Array, covariance: Array, _: int) -> _Rotation:
+        """Return the run weighed at the estimate theta of that covariance."""
+        c, share = np.array([1.0, *theta]), np.eye(theta.size)
+        taken = np.eye(c.size, theta.size, k=-1), covariance
+        if self._model is None:
+            self._model = smooth_noise(Left(self._terms, c, taken), None)
+        self._model = smooth_noise(Left(self._terms, c, taken), self._model)
+        terms = self._terms
+        U, _left = whitened_run.whiten(terms, self._model.expected(terms.f))
+        even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
+        apart, uncertain = np.split(U[:, LAST + 1 :], [len(NAMES)], axis=1)
+        placed = (terms.tau, fitted, even, terms.window, None, share, terms.first)
+        return _Rotation(*placed, uncertain=uncertain, apart=apart)
+
+
+def _weak_priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
+    """Return the weak priors of all but the angles, about zero."""
+    others = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
+    H = whitened_run.information(blocks, theta)
+    H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(others) ** 2
+    scale = np.sqrt(np.diag(H))
+    if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
+        raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
+    priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(others, len(NAMES))}
+    return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
+
+
+def _widths(parameters: Sequence[Parameter]) -> Array:
+    return np.array([p.prior_sigma for p in parameters])
+
+
+def _centrifugal(
+    weighings: Sequence[_Turning], rule: Rule, settings: Mapping[str, ParameterSettings] | None
+) -> Estimate:
+    """Estimate the coefficient of g_Omega, all else left free as well."""
+    parameters = (*PARAMETERS, centrifugal.EXCESS)
+    outcome = iterate(weighings, parameters, _weak_priors, rule, settings=settings)
+    covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
+    return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
+
+
+def _freed(outcome: IRLSResult) -> tuple[Array, Array, bool]:
+    """Free the least squares of an outcome of the attenuation by noise in dOmega, see `freed`."""
+    solution, size = outcome.solution, len(NAMES)
+    width = _widths(outcome.parameters)
+    noise, happens = np.zeros((2, width.size, width.size))
+    for block in outcome.blocks:
+        assert isinstance(block, _Rotation) and block.window is not None
+        noise[:size, :size] += (block.apart.conj().T @ block.apart).real
+        power = (block.apart.conj() * (block.apart @ solution.theta[:size])[:, None]).real
+        # half: its square has twice the mean that the square of its mean has
+        happens[:size, :size] += windowing.spread(block.window) * power.T @ power / 2
+    H = whitened_run.information(outcome.blocks, solution.theta)
+    H += outcome.prior.rows.T @ outcome.prior.rows
+    return freed(solution.theta, solution.covariance, H, noise, happens, width)
+
+
+def freed(
+    theta: Array, covariance: Array, H: Array, noise: Array, happens: Array, width: Array
+) -> tuple[Array, Array, bool]:
+    """Free least squares of the attenuation by noise in dOmega.
+
+    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
+    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
+
+    Parameters
+    ----------
+    theta, covariance : ndarray, shapes (P,) and (P, P)
+        What least squares finds.
+    H : ndarray, shape (P, P)
+        Its normal equations, priors included.
+    noise : ndarray, shape (P, P)
+        The part of them that is |d|^2.
+    happens : ndarray, shape (P, P)
+        Covariance of what that adds to their right-hand side.
+    width : ndarray, shape (P,)
+        Of the weak priors, which makes numbers comparable.
+
+    Returns
+    -------
+    theta : ndarray, shape (P,)
+        Parameters.
+    covariance : ndarray, shape (P, P)
+        Theirs, what the power of d happens to be included.
+    drowned : bool
+        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
+    """
+    root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
+    if np.linalg.eigvalsh(root @ noise @ root.T)[-1] > DROWNED:
+        return theta, covariance, True
+    free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
+    inverse = free @ np.linalg.inv(H)
+    covariance = free @ covariance @ free.T + inverse @ happens @ inverse.T
+    return free @ theta, covariance, False
+
+
+def drowned() -> FitWarning:
+    """Return the warning of angles that noise of the torques attenuates by what cannot be told."""
+    message = (
+        "the two test masses disagree on more than half of dOmega: noise of the torques attenuates delta_phi "
+        "and delta_eta, by how much cannot be told"
+    )
+    return FitWarning("torque_noise", NAMES, message)
+
+
+def _of_calibration(outcome: IRLSResult, correlation: Array) -> Array:
+    """Return the covariance that the errors of the calibration make, shape (P, P)."""
+    blocks, theta = outcome.blocks, outcome.solution.theta
+    width = _widths(outcome.parameters)
+    inverse = whitened_run.curvature_covariance(whitened_run.information(blocks, theta), outcome.prior, width)
+    # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
+    shift = inverse @ np.sum(
+        [(b.columns[:, 1:].conj().T @ b.uncertain).real for b in blocks if isinstance(b, _Rotation)], axis=0
+    )
+    return np.asarray(shift @ correlation @ shift.T)
+
+
+def _warnings(told: Sequence[tuple[str, FitWarning]]) -> tuple[FitWarning, ...]:
+    """Return what was told of several runs, each sentence once, and what holds for all data."""
+    runs: dict[str, list[str]] = {}
+    for run, warning in told:
+        runs.setdefault(warning.message, []).append(run)
+    unique = {warning.message: warning for _, warning in told}
+    of_runs = [
+        replace(warning, message=f"{', '.join(runs[message])}: {message}")
+        for message, warning in unique.items()
+    ]
+    message = (
+        "a force along x that the torques on the test masses leak (actuation cross-talk) has the shape of "
+        "the Euler force and counts as part of delta_phi and delta_eta; these data cannot tell the two apart"
+    )
+    return FitWarning("degenerate_with_actuation_crosstalk", NAMES, message), *of_runs

@@ -1,0 +1,215 @@
+"""What differs from experiment to experiment, or within one, more than noise makes it.
+
+A gain or a delay departs from its common value, and a gain may wander within a run (`fit.model.wander`): in
+every experiment by an unknown amount, drawn from a Gaussian about zero. Its width is not known either. The
+two test masses share it, relative to the flight values: their actuators are alike. So a gain that a single
+experiment tells gets the sigma that the scatter of the other implies.
+
+A gain that departs leaves the force as late as it was: C = lambda tau departs along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.fitting import hierarchy, normal
+from fit.fitting.hierarchy import ScaleParameter
+from fit.fitting.irls import IRLSResult
+from fit.fitting.joint_model import Prior
+from fit.fitting.problem import FREE
+from fit.model import dynamics, wander
+from fit.parameters import FLIGHT, Parameter
+from fit.spectra import Spectra
+from fit.whitening import whitened_run
+
+if TYPE_CHECKING:
+    from lmfit.minimizer import MinimizerResult
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One way to depart.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    parameters : tuple of str
+        What departs, for test masses 1 and 2.
+    units : tuple of str
+        The parameters whose flight values the width is relative to.
+    scale : float
+        Of the half-Cauchy prior of the width.
+    """
+
+    name: str
+    parameters: tuple[str, str]
+    units: tuple[str, str]
+    scale: float
+
+
+GAINS = ("lambda_1", "lambda_2")
+DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2"}  # C = lambda tau, by its gain
+#: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02; that gains wander
+#: within a run was not seen.
+KINDS = (
+    Kind("gain", GAINS, GAINS, 0.005),
+    Kind("delay", ("C_1", "C_2"), ("C_1", "C_2"), 0.02),
+    Kind("slope", ("slope_1", "slope_2"), GAINS, 0.001),
+    Kind("bend", ("bend_1", "bend_2"), GAINS, 0.001),
+)
+
+
+def wanders(names: Iterable[str]) -> bool:
+    """Return whether any of these departures is within a run."""
+    return any(name in wander.NAMES for name in names)
+
+
+def parameters(
+    names: Sequence[str], experiments: Sequence[str], first: int
+) -> tuple[list[Parameter], list[ScaleParameter]]:
+    """Return the departures of every experiment from what is named, and the widths that they share.
+
+    Parameters
+    ----------
+    names, experiments : sequence of str
+        What departs, and where.
+    first : int
+        Where the first of the departures stands among the parameters of the fit.
+    """
+    found: list[Parameter] = []
+    widths: list[ScaleParameter] = []
+    for kind in KINDS:
+        members: list[int] = []
+        units: list[float] = []
+        for name, unit in zip(kind.parameters, kind.units, strict=True):
+            if name not in names:
+                continue
+            flight = FLIGHT[unit]
+            free = 2 * FREE * kind.scale * flight.value  # wider than what holds it: never indeterminable
+            departure = replace(flight, value=0.0, prior_sigma=free, equation="")
+            members += range(first + len(found), first + len(found) + len(experiments))
+            units += [flight.value] * len(experiments)
+            found += [replace(departure, name=f"d{name}_{experiment}") for experiment in experiments]
+        if members:
+            widths.append(ScaleParameter(kind.name, tuple(members), np.array(units), kind.scale))
+    return found, widths
+
+
+def share(plain: Array, names: Sequence[str], experiment: int, experiments: int) -> Array:
+    """Return the map to the parameters of a run, shape (K, P), with the departures of `parameters` beside.
+
+    Parameters
+    ----------
+    plain : ndarray, shape (K, P)
+        Without.
+    names : sequence of str
+        What departs.
+    experiment, experiments : int
+        Number of the run, and how many there are.
+    """
+    more = wander.NAMES if wanders(names) else ()
+    others = len(plain) - len(dynamics.PARAMETERS)  # of cross-talk, which does not depart
+    own = entering((*dynamics.PARAMETERS, *[""] * others, *more), names, experiment, experiments)
+    return np.hstack([np.vstack([plain, np.zeros((len(more), plain.shape[1]))]), own])
+
+
+def entering(
+    of_run: Sequence[str],
+    names: Sequence[str],
+    experiment: int,
+    experiments: int,
+    following: Sequence[str] = tuple(DELAYS.values()),
+) -> Array:
+    """Return the map from the D departures of all experiments to the K parameters of a run, shape (K, D).
+
+    Parameters
+    ----------
+    of_run : sequence of str
+        The parameters of the run, `names` among them.
+    names : sequence of str
+        What departs.
+    experiment, experiments : int
+        Number of the run, and how many there are.
+    following : sequence of str
+        The parameters C that are to be told that their gain departs.
+    """
+    ordered = [name for kind in KINDS for name in kind.parameters if name in names]
+    own = np.zeros((len(of_run), len(ordered) * experiments))
+    for i, name in enumerate(ordered):
+        column = i * experiments + experiment
+        own[of_run.index(name), column] = 1.0
+        delay = DELAYS.get(name, "")
+        if delay in following:
+            own[of_run.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
+    return own
+
+
+def extended(block: whitened_run.WhitenedRun, spectra: Spectra) -> whitened_run.WhitenedRun:
+    """Return a block with the columns of `wander` beside its own; nothing multiplies them yet."""
+    if block.noise is None:
+        raise FitError("not weighed by a PSD, expected another estimator than 'flscov' where gains wander")
+    U, _ = whitened_run.whiten(spectra, block.noise.expected(spectra.f))
+    more = np.zeros((len(wander.NAMES), block.share.shape[1]))
+    return replace(
+        block, columns=np.concatenate([block.columns, U], axis=1), share=np.vstack([block.share, more])
+    )
+
+
+def integrated(outcome: IRLSResult) -> IRLSResult:
+    """Return the outcome of a fit with departures, their widths integrated over.
+
+    Raises
+    ------
+    FitError
+        If the data leave a direction free.
+    """
+    theta, blocks = outcome.solution.theta, outcome.blocks
+    inflations = normal.inflations(blocks, theta)
+    members = [i for width in outcome.departing for i in width.members]
+    joined = normal.about_zero(normal.joined(blocks, outcome.prior, theta, inflations), members)
+    found = hierarchy.integrate(joined, outcome.departing)
+    _, _, covariance = hierarchy.given(joined, outcome.departing, found.log_widths)
+    determined = round(float(np.trace(covariance @ joined.H)))
+    left = [block.plain @ block.coefficients(found.mean) for block in blocks]
+    solution = whitened_run.Solution(
+        found.mean,
+        found.covariance,
+        float(np.sum(np.concatenate(left) ** 2)),
+        sum(block.size for block in blocks) - determined,
+    )
+    told = {}
+    for width, value, sigma in zip(outcome.departing, found.widths, found.sigmas, strict=True):
+        for unit, name in dict(zip(width.units, _names(outcome, width), strict=True)).items():
+            told[name] = (float(value * unit), float(sigma * unit))
+    log_widths = tuple(zip(found.log_widths.tolist(), found.log_sigmas.tolist(), strict=True))
+    outcome = replace(outcome, solution=solution, scatter=told, log_widths=log_widths)
+    return replace(outcome, result=_within_widths(outcome))
+
+
+def _within_widths(outcome: IRLSResult) -> MinimizerResult | None:
+    """Return what lmfit makes of the runs with departures within their likeliest widths."""
+    if outcome.model is None or outcome.result is None:
+        return None
+    params = outcome.result.params.copy()
+    ordered = list(params.values())
+    for width, (log_width, _) in zip(outcome.departing, outcome.log_widths, strict=True):
+        sigmas = np.exp(log_width) * np.abs(width.units)
+        for i, sigma in zip(width.members, sigmas.tolist(), strict=True):
+            ordered[i].user_data = Prior(0.0, sigma)
+    return outcome.model.fit(params)
+
+
+def _names(outcome: IRLSResult, width: ScaleParameter) -> list[str]:
+    """Return what each of the departures of a width departs from."""
+    kind = next(kind for kind in KINDS if kind.name == width.name)
+    names = [outcome.parameters[i].name for i in width.members]
+    return [next(p for p in kind.parameters if name.startswith(f"d{p}_")) for name in names]

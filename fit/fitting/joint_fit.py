@@ -1,0 +1,138 @@
+"""The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fit.errors import FitError, InputError
+from fit.fitting import choice, constraints, departures
+from fit.fitting.irls import IRLSResult, reweight
+from fit.fitting.priors import Known
+from fit.model import Sharing, dynamics
+from fit.parameters import cross_talk_parameter, experiment_parameters
+from fit.settings import Estimator, ParameterSettings, Settings
+from fit.whitening import Experiment, Run, whitened_run
+
+OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the joint fit end with the epoch
+
+
+def fit_experiment(
+    experiment: Experiment,
+    known: Known | None = None,
+    estimator: Estimator = "gaussian",
+    alone: IRLSResult | FitError | None = None,
+    settings: Mapping[str, ParameterSettings] | None = None,
+) -> IRLSResult:
+    """Fit one experiment on its own.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The runs.
+    known : Known, optional
+        Of the joint fit, for a run that holds a single tone.
+    estimator : str
+        See `irls.reweight`.
+    alone : IRLSResult or FitError, optional
+        What it yields without what is known, as for `fit_joint`.
+    settings : mapping of str to ParameterSettings, optional
+        Constraints of joint parameters; they hold for those that an experiment has by itself.
+
+    Raises
+    ------
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    run = experiment.sysid.telemetry
+    cross_talk = experiment.parameters[len(dynamics.PARAMETERS) :]
+    own = experiment_parameters(run.authority, run.alignment_epoch)
+    parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
+    share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
+    begun = _weighed({experiment.name: alone})
+    of_run = constraints_of(experiment, settings or {})
+    return reweight(
+        [experiment], [share], parameters, known, estimator=estimator, begun=begun, settings=of_run
+    )
+
+
+def constraints_of(
+    experiment: Experiment, settings: Mapping[str, ParameterSettings]
+) -> dict[str, ParameterSettings]:
+    """Return the constraints of joint parameters that an experiment has by itself, by its own names."""
+    epoch, own = experiment.sysid.telemetry.alignment_epoch, experiment.parameters
+    names = {f"{name}_{epoch}" if name in OF_EPOCH else name: name for name in own}
+    return constraints.of_fit(settings, names)
+
+
+def fit_joint(
+    experiments: Sequence[Experiment],
+    chosen: Settings,
+    alone: Mapping[str, IRLSResult | FitError] | None = None,
+) -> IRLSResult:
+    """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        To be fitted.
+    chosen : Settings
+        With ``scatter = "auto"`` the data choose what departs.
+    alone : mapping of str to IRLSResult or FitError, optional
+        What experiments yield by themselves: the iteration begins with them as they were weighed there.
+
+    Raises
+    ------
+    InputError
+        If something is to scatter over a single experiment.
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    begun = _weighed(alone or {})
+    if chosen.scatter == ["auto"]:
+        plain = _fitted(experiments, chosen, (), begun)
+        asked = choice.departing(plain, experiments, Sharing(chosen.shared))
+        return replace(_fitted(experiments, chosen, asked, begun), by_data=True) if asked else plain
+    if chosen.scatter and len(experiments) < 2:
+        raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
+    return _fitted(experiments, chosen, chosen.scatter, begun)
+
+
+def _weighed(alone: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whitened_run.WhitenedRun]:
+    return {name: own.blocks[0] for name, own in alone.items() if isinstance(own, IRLSResult)}
+
+
+def _fitted(
+    experiments: Sequence[Experiment],
+    chosen: Settings,
+    departing: Sequence[str],
+    begun: Mapping[str, whitened_run.WhitenedRun],
+) -> IRLSResult:
+    """Fit all experiments together, with departures from what is named."""
+    sharing, N = Sharing(chosen.shared), len(experiments)
+    parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
+    names = [p.name for p in parameters]
+    more, widths = departures.parameters(departing, [e.name for e in experiments], len(names))
+    shares = [
+        departures.share(sharing.matrix(e.sysid.telemetry, e.parameters, names), departing, n, N)
+        for n, e in enumerate(experiments)
+    ]
+    outcome = reweight(
+        experiments,
+        shares,
+        [*parameters, *more],
+        estimator=chosen.estimator,
+        departing=widths,
+        begun=begun,
+        settings=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
+    )
+    return departures.integrated(outcome) if widths else outcome
+
+
+def known_of(outcome: IRLSResult, run: Run, sharing: Sharing) -> Known | None:
+    """Return what the joint fit says of the parameters of one run; None where it cannot say."""
+    names = [p.name for p in outcome.parameters]
+    to_run = sharing.matrix(run.telemetry, run.channels.parameters, names)
+    if outcome.tone is not None or not to_run.any(axis=1).all():
+        return None
+    return Known(to_run @ outcome.solution.theta, to_run @ outcome.solution.covariance @ to_run.T)

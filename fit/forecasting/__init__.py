@@ -1,0 +1,7 @@
+"""What a campaign will determine: expected fits, information of experiments, coverage of many campaigns."""
+
+from fit.forecasting.coverage import Pulls
+from fit.forecasting.expected_euler_fit import PlannedTurn
+from fit.forecasting.expected_fit import Planned
+
+__all__ = ["Planned", "PlannedTurn", "Pulls", "coverage", "expected_euler_fit", "expected_fit", "fisher"]

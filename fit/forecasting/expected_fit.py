@@ -1,0 +1,394 @@
+"""What a joint fit will know, told before there are data: the fit of what a campaign is expected to measure.
+
+Every run is its noise-free response to the injections and the closed-loop noise of its channels, known by its
+cross-spectra. The noise in the columns carries information like any signal does (jitter of x_1 tells most of
+delta_ifo), and it makes the residual. Both enter here as expected sums over the bins, in place of those over
+data; everything else is as in the fit: weights, window, weak priors, and where the estimates end up.
+
+A campaign may hold hundreds of runs. One after the other is made and boiled down to its sums over bins; what
+is kept of it is a few kilobytes.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.fitting import FREE, PriorSet, Rule, constraints, departures, flscov, iterate, weak_priors
+from fit.model import Sharing, dynamics
+from fit.parallel import one_blas_thread, parallel_map, progress_range
+from fit.quality import as_fit
+from fit.results import Fit
+from fit.settings import Settings, settings
+from fit.spectra import derivatives
+from fit.whitening import (
+    Experiment,
+    Likelihood,
+    Run,
+    Weights,
+    divide,
+    drives,
+    expected_weights,
+    single_tone,
+    weights,
+    whitened_run,
+)
+
+Array = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
+CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
+
+SCHEMA = "lpf-forecast/1"
+ENOUGH = 4  # experiments that tell a scatter, and more
+GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
+MOVED = 0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
+#: What moves less than 0.01 sigma moves no sigma.
+RULE = Rule(most=20, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
+
+
+class NoneTakesPartError(InputError):
+    """No run is long enough for a joint fit, or none is left."""
+
+    def __init__(self) -> None:
+        super().__init__("no sysid run takes part in the joint fit, expected at least one of 6 h or more")
+
+
+class NoiselessError(InputError):
+    """A run has no noise."""
+
+    def __init__(self, run: str) -> None:
+        super().__init__(
+            f"run {run}: without noise there are no sigmas to forecast, expected some in [noise]"
+        )
+
+
+@dataclass(frozen=True)
+class Planned:
+    """An experiment that has not been flown.
+
+    Attributes
+    ----------
+    make : callable
+        Makes the experiment: its run without noise, at 1 to 2 Hz. Of its noise run it only counts that there
+        is one: on average it weighs the bins right, however long it is.
+    cross_spectra : callable
+        From names of C channels and frequencies [Hz], shape (n,), to the one-sided cross-spectral matrices
+        of their noise, shape (n, C, C): ``<x_i^* x_j>``, products of the units per Hz.
+    truth : mapping of str to float
+        What is known of the parameters of the joint fit. It starts there, and so needs fewer iterations.
+    """
+
+    make: Callable[[], Experiment]
+    cross_spectra: CrossSpectra
+    truth: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Expected(whitened_run.WhitenedRun):
+    """A whitened run as it is expected: noise in its columns adds to the sums over bins.
+
+    Attributes
+    ----------
+    jitter : ndarray, shape (K, K)
+        What noise adds to ``R^T R``.
+    """
+
+    jitter: Array = field(kw_only=True)
+
+    @cached_property
+    def R(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        rows = whitened_run.rooted(self.jitter * np.mean(self.weights.fit))
+        return whitened_run.triangle(np.concatenate([super().R, rows]))
+
+    @cached_property
+    def H(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        U = self.columns * np.sqrt(self.weights.curvature)[:, None]
+        return np.asarray((U.conj().T @ U).real + self.jitter * np.mean(self.weights.curvature))
+
+    @cached_property
+    def M(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        # Noise runs through the whole window: where the scores of a signal weigh w^2 where it is, these
+        # weigh the mean of it.
+        w = np.ones(1) if self.window is None else self.window
+        of_window = w.size * np.sum(w**4) / np.sum(w**2) ** 2
+        return np.asarray(super().M + self.jitter * np.mean(self.weights.score) * of_window)
+
+
+@dataclass(frozen=True)
+class Sums(whitened_run.WhitenedRun):
+    """A whitened run of which only its sums over bins are left.
+
+    Attributes
+    ----------
+    sums : tuple of ndarray, each of shape (K, K)
+        R, H and M of `Expected`.
+    bins : int
+        Number of its bins.
+    """
+
+    sums: tuple[Array, Array, Array] = field(kw_only=True)
+    bins: int = field(kw_only=True)
+
+    @property
+    def size(self) -> int:
+        """As that of `linear.WhitenedRun`."""
+        return 2 * (self.bins - 1)
+
+    @cached_property
+    def R(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        return self.sums[0]
+
+    @cached_property
+    def plain(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        return self.sums[0]
+
+    @cached_property
+    def H(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        return self.sums[1]
+
+    @cached_property
+    def M(self) -> Array:
+        """As that of `linear.WhitenedRun`."""
+        return self.sums[2]
+
+
+def boiled_down(block: whitened_run.WhitenedRun) -> Sums:
+    """Return what is left of a run without its bins."""
+    columns, even = np.zeros((0, len(block.R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
+    sums, bins = (block.R, block.H, block.M), len(block.columns)
+    return Sums(block.tau, columns, even, None, block.tone, block.share, sums=sums, bins=bins)
+
+
+@one_blas_thread
+def expected_fit(
+    planned: Sequence[Planned], chosen: Settings | None = None, scatter: Mapping[str, float] | None = None
+) -> Fit:
+    """Return the joint fit to expect, its estimates where they are expected.
+
+    Parameters
+    ----------
+    planned : sequence of Planned
+        The experiments.
+    chosen : Settings, optional
+        Of the fit. Of what departs, gains and delays count.
+    scatter : mapping of str to float, optional
+        Relative widths by which gains will scatter, by parameter.
+
+    Raises
+    ------
+    NoneTakesPartError
+        If no experiment takes part in the joint fit.
+    FitError
+        If the fit would come to nothing.
+    """
+    chosen = chosen or settings()
+    with progress_range(0.0, 0.2):
+        everyone = parallel_map(lambda p: Expectation(p, chosen), planned)
+    chosen_ones = divide([e.experiment for e in everyone], chosen)[0]
+    taking_part = [e for e in everyone if e.experiment in chosen_ones]
+    if not taking_part:
+        raise NoneTakesPartError
+    sharing = Sharing(chosen.shared)
+    runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
+    parameters, N = sharing.parameters(runs), len(taking_part)
+    names = [p.name for p in parameters]
+    departing = _departing(chosen, scatter or {}, N)
+    more, widths = departures.parameters([*departing], [e.experiment.name for e in taking_part], len(names))
+    widths = [replace(w, scale=max(departing[n] for n in _of(w.name, departing)) / FREE) for w in widths]
+    for n, (e, run) in enumerate(zip(taking_part, runs, strict=True)):
+        e.share = departures.share(sharing.matrix(*run, names), [*departing], n, N)
+    parameters += more
+    known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
+    begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
+
+    def priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array) -> PriorSet:
+        return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
+
+    with progress_range(0.2, 1.0):
+        of_fit = constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
+        found = iterate(taking_part, begun, priors, RULE, widths, settings=of_fit)
+    outcome = replace(found, parameters=tuple(parameters))
+    return as_fit(outcome, [e.experiment for e in taking_part])
+
+
+def _departing(chosen: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
+    """Return what departs in a fit of N experiments, and the relative width that it will be given there.
+
+    A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
+    """
+    scales = {name: kind.scale for kind in departures.KINDS for name in kind.parameters}
+    auto = chosen.scatter == ["auto"]
+    asked = [name for name in dynamics.PARAMETERS if (scatter.get(name) if auto else name in chosen.scatter)]
+    if auto and N <= ENOUGH:
+        return {}
+    unsure = np.sqrt((N - 1) / (N - 3)) if N > ENOUGH else 1.0
+    return {name: unsure * (scatter.get(name) or scales[name]) for name in asked}
+
+
+def _of(kind: str, departing: Iterable[str]) -> list[str]:
+    (found,) = (k for k in departures.KINDS if k.name == kind)
+    return [name for name in departing if name in found.parameters]
+
+
+def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:
+    """Return a forecast as JSON holds it, schema ``lpf-forecast/1``; `periods`: the Euler fits."""
+    inertial = {period: _document(of) for period, of in periods.items()}
+    return {"schema": SCHEMA, **_document(expected), "inertial": inertial}
+
+
+def _document(expected: Fit) -> dict[str, object]:
+    return {
+        "parameters": {name: {"sigma": e.sigma, "unit": e.unit} for name, e in expected.parameters.items()},
+        "names": list(expected.parameters),
+        "correlation": expected.correlation.tolist(),
+        "warnings": [{k: v for k, v in vars(w).items() if v is not None} for w in expected.warnings],
+    }
+
+
+class Expectation:
+    """Makes the block of a run at the estimate of the parameters, anew only where these have moved.
+
+    Attributes
+    ----------
+    planned : Planned
+        What it is made of.
+    experiment : Experiment
+        The experiment, without its samples.
+    share : ndarray, shape (K, P)
+        See `linear.WhitenedRun`; to be set once the parameters of the joint fit are known.
+    """
+
+    settled = True
+
+    def __init__(self, planned: Planned, chosen: Settings) -> None:
+        self.planned = planned
+        made = planned.make().up_to(chosen.f_max)
+        run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
+        own = sharing.parameters([(run, made.parameters)])
+        self._f_max = chosen.f_max
+        self._by_stretches = chosen.estimator == "flscov"
+        self._likelihood: Likelihood = "gaussian" if chosen.estimator == "flscov" else chosen.estimator
+        if made.sysid.telemetry.experiment in chosen.levels:
+            self._likelihood = "marginalised"
+        self.share = sharing.matrix(run, made.parameters, [p.name for p in own])
+        self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
+        if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
+            self._sums = boiled_down(self._expected(made.sysid, self._at))
+        self.name = made.name
+        self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
+
+    def block(self, theta: Array, _: Array, __: int) -> Sums:
+        """As that of `weighings.Weighing`."""
+        of_run, sums = self.share @ theta, self._sums
+        c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
+        if np.linalg.norm(sums.R @ (c - before)) > MOVED:
+            self._at = of_run
+            run = self.planned.make().sysid.up_to(self._f_max)
+            self._sums = boiled_down(self._expected(run, of_run))
+        return self.sums
+
+    @property
+    def theta(self) -> Array:
+        """The parameters of the run, shape (K,), at which its sums are."""
+        return self._at
+
+    @property
+    def sums(self) -> Sums:
+        """The sums of the run over its bins."""
+        return replace(self._sums, share=self.share)
+
+    def expected_weights(self, f: Array) -> Weights:
+        """Return the weights of bins at the frequencies f, shape (B,), that its likelihood expects."""
+        return expected_weights(self._likelihood, f)
+
+    def noise(self, run: Run, tau: tuple[float, float], theta: Array) -> tuple[Array, Array, Array]:
+        """Return frequencies, cross powers of the columns there, and the power of the residual."""
+        names = channels_of(run)
+        lowest = 0.9 / run.telemetry.duration
+        n = int(GRID * np.log10(derivatives.F_MAX / lowest)) + 2
+        f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
+        c = dynamics.coefficients(theta, tau)
+        T = responses(run.channels, tau, names, f)
+        noise = self.planned.cross_spectra(names, f)
+        power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
+        return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
+
+    def _expected(self, run: Run, theta: Array) -> whitened_run.WhitenedRun:
+        """Return a run at its own parameters theta, shape (K,), as if it were fitted for these."""
+        share = np.eye(theta.size)
+        if self._by_stretches:
+            columns = run.columns(dynamics.delays(theta))
+            return flscov.expected(columns, self._told(run, columns.tau, theta), share)
+        terms = run.spectra(dynamics.delays(theta))
+        power, S = self._told(run, terms.tau, theta)(terms.f)
+        U, left = whitened_run.whiten(terms, S)
+        of_bin = power * (2 * left / S)[:, None, None]
+        u = drives(U) + drives(np.sqrt(np.maximum(np.einsum("bkk->bk", of_bin), 0)))
+        tone, even = single_tone(terms.f, u), self.expected_weights(terms.f)
+        return Expected(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
+
+    def _told(
+        self, run: Run, tau: tuple[float, float], theta: Array
+    ) -> Callable[[Array], tuple[Array, Array]]:
+        """Return what tells cross powers of the columns and PSD of the residual at any frequencies."""
+        f, power, residual = self.noise(run, tau, theta)
+        if not np.all(residual > 0):
+            raise NoiselessError(run.telemetry.run)
+        of_columns = scipy.interpolate.CubicSpline(np.log(f), power)
+        # The weight a fit expects of a noise run is 1 / S: `NoiseModel.expected` widens by what makes it so.
+        of_residual = scipy.interpolate.CubicSpline(np.log(f), np.log(residual))
+        return lambda f: (of_columns(np.log(f)), np.exp(of_residual(np.log(f))))
+
+
+def channels_of(run: Run) -> tuple[str, ...]:
+    """Return the names of the channels that the columns of a run are made of."""
+    of_means = (name for mean in run.channels.means for name in dynamics.MEANS[mean])
+    return (*dynamics.CHANNELS, *of_means)
+
+
+def responses(run: dynamics.Channels, tau: tuple[float, float], names: Sequence[str], f: Array) -> Spectrum:
+    """Return the frequency responses of the K columns of a run to channels, shape (B, K, C).
+
+    Parameters
+    ----------
+    run : Channels
+        Of the run, at 1 to 2 Hz.
+    tau : tuple of float
+        The delays [s] about which the columns are expanded.
+    names : sequence of str
+        The C channels.
+    f : ndarray, shape (B,)
+        Hz.
+    """
+    fs, still = run.fs, np.zeros(4 * derivatives.HALF + 1)
+    lags = np.arange(-derivatives.HALF, derivatives.HALF + 1) / fs
+    pulse = still.copy()
+    pulse[2 * derivatives.HALF] = 1.0
+    weights_of = []
+    for name in names:
+        channels = {other: pulse if other == name else still for other in names}
+        alone = replace(
+            run,
+            time=np.arange(still.size) / fs,
+            valid=np.ones(still.size, dtype=bool),
+            o_1=channels["o_1"],
+            o_12=channels["o_12"],
+            f_x_1=channels["f_x_1"],
+            f_x_2=channels["f_x_2"],
+            means={
+                mean: np.sum([weight * channels[key] for key, weight in dynamics.MEANS[mean].items()], axis=0)
+                for mean in run.means  # those of the run, also where they are still
+            },
+        )
+        weights_of.append(dynamics.columns(alone, tau).values)
+    return np.asarray(np.einsum("bm,cmk->bkc", np.exp(-2j * np.pi * f[:, None] * lags), weights_of))

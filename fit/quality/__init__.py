@@ -1,0 +1,34 @@
+"""Inspection: what is masked, taken out or left out before anything is estimated, and why.
+
+Files are held against what they say of themselves and against each other, samples and minutes of a run
+against the whole of it; saturation is masked, glitches are masked or taken out.
+"""
+
+from fit.quality.exclusions import Exclusion, Tells, told
+from fit.quality.fit_quality import as_fit, indeterminable, report
+from fit.quality.masks import MaskedExperiment, mask_experiments, searches
+from fit.quality.ready import ExperimentSet
+from fit.quality.residual_tests import SCORES
+from fit.quality.stationarity import measure
+
+__all__ = [
+    "SCORES",
+    "Exclusion",
+    "ExperimentSet",
+    "MaskedExperiment",
+    "Tells",
+    "as_fit",
+    "fit_quality",
+    "indeterminable",
+    "long_noise",
+    "mask_experiments",
+    "measure",
+    "metadata",
+    "noise_level",
+    "report",
+    "residual_tests",
+    "samples",
+    "searches",
+    "stationarity",
+    "told",
+]

@@ -1,0 +1,394 @@
+"""From the end of an iteration to a `Fit`: what is determined, what is not and why, what else to doubt.
+
+Among the doubts are faults that leave a fit running and its sigmas wrong: signs and units, noise that does
+not match, experiments that contradict each other.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.fitting import IRLSResult, sums
+from fit.parameters import ALONG, M_TM
+from fit.results import Estimate, Fit
+from fit.spectra import derivatives, windowing
+from fit.telemetry import Telemetry
+from fit.warnings import FitWarning
+from fit.whitening import Experiment
+
+Array = NDArray[np.float64]
+
+SEEN = 2.0  # sigma, of a width from which a parameter is said to scatter
+NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
+DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
+OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
+PLAUSIBLE = (0.7, 1.5)  # gains between; a wrong sign or unit, N for m s-2 included, is beyond
+_UNITS = (M_TM, 1 / M_TM, *(10.0**n for n in (-12, -9, -6, -3, 3, 6, 9, 12)))  # by which a gain may be off
+UNLIKE = "the channels do not follow the equation"
+EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
+CERTAIN = 5.0  # sigma
+FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
+
+
+def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment], *, from_joint: bool = False) -> Fit:
+    """Report the determinable parameters of the dynamics; everything else becomes warnings.
+
+    Cross-talk (eq. bump) was fitted along but is not reported, see `fit.crosstalk.crosstalk_fit`.
+
+    Parameters
+    ----------
+    outcome : IRLSResult
+        Of the fit.
+    experiments : sequence of Experiment
+        What was fitted.
+    from_joint : bool
+        Whether all but lambda_2 were taken from the joint fit.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
+    lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
+    found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *scattered(outcome)])
+    stiffness = sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
+    return replace(found, stiffness=stiffness, solved=outcome.solved)
+
+
+def report(
+    outcome: IRLSResult,
+    experiments: Sequence[Experiment],
+    names: Mapping[str, str],
+    warnings: Sequence[FitWarning],
+) -> Fit:
+    """Report those of the named parameters that are determinable.
+
+    Parameters
+    ----------
+    outcome : IRLSResult
+        Of the fit; chi2 and dof are its own, whatever part of its parameters is named.
+    experiments : sequence of Experiment
+        What was fitted.
+    names : mapping of str to str
+        Of the parameters, in the outcome and in the report.
+    warnings : sequence of FitWarning
+        To go with it.
+
+    Raises
+    ------
+    FitError
+        If a sigma is no positive number.
+    """
+    solution = outcome.solution
+    sigma = solution.sigma
+    if not np.all(np.isfinite(sigma) & (sigma > 0)):
+        raise FitError("a sigma is not a positive number")
+    kept = [i for i, p in enumerate(outcome.parameters) if p.name in names and not outcome.lost[i]]
+    return Fit(
+        parameters={
+            names[outcome.parameters[i].name]: Estimate(
+                float(solution.theta[i]),
+                float(sigma[i]),
+                outcome.parameters[i].unit,
+                fixed=outcome.is_fixed(i) or None,
+            )
+            for i in kept
+        },
+        covariance=solution.covariance[np.ix_(kept, kept)],
+        chi2=solution.chi2,
+        dof=solution.dof,
+        converged=outcome.converged,
+        warnings=tuple(warnings),
+        masked_samples=sum(run.masked for e in experiments for run in (e.sysid, e.noise) if run),
+    )
+
+
+def _taken_over(outcome: IRLSResult) -> FitWarning:
+    names = tuple(p.name for p, lost in zip(outcome.parameters, outcome.lost, strict=True) if lost)
+    message = (
+        f"a single tone at {1e3 * (outcome.tone or 0):.3g} mHz does not tell lambda_2 from omega2_2; "
+        f"{', '.join(names)} are taken from the joint fit"
+    )
+    return FitWarning("single_tone", names, message)
+
+
+def indeterminable(
+    outcome: IRLSResult, experiments: Sequence[Experiment], reported: Mapping[str, str]
+) -> list[FitWarning]:
+    """Name every blind direction of what is reported, then what is lost without belonging to one."""
+    runs = [experiment.sysid.telemetry for experiment in experiments]
+    parameters, found = [replace(p, name=reported.get(p.name, p.name)) for p in outcome.parameters], []
+    told: set[str] = set()
+    width = np.array([p.prior_sigma for p in parameters])
+    mine = np.array([p.name in reported for p in outcome.parameters])
+    for direction in (*outcome.directions, *np.eye(width.size)[outcome.lost]):
+        part = np.abs(direction) > NEGLIGIBLE
+        names = tuple(parameters[i].name for i in np.flatnonzero(part & outcome.lost))
+        if set(names) <= told or not (part & outcome.lost & mine).any():
+            continue
+        told |= set(names)
+        natural = direction * width / width[np.argmax(np.abs(direction))]
+        held = ", ".join(
+            f"{p.name} = {p.value:.4g} ± {p.prior_sigma:.2g} {p.unit}".removesuffix(" 1")
+            for p in parameters
+            if p.name in names
+        )
+        what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
+        message = f"the data do not determine {what}: {_reason(names, runs, outcome.tone)}; held at {held}"
+        pair = [int(i) for i in np.flatnonzero(part & outcome.lost)]
+        if len(pair) == 2:
+            message += _other_direction(outcome, pair, natural)
+        combination = {parameters[i].name: float(natural[i]) for i in np.flatnonzero(part)}
+        found.append(FitWarning("indeterminable", names, message, combination))
+    return found
+
+
+def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> str:
+    """Say what is known of two parameters that cannot be told apart; nothing if nothing is."""
+    first, second = (outcome.parameters[i] for i in pair)
+    factor = -float(blind[pair[0]] / blind[pair[1]])
+    known = sums.known_sum(outcome, {first.name: 1.0, second.name: factor})
+    if known is None:
+        return ""
+    return (
+        f"; known is {first.name} {'-' if factor < 0 else '+'} {abs(factor):.4g} {second.name} = "
+        f"{known[0]:.5g} ± {known[1]:.2g} {first.unit}"
+    )
+
+
+def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None) -> str:
+    """Say in plain words why a combination is blind and what would determine it."""
+    if all(name.startswith("b_") for name in names):
+        return "what the spacecraft's motion adds through it drowns in the noise"
+    if {"lambda_1", "C_1"} & set(names):
+        if not any(np.any(run.channels["f_x_1"]) for run in runs):
+            return "no run drives test mass 1, one with an injection into F_x_1 would determine it"
+        return "test mass 1 is hardly driven, a larger injection into F_x_1 would determine it"
+    if any("." in name for name in names):  # of an FMU, nothing but its name is known
+        if len(names) > 1:
+            return "the read-outs answer to them only together"
+        return "the read-outs hardly answer to it"
+    authority = {"alpha_x": "F_max", "alpha_phi": "N_max"}
+    varied = {f"{alpha}_{j}": f"{key}_{j}" for alpha, key in authority.items() for j in (1, 2)}
+    keys = [varied[name] for name in names if name in varied]
+    same = [key for key in keys if np.ptp([getattr(run, key) for run in runs]) == 0]
+    if same:
+        verb = "is the same" if len(same) == 1 else "are the same"
+        return f"{' and '.join(same)} {verb} in every run, a run with another value is needed"
+    if keys:
+        return f"the runs vary {' and '.join(keys)} too little or only together, others are needed"
+    if tone == 0 and {"lambda_2", "C_2", "omega2_2", "omega2_2_0"} & set(names):
+        return "no injection stands out of the noise"
+    if tone and {"lambda_2", "omega2_2", "omega2_2_0"} & set(names):
+        return f"the only signal is a tone at {1e3 * tone:.3g} mHz, one at another frequency is needed"
+    return "the injections are too weak, too short or of too few frequencies"
+
+
+def scattered(outcome: IRLSResult) -> list[FitWarning]:
+    """Say by how much parameters differ between the experiments, or within them."""
+    chosen = ", as the data ask for" if outcome.by_data else ""
+    told = {
+        "slope": "lambda_{} changes within the runs by {:.2g} ± {:.1g} from start to end{}",
+        "bend": "lambda_{} changes with the force, by {:.2g} ± {:.1g} at the largest of a run{}",
+    }
+    found = []
+    for name, (width, sigma) in outcome.scatter.items():
+        kind, j = name.split("_")
+        seen = "scatters" if width > SEEN * sigma else "may scatter"
+        text = (
+            told[kind].format(j, width, sigma, chosen)
+            if kind in told
+            else (
+                f"{name} {seen} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
+                "its sigma is that of the mean over such experiments"
+            )
+        )
+        found.append(FitWarning("scatter", (name,), text))
+    return found
+
+
+def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWarning]:
+    """Warn of what the sigmas rest on and might not hold."""
+    found = [
+        FitWarning(
+            "no_noise_run",
+            (),
+            f"{experiment.name}: without a noise run the weights come from the run's own residual; chi2 is 1 "
+            "per degree of freedom whatever the fit is worth, and what the model lacks passes for noise",
+        )
+        for experiment in experiments
+        if experiment.noise is None
+    ]
+    for experiment in experiments:
+        noise = experiment.noise or experiment.sysid
+        lacking = ", ".join(sorted({*experiment.sysid.channels.means} - {*noise.channels.means}))
+        if lacking:
+            message = (
+                f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
+                "taken off the run alone: the noise it leaves in the weights widens the sigmas"
+            )
+            found.append(FitWarning("noise_run_lacks", (), message))
+    if not outcome.converged:
+        message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
+        found.append(FitWarning("not_converged", (), message))
+    excess = outcome.solution.chi2 / outcome.solution.dof
+    if abs(excess - 1) > DOUBTFUL:
+        message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
+        found.append(FitWarning("chi2", (), message))
+    return found
+
+
+def wrong_guidance(telemetry: Telemetry) -> str:
+    """Return what is wrong with a run whose o_1 moves against the guidance that it follows, or nothing."""
+    if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
+        return ""
+    taps, factor = derivatives.low_pass(telemetry.fs)
+    guidance, o_1 = (
+        derivatives.decimated(telemetry.row(name), taps, factor) for name in ("guidance_o_1", "o_1")
+    )
+    if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
+        return ""  # constant
+    every = np.ones(o_1.size, dtype=bool)
+    pair = np.stack([guidance - guidance.mean(), o_1 - o_1.mean()], axis=1)
+    found = windowing.transform(pair, every, telemetry.fs / factor)
+    tones = np.abs(found.columns[:, 0]) > 0.1 * np.max(np.abs(found.columns[:, 0]))
+    G, answer = found.columns[tones & (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])].T
+    power, answered = np.vdot(G, G).real, np.vdot(answer, answer).real
+    if not power or abs(np.vdot(G, answer)) ** 2 < 0.9 * power * answered:
+        return ""  # no tone there, or none that o_1 answers
+    gain = np.vdot(G, answer).real / power
+    if gain >= -0.5:
+        return ""
+    return (
+        f"o_1 moves against guidance_o_1, by {gain:.2f} times; expected it to follow: one of the two has the "
+        "wrong sign"
+    )
+
+
+def check_gains(outcomes: Mapping[str, IRLSResult], experiments: Sequence[Experiment]) -> None:
+    """Refuse runs that fit, on their own, with a gain that no actuator has.
+
+    Raises
+    ------
+    InputError
+        If there are any; which channel it must be is said where that can be told.
+    """
+    wrong = [e for e in experiments if e.name in outcomes and wrong_gain(outcomes[e.name])]
+    if wrong:
+        paths = ", ".join(str(e.sysid.telemetry.path) for e in wrong)
+        raise InputError(f"{paths}: {wrong_gain(outcomes[wrong[0].name])}")
+
+
+def wrong_gain(outcome: IRLSResult) -> str:
+    """Return what is wrong with a channel, told by a gain that no actuator has; empty if there is none."""
+    gains = _gains(outcome)
+    wrong = [name for name, value in gains.items() if not _plausible(value)]
+    if not wrong:
+        return ""
+    force, value = f"f_x_{wrong[0][-1]}", gains[wrong[0]]
+    culprit = "o_12" if len(wrong) == 2 else force if len(gains) == 2 else f"o_12 or {force}"
+    follows = outcome.solution.chi2 < OFF * outcome.solution.dof
+    if follows and _plausible(-value):
+        what = f"{culprit} has the wrong sign"
+    elif follows and any(_plausible(value * unit) for unit in _UNITS):
+        what = f"{culprit} has the wrong unit"
+    else:
+        what = UNLIKE
+    return (
+        f"{what}: {wrong[0]} comes out as {value:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
+        "forces along +x in m s-2"
+    )
+
+
+def _plausible(gain: float) -> bool:
+    return PLAUSIBLE[0] < gain < PLAUSIBLE[1]
+
+
+def _gains(outcome: IRLSResult) -> dict[str, float]:
+    """Return the gains that the data determine."""
+    sigma = outcome.solution.sigma
+    return {
+        p.name: float(outcome.solution.theta[i])
+        for i, p in enumerate(outcome.parameters)
+        if p.name in ("lambda_1", "lambda_2") and not outcome.lost[i] and sigma[i] < 0.1
+    }
+
+
+def acausal(outcome: IRLSResult) -> list[FitWarning]:
+    """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
+    at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.lost[i]}
+    found: dict[str, str] = {}
+    for j in (1, 2):
+        if {f"lambda_{j}", f"C_{j}"} <= at.keys():
+            gain, C = (float(outcome.solution.theta[at[f"{name}_{j}"]]) for name in ("lambda", "C"))
+            sigma = float(outcome.solution.sigma[at[f"C_{j}"]])
+            early = -C / gain
+            if early > max(EARLY, CERTAIN * sigma / gain):
+                found[f"C_{j}"] = (
+                    f"f_x_{j} acts {early:.3g} ± {sigma / gain:.1g} s before it is commanded: it is late in "
+                    "the files of every run, or o_12 is early"
+                )
+    if not found:
+        return []
+    message = f"{'; '.join(found.values())}; C is not that of the actuators"
+    return [FitWarning("acausal", tuple(found), message)]
+
+
+def suspects(alone: Mapping[str, IRLSResult | FitError]) -> dict[str, str]:
+    """Return words on the experiments that could keep a joint fit from settling, by name."""
+    return {
+        name: f"{name} alone does not fit either"
+        if isinstance(own, FitError)
+        else f"{name} alone leaves {own.solution.chi2 / own.solution.dof:.3g} times the power of the noise"
+        for name, own in alone.items()
+        if isinstance(own, FitError) or own.solution.chi2 > OFF * own.solution.dof
+    }
+
+
+def is_off(fit: Fit) -> bool:
+    """Return whether chi2 and its degrees of freedom have nothing to do with each other."""
+    return not 1 / OFF < fit.chi2 / max(fit.dof, 1) < OFF
+
+
+def of_experiment(experiment: Experiment, outcome: IRLSResult, fit: Fit) -> list[FitWarning]:
+    """Doubt the signs and units of an experiment that was fitted on its own, and its noise run."""
+    wrong = wrong_gain(outcome)
+    if wrong:
+        return [FitWarning("wrong_sign", (), f"{experiment.name}: {wrong}")]
+    if experiment.noise is None or not is_off(fit):
+        return []
+    excess = fit.chi2 / fit.dof
+    cause = (
+        "its noise run does not match it, or the equation lacks something"
+        if excess > 1
+        else ("its noise run is louder than the run itself and does not match it")
+    )
+    message = (
+        f"{experiment.name}: the residual has {excess:.3g} times the power of the noise run: {cause}; the "
+        "sigmas do not hold"
+    )
+    return [FitWarning("noise_mismatch", (), message)]
+
+
+def of_joint(joint: Fit, fits: Mapping[str, Fit], taking_part: Sequence[Experiment]) -> list[FitWarning]:
+    """Doubt the joint fit for the sake of its experiments, or for what they say together."""
+    mismatched = [
+        e.name
+        for e in taking_part
+        if e.name in fits and any(w.code == "noise_mismatch" for w in fits[e.name].warnings)
+    ]
+    if mismatched:
+        names = ", ".join(mismatched)
+        message = f"the noise of {names} is not that of the noise run, which weights and sigmas rest on"
+        return [FitWarning("noise_mismatch", (), message)]
+    if is_off(joint):
+        message = (
+            f"each experiment fits on its own, all together leave {joint.chi2 / joint.dof:.3g} times the "
+            "power of the noise: what they are said to share differs between them; the sigmas do not hold"
+        )
+        return [FitWarning("contradiction", (), message)]
+    return []

@@ -1,0 +1,30 @@
+"""Signals: exact derivatives and delays of sampled channels, windows, transforms, noise PSDs, averages.
+
+Nothing here knows what the channels mean.
+"""
+
+from fit.spectra.averaging import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds, welch
+from fit.spectra.excess import Excess
+from fit.spectra.medians import median
+from fit.spectra.noise_psd import NoiseModel, fit_noise
+from fit.spectra.windowing import Spectra, Spectrum
+
+__all__ = [
+    "Binned",
+    "Estimator",
+    "Excess",
+    "Level",
+    "LogSpectrum",
+    "NoiseModel",
+    "Spectra",
+    "Spectrum",
+    "derivatives",
+    "fit_noise",
+    "log_psd",
+    "log_psds",
+    "median",
+    "patches",
+    "welch",
+    "windowing",
+    "windows",
+]

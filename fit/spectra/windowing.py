@@ -1,0 +1,234 @@
+"""Window and transform: the spectra of the columns of one run in the fitted band."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.requirements import F_MAX, GAP_TAPER, TAPER
+from fit.spectra import patches, windows
+from fit.spectra.derivatives import stretches
+from fit.telemetry import pieces
+
+Array = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
+
+
+def window(valid: NDArray[np.bool_], fs: float) -> Array:
+    """Return a Tukey window over the run with a smooth notch at every masked stretch, shape (N,)."""
+    if valid.all():
+        return _tukey(valid.size, TAPER)
+    n, w = np.arange(valid.size), _tukey(valid.size, TAPER).copy()
+    for start, stop in stretches(~valid):
+        distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
+        w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2
+    return w
+
+
+@lru_cache(maxsize=8)  # the runs of a campaign have few lengths
+def _tukey(n: int, taper: float) -> Array:
+    w = windows.tukey(n + 2, taper)[1:-1]
+    w.setflags(write=False)  # others get the same one
+    return w
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Windowed columns of one run in the fitted band.
+
+    Attributes
+    ----------
+    f : ndarray, shape (B,)
+        Frequencies [Hz], from the first bin up: the lowest belong to the band, see `linear`.
+    columns : ndarray of complex, shape (B, P)
+        Transforms of the windowed columns, scaled so that the mean of ``|.|^2`` is the one-sided PSD.
+    nuisance : ndarray of complex, shape (B, 2 + G)
+        Those of a constant, a ramp and G further series, to be projected out.
+    window : ndarray, shape (N,)
+        The window, zero where samples are masked.
+    tau : tuple of float
+        The delays [s] about which the columns were expanded, zero where they know none.
+    first : int
+        Number of the first bin in the transform of N samples.
+    """
+
+    f: Array
+    columns: Spectrum
+    nuisance: Spectrum
+    window: Array
+    tau: tuple[float, float] = (0.0, 0.0)
+    first: int = 1
+
+    @property
+    def bins(self) -> slice:
+        """Which bins of the transform of the whole run they are."""
+        return slice(self.first, self.first + self.f.size)
+
+    def band(self, low: float, high: float) -> "Spectra":
+        """Return the bins from `low` to `high` [Hz]."""
+        begin = int(np.searchsorted(self.f, low))
+        kept = slice(begin, int(np.searchsorted(self.f, high, side="right")))
+        f, columns, nuisance = self.f[kept], self.columns[kept], self.nuisance[kept]
+        return replace(self, f=f, columns=columns, nuisance=nuisance, first=self.first + begin)
+
+    def summed(self, c: Array) -> "Spectra":
+        """Return the same with one column: the sum of the first K with the coefficients c, shape (K,)."""
+        return replace(self, columns=(self.columns[:, : c.size] @ c)[:, None])
+
+    def beside(self, other: "Spectra") -> "Spectra":
+        """Return the columns of both, which must be of one run."""
+        return replace(self, columns=np.concatenate([self.columns, other.columns], axis=1))
+
+
+def transform(
+    columns: Array | Iterable[Array],
+    valid: NDArray[np.bool_],
+    fs: float,
+    tau: tuple[float, float] = (0.0, 0.0),
+    beside: Iterable[Array] = (),
+    impulses: NDArray[np.intp] | None = None,
+    band: tuple[float, float] | None = None,
+) -> Spectra:
+    """Window and transform columns, shape (N, P), of sample rate `fs`, expanded about the delays `tau`.
+
+    Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in the parts of
+    `beside`, of shape (N, G) each, is to be projected out along with constant and ramp; so are `impulses` at
+    some of the samples. Parts, as the columns may come too, are asked for one by one, so that no more than
+    one need be there at a time. Of the fitted band only the bins of `band` [Hz] are kept, if it is given.
+    """
+    n = scipy.fft.prev_fast_len(valid.size)
+    w, bins = window(valid[:n], fs), _bins(n, fs, band)
+    even = _whole(n, fs, bins.start, bins.stop) if valid[:n].all() else _even(w, fs, bins)
+    nuisance = [even, *(windowed(part, w, fs, bins) for part in beside)]
+    if impulses is not None:
+        seen = impulses[impulses < n]
+        nuisance.append(patches.columns(seen[w[seen] > 0], n, bins))  # what the window leaves is as good
+    f = np.arange(bins.start, bins.stop) * fs / n
+    return Spectra(f, windowed(columns, w, fs, bins), np.hstack(nuisance), w, tau, bins.start)
+
+
+def _even(w: Array, fs: float, bins: slice) -> Spectrum:
+    """Return constant and ramp under a window, shape (B, 2)."""
+    return windowed(np.stack([np.ones(w.size), np.linspace(-1, 1, w.size)], axis=1), w, fs, bins)
+
+
+@lru_cache(maxsize=8)
+def _whole(n: int, fs: float, first: int, end: int) -> Spectrum:
+    """Return the same for a run without masks, at the bins from `first` on."""
+    return _even(_tukey(n, TAPER), fs, slice(first, end))
+
+
+def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice | None = None) -> Spectrum:
+    """Return the transforms of columns, shape (N or more, P) or in parts, under a window, see `Spectra`."""
+    scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
+    parts = iter([columns] if isinstance(columns, np.ndarray) else columns)
+    found: list[Spectrum] = []
+    rows, filled = np.empty((2, w.size)), 0  # two at a time are faster, more fill the memory
+
+    def transform_rows() -> None:
+        found.append(scipy.fft.rfft(rows[:filled])[:, bins] * scale)
+
+    for part in parts:
+        for k in range(part.shape[1]):
+            np.multiply(part[: w.size, k], w, out=rows[filled])
+            filled += 1
+            if filled == len(rows):
+                transform_rows()
+                filled = 0
+        del part  # before there is another one
+    transform_rows()  # none, if they came out even
+    return np.concatenate(found).T
+
+
+def lowest(series: Array, w: Array, end: int) -> Spectrum:
+    """Return the bins 0 to `end`, that left out, of transforms of series, shape (K, n), under a window.
+
+    The series are overwritten.
+    """
+    series *= w
+    return scipy.fft.rfft(series)[:, :end]
+
+
+def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
+    """Return a window at no fewer instants than make a sample rate, from the same begin on, and theirs [Hz].
+
+    Under it the transform of a series that hardly changes between two of them has the bins it has under `w`.
+    """
+    m = min(scipy.fft.next_fast_len(math.ceil(w.size * rate / fs), real=True), w.size)
+    return np.interp(np.arange(m) * (w.size / m), np.arange(w.size), w), fs * m / w.size
+
+
+def series(columns: Spectrum, first: int, n: int) -> Array:
+    """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
+    found = np.empty((n, columns.shape[1]), order="F")
+    for some in pieces(columns.shape[1], each=2):
+        padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
+        padded[:, first : first + len(columns)] = columns[:, some].T
+        found[:, some] = scipy.fft.irfft(padded, n).T
+    return found
+
+
+def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:
+    """Return series whose products, summed with weights, are those of windowed white noise over a run.
+
+    Columns of the fitted band change slowly: their products need fewer instants than the run has, and of the
+    window no more than what varies as slowly as these.
+
+    Parameters
+    ----------
+    columns : ndarray of complex, shape (B, P)
+        Whitened; they begin at the bin `first`.
+    first : int
+        See `Spectra`.
+    window : ndarray, shape (n,)
+        Of the run.
+
+    Returns
+    -------
+    series : ndarray, shape (m, P)
+        Inverse transforms.
+    weights : ndarray, shape (m,)
+        Of their products.
+    """
+    n, last = window.size, first + len(columns) - 1
+    m = min(scipy.fft.next_fast_len(4 * last + 2, real=True), n)  # to twice the last bin, and none beyond
+    weights = _whole_slow(n, m, TAPER) if window is _tukey(n, TAPER) else _slow(window, m)
+    return series(columns, first, m), weights
+
+
+def _slow(window: Array, m: int) -> Array:
+    """Return the weights of `squared` for a window of a run, shape (m,)."""
+    n, end = window.size, m // 2 + 1
+    w2 = window * window
+    squares = float(w2.sum())
+    if m == n:
+        return np.asarray(w2 * (n * m / 2 / squares))
+    slow = scipy.fft.irfft(scipy.fft.rfft(w2)[:end], m) * (m / n)
+    return np.asarray(slow * (n * m / 2 / squares))
+
+
+@lru_cache(maxsize=8)
+def _whole_slow(n: int, m: int, taper: float) -> Array:
+    """Return the same for a run without masks."""
+    weights = _slow(_tukey(n, taper), m)
+    weights.setflags(write=False)  # others get the same ones
+    return weights
+
+
+def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
+    """Return the bins of the fitted band, or of part of it [Hz], in the transform of `n` samples."""
+    last = math.floor(min(F_MAX, fs / 10) * n / fs)
+    if band is None:
+        return slice(1, last + 1)
+    f = np.arange(1, last + 1) * fs / n
+    return slice(1 + int(np.searchsorted(f, band[0])), 1 + int(np.searchsorted(f, band[1], side="right")))
+
+
+def spread(window: Array) -> float:
+    """Return by how much a window makes sums of products over bins vary more than of independent bins."""
+    w2 = window * window
+    return float(window.size * (w2 @ w2) / w2.sum() ** 2)

@@ -1,0 +1,237 @@
+"""A run, and its spectra at any delay."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import InputError
+from fit.model import dynamics, wander
+from fit.spectra import NoiseModel, Spectra, derivatives, patches, windowing
+from fit.telemetry import Telemetry
+from fit.whitening import glitch_templates
+from fit.whitening.glitch_templates import Glitch
+
+Array = NDArray[np.float64]
+
+LEAST = 0.3  # share of a run that gaps and their flanks must leave
+# s: from a delay no farther off, what the expansion leaves out is 1e-9 of the command; 1e-5 where nothing is
+# injected, and commands are hardly more than the noise they follow
+CLOSE, CLOSE_ENOUGH = 5e-4, 0.3
+# of the noise in every bin, for each test mass: an expansion that leaves out no more is good enough as well;
+# estimates move by some 1e-4 sigma times the root of the number of bins that come near it
+UNHEARD = 1e-4
+
+
+class Run:
+    """A run, and its spectra at any delay.
+
+    Parameters
+    ----------
+    telemetry : Telemetry
+        The run.
+
+    Attributes
+    ----------
+    channels : dynamics.Channels
+        What the equation needs of it.
+    masks : tuple of tuple of float
+        Begin and end [s] of every stretch that is masked though its samples are there.
+    glitches : tuple of Glitch
+        What is taken out of it, each with an amplitude of its own, and nothing masked.
+    loose : bool
+        Whether their begin and times are free as well.
+    patches : tuple of tuple of float
+        Which of the masks leave the window as it is, see `signal.patches`.
+    f_max : float
+        End of the fitted band [Hz].
+    """
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self.telemetry = telemetry
+        self.channels = dynamics.channels(telemetry)
+        self.masks: tuple[tuple[float, float], ...] = ()
+        self.glitches: tuple[Glitch, ...] = ()
+        self.loose = False
+        self.f_max = derivatives.F_MAX
+        self.patches: tuple[tuple[float, float], ...] = ()
+        self._first: Spectra | None = None
+        self._last: Spectra | None = None
+        self._wander: Spectra | None = None
+
+    def up_to(self, f_max: float) -> "Run":
+        """Return the run with another end of the fitted band [Hz], `derivatives.F_MAX` at most."""
+        run = copy(self)
+        run.f_max = f_max
+        run._forget()
+        return run
+
+    @property
+    def band(self) -> tuple[float, float] | None:
+        """Ends of the fitted band [Hz]; None for all of it."""
+        return None if self.f_max >= derivatives.F_MAX else (0.0, self.f_max)
+
+    def without(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked besides what is masked already."""
+        run, time, valid = copy(self), self.channels.time, self.channels.valid.copy()
+        for begin, end in stretches:
+            valid &= (time < begin) | (time > end)
+        run.channels = replace(self.channels, valid=valid)
+        run.masks = (*self.masks, *stretches)
+        run._forget()
+        return run
+
+    def emptied(self) -> "Run":
+        """Return the run without its samples: every channel is as long, and its largest value throughout."""
+
+        def even(x: Array) -> Array:
+            return np.broadcast_to(np.max(np.abs(x)), x.shape)  # one number, however long
+
+        run, told, kept = copy(self), self.telemetry, self.channels
+        run.telemetry = replace(
+            told, time=even(told.time), channels={name: even(x) for name, x in told.channels.items()}
+        )
+        run.channels = replace(
+            kept,
+            time=even(kept.time),
+            o_1=even(kept.o_1),
+            o_12=even(kept.o_12),
+            f_x_1=even(kept.f_x_1),
+            f_x_2=even(kept.f_x_2),
+            means={name: even(x) for name, x in kept.means.items()},
+            valid=np.broadcast_to(np.True_, kept.valid.shape),
+        )
+        run._forget()
+        return run
+
+    def earlier(self, channel: str, by: float) -> "Run":
+        """Return the run with one of the `dynamics.CHANNELS` earlier [s], its ends continued."""
+        padded = np.pad(getattr(self.channels, channel), derivatives.HALF, mode="edge")
+        return self.altered({channel: derivatives.derivative(padded, self.channels.fs, 0, -by)})
+
+    def altered(self, channels: Mapping[str, Array]) -> "Run":
+        """Return the run with other series, shape (N,), in some of the `dynamics.CHANNELS`."""
+        run, changed = copy(self), dict[str, Any](channels)
+        run.channels = replace(self.channels, **changed)
+        run._forget()
+        return run
+
+    def free_of(self, glitches: Sequence[Glitch]) -> "Run":
+        """Return the run with these glitches to be taken out besides those that are already."""
+        run = copy(self)
+        run.glitches = (*self.glitches, *glitches)
+        run._forget()
+        return run
+
+    def loosened(self) -> "Run":
+        """Return the run with begin and times of its glitches free, about where they are."""
+        if not self.glitches:
+            return self
+        run = copy(self)
+        run.loose = True
+        run._forget()
+        return run
+
+    def beside(self, time: Array, fs: float) -> Iterator[Array]:
+        """Yield what is taken out at the instants `time` [s], shape (N, G), some at a time."""
+        return (glitch_templates.loose if self.loose else glitch_templates.columns)(self.glitches, time, fs)
+
+    def patched(self, stretches: Sequence[tuple[float, float]]) -> "Run":
+        """Return the run with these stretches [s] masked by patches besides what is masked already."""
+        run = copy(self)
+        run.masks, run.patches = (*self.masks, *stretches), (*self.patches, *stretches)
+        run._forget()
+        return run
+
+    def impulses(self, time: Array, fs: float) -> NDArray[np.intp] | None:
+        """Return at which of the instants `time` [s] patches have impulses; None without patches."""
+        return patches.impulses(self.patches, time, fs) if self.patches else None
+
+    def _forget(self) -> None:
+        self._first = self._last = self._wander = None
+
+    @property
+    def masked(self) -> int:
+        """Number of samples of the file that are missing or masked."""
+        lost = sum(end - begin for begin, end in self.masks)
+        return self.channels.missing + round(lost * self.telemetry.fs)
+
+    @property
+    def weight(self) -> float:
+        """What missing samples, masks and the stencils beside them leave of the window, in samples."""
+        reached = derivatives.reached(~self.channels.valid)
+        return float(np.sum(windowing.window(~reached, self.channels.fs) ** 2))
+
+    def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
+        """Return the columns expanded about exactly these delays."""
+        return dynamics.columns(self.channels, tau)
+
+    def spectra(self, tau: tuple[float, float], noise: NoiseModel | None = None) -> Spectra:
+        """Return the spectra for delays close to `tau`; they carry the delays they were made with.
+
+        How close they need be tells the `noise`, where that is known.
+
+        Raises
+        ------
+        InputError
+            If missing samples leave too little of the run.
+        """
+        last = self._last
+        if self._first and tau == self._first.tau:  # where every fit begins
+            last = self._first
+        elif last is None:
+            last = self.transformed(dynamics.parts(self.channels, tau), dynamics.blank(self.channels, tau))
+            check_left(self.telemetry, last.window, f"{self.channels.missing} missing samples")
+            self._first = last
+        else:
+            for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
+                columns, of_force = last.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
+                fs, bins = self.channels.fs, last.bins
+                columns[:, dynamics.FORCES[j]] = windowing.windowed(of_force, last.window, fs, bins)
+                moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
+                last = replace(last, columns=columns, tau=moved)
+        self._last = last
+        return last
+
+    def _far(self, last: Spectra, tau: tuple[float, float], noise: NoiseModel | None) -> list[int]:
+        """Return for which test masses, 0 and 1, spectra are too far from the delays `tau`."""
+        close = CLOSE_ENOUGH if self.telemetry.kind == "noise" else CLOSE
+        far = [j for j in (0, 1) if abs(tau[j] - last.tau[j]) > close]
+        if not (far and noise):
+            return far
+        unheard = UNHEARD * np.sqrt(noise(last.f)) / (2 * np.pi * last.f) ** 2
+        sizes = {j: np.abs(last.columns[:, dynamics.FORCES[j].start]) for j in far}
+        return [j for j in far if np.any(sizes[j] * ((tau[j] - last.tau[j]) ** 2 / 2) > unheard)]
+
+    def wander(self, tau: tuple[float, float]) -> Spectra:
+        """Return the spectra of `wander.columns`, for delays within `CLOSE` of `tau`."""
+        last = self._wander
+        if last is None or _apart(tau, last.tau) > CLOSE:
+            terms = wander.commanded(self.channels, tau)
+            self._wander = last = self.transformed(wander.parts(terms), terms)
+        return last
+
+    def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
+        """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
+        if known := self._first:  # window, and what is projected out, are those of the run
+            columns = windowing.windowed(values, known.window, terms.fs, known.bins)
+            return replace(known, columns=columns, tau=terms.tau)
+        beside = self.beside(terms.time, terms.fs)
+        impulses = self.impulses(terms.time, terms.fs)
+        return windowing.transform(values, terms.valid, terms.fs, terms.tau, beside, impulses, self.band)
+
+
+def _apart(tau: tuple[float, float], other: tuple[float, float]) -> float:
+    return max(abs(a - b) for a, b in zip(tau, other, strict=True))
+
+
+def check_left(run: Telemetry, window: Array, missing: str) -> None:
+    """Refuse a run of whose window, shape (N,), too little is left by what is missing."""
+    if np.mean(window**2) < LEAST:
+        raise InputError(
+            f"{run.path}: {missing} lie so widely scattered that masking leaves less than "
+            f"{100 * LEAST:g} % of the run, expected longer stretches"
+        )

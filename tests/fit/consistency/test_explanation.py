@@ -1,0 +1,152 @@
+"""What is wrong with a run is named rightly: faults put into telemetry of the synthetic oracle, hypothesis by
+hypothesis, each with others of nearly the same looks beside it.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import interpolate, signal
+
+from fit.consistency.explanation import likeliest
+from fit.consistency.trial import Trial
+from fit.fitting.joint_fit import fit_joint
+from fit.model.sharing import Sharing
+from fit.settings import settings
+from fit.whitening.runs import pair as paired
+from tests.oracles.synthetic import World, pair
+
+N = 21600
+
+
+@cache
+def campaign():
+    """Return the runs of two experiments, their joint fit, and the runs of a third one."""
+    others = [*pair(World(), "A", seed=1), *pair(World(), "E", seed=2, drive_1=1e-12)]
+    experiments = paired(others)
+    return experiments, fit_joint(experiments, settings()), pair(World(), "B", seed=3, drive_1=5e-13)
+
+
+def said(**channels):
+    """Return kinds and words of what is found where channels of the third are functions of all of them."""
+    experiments, joint, (sysid, noise) = campaign()
+    old = sysid.channels
+    new = {name: np.asarray(function(old), dtype=float) for name, function in channels.items()}
+    (odd,) = paired([replace(sysid, channels=old | new), noise])
+    found = likeliest(Trial(odd, joint, experiments, Sharing(settings().shared)), [odd])
+    return [(h.kind, h.words) for h in found]
+
+
+def late(x, samples):
+    n = np.arange(x.size)
+    return interpolate.CubicSpline(n, x)(np.clip(n - samples, 0, n[-1]))
+
+
+def from_on(start, x, y):
+    return np.where(np.arange(x.size) < start, x, y)
+
+
+def test_nothing_is_said_of_what_agrees():
+    assert said() == []
+
+
+def test_a_lag_is_told_from_a_low_pass_and_a_sign():
+    (of_o_12,) = said(o_12=lambda c: late(c["o_12"], 1))
+    assert of_o_12 == ("lag", "o_12 is late by 1 sample")
+
+
+def test_exchanged_commands_are_no_wrong_sign():
+    (found,) = said(f_x_1=lambda c: c["f_x_2"], f_x_2=lambda c: c["f_x_1"])
+    assert found == ("exchange", "f_x_1 and f_x_2 are exchanged")
+
+
+FAULTS = {
+    "nm": ({"o_12": lambda c: 1e9 * c["o_12"]}, {"unit"}, "o_12 is in nm"),
+    "N": ({"f_x_2": lambda c: 1.928 * c["f_x_2"]}, {"unit"}, "f_x_2 is in N"),
+    "sign": ({"f_x_1": lambda c: -c["f_x_1"]}, {"sign"}, "f_x_1 has the wrong sign"),
+    "late and wrong sign": (
+        {"f_x_2": lambda c: -late(c["f_x_2"], 3)},
+        {"lag and scale"},
+        "f_x_2 is late by 3 samples and has the wrong sign",
+    ),
+    "low-pass": (
+        {"f_x_2": lambda c: signal.lfilter([1 - 1 / np.e], [1, -1 / np.e], c["f_x_2"])},
+        {"filter"},
+        "f_x_2 has gone through a filter of its own, which at 50 mHz passes 0.958 of it, 0.55 s late",
+    ),
+    "low-pass of what bears the noise": (
+        {"o_12": lambda c: signal.lfilter([1 - 1 / np.e], [1, -1 / np.e], c["o_12"])},
+        {"filter"},
+        "o_12 has gone through a filter of its own, which at 50 mHz passes 0.958 of it, 0.55 s late",
+    ),
+    "late by a minute": (
+        {"f_x_2": lambda c: late(c["f_x_2"], 60)},
+        {"lag"},
+        "f_x_2 is late by 60 samples",
+    ),
+    "a slow drift": (
+        {"o_12": lambda c: c["o_12"] + 1e-6 * np.linspace(0, 1, N) ** 2},
+        {"drift"},
+        "o_12 or a force holds a slow drift, as if of",
+    ),
+    "mean of three": (
+        {"o_12": lambda c: np.convolve(np.pad(c["o_12"], 1, mode="edge"), np.ones(3) / 3, "valid")},
+        {"filter"},
+        "o_12 has gone through a filter of its own, which at 50 mHz passes 0.967 of it",
+    ),
+    "read-outs exchanged": (
+        {"o_1": lambda c: c["o_12"], "o_12": lambda c: c["o_1"]},
+        {"exchange"},
+        "o_1 and o_12 are exchanged",
+    ),
+    "in reverse": (
+        {name: (lambda c, name=name: c[name][::-1]) for name in ("o_1", "o_12", "f_x_1", "f_x_2")},
+        {"reverse"},
+        "samples are in reverse order",
+    ),
+    "a sample lost": (
+        {"f_x_2": lambda c: from_on(9000, c["f_x_2"], late(c["f_x_2"], -1))},
+        {"lag of a part"},
+        "f_x_2 is early by 1 sample from",
+    ),
+    "a gain from some instant on": (
+        {"f_x_2": lambda c: from_on(12000, c["f_x_2"], 1.01 * c["f_x_2"])},
+        {"scale of a part"},
+        "1.0",
+    ),
+    "a jump": (
+        {"o_12": lambda c: from_on(8000, c["o_12"], c["o_12"] + 3e-11)},
+        {"jump"},
+        "o_12 jumps by 3e-11 m at 8000 s",
+    ),
+    "a gain that drifts": (
+        {"f_x_2": lambda c: c["f_x_2"] * np.linspace(0.995, 1.005, N)},
+        {"scale that drifts"},
+        "f_x_2 has a growing scale, by 0.99",
+    ),
+    "a sine": (
+        {"f_x_2": lambda c: c["f_x_2"] + 1e-13 * np.sin(2 * np.pi * 7.3e-3 * np.arange(N))},
+        {"line"},
+        "a sine of 7.3 mHz and 1.1e-13 m s-2",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_cause_is_among_what_is_said_and_nothing_else_is(name):
+    channels, kinds, words = FAULTS[name]
+    found = said(**channels)
+    assert {kind for kind, _ in found} <= kinds
+    assert any(words in told for _, told in found), found
+
+
+@pytest.mark.slow
+def test_what_no_hypothesis_mends_has_no_name():
+    rng = np.random.default_rng(5)
+    assert said(o_12=lambda c: c["o_12"] + rng.standard_normal(N).cumsum() * 1e-11) == []
+    shuffled = np.arange(N).reshape(-1, 240)
+    shuffled[40] = rng.permutation(shuffled[40])
+    kinds = {kind for kind, _ in said(f_x_2=lambda c: c["f_x_2"][shuffled.ravel()])}
+    assert kinds <= {"stretches"}

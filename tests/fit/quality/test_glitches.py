@@ -1,0 +1,270 @@
+"""Glitches are found, masked and counted; nothing else is; and then estimates are those of clean data."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fit.fitting.joint_fit import fit_experiment, fit_joint
+from fit.pipeline import calibrate
+from fit.quality import glitches
+from fit.quality.masks import mask_experiments
+from fit.settings import settings
+from fit.whitening.run import Run
+from fit.whitening.runs import Experiment
+from lpfcosim.campaign import loading
+from lpfcosim.spacecraft.run import Noise, Pulse
+from lpfcosim.worlds import along_x_plant
+from tests.fit.estimate.test_joint import OFF, recorded
+from tests.oracles import thirteen
+from tests.oracles.synthetic import World, pair, without
+
+pytestmark = pytest.mark.slow
+
+RMS = 2.7e-15  # m s^-2, of the quick start's Delta g below 0.1 Hz
+
+
+def experiment(runs):
+    sysid, noise = runs
+    return Experiment(Run(sysid), Run(noise))
+
+
+def both(found):
+    return found.sysid, found.noise
+
+
+def draw(seed, n, duration=21600.0):
+    """Draw glitches of 1 to 100 s and of 10 to 1000 times RMS, each evenly in the logarithm."""
+    rng = np.random.default_rng(seed)
+    return [
+        Pulse(
+            str(rng.choice(["g_1", "g_2"])),
+            float(RMS * 10 ** rng.uniform(1, 3) * rng.choice([-1, 1])),
+            float(rng.uniform(0, duration - 100)),
+            float(10 ** rng.uniform(0, 2)),
+        )
+        for _ in range(n)
+    ]
+
+
+def window_weight(run):
+    return float(np.mean(run.spectra((0.1, 0.1)).window ** 2))
+
+
+# --- nothing where there is nothing ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("authority", "ABCDE")
+@pytest.mark.parametrize("world", [World(), OFF, World(lambda_2=1.09)], ids=["flight", "off", "gain"])
+def test_clean_runs_are_left_alone(world, authority):
+    # 30 runs of 6 h in all, 5e-5 each: false-positive probability 1.5e-3
+    before = experiment(pair(world, authority, seed=3, drive_1=1e-12 * (authority == "E")))
+    after, warnings = glitches.Hunt(before).ended()
+    assert both(after) == both(before)
+    assert not warnings
+
+
+@pytest.mark.long
+@pytest.mark.stat
+def test_one_clean_run_in_a_thousand_at_most_is_flagged():
+    # 600 runs; at 5e-5 a run one is flagged with probability 3 %, two with 4e-4
+    flagged = 0
+    for seed in range(300):
+        flagged += len(glitches.Hunt(experiment(pair(World(), "ABCD"[seed % 4], seed=seed))).ended()[1])
+    assert flagged <= 1
+
+
+def test_what_lasts_is_no_glitch():
+    # a line that no column tells, ten thousand times the noise in its bin
+    sysid, noise = pair(World())
+    line = 3e-11 * np.sin(2 * np.pi * 7e-3 * sysid.time)
+    sysid = replace(sysid, channels={**sysid.channels, "o_12": sysid.channels["o_12"] + line})
+    assert not glitches.Hunt(experiment((sysid, noise))).ended()[1]
+
+
+def test_missing_samples_are_no_glitches():
+    sysid, noise = pair(World())
+    gaps = ((3000, 3030), (9000, 9001), (15000, 15100))
+    before = experiment((without(sysid, *gaps), without(noise, (100, 200))))
+    after, warnings = glitches.Hunt(before).ended()
+    assert both(after) == both(before)
+    assert not warnings
+    assert (after.sysid.masked, after.noise.masked) == (131, 100)
+
+
+def test_without_noise_nothing_stands_out():
+    still = [replace(run, channels={k: 0 * x for k, x in run.channels.items()}) for run in pair(World())]
+    assert not glitches.Hunt(experiment(still)).ended()[1]
+
+
+# --- in closed loop, sines running ----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def simulated(quickstart):
+    """Return what simulates a run of the quick start, given by its name, with glitches."""
+    runs = {run.name: run for run in loading.load(quickstart).runs}
+
+    @cache
+    def simulate(name, *pulses, noise=None):
+        run = replace(runs[name], injections=(*runs[name].injections, *pulses))
+        run = replace(run, noise=noise or run.noise)
+        return recorded(run, along_x_plant.simulate(run))
+
+    return simulate
+
+
+def estimate(outcome):
+    theta, sigma = outcome.solution.theta, np.sqrt(np.diag(outcome.solution.covariance))
+    return theta[~outcome.lost], sigma[~outcome.lost]
+
+
+def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
+    names, drawn = ("A", "A-noise", "B", "B-noise"), draw(7, 20)
+    pulses = {name: drawn[i::4] for i, name in enumerate(names)}
+    clean = {name: simulated(name) for name in names}
+    struck = {name: simulated(name, *pulses[name]) for name in names}
+
+    def experiments(telemetry):
+        return [experiment((telemetry[name], telemetry[f"{name}-noise"])) for name in "AB"]
+
+    before, glitchy = experiments(clean), experiments(struck)
+    after = [glitches.Hunt(e).ended()[0] for e in glitchy]
+
+    strong = [(name, p) for name, found in pulses.items() for p in found if abs(p.amplitude) > 40 * RMS]
+    of_run = {run.telemetry.run: run.masks for e in after for run in both(e)}
+    for name, pulse in strong:
+        middle = pulse.start + pulse.duration / 2
+        assert any(begin - 5 <= middle <= end + 5 for begin, end in of_run[name])
+    assert sum(map(len, of_run.values())) <= 20
+
+    lost = 1 - np.mean([window_weight(r) for e in after for r in both(e)]) / np.mean(
+        [window_weight(r) for e in before for r in both(e)]
+    )
+    assert lost < 0.04
+
+    def joint(found):
+        return estimate(fit_joint(found, settings()))
+
+    theta, sigma = joint(before)
+    assert np.max(np.abs(joint(glitchy)[0] - theta) / sigma) > 5  # something was at stake
+    assert np.all(np.abs(joint(after)[0] - theta) < sigma)
+    assert np.mean(joint(after)[1] / sigma) < 1.04
+
+    for e, masked in zip(before, after, strict=True):
+        theta, sigma = estimate(fit_experiment(e))
+        assert np.all(np.abs(estimate(fit_experiment(masked))[0] - theta) < sigma)
+
+
+@pytest.mark.long
+def test_what_masks_leave_of_glitches_is_no_bias(simulated):
+    # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
+    run, noise = simulated("B", noise=Noise()), simulated("B-noise")
+    struck = experiment([simulated("B", *draw(5, 20), noise=Noise()), noise])
+    after, _ = glitches.Hunt(struck).ended()
+    truth, sigma = estimate(fit_experiment(experiment([run, noise])))
+    assert np.max(np.abs(estimate(fit_experiment(struck))[0] - truth) / sigma) > 20
+    assert np.all(np.abs(estimate(fit_experiment(after))[0] - truth) < 0.5 * sigma)
+
+
+def test_many_strong_ones_in_one_experiment(simulated):
+    # They hide one another: in the PSD, in the coefficients, and across the two runs.
+    pulses = {name: draw(seed, 20, 21000.0) for seed, name in enumerate(("B", "B-noise"))}
+    pulses["B"].append(Pulse("g_1", 3e-12, 12345.0, 60.0))
+    pulses["B"].append(Pulse("g_2", 9e-13, 12370.0, 40.0))  # during the one before
+    clean = experiment([simulated(name) for name in pulses])
+    after, warnings = glitches.Hunt(experiment([simulated(name, *p) for name, p in pulses.items()])).ended()
+    assert [w.code for w in warnings] == ["glitches"] * 2
+    for warning, found in zip(warnings, pulses.values(), strict=True):
+        middles = [p.start + p.duration / 2 for p in found if abs(p.amplitude) > 100 * RMS]
+        marked = [any(s.begin - 5 <= m <= s.end + 5 for s in warning.spans) for m in middles]
+        assert np.mean(marked) > 0.8  # those under the flanks of the window are not seen
+    theta, sigma = estimate(fit_experiment(clean))
+    assert np.all(np.abs(estimate(fit_experiment(after))[0] - theta) < sigma)
+
+
+def test_at_the_edges_and_beside_gaps(simulated):
+    pulses = (
+        Pulse("g_2", 2e-12, 60.0, 20.0),
+        Pulse("g_2", -2e-12, 7920.0, 60.0),
+        Pulse("g_1", 2e-12, 15000.0, 30.0),
+        Pulse("g_1", 1e-11, 21580.0, 19.0),
+    )
+    gaps = ((80050, 80350), (150400, 150700))  # at 10 Hz: behind one glitch, within another
+    clean = experiment([simulated("A"), simulated("A-noise")])
+    sysid = without(simulated("A", *pulses), *gaps)
+    after, (warning,) = glitches.Hunt(experiment([sysid, clean.noise.telemetry])).ended()
+    found = after.sysid.masks
+    assert any(begin < 7950 < end for begin, end in found)
+    assert any(begin < 15015 < end for begin, end in found)
+    assert after.sysid.masked == 600 + round(sum(10 * (end - begin) for begin, end in found))
+    assert f"{len(found)} glitches masked" in warning.message
+    theta, sigma = estimate(fit_experiment(clean))
+    assert np.all(np.abs(estimate(fit_experiment(after))[0] - theta) < sigma)
+
+
+def test_too_much_is_told_and_left(simulated):
+    storm = draw(1, 400)
+    before = experiment([simulated("A", *storm), simulated("A-noise")])
+    after, (warning,) = glitches.Hunt(before).ended()
+    assert after.sysid.masks == ()
+    assert after.sysid.masked == 0
+    assert warning.code == glitches.TOO_MANY
+    assert "nothing is masked" in warning.message
+
+
+def test_a_calibration_masks_and_tells(simulated):
+    runs = [simulated("A", Pulse("g_1", 1e-11, 5123.0, 12.0)), simulated("A-noise")]
+    results = calibrate(runs)
+    for fit in (results.joint, results.experiments["A"]):
+        (warning,) = (w for w in fit.warnings if w.code == "glitches")
+        assert warning.message.startswith("A: 1 glitch masked, at 512")
+        assert 40 <= fit.masked_samples <= 400  # at 10 Hz
+    plain = calibrate(runs, settings({"glitches": False}))
+    assert not [w for w in plain.joint.warnings if w.code == "glitches"]
+    assert plain.joint.masked_samples == 0
+    assert plain.joint.chi2 > 2 * results.joint.chi2
+
+
+def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
+    runs = [simulated("A", *draw(1, 400)), *(simulated(n) for n in ("A-noise", "B", "B-noise"))]
+    results = calibrate(runs)
+    assert results.provenance.joint_runs == ["B"]
+    (told,) = (w.message for w in results.joint.warnings if w.code in ("excluded", "left_out"))
+    assert re.search(r"\bA\b.*(no matter of glitches|no equation of motion holds)", told)
+    others = [w.message for w in results.joint.warnings if w.message != told]
+    assert not [m for m in others if re.search(r"\bA\b", m)]
+    assert not results.joint.unsound
+
+
+def test_masks_leave_the_channels_as_they_are():
+    run = Run(pair(World())[0])
+    masked = run.without([(100.0, 109.0), (5000.0, 5001.0)])
+    assert masked.channels.o_12 is run.channels.o_12
+    assert np.count_nonzero(~masked.channels.valid) == 12
+    assert masked.masked == 10
+    assert run.channels.valid.all()
+    near = masked.spectra((0.1, 0.1))
+    assert not near.window[80:110].any()  # the stencils reach 10 s
+
+
+def test_what_the_equation_lacks_in_most_runs_is_no_matter_of_glitches():
+    # test mass 2 follows f_x_2 after 5 s, as no delay does
+    def driven(run):
+        f = run.channels["f_x_2"]
+        return replace(run, channels=run.channels | {"f_x_2": f + 5 * np.gradient(f)})
+
+    def prepared(*lagging):
+        experiments = []
+        for name in ("B2", "C2", "D2"):
+            both = [thirteen.telemetry(thirteen.made(name, kind, seed=3)) for kind in ("sysid", "noise")]
+            experiments.append(experiment([driven(run) if name in lagging else run for run in both]))
+        found = mask_experiments(experiments, settings(), ())
+        return {name: [w.code for w in one.warnings] for name, one in found.items()}
+
+    assert prepared("B2", "D2") == {"B2": [], "C2": [], "D2": []}
+    one = prepared("D2")
+    assert one.pop("D2")  # of one alone the others tell
+    assert one == {"B2": [], "C2": []}

@@ -1,0 +1,338 @@
+"""Rounding by number formats: its steps are found, explain repeats and lines, and count as they add noise."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy
+
+from fit.errors import InputError
+from fit.pipeline import calibrate
+from fit.quality import rounding, samples
+from fit.quality.resolution import chance_of_equality, estimate_resolution
+from tests.oracles import thirteen
+
+CHANNELS = ("o_1", "o_12", "f_x_1", "f_x_2")
+HELD = 8e-12  # m s^-2, that the command on test mass 2 holds
+
+
+def single(x):
+    return x.astype(np.float32).astype(float)
+
+
+def converted(x):
+    """Kept in single precision in other units, such as nm or N."""
+    return (x * 1.928e9).astype(np.float32).astype(float) / 1.928e9
+
+
+def digits(count):
+    return lambda x: np.array([float(f"{value:.{count - 1}e}") for value in x])
+
+
+def counts(bits):
+    """Scaled integers of so many bits, as of a converter or of FITS."""
+
+    def function(x):
+        step = np.abs(x).max() / (2 ** (bits - 1) - 1)
+        return step * np.round(x / step) if step else x
+
+    return function
+
+
+def half(x):
+    largest = np.abs(x).max()
+    return (x / largest).astype(np.float16).astype(float) * largest if largest else x
+
+
+def about(offset, then=single):
+    return lambda x: then(x + offset)
+
+
+@cache
+def flown(name="A2", fs=1.0):
+    """An experiment whose command on test mass 2 holds a constant force, and its noise run."""
+    made = [thirteen.telemetry(thirteen.made(name, kind), fs=fs) for kind in ("sysid", "noise")]
+    return [replace(run, channels={**run.channels, "f_x_2": run.channels["f_x_2"] - HELD}) for run in made]
+
+
+def stored(function, channels=CHANNELS, **flight):
+    return [
+        replace(run, channels={**run.channels, **{c: function(run.channels[c].copy()) for c in channels}})
+        for run in flown(**flight)
+    ]
+
+
+@cache
+def plain():
+    return calibrate(flown()).joint
+
+
+@pytest.mark.parametrize(
+    ("function", "step"),
+    [
+        (lambda x: x, None),
+        (single, 2.0**-50),  # of 12 nm
+        (digits(5), 1e-12),
+        (digits(7), 1e-14),
+        (digits(9), 1e-16),
+        (lambda x: digits(7)(x * 1.928) / 1.928, 1e-14 / 1.928),
+        (lambda x: 3e-13 * np.round(x / 3e-13), 3e-13),
+        (lambda x: 3e-9 * np.round(x / 3e-9), 3e-9),
+        (counts(24), 12e-9 / (2**23 - 1)),
+        (counts(32), 12e-9 / (2**31 - 1)),
+        (about(1e-5), 2.0**-40),
+        (lambda x: np.where(np.arange(x.size) % 500 < 40, np.nan, single(x)), 2.0**-50),
+    ],
+    ids=["double", "single", "5", "7", "9", "N", "steps", "coarse", "24 bits", "32 bits", "offset", "gaps"],
+)
+def test_steps_of_stored_numbers_are_found(function, step):
+    n = np.arange(40_000)
+    noise = 1e-11 * np.random.default_rng(3).standard_normal(n.size)
+    x = 12e-9 * np.sin(0.001 * n) + noise
+    x[0] = 12e-9 + (1e-12 if step and step > 1e-10 else 0)
+    found = estimate_resolution(function(x))
+    if step is None:
+        assert found is None
+    else:
+        assert found.largest == pytest.approx(step, rel=0.01)
+
+
+@pytest.mark.parametrize("move", [0.05, 0.3, 1.0, 4.0])
+def test_the_chance_of_equal_neighbours(move):
+    increments = np.random.default_rng(4).normal(size=400_000) * move
+    x = np.round(np.cumsum(increments))
+    mean = np.abs(np.diff(x)).mean()  # of the rounded series: all that there is
+    assert chance_of_equality(np.array([mean]))[0] == pytest.approx(np.mean(np.diff(x) == 0), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [single, converted, digits(7), counts(32), lambda x: single(x).astype(np.float32)],
+    ids=["single", "converted", "7 digits", "32 bits", "float32 in memory"],
+)
+def test_a_number_format_moves_no_estimate(function):
+    runs = stored(function)
+    assert not list(samples.faults(*runs))
+    joint = calibrate(runs).joint
+    assert set(joint) == set(plain())
+    assert not [w for w in joint.warnings if w.code in ("coarse", "odd_samples", "rounding")]
+    for name, estimate in plain().parameters.items():
+        assert abs(joint[name].value - estimate.value) < 0.02 * estimate.sigma
+        assert joint[name].sigma == pytest.approx(estimate.sigma, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("function", [single, digits(7), digits(5)], ids=["single", "7 digits", "5 digits"])
+def test_quiet_commands_at_10_hz_are_not_called_stuck(function):
+    """There most samples of a noise run repeat the one before."""
+    runs = stored(function, ("f_x_2",), fs=10.0)
+    assert np.mean(np.diff(runs[1].channels["f_x_2"]) == 0) > 0.4
+    assert not list(samples.faults(*runs))
+
+
+@pytest.mark.parametrize(
+    ("function", "steps", "limit"),
+    [
+        (lambda x: 7e-15 * np.round(x / 7e-15), "steps of 7e-15 m: this adds 0.00", 0.2),
+        (digits(6), "steps of 1e-13 m where it is largest: this adds 0.0", 0.5),
+    ],
+    ids=["fixed", "6 digits"],
+)
+def test_the_shift_that_rounding_may_cause_is_reported(function, steps, limit):
+    joint = calibrate(stored(function, ("o_12",))).joint
+    (told, *_) = [w for w in joint.warnings if w.code == "rounding"]
+    assert not joint.unsound
+    assert re.search(f"o_12 is rounded to {steps}.* times the power of the noise", told.message)
+    most = float(re.search("may move by (.*) sigma", told.message)[1])
+    moved = [abs(joint[name].value - e.value) / e.sigma for name, e in plain().parameters.items()]
+    assert 0.01 < max(moved) < most < limit
+
+
+@pytest.mark.parametrize(
+    ("function", "channel", "words"),
+    [
+        (about(1e-5), "o_12", "9.1e-13 m .single precision about an offset of 1e-05 m.: this adds"),
+        (
+            about(1e-3),
+            "o_1",
+            "1.2e-10 m .single precision about an offset of 0.001 m.: .* power of the noise of o_1",
+        ),
+        (digits(4), "o_12", "1e-11 m where it is largest: this adds"),
+        (half, "o_12", "5.8e-12 m where it is largest: this adds"),
+        (counts(16), "o_12", "3.6e-13 m: this adds"),
+        (
+            lambda x: 1e-14 * np.round(x / 1e-14),
+            "f_x_2",
+            "1e-14 m s-2 about an offset of -1.7e-11 m s-2: this adds",
+        ),
+        (lambda x: 1e-8 * np.round(x / 1e-8), "o_12", "1e-08 m: this adds"),
+    ],
+    ids=[
+        "offset",
+        "offset of o_1",
+        "4 digits",
+        "half precision",
+        "16 bits",
+        "command",
+        "two values",
+    ],
+)
+def test_steps_that_add_noise_are_faults(function, channel, words):
+    with pytest.raises(InputError, match=f"A2-sysid.h5: {channel} is rounded to steps of {words}") as caught:
+        calibrate(stored(function, (channel,)))
+    assert rounding.CURE in str(caught.value)
+
+
+def held(x):
+    x[9000:9600] = x[9000]
+    return x
+
+
+def filled(x):
+    x[4000:4600] = np.linspace(x[4000], x[4599], 600)
+    return x
+
+
+def stale(x):
+    x[1::2] = x[::2][: x[1::2].size]
+    return x
+
+
+@pytest.mark.parametrize(
+    ("fault", "channel", "words"),
+    [
+        (held, "o_12", "o_12 is stuck at .* for 600 s at 9000 s"),
+        (held, "f_x_2", "f_x_2 is stuck at .* for 600 s at 9000 s"),
+        (filled, "o_1", "o_1 is a straight line for 600 s at 4000 s"),
+        (filled, "f_x_2", "f_x_2 is a straight line for (59|60|61). s at (399|400). s"),
+        (stale, "o_12", "o_12 repeats a sample 10"),
+    ],
+)
+@pytest.mark.parametrize("function", [single, digits(7), counts(24)], ids=["single", "7 digits", "24 bits"])
+def test_faults_are_found_beside_rounding(function, fault, channel, words):
+    run, noise = flown()
+    spoilt = replace(run, channels={**run.channels, channel: function(fault(run.channels[channel].copy()))})
+    said = list(samples.faults(spoilt, noise))
+    assert any(re.search(words, reason) for reason in said), said
+    assert all(f" {channel} " in reason for reason in said)
+
+
+def constant(x, begin, size):
+    x[begin : begin + size] = x[begin]
+
+
+def line(x, begin, size):
+    x[begin : begin + size + 1] = np.linspace(x[begin], x[begin + size], size + 1)
+
+
+def in_memory(fs, seed=3, size=30_000):
+    """A read-out of white noise on a slow tone, that moves by about a hundred steps of single precision."""
+    n = np.arange(size)
+    noise = 1e-13 * np.random.default_rng(seed).standard_normal(size)
+    walk = scipy.signal.lfilter(
+        [1], [1, -0.9995], 2e-12 * np.random.default_rng(seed + 1).standard_normal(size)
+    )
+    return 9e-9 * np.sin(2 * np.pi * 1e-3 * n / fs) + noise + walk
+
+
+FORMATS = pytest.mark.parametrize(
+    "function", [lambda x: x, single, digits(7), counts(24)], ids=["double", "single", "7 digits", "24 bits"]
+)
+
+
+@pytest.mark.parametrize("fs", [1.0, 10.0])
+@pytest.mark.parametrize("fault", [constant, line])
+@FORMATS
+def test_short_stretches_are_found_wherever_they_are(function, fault, fs):
+    """Of 31 to 95 samples, several of them in a run, whether or not few samples of a run are compared."""
+    x = in_memory(fs)
+    at = {4001 + 1237 * k: size for k, size in enumerate((31, 32, 38, 45, 60, 95))}
+    for begin, size in at.items():
+        fault(x, begin, size)
+    x = function(x)
+    found = [(round(o.begin * fs), round(o.end * fs)) for o in samples.stuck(x, fs, estimate_resolution(x))]
+    assert len(found) == len(at)
+    for (begin, end), (expected, size) in zip(found, at.items(), strict=True):
+        assert abs(begin - expected) <= 8  # at a power of ten, where steps change within a line
+        assert abs(end - expected - size) <= 3
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_a_stretch_is_found_however_much_of_a_run_it_takes(share):
+    x = in_memory(1.0, size=6000)
+    constant(x, 2000, int(share * x.size))
+    x = single(x)
+    (fault,) = samples.stuck(x, 1.0, estimate_resolution(x))
+    assert fault.what.startswith("is stuck at")
+    assert (fault.begin, fault.end - fault.begin) == (2000, int(share * x.size))
+
+
+@pytest.mark.parametrize(
+    ("function", "channel"),
+    [(f, c) for f in (single, digits(7), counts(24), counts(20)) for c in ("o_1", "o_12", "f_x_2")]
+    + [(about(1e-6), "o_12")],
+)
+def test_quiet_parts_of_a_clean_run_are_no_faults(function, channel):
+    """Before the first injection and after the last, rounding makes longer lines than in between."""
+    for run in flown():
+        x = function(run.channels[channel].copy())
+        assert not list(samples.stuck(x, run.fs, estimate_resolution(x)))
+
+
+@pytest.mark.parametrize("shift", [0.013, 0.25, 1 / 3, 0.37, 1e3 / 7])
+@pytest.mark.parametrize("step", [3e-13, 1e-12])
+def test_an_offset_leaves_the_step_of_a_lattice(step, shift):
+    for run in stored(lambda x: step * np.round(x / step) + shift * step, ("o_12",)):
+        found = estimate_resolution(run.channels["o_12"])
+        assert found.fixed
+        assert found.largest == pytest.approx(step, rel=1e-6)
+        said = [o for o in samples.stuck(run.channels["o_12"], run.fs, found) if o.again]
+        assert not said
+
+
+@pytest.mark.parametrize("function", [single, digits(6), counts(20)], ids=["single", "6 digits", "20 bits"])
+def test_the_mean_that_was_taken_off_leaves_the_step(function):
+    n = np.arange(60_000)
+    walk = scipy.signal.lfilter([1], [1, -0.9995], 2e-11 * np.random.default_rng(3).standard_normal(n.size))
+    x = function(walk + 1e-8 * np.sin(2 * np.pi * 1e-3 * n) + 1.1e-6)
+    before, after = estimate_resolution(x), estimate_resolution(x - x.mean())
+    assert after.fixed
+    assert after.largest == pytest.approx(before.largest, rel=1e-6)
+    assert not list(samples.stuck(x - x.mean(), 10.0, after))
+
+
+@pytest.mark.parametrize(("function", "growth"), [(single, 2.0**-20), (digits(7), 1e-6)])
+def test_the_step_is_the_larger_one_where_it_grew_before_the_mean_was_taken_off(function, growth):
+    x = flown()[0].channels["o_12"]
+    x = function(x - x.mean() + growth)
+    step = np.diff(np.unique(x[x > growth])).min()
+    x = x - x.mean()
+    found = estimate_resolution(x)
+    assert found.largest == pytest.approx(step, rel=1e-3)
+    assert not list(samples.stuck(x, 1.0, found))
+
+
+@pytest.mark.parametrize("every", [40, 100])
+@pytest.mark.parametrize("function", [single, counts(24)], ids=["single", "24 bits"])
+def test_a_whole_run_that_is_interpolated_is_found(function, every):
+    x = in_memory(1.0)
+    n = np.arange(x.size)
+    x = function(np.interp(n, n[::every], x[::every]))
+    found = list(samples.stuck(x, 1.0, estimate_resolution(x)))
+    assert sum(o.end - o.begin for o in found) > 0.9 * x.size
+    assert sum(o.what.startswith("is a straight line") for o in found) > 0.9 * len(found)
+
+
+def test_square_waves_of_an_open_loop_are_not_rounded():
+    run, noise = flown()
+    pulses = np.where(np.arange(run.size) % 2000 < 1000, 5e-12, 0.0)
+    driven = replace(run, channels={**run.channels, "f_x_1": pulses})
+    assert not list(rounding.roundings(driven, noise))
+
+
+def test_a_ramp_of_double_precision_is_no_lattice():
+    """Its samples are nearly evenly spaced, as those of a large slow command."""
+    increments = 3.5e-13 * (1 + 3e-3 * np.random.default_rng(5).standard_normal(20_000))
+    assert estimate_resolution(1.5e-9 + np.cumsum(increments)) is None

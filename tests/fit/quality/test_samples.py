@@ -1,0 +1,244 @@
+"""Samples that no instrument gives are found, named, and placed; noise, rounding and gaps are left alone."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fit.quality import metadata, samples
+from fit.whitening.runs import pair
+from tests.oracles import closed_loop, thirteen
+
+N = 20000
+
+
+def noise(seed=1, size=N):
+    """A read-out in m: noise, red below and white above, with a sine."""
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.standard_normal(size)) * 1e-12
+    return walk + 3e-12 * rng.standard_normal(size) + 1e-9 * np.sin(2 * np.pi * 1e-3 * np.arange(size))
+
+
+def run(kind="sysid", **channels):
+    """Return a run in closed loop, whose channels are all noise, some of them changed."""
+    given = {name: 1e-3 * noise(n) for n, name in enumerate(("f_x_1", "f_x_2"))}
+    given |= {"o_1": noise(3), "o_12": noise(4)}
+    made = thirteen.telemetry(_SHORT, fs=1.0)
+    changed = {name: function(given[name].copy()) for name, function in channels.items()}
+    return replace(made, kind=kind, time=np.arange(N) * 1.0, channels=given | changed)
+
+
+_SHORT = replace(thirteen.made("B4", "noise"), duration=600.0)
+
+
+def said(**channels):
+    return list(samples.faults(run(**channels), run("noise")))
+
+
+def held(start, stop):
+    return lambda x: np.where((np.arange(x.size) >= start) & (np.arange(x.size) < stop), x[start], x)
+
+
+def filled(start, stop):
+    def function(x):
+        x[start:stop] = np.linspace(x[start], x[stop], stop - start)
+        return x
+
+    return function
+
+
+def stale(x):
+    x[99::50] = x[98::50]
+    return x
+
+
+def every_other(x):
+    return np.interp(np.arange(x.size), np.arange(0, x.size, 2), x[::2])
+
+
+def every(period, at=5, digit=0.0):
+    """Return a function that makes every so-and-so-many-th sample from its neighbours."""
+
+    def function(x):
+        x[at:-1:period] = (x[at - 1 : -2 : period] + x[at + 1 :: period])[: x[at:-1:period].size] / 2
+        return digit * np.round(x / digit) if digit else x
+
+    return function
+
+
+def plus(amount, start, stop=N):
+    return lambda x: x + amount * ((np.arange(x.size) >= start) & (np.arange(x.size) < stop))
+
+
+@pytest.mark.parametrize(
+    ("name", "fault", "words"),
+    [
+        ("o_12", held(0, N), "o_12 is .* throughout"),
+        ("o_12", held(5000, 5600), "o_12 is .* for 600 s at 5000 s"),
+        ("f_x_2", held(5000, 5010), "f_x_2 is .* for 10 s at 5000 s"),
+        ("o_1", filled(5000, 5060), "o_1 is a straight line for 60 s at 5000 s"),
+        ("f_x_1", lambda x: 0 * x, "f_x_1 is stuck at 0 throughout"),
+        ("f_x_2", lambda x: np.where(np.arange(x.size) // 2 == 3000, 0, x), "f_x_2 is exactly 0 at 6001 s"),
+        ("o_12", lambda x: np.concatenate([x[:8000], x[7999:-1]]), "o_12 repeats a sample at 8000 s"),
+        ("f_x_2", stale, "f_x_2 repeats a sample 39\\d times, first at 99 s"),
+        ("o_12", lambda x: np.tile(x[:3600], 6)[:N], "o_12 comes again every 3600 s at 0 s"),
+        ("f_x_2", lambda x: np.tile(x[:60], 400)[:N], "f_x_2 comes again every 60 s"),
+        (
+            "o_12",
+            lambda x: np.tile(x[:3600], 6)[:N][::-1] * np.where(np.arange(N) == 9, 0, 1),
+            "is rounded: it has 360",
+        ),
+        ("f_x_2", every_other, "f_x_2 is interpolated: 50 % of its samples lie on the line"),
+        ("o_1", lambda x: np.minimum(x, np.quantile(x, 0.98)), "o_1 stops at its limit of"),
+        ("o_1", plus(1e-7, 12345), r"o_1 jumps by 1e-07 m at 1234[45] s"),
+        ("o_12", plus(-3e-10, 7000), r"o_12 jumps by -3e-10 m at (6999|7000) s"),
+        (
+            "o_12",
+            lambda x: np.where(np.arange(N) < 7250, x, -x),
+            r"o_12 changes its sign and jumps by -2.2e-09 m",
+        ),
+        ("o_12", plus(1e-6, 7000, 7001), "o_12 is off by 1e-06 m at 7000 s"),
+    ],
+)
+def test_an_odd_channel_is_named(name, fault, words):
+    first, *_ = said(**{name: fault})
+    assert re.search(words, first), first
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [
+        {},
+        {"o_12": lambda x: x.astype(np.float32).astype(float)},
+        {"o_12": lambda x: 1e-16 * np.round(x / 1e-16), "f_x_2": lambda x: 1e-17 * np.round(x / 1e-17)},
+        {"o_12": lambda x: np.array([float(f"{value:.6e}") for value in x])},
+        {"o_12": lambda x: x + 1e-6},
+        {"o_12": lambda x: np.where(np.arange(x.size) % 5000 < 50, np.nan, x)},
+        {"o_12": lambda x: 0.01 * x + 5e-11 * np.maximum(np.arange(N) - 5000.0, 0)},
+        {"o_12": lambda x: x + 1e-10 * np.maximum(np.arange(x.size) - 7000.0, 0)},
+        {
+            name: lambda x: np.concatenate([x[:8000], x[7999:-1]])
+            for name in ("o_1", "o_12", "f_x_1", "f_x_2")
+        },
+        {"o_1": lambda x: np.concatenate([np.zeros(5), x[5:]])},
+    ],
+    ids=[
+        "clean",
+        "single",
+        "rounded",
+        "decimal",
+        "offset",
+        "gaps",
+        "slope",
+        "pushed",
+        "all repeated",
+        "from zero",
+    ],
+)
+def test_what_is_in_order_is_left_alone(channels):
+    assert not said(**channels)
+
+
+def test_a_command_at_the_limit_of_its_authority_is_not_stuck():
+    limited = {"f_x_2": lambda x: np.clip(x, None, np.quantile(x, 0.9))}
+    odd = run(**limited)
+    assert any("f_x_2 stops at its limit of" in reason for reason in samples.faults(odd, run("noise")))
+    given = replace(odd, F_max_2=float(odd.channels["f_x_2"].max()) * odd.m_tm)
+    assert not list(samples.faults(given, run("noise")))
+
+
+def test_few_equal_neighbours_of_values_with_few_digits_are_chance():
+    steps = np.random.default_rng(5).normal(size=N)
+    x = np.array([float(f"{value:.6e}") for value in 1e-10 * (1 + 1e-3 * np.cumsum(steps))])
+    assert 1 <= np.count_nonzero(np.diff(x) == 0) < 30
+    assert not said(f_x_2=lambda _: x)
+    again = np.concatenate([x[:8000], x[7900:7999].repeat(2), x[8198:]])
+    assert "repeats a sample" in said(f_x_2=lambda _: again)[0]
+
+
+def test_a_command_that_nothing_feeds_back_may_stay_the_same():
+    still = run("noise", f_x_1=lambda x: 0 * x, f_x_2=lambda x: 0 * x)
+    driven = run(f_x_2=lambda x: np.where(np.arange(x.size) % 4000 < 2000, x, 0), f_x_1=lambda x: 0 * x)
+    assert not list(samples.faults(driven, still))
+    assert not list(samples.faults(driven, None))
+
+
+def test_sines_that_begin_and_end_are_no_jumps():
+    made = thirteen.telemetry(thirteen.made("B4", "sysid"))
+    assert not list(samples.faults(made, thirteen.telemetry(thirteen.made("B4", "noise"))))
+    quiet = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
+    still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=quiet))
+    assert not [words for words in samples.faults(still, None) if "jumps" in words]
+
+
+def combs(**channels):
+    return list(samples.interpolated(run(**channels)))
+
+
+@pytest.mark.parametrize(
+    ("fault", "period"),
+    [
+        (every(10), 10),
+        (every(2), 2),
+        (every(15, 8), 15),
+        (every(10, digit=1e-17), 10),
+        (lambda x: every(10)(x.astype(np.float32).astype(float)), 10),
+    ],
+    ids=["tenth", "second", "15th", "rounded", "single"],
+)
+@pytest.mark.parametrize("name", ["f_x_2", "o_12"])
+def test_a_comb_of_samples_made_from_their_neighbours_is_told(name, fault, period):
+    (said,) = combs(**{name: fault})
+    assert f"{name} is interpolated: one sample in every {period} lies on the line" in said
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda x: x,
+        lambda x: x.astype(np.float32).astype(float),
+        lambda x: 3e-16 * np.round(x / 3e-16),  # a tenth of which lies between its neighbours
+        lambda x: 3e-15 * np.round(x / 3e-15),
+        lambda x: np.repeat(x[::10], 10),
+        lambda x: filled(5000, 5400)(x),
+        lambda x: np.where(np.random.default_rng(2).random(x.size) < 0.1, np.roll(x, 1), x),
+        lambda x: x[:300],
+    ],
+    ids=["clean", "single", "rounded", "coarse", "held", "filled", "repeated", "short"],
+)
+def test_no_comb_is_told_of_other_samples(made):
+    assert combs(f_x_2=made, o_1=lambda x: 1e3 * made(1e-3 * x)) == []
+
+
+def experiments(spoilt):
+    """Return four of them, every twelfth sample of f_x_2 interpolated in the sysid runs of some."""
+    return pair([of_its_own(name, kind, spoilt) for name in "ABCD" for kind in ("sysid", "noise")])
+
+
+def of_its_own(name, kind, spoilt):
+    seed = 10 * ord(name) + (kind == "noise")
+    channels = {c: noise(100 * seed + n) for n, c in enumerate(("o_1", "o_12", "f_x_1", "f_x_2"))}
+    if name in spoilt and kind == "sysid":
+        channels["f_x_2"] = every(12)(channels["f_x_2"])
+    channels = {c: x * (1e-3 if c[0] == "f" else 1) for c, x in channels.items()}
+    label = f"{name}-{kind}"
+    return replace(run(kind), run=label, experiment=name, path=f"{label}.h5", channels=channels)
+
+
+def test_samples_that_are_interpolated_in_most_runs_spoil_the_fit():
+    (note,) = [n for n in metadata.faults(experiments("ACD")).notes if n.code == "interpolated"]
+    assert note.kind.unsound
+    found = metadata.faults(experiments("D"))
+    (fault,) = found.left_out
+    assert fault.experiment == "D"
+    assert "D-sysid.h5: f_x_2 is interpolated: one sample in every 12" in fault.reason
+    assert not [n for n in found.notes if n.code == "interpolated"]
+
+
+@pytest.mark.parametrize("size", [31, 32, 63, 64, 65, 1000, 4097])
+def test_a_correlation_by_products_of_matrices(size):
+    rng = np.random.default_rng(size)
+    x, weights = rng.standard_normal(size), rng.standard_normal(31)
+    wanted = np.correlate(x, weights, mode="valid")
+    np.testing.assert_allclose(samples._correlated(x, weights), wanted, rtol=0, atol=1e-13)

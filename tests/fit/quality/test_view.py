@@ -1,0 +1,67 @@
+"""Products of glitches from the few samples that they reach, against those of whole columns made plainly."""
+
+import numpy as np
+import pytest
+
+from fit.quality.view import View
+from fit.whitening.glitch_templates import Glitch, Shape
+
+N, FS, SEED = 6000, 1.0, 3
+
+
+@pytest.fixture(scope="module")
+def view():
+    rng = np.random.default_rng(SEED)
+    f = np.arange(1, N // 10 + 1) * FS / N
+    window = np.sin(np.pi * (np.arange(N) + 0.5) / N) ** 2
+    window[2500:2520] = 0.0
+    Q = np.linalg.qr(rng.standard_normal((2 * f.size, 3)))[0]
+    residual = rng.standard_normal(2 * f.size)
+    S = 1 + (3e-3 / f) ** 2 + (f / 0.03) ** 4
+    time = 20.0 + np.arange(N) / FS
+    return View(time, FS, f, S, window, residual - Q @ (Q.T @ residual), Q, own=False, known=())
+
+
+def plainly(view, glitch):
+    """Return the column of a glitch, by a transform that is written out and far longer than the run."""
+    shape, M = glitch.shape, 16 * N
+    f = np.arange(M // 2 + 1) * FS / M
+    s = 2j * np.pi * f * shape.tau
+    main = {"pushed": 1 / (1 + s), "swinging": s / (1 + s), "rising": 1 / (1 - s)}[shape.kind]
+    spectrum = main / (1 + shape.other * s) * np.exp(-((f / 0.2) ** 4))
+    series = np.fft.irfft(spectrum * np.exp(-2j * np.pi * f * (glitch.begin - view.time[0])), M)[:N]
+    bins = np.fft.rfft(series * view.window)[1 : view.f.size + 1] / np.sqrt(view.S)
+    column = np.stack([bins.real, bins.imag], axis=1).ravel()
+    column -= view.Q @ (view.Q.T @ column)
+    return column / np.linalg.norm(column)
+
+
+GLITCHES = {
+    "short": [("pushed", 30.0, 0.0, 2000.3), ("pushed", 33.0, 0.4, 2010.0), ("pushed", 30.0, -0.5, 2001.0)],
+    "beside a mask": [("swinging", 40.0, 1.0, 2480.0), ("rising", 35.0, 0.2, 2540.7)],
+    "long": [("pushed", 300.0, 1.0, 2000.0), ("swinging", 60.0, 0.1, 2100.0)],
+}
+
+
+@pytest.mark.parametrize("drawn", GLITCHES.values(), ids=list(GLITCHES))
+def test_products_of_traces_are_those_of_whole_columns(view, drawn):
+    glitches = [Glitch(Shape(kind, tau, other), begin) for kind, tau, other, begin in drawn]
+    columns = np.array([plainly(view, glitch) for glitch in glitches])
+    found = view.traces(glitches)
+    np.testing.assert_allclose(found.amplitudes, columns @ view.residual, atol=1e-9)
+    sums = np.vstack([np.eye(len(glitches)), np.eye(len(glitches))[0] - np.eye(len(glitches))[1]])
+    np.testing.assert_allclose(found.products(sums), (sums @ columns) @ (sums @ columns).T, atol=1e-9)
+
+
+def test_a_short_glitch_is_told_by_fewer_numbers_than_a_column_has(view):
+    short, long = (view.traces([Glitch(Shape("pushed", tau), 2000.0)]) for tau in (30.0, 300.0))
+    assert short.taken.shape[1] == view.Q.shape[1]
+    assert long.vectors.shape[1] == view.residual.size
+    assert not long.taken.size
+
+
+def test_a_glitch_that_is_projected_out_has_no_amplitude(view):
+    glitch, other = (Glitch(Shape("pushed", tau), 2000.0) for tau in (30.0, 60.0))
+    column = view.column(glitch)
+    assert column is not None
+    assert np.isnan(view.without(column).traces([glitch, other]).amplitudes).tolist() == [True, False]

@@ -1,0 +1,268 @@
+"""Filters, stencils, windows and the noise model against formulas."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fit.errors import FitError
+from fit.spectra import derivatives, windowing
+from fit.spectra.noise_psd import fit_noise
+from fit.whitening import glitch_templates, whitened_run
+
+BAND = np.array([1e-3, 13.33e-3, 53.33e-3, 0.1])  # Hz, at a sample rate of 1 Hz
+
+
+def response(weights, f):
+    k = np.arange(-(weights.size // 2), weights.size // 2 + 1)
+    return np.exp(2j * np.pi * np.outer(f, k)) @ weights
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.186, 0.45, -0.3, 1.5])
+def test_stencil_delays_and_differentiates_to_better_than_1e_7_in_the_band(shift, order):
+    ideal = (2j * np.pi * BAND) ** order * np.exp(-2j * np.pi * BAND * shift)
+    assert np.abs(response(derivatives.stencil(shift, order), BAND) / ideal - 1).max() < 1e-8
+
+
+@given(
+    offset=st.floats(-1, 1),
+    slope=st.floats(-1, 1),
+    curvature=st.floats(-1, 1),
+    shift=st.floats(-2, 2),
+)
+def test_stencil_is_exact_on_parabolas(offset, slope, curvature, shift):
+    n = np.arange(60.0)
+    x = offset + slope * n + curvature * n**2
+    at = n[derivatives.HALF : -derivatives.HALF] - shift
+    expected = (offset + slope * at + curvature * at**2, slope + 2 * curvature * at, 2 * curvature + 0 * at)
+    for order, values in enumerate(expected):
+        assert np.allclose(derivatives.apply(derivatives.stencil(shift, order), x), values, rtol=0, atol=1e-9)
+
+
+def test_second_derivative_lets_no_offset_or_drift_through():
+    weights = derivatives.stencil(0.0, 2)
+    k = np.arange(-derivatives.HALF, derivatives.HALF + 1)
+    # 1e-14 s^-2 would be a ten-millionth of the stiffness
+    assert abs(weights.sum()) < 1e-14
+    assert abs(weights @ k) < 1e-13
+
+
+@pytest.mark.parametrize(("fs", "factor"), [(10.0, 10), (5.0, 5), (2.5, 2), (2.0, 2), (1.0, 1), (0.5, 1)])
+def test_low_pass_keeps_the_band_and_removes_what_would_alias(fs, factor):
+    taps, found = derivatives.low_pass(fs)
+    assert found == factor
+    band = np.linspace(0, derivatives.F_MAX, 50)
+    assert np.abs(response(taps, band / fs) - 1).max() < 3e-5
+    for alias in range(1, factor):
+        near = alias * fs / factor + np.linspace(-derivatives.F_MAX, derivatives.F_MAX, 50)
+        assert np.abs(response(taps, near / fs)).max() < 2e-5
+
+
+@pytest.mark.parametrize("fs", [10.0, 5.0, 2.5, 1.0])
+@pytest.mark.parametrize("n", [4000, 4007])
+def test_decimation_keeps_time(fs, n):
+    taps, factor = derivatives.low_pass(fs)
+    t = np.arange(n) / fs
+    kept = derivatives.decimate(np.sin(2 * np.pi * 0.05 * t), taps, factor)
+    first = taps.size // 2
+    assert kept.size == len(t[first : n - first : factor])
+    assert np.allclose(kept, np.sin(2 * np.pi * 0.05 * t[first::factor][: kept.size]), atol=2e-5)
+
+
+def test_short_gaps_are_bridged_and_long_ones_masked():
+    t = np.arange(3000) / 10
+    x = np.sin(2 * np.pi * 0.0533 * t)
+    holed = x.copy()
+    for missing in (slice(0, 3), slice(500, 501), slice(800, 810), slice(1500, 1511), slice(2990, 3000)):
+        holed[missing] = np.nan
+    filled, masked = derivatives.bridge(holed, 10.0)
+    assert np.flatnonzero(masked).tolist() == list(range(1500, 1511))
+    assert np.abs(filled - x)[3:2990][~masked[3:2990]].max() < 1e-4
+    assert np.isfinite(filled).all()
+
+
+def test_nothing_missing_nothing_done():
+    x = np.arange(10.0)
+    filled, masked = derivatives.bridge(x, 10.0)
+    assert filled is x
+    assert not masked.any()
+
+
+@given(flags=st.lists(st.booleans(), min_size=1, max_size=30))
+def test_stretches_cover_exactly_what_is_flagged(flags):
+    flags = np.array(flags)
+    covered = np.zeros_like(flags)
+    for start, stop in derivatives.stretches(flags):
+        assert not covered[start:stop].any()
+        covered[start:stop] = True
+    assert np.array_equal(covered, flags)
+
+
+def test_window_is_flat_tapered_and_notched():
+    valid = np.ones(10000, dtype=bool)
+    w = windowing.window(valid, 1.0)
+    assert w[600:-600].min() == 1
+    assert w[0] < 1e-5
+    assert w[-1] < 1e-5
+    valid[5000:5040] = False
+    notched = windowing.window(valid, 1.0)
+    assert not notched[5000:5040].any()
+    assert np.array_equal(notched[:4900], w[:4900])
+    assert np.abs(np.diff(notched)).max() < 0.03  # smooth, so that nothing leaks far
+
+
+@given(f=st.floats(0.006, 0.09), phase=st.floats(0, 6), gap=st.booleans())
+def test_parseval(f, phase, gap):
+    valid = np.ones(4000, dtype=bool)
+    valid[2000:2020] = not gap
+    x = np.sin(2 * np.pi * f * np.arange(4000) + phase)
+    spectrum = windowing.transform(x[:, None], valid, 1.0)
+    w = spectrum.window
+    power = np.sum(np.abs(spectrum.columns) ** 2) / 4000  # one-sided PSD, times the bin width
+    assert power == pytest.approx(np.sum((w * x) ** 2) / np.sum(w**2), rel=5e-4)
+
+
+def test_linear():
+    rng = np.random.default_rng(1)
+    x = rng.standard_normal((1000, 3))
+    valid = np.ones(1000, dtype=bool)
+    both = windowing.transform(np.stack([x @ [1, 2, 3]], axis=1), valid, 1.0).columns[:, 0]
+    assert np.allclose(both, windowing.transform(x, valid, 1.0).columns @ [1, 2, 3])
+
+
+def test_a_sum_of_columns_is_whitened_as_its_columns_are():
+    run = windowing.transform(np.random.default_rng(3).standard_normal((1000, 4)), np.ones(1000, bool), 1.0)
+    S, c = 1 + run.f, np.array([1.0, -2.0, 3.0])
+    (total, left), (each, of_all) = whitened_run.whiten(run.summed(c), S), whitened_run.whiten(run, S)
+    assert np.allclose(total[:, 0], each[:, :3] @ c, rtol=1e-12, atol=1e-12)
+    assert np.array_equal(left, of_all)
+
+
+def shape(f):
+    """PSD of a Delta g with its tail, plateau, read-out noise and a jitter bump at 50 mHz."""
+    bump = 12e-15 * np.exp(-0.5 * (np.log(f / 0.05) / 0.35) ** 2)
+    return (60e-15 * 2e-5 / f) ** 2 + 4e-15**2 + bump**2 + (35e-15 * (2 * np.pi * f) ** 2) ** 2
+
+
+@pytest.mark.parametrize("hours", [6, 8, 65])
+def test_noise_model_follows_tail_bump_and_rise(hours):
+    f = np.arange(1, int(360 * hours) + 1) / (3600 * hours)
+    model = fit_noise(f, shape(f), np.ones(f.size))
+    assert np.abs(model(f) / shape(f) - 1)[f > 1e-4].max() < 0.05
+
+
+@pytest.mark.stat
+def test_noise_model_is_unbiased_and_knows_its_own_variance():
+    # 400 periodograms; false-positive probability below 1e-3 (five standard errors at five frequencies)
+    rng = np.random.default_rng(2)
+    f = np.arange(1, 2161) / 21600
+    models = [fit_noise(f, shape(f) * rng.exponential(size=f.size), np.ones(f.size)) for _ in range(400)]
+    at = f[[10, 30, 100, 500, 2000]]
+    logs = np.log([model(at) / shape(at) for model in models])
+    stated = np.log(models[0].expected(at) / models[0](at))
+    assert np.all(np.abs(logs.std(axis=0) ** 2 / stated - 1) < 0.45)
+    assert np.all(np.abs(logs.mean(axis=0) + stated / 2) < 5 * np.sqrt(stated / 400) + 0.01)
+
+
+def test_noise_model_allows_for_what_a_fit_has_taken_out():
+    f = np.arange(1, 2161) / 21600
+    left = np.where(f < 1e-3, 0.6, 1.0)
+    model = fit_noise(f, shape(f) * left, left)
+    assert np.abs(model(f) / shape(f) - 1)[f > 1e-4].max() < 0.05
+
+
+def test_noise_model_goes_on_straight_below_the_first_bin():
+    f = np.arange(1, 2161) / 21600
+    model = fit_noise(f, 1e-30 * f**-2.0, np.ones(f.size))
+    assert model(np.array([1e-6])) == pytest.approx([1e-30 * 1e12], rel=1e-6)
+
+
+def test_noise_model_takes_in_what_lies_below_the_first_knot():
+    f = np.arange(1, 2161) / 21600
+    power = shape(f)
+    power[:3] *= 0.02  # chance has made them quiet; they alone would tell how quiet all that is slower is
+    slow = np.arange(1, 9) / 216000
+    alone = fit_noise(f, power, np.ones(f.size))
+    model = fit_noise(
+        *(np.concatenate(x) for x in ((slow, f), (shape(slow), power), (np.ones(8), np.ones(f.size)))), 8
+    )
+    assert np.array_equal(model.knots, alone.knots)
+    assert np.any(alone.expected(slow) < 0.1 * shape(slow))
+    assert np.abs(np.log(model(slow) / shape(slow))).max() < 0.7
+
+
+def test_noise_model_is_the_same_whatever_was_fitted_before():
+    short, other = np.arange(1, 2161) / 21600, np.arange(1, 2161) / 43200
+    first = fit_noise(short, shape(short), np.ones(2160))
+    apart = fit_noise(other, shape(other), np.ones(2160))
+    again = fit_noise(short, shape(short), np.ones(2160))
+    assert np.array_equal(first.values, again.values)
+    assert np.array_equal(first.knots, again.knots)
+    assert np.exp(apart.knots[[0, -1]]) == pytest.approx(other[[0, -1]])
+
+
+@pytest.mark.parametrize("level", [0.0, np.nan, np.inf])
+def test_no_noise_is_an_error(level):
+    f = np.arange(1, 501) / 5000
+    with pytest.raises(FitError, match="no noise"):
+        fit_noise(f, np.full(500, level), np.ones(500))
+
+
+def test_parts_beside_are_projected_out_together_and_bins_are_those_of_the_band():
+    rng = np.random.default_rng(2)
+    x, valid = rng.standard_normal((4000, 5)), np.ones(4000, dtype=bool)
+    whole = windowing.transform(x[:, :2], valid, 1.0, beside=[x[:, 2:]])
+    band = whole.band(0.01, 0.03)
+    parts = windowing.transform(
+        x[:, :2], valid, 1.0, beside=(x[:, [i]] for i in (2, 3, 4)), band=(0.01, 0.03)
+    )
+    assert parts.first == band.first
+    for name in ("f", "columns", "nuisance"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(band, name), rtol=1e-12)
+
+
+def test_many_series_beside_take_no_more_memory_than_few():
+    n = 400_000
+    time, valid, peaks = np.arange(n, dtype=float), np.ones(n, dtype=bool), []
+    found = [glitch_templates.Glitch(glitch_templates.Shape("pushed", 300.0), 1e4 * i) for i in range(1, 13)]
+    for some in (found[:4], found):
+        tracemalloc.start()
+        windowing.transform(
+            time[:, None], valid, 1.0, beside=glitch_templates.loose(some, time, 1.0), band=(3e-5, 2e-3)
+        )
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
+
+
+@pytest.mark.parametrize("n", [2160, 2187, 40])
+def test_products_of_slow_series_are_those_of_all_samples(n):
+    """Against sums over every sample, with a window that is cut off hard."""
+    rng = np.random.default_rng(n)
+    last = n // 10
+    columns = rng.standard_normal((last, 3)) + 1j * rng.standard_normal((last, 3))
+    w = np.where((np.arange(n) > n // 3) & (np.arange(n) < n // 2), 0.0, np.hanning(n))
+    all_of_it = np.zeros((n // 2 + 1, 3), dtype=complex)
+    all_of_it[1 : last + 1] = columns
+    x = np.fft.irfft(all_of_it, n, axis=0) * (w * (n / 2 * np.sqrt(2 / (w @ w))))[:, None]
+    z, weights = windowing.squared(columns, 1, w)
+    assert len(z) < 0.5 * n or n < 100
+    assert np.allclose(z.T @ (z * weights[:, None]), x.T @ x, rtol=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0, 150])
+def test_a_slow_series_has_the_same_bins_at_few_instants(gap):
+    fs, valid = 1.0, np.ones(86400, dtype=bool)
+    valid[30000 : 30000 + gap] = False
+    t = np.arange(valid.size) / fs
+    whole = windowing.transform(np.exp(-(((t - 31000) / 900) ** 2))[:, None], valid, fs, band=(3e-5, 2e-3))
+    w, few = windowing.thinned(whole.window, fs, 0.1)
+    assert w.size < valid.size / 9
+    there = np.arange(w.size) / few
+    x = np.exp(-(((there - 31000) / 900) ** 2))[:, None]
+    found = windowing.windowed(x, w, few, slice(whole.first, whole.first + whole.f.size))
+    assert np.abs(found - whole.columns).max() < 1e-5 * np.abs(whole.columns).max()
+    assert windowing.thinned(w, few, 2 * few)[1] == few  # no more than there are

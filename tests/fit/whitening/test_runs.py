@@ -1,0 +1,50 @@
+"""Weighing a run by its noise run."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from fit.whitening.runs import smooth_noise
+
+
+def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder():
+    # else what it changes could take it out again, and so on without an end
+    f, slow = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
+
+    def run(f, power):
+        told = np.stack([power, np.ones(f.size)])
+        return SimpleNamespace(terms=SimpleNamespace(f=f), power=lambda _, first=None: told[:, :first])
+
+    without = smooth_noise(run(f, np.ones(f.size)), None)
+
+    def weighed(times, previous):
+        longer = run(slow, times * without.expected(slow))
+        return smooth_noise(run(f, np.ones(f.size)), previous, longer)
+
+    def heard(times, previous):
+        return bool(weighed(times, previous).below)
+
+    by_it = weighed(9.0, None)
+    assert [heard(times, without) for times in (0.5, 1.5, 3.0)] == [False, False, True]
+    assert [heard(times, by_it) for times in (0.5, 1.5, 3.0)] == [False, True, True]
+    assert [heard(times, None) for times in (0.5, 1.5, 3.0)] == [False, True, True]
+
+
+def test_slower_noise_that_is_heard_a_second_time_stays():
+    # the weights with it make it look quiet, those without it loud
+    f, slow = np.arange(1, 2161) / 21600, np.arange(1, 9) / 216000
+
+    def run(f, power):
+        return SimpleNamespace(terms=SimpleNamespace(f=f), power=power)
+
+    quick = run(f, lambda _: np.ones((2, f.size)))
+    without = smooth_noise(quick, None)
+
+    def of_slow(previous, first):
+        times = 0.5 if previous and previous.below else 3.0
+        return np.stack([times * without.expected(slow), np.ones(slow.size)])
+
+    models, model = [], None
+    for _ in range(6):
+        models.append(model := smooth_noise(quick, model, run(slow, of_slow)))
+    assert [bool(model.below) for model in models] == [False, True, True, True, True, True]
