@@ -26,6 +26,7 @@ LAYERS = {
             "warnings",
             "parameters",
             "requirements",
+            "false_alarms",
             "files",
             "parallel",
             "telemetry",
@@ -76,7 +77,7 @@ HEAVY = ("emcee", "fmpy", "h5py", "jinja2", "lmfit", "matplotlib", "numpy", "pin
 HEAVY += ("scipy", "sympy", "typer", "astropy")
 #: Names that doors hand to users, or to other processes, beside those that the packages use.
 PUBLIC = {"lpfcosim.worlds": {"World", "of", "register"}}
-MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 13, 400, 60
+MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 14, 400, 60
 
 SOURCES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))
 
