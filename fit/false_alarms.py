@@ -1,8 +1,8 @@
 """The budget of false alarms of one campaign, split evenly among the families of tests.
 
-Every test of the data, from a channel that is stuck to a run that contradicts the others, takes its limit from
-here. A clean campaign of Gaussian noise then raises any alarm at all with a probability of at most `BUDGET`
-(Bonferroni's bound: the tests need not be independent).
+Every test of the data, from a channel that is stuck to a run that contradicts the others, takes its limit
+from here. A clean campaign of Gaussian noise then raises any alarm at all with a probability of at most
+`BUDGET` (Bonferroni's bound: the tests need not be independent).
 """
 
 from collections.abc import Mapping
