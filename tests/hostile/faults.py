@@ -1,96 +1,172 @@
-"""Write docs/faults.md: ``python -m tests.hostile.faults``.
+"""Put every fault of the catalogue into telemetry, fit it, and write docs/faults.csv and docs/faults.md.
 
-Every fault goes into telemetry of its own and through the fit; this takes a quarter of an hour on two cores.
+``python -m tests.hostile.faults [PARTIAL]`` takes half an hour on two cores. Rows are kept in PARTIAL, by
+default faults.jsonl in the working folder, from which an interrupted run resumes; remove it to begin again.
+``python -m tests.hostile.faults --summary`` writes the page from the table that is there.
 """
 
+import csv
+import json
 import os
 import re
-from collections import Counter
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from tests import ROOT
 from tests.hostile.catalogue import FAULTS, Fault
-from tests.hostile.judging import FAR, Judged, judge
+from tests.hostile.judging import FAR, judge
 
-PAGE = ROOT / "docs" / "faults.md"
-OUTCOMES = {
-    "refused": "refused, exit status 2",
-    "failed": "no result, exit status 1",
-    "no sigma": "values without sigmas, exit status 1",
-    "left out": "the others are sound",
-    "sound": "sound",
-}
-LONGEST = 220  # letters of what is said
-HEAD = "| fault | size | channel | experiment | what becomes of it | left out | largest error [σ] | said |"
-
-
-def told(number: int) -> Judged:
-    """Judge a fault by its number, in another process."""
-    return judge(FAULTS[number])
-
-
-def section(page: str, name: str, text: str) -> str:
-    """Return the page with the text between the marks of that name."""
-    before, rest = page.split(f"<!-- begin{name} -->")
-    after = rest.split(f"<!-- end{name} -->", 1)[1]
-    return f"{before}<!-- begin{name} -->\n{text}\n<!-- end{name} -->{after}"
+TABLE, PAGE = ROOT / "docs" / "faults.csv", ROOT / "docs" / "faults.md"
+COLUMNS = (
+    "kind",
+    "size",
+    "channel",
+    "experiments",
+    "outcome",
+    "left_out",
+    "error",
+    "verdict",
+    "detectors",
+    "message",
+)
+OUTCOMES = ("sound", "left out", "no sigma", "failed", "refused")
+LONGEST = 300  # characters of a message
+Row = dict[str, str]
 
 
-def row(fault: Fault, judged: Judged) -> str:
-    """Return the row of a fault."""
+def make_row(fault: Fault) -> Row:
+    """Return the row of a fault, which is fitted for it."""
+    judged = judge(fault)
     outcome = "left out" if judged.outcome == "sound" and judged.left_out else judged.outcome
-    becomes = OUTCOMES[outcome] + (f"; no data can tell: {fault.blind}" if fault.blind else "")
-    far = judged.outcome == "sound" and judged.pull > FAR
-    pull = "" if judged.outcome in ("refused", "failed") else f"{judged.pull:.1f}"
-    said = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.3g}", judged.telling(fault))
-    said = said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
+    message = re.sub(r"\d+\.\d{3,}", lambda number: f"{float(number[0]):.3g}", judged.telling(fault))
     cells = (
         fault.kind,
         fault.size,
-        f"`{fault.channel}`" if fault.channel not in ("", "all") else fault.channel,
-        fault.run or "every one",
-        becomes,
-        ", ".join(judged.left_out),
-        f"**{pull}**" if far else pull,
-        said,
+        fault.channel,
+        fault.run or "all",
+        outcome,
+        " ".join(judged.left_out),
+        "" if judged.outcome in ("refused", "failed") else f"{judged.pull:.1f}",
+        "undetectable" if fault.blind else "harmless" if fault.harmless else judged.verdict(fault),
+        " ".join(judged.detectors),
+        message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...",
     )
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+    row = dict(zip(COLUMNS, cells, strict=True))
+    if judged.verdict(fault) != "ok":
+        row["verdict"] = judged.verdict(fault)
+    return row
 
 
-def table(judged: list[Judged]) -> str:
-    """Return the table, under a sentence that counts."""
-    verdicts = Counter(each.verdict(fault) for fault, each in zip(FAULTS, judged, strict=True))
+def row_of(number: int) -> Row:
+    """Return the row of a fault by its number; for another process."""
+    return make_row(FAULTS[number])
+
+
+def by_kind(rows: Sequence[Row]) -> str:
+    """Return the summary: what becomes of the faults of each kind."""
+    lines = ["| fault | cases | " + " | ".join(OUTCOMES) + " | largest error [σ] |", "|---" * 8 + "|"]
+    kinds: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        kinds[row["kind"]].append(row)
+    for kind, members in kinds.items():
+        counts = Counter(row["outcome"] for row in members)
+        largest = max(
+            (float(row["error"]) for row in members if row["error"] and row["outcome"] in OUTCOMES[:2]),
+            default=0,
+        )
+        cells = (
+            kind,
+            len(members),
+            *(counts[outcome] or "" for outcome in OUTCOMES),
+            f"{largest:.1f}" if largest else "",
+        )
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
+
+
+def ablation(rows: Sequence[Row]) -> str:
+    """Return the table of detectors: on how many faults each fires, and on how many it alone does."""
+    clean = next(row for row in rows if row["kind"] == "nothing is wrong")
+    always = set(clean["detectors"].split())
+    fires: Counter[str] = Counter()
+    single: Counter[str] = Counter()
+    example: dict[str, str] = {}
+    for row in rows:
+        fired = set(row["detectors"].split()) - always
+        fires.update(fired)
+        if len(fired) == 1:
+            single.update(fired)
+        for name in fired:
+            example.setdefault(name, f"{row['kind']}, {row['channel']}".strip(", "))
+    lines = ["| detector | faults | alone | for example |", "|---" * 4 + "|"]
+    lines += [
+        f"| `{name}` | {n} | {single[name] or ''} | {example[name]} |" for name, n in fires.most_common()
+    ]
+    return "\n".join(lines)
+
+
+def totals(rows: Sequence[Row]) -> str:
+    """Return the sentence that counts the verdicts."""
+    verdicts = Counter(row["verdict"] for row in rows)
     harmless = sum(fault.harmless for fault in FAULTS)
-    counts = (
-        f"{len(FAULTS)} faults, {harmless} of them harmless. Called sound and more than {FAR:g} σ off, "
-        f"though data could tell: {verdicts['silent']}. Harmless, but no sound result: "
-        f"{verdicts['cries wolf']}; harmless, but an experiment is left out: {verdicts['costs a run']}. "
-        f"One bad experiment that costs the others their fit: {verdicts['costs all']}. "
-        f"No cause is named: {verdicts['no cause']}; another cause is: {verdicts['wrong cause']}."
+    return (
+        f"{len(rows)} faults, {harmless} of them harmless. Sound and more than {FAR:g} σ off, though data could "
+        f"show it: {verdicts['silent']}. Sound with more than half of the experiments left out: "
+        f"{verdicts['minority']}. Harmless, but no sound result: {verdicts['cries wolf']}; harmless, but an "
+        f"experiment is left out: {verdicts['costs a run'] + verdicts['costs others']}. One faulty experiment "
+        f"that costs the others their fit: {verdicts['costs all']}. No cause named: {verdicts['no cause']}; "
+        f"another cause named: {verdicts['wrong cause']}; another experiment named: {verdicts['wrong run']}."
     )
-    rows = [row(fault, each) for fault, each in zip(FAULTS, judged, strict=True)]
-    return "\n".join([counts, "", HEAD, "|---" * 8 + "|", *rows])
 
 
-def main() -> None:
-    """Judge all faults on both cores and write the page."""
-    from tests.hostile.test_faults import table as of_two_experiments
+def read(path: Path = TABLE) -> list[Row]:
+    """Return the rows of the table."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
+
+def replace_section(page: str, name: str, text: str) -> str:
+    """Return the page with the text between the marks of that name."""
+    before, rest = page.split(f"<!-- begin {name} -->")
+    after = rest.split(f"<!-- end {name} -->", 1)[1]
+    return f"{before}<!-- begin {name} -->\n{text}\n<!-- end {name} -->{after}"
+
+
+def write_summary(rows: Sequence[Row]) -> None:
+    """Write the summaries into the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    for name, text in (("totals", totals(rows)), ("kinds", by_kind(rows)), ("ablation", ablation(rows))):
+        page = replace_section(page, name, text)
+    PAGE.write_text(page, encoding="utf-8")
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Fit all faults on two processors and write table and page."""
+    if "--summary" in arguments:
+        write_summary(read())
+        return
+    partial = Path(arguments[0]) if arguments else Path("faults.jsonl")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    judged = []
-    with ProcessPoolExecutor(2) as pool:
-        for number, each in enumerate(pool.map(told, range(len(FAULTS)))):
-            judged.append(each)
-            print(f"{number + 1}/{len(FAULTS)} {each.verdict(FAULTS[number])}: {FAULTS[number].name}")
-    write(PAGE, of_two_experiments(), table(judged))
-
-
-def write(path: Path, small: str, large: str) -> None:
-    """Put both tables into the page."""
-    page = section(path.read_text(encoding="utf-8"), "", small)
-    path.write_text(section(page, " campaign", large), encoding="utf-8")
+    done: dict[str, Row] = {}
+    if partial.exists():
+        done = dict(json.loads(line) for line in partial.read_text(encoding="utf-8").splitlines())
+    missing = [number for number, fault in enumerate(FAULTS) if fault.name not in done]
+    with ProcessPoolExecutor(2) as pool, partial.open("a", encoding="utf-8") as file:
+        for number, row in zip(missing, pool.map(row_of, missing), strict=True):
+            name = FAULTS[number].name
+            done[name] = row
+            print(json.dumps([name, row]), file=file, flush=True)
+            print(f"{len(done)}/{len(FAULTS)} {row['verdict']}: {name}", flush=True)
+    rows = [done[fault.name] for fault in FAULTS]
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    write_summary(rows)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

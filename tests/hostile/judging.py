@@ -37,12 +37,16 @@ class Judged:
         Smallest sigma of the joint fit over that of the campaign without the fault; 1 if there are no copies.
     left_out : tuple of str
         Experiments that are not in the joint fit.
+    minority : bool
+        Whether these are more than half of all.
     alone : tuple of str
         Experiments whose own fit is called sound and is off by more than `FAR`, with the pull.
     names_run, names_cause : bool
         Whether what is said of the joint fit names an experiment of the fault, and words for its cause.
     said : tuple of str
         Errors and warnings of the joint fit.
+    detectors : tuple of str
+        What fired in any of the fits: codes of warnings, and kinds of causes.
     """
 
     outcome: str
@@ -51,10 +55,12 @@ class Judged:
     checked: float
     width: float
     left_out: tuple[str, ...]
+    minority: bool
     alone: tuple[str, ...]
     names_run: bool
     names_cause: bool
     said: tuple[str, ...]
+    detectors: tuple[str, ...] = ()
 
     def telling(self, fault: Fault) -> str:
         """Return the first of what is said that names the fault, or else the first of all."""
@@ -66,6 +72,8 @@ class Judged:
         if self.outcome == "sound" and self.pull > FAR:
             told = fault.blind and (self.checked <= FAR or "rests on" not in fault.blind)
             return "ok" if told else "silent"
+        if self.outcome == "sound" and self.minority:
+            return "minority"
         if self.outcome == "sound" and self.width < NARROW:
             return "too sure"
         if fault.harmless and self.outcome != "sound":
@@ -113,18 +121,27 @@ def judge(fault: Fault, names: Iterable[str] | None = None) -> Judged:
         if w.code == RESTS and _names([w.message], fault)
         for name in w.parameters
     }
+    experiments = [r for r in runs.values() if r.kind == "sysid"]
+    left_out = tuple(r.experiment for r in experiments if r.run not in taking_part)
     return Judged(
         outcome="no sigma" if joint.unsound else "sound",
         pull=pull,
         worst=worst,
         checked=_pull(joint, {n: value for n, value in TRUTH.items() if n not in resting})[0],
         width=1.0 if runs.keys() == clean(names).keys() else _width(joint, _sigmas(names)),
-        left_out=tuple(r.experiment for r in runs.values() if r.kind == "sysid" and r.run not in taking_part),
+        left_out=left_out,
+        minority=2 * len(left_out) > len(experiments),
         alone=_alone(results.experiments, runs),
         names_run=_names(said, fault),
         names_cause=any(re.search(fault.cause, words) for words in said),
         said=tuple(dict.fromkeys(said)),
+        detectors=_detectors([joint, *results.experiments.values()]),
     )
+
+
+def _detectors(fits: Iterable[Fit]) -> tuple[str, ...]:
+    """Return what fired in any of the fits."""
+    return tuple(sorted({w.code for fit in fits for w in (*fit.unsound, *fit.warnings)}))
 
 
 @cache
@@ -141,7 +158,7 @@ def _width(joint: Fit, clean: dict[str, float]) -> float:
 
 def _without_result(outcome: str, message: str, fault: Fault) -> Judged:
     named, cause = _names([message], fault), bool(re.search(fault.cause, message))
-    return Judged(outcome, 0.0, "", 0.0, 1.0, (), (), named, cause, (message,))
+    return Judged(outcome, 0.0, "", 0.0, 1.0, (), False, (), named, cause, (message,))
 
 
 def _names(said: Iterable[str], fault: Fault) -> bool:

@@ -10,7 +10,7 @@ MASS = 1.928
 LATE = "late|lag|delay|sample|clock|time|C_2"
 SCALE = "scale|gain|lambda|unit|factor|times (what|as much)"
 SIGN = "sign"
-UNIT = "unit|scale|is in nm and not|is in N and not|times (what|as much)"
+UNIT = "unit|scale|is in .+ and not|times (what|as much)"
 SHORT = tuple(name for name in PLANS if name != "D3")
 
 

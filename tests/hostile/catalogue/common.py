@@ -1,0 +1,102 @@
+"""Faults common to all runs, or to half of them, which no comparison among runs shows, and wrong units."""
+
+import numpy as np
+
+from tests.hostile.catalogue.channels import SHORT, UNIT, times
+from tests.hostile.catalogue.fault import changes, faults
+from tests.hostile.catalogue.world import line
+from tests.hostile.spoiling import all_of, before_archive, changed, every, gain, pushed, remade, rewritten
+
+HALF = ("A1", "B2", "A2", "E3", "G3", "B4", "C4")  # seven of thirteen
+LEAK = "guidance"
+BENT = "non-linear|nonlinear|force"
+UNKNOWN = "lacks|unrecorded|force|not in the equation"
+AVERAGED = "averag|delay"
+
+
+def leaking_guidance(channel, guidance, fraction):
+    """Add a fraction of a guidance signal to a read-out of every run."""
+    return every(lambda run: rewritten(run, lambda c: {channel: c[channel] + fraction * c[guidance]}))
+
+
+def weaker_at_large_force(fraction):
+    """Return a departure of the gain that reaches a fraction at the largest force of a run."""
+    return lambda _, force: -fraction * (force / np.abs(force).max()) ** 2
+
+
+def averaged(seconds):
+    """Average both read-outs of every run over the preceding seconds, at 10 Hz."""
+    taps = np.full(round(10 * seconds), 1 / round(10 * seconds))
+
+    def average(values):
+        padded = np.concatenate([np.full(taps.size - 1, values[0]), values])
+        return np.convolve(padded, taps, mode="valid")
+
+    return every(lambda run: before_archive(run, lambda c: {n: average(c[n]) for n in ("o_1", "o_12")}))
+
+
+def pushed_at(*frequencies, amplitude, names):
+    """Push test mass 2 at injected frequencies [Hz] by a force [m s-2] that is not recorded."""
+
+    def force(time):
+        return sum(line(f, amplitude)(time) for f in frequencies)
+
+    return every(lambda run: remade(run, hidden=pushed(force)), names)
+
+
+COMMON = (
+    *faults(
+        "guidance leaks into a read-out of every run",
+        LEAK,
+        ("2e-4 of guidance_o_12", "o_12", "", leaking_guidance("o_12", "guidance_o_12", 2e-4)),
+        ("2e-4 of guidance_o_1", "o_12", "", leaking_guidance("o_12", "guidance_o_1", 2e-4)),
+    ),
+    *faults(
+        "actuator weaker at large forces in every run",
+        BENT,
+        (
+            "2e-4 at the largest",
+            "f_x_2",
+            "",
+            every(lambda run: remade(run, hidden=gain(2, weaker_at_large_force(2e-4)))),
+        ),
+    ),
+    *faults(
+        "unrecorded force at injected frequencies",
+        UNKNOWN,
+        (
+            "2e-14 m s-2, seven runs",
+            "",
+            "",
+            pushed_at(0.833e-3, 1.667e-3, 6.67e-3, amplitude=2e-14, names=HALF),
+        ),
+    ),
+    *faults("read-outs averaged in every run", AVERAGED, ("1 s", "o_1 o_12", "", averaged(1.0))),
+    *changes(
+        "unit wrong by a power of ten",
+        UNIT,
+        ("× 1e-3", "f_x_2", "B4", times(1e-3)),
+        ("× 1e3", "f_x_2", "B4", times(1e3)),
+        ("× 1e3", "o_1", "B4", times(1e3)),
+        ("× 1e-3", "o_12", "C2", times(1e-3)),
+        ("× 1e3", "f_x_1", "G3", times(1e3)),
+    ),
+    *faults(
+        "unit wrong in every run",
+        UNIT,
+        ("nm for m", "o_12", "", every(lambda run: changed(run, o_12=times(1e9)))),
+        ("× 1e3", "o_1", "", every(lambda run: changed(run, o_1=times(1e3)))),
+        ("× 1e-3", "f_x_2", "", every(lambda run: changed(run, f_x_2=times(1e-3)))),
+        (
+            "nm for m, noise runs too",
+            "o_12",
+            "",
+            all_of(
+                *(
+                    every(lambda run, kind=kind: changed(run.replace("sysid", kind), o_12=times(1e9)), SHORT)
+                    for kind in ("sysid", "noise")
+                )
+            ),
+        ),
+    ),
+)
