@@ -113,12 +113,13 @@ def totals(rows: Sequence[Row]) -> str:
     verdicts = Counter(row["verdict"] for row in rows)
     harmless = sum(fault.harmless for fault in FAULTS)
     return (
-        f"{len(rows)} faults, {harmless} of them harmless. Sound and more than {FAR:g} σ off, though data could "
-        f"show it: {verdicts['silent']}. Sound with more than half of the experiments left out: "
-        f"{verdicts['minority']}. Harmless, but no sound result: {verdicts['cries wolf']}; harmless, but an "
-        f"experiment is left out: {verdicts['costs a run'] + verdicts['costs others']}. One faulty experiment "
-        f"that costs the others their fit: {verdicts['costs all']}. No cause named: {verdicts['no cause']}; "
-        f"another cause named: {verdicts['wrong cause']}; another experiment named: {verdicts['wrong run']}."
+        f"{len(rows)} faults, {harmless} of them harmless. Sound and more than {FAR:g} σ off, though data "
+        f"could show it: {verdicts['silent']}. Sound with more than half of the experiments left out: "
+        f"{verdicts['minority']}. Harmless, but no sound result: {verdicts['cries wolf']}; harmless, but "
+        f"an experiment is left out: {verdicts['costs a run'] + verdicts['costs others']}. One faulty "
+        f"experiment that costs the others their fit: {verdicts['costs all']}. No cause named: "
+        f"{verdicts['no cause']}; another cause named: {verdicts['wrong cause']}; another experiment "
+        f"named: {verdicts['wrong run']}."
     )
 
 
