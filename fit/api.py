@@ -49,23 +49,23 @@ def load(paths: PathLike | Iterable[PathLike], folder: PathLike | None = None) -
         If a file, map or archive is missing or wrong. The message names the file, the place in it and what
         was expected.
     """
-    given = _paths(paths)
-    maps = [path for path in given if conversion.is_map(path)]
+    files = _paths(paths)
+    maps = [path for path in files if conversion.is_map(path)]
     if maps:
         converted = Path(folder) if folder is not None else Path(maps[0].stem) / "telemetry"
-        given = conversion.convert(given, converted, any_gaps=False)
-    return read_all(telemetry_files(given))
+        files = conversion.convert(files, converted, any_gaps=False)
+    return read_all(telemetry_files(files))
 
 
 def _paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
     """Return one path or several as a list; InputError for what is no path."""
-    given = (
+    files = (
         [paths] if isinstance(paths, str | os.PathLike) or not isinstance(paths, Iterable) else list(paths)
     )
-    for path in given:
+    for path in files:
         if not isinstance(path, str | os.PathLike):
             raise InputError(f"{shown(path)}: expected a path")
-    return [Path(path) for path in given]
+    return [Path(path) for path in files]
 
 
 def make_params(runs: Sequence[Telemetry], **chosen: object) -> lmfit.Parameters:

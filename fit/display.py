@@ -27,5 +27,5 @@ class Displayed:
 
     def _repr_html_(self) -> str | None:
         """Return what Jupyter shows."""
-        found = html(self)
-        return None if found is None else str(found)
+        page = html(self)
+        return None if page is None else str(page)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from fit.errors import InputError, quote
-from fit.files import Table, closest, documents, key, problem, told
+from fit.files import Table, closest_match, documents, key, problem, validation_messages
 
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
@@ -146,11 +146,11 @@ def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -
         raise InputError(f"{where}.shared: {quote(shared)}, expected a table of parameters")
     for name in shared:
         if name not in known:
-            raise InputError(f"{where}.shared.{key(name)}: unknown key{closest(name, known)}")
+            raise InputError(f"{where}.shared.{key(name)}: unknown key{closest_match(name, known)}")
     try:
         found = Settings.model_validate({**default, **chosen, "shared": {**known, **shared}})
     except ValidationError as error:
-        raise InputError(f"{where}.{told(error)}") from error
+        raise InputError(f"{where}.{validation_messages(error)}") from error
     if found.estimator == "flscov" and found.f_max < HIGHEST:
         raise InputError(f'{where}.f_max: {found.f_max:g} with estimator = "flscov", expected {HIGHEST:g}')
     if len(set(found.scatter)) < len(found.scatter):

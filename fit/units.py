@@ -28,7 +28,11 @@ _SYMBOLS = {
     "Hz": (1, {"second": -1}),
 }
 _PREFIXES = {"f": "1e-15", "p": "1e-12", "n": "1e-9", "u": "1e-6", "m": "1e-3", "": "1", "k": "1e3"}
-_PLAIN = {p + s: (Fraction(k) * n, of) for p, k in _PREFIXES.items() for s, (n, of) in _SYMBOLS.items()}
+_PLAIN = {
+    p + s: (Fraction(k) * n, dimensions)
+    for p, k in _PREFIXES.items()
+    for s, (n, dimensions) in _SYMBOLS.items()
+}
 _PLAIN |= {
     s: (Fraction(n), {"second": 1}) for s, n in (("min", 60), ("h", 3600), ("d", 86400), ("day", 86400))
 }
@@ -60,11 +64,11 @@ def factor(unit: str, si: str) -> float:
     >>> factor("nm", "m"), factor("pm/s2", "m s-2"), factor("m s-2", "m s-2")
     (1e-09, 1e-12, 1.0)
     """
-    (given, kind), (wanted, wanted_kind) = _root(unit), _root(si)
+    (size, kind), (si_size, wanted_kind) = _root(unit), _root(si)
     # Root units, not dimensions: to pint a radian has none, but 1 rad/s is not 1 Hz.
     if kind != wanted_kind:
         raise ValueError(f"unit {unit!r} does not measure what {si or '1'!r} does")
-    return float(f"{given / wanted:.15g}")
+    return float(f"{size / si_size:.15g}")
 
 
 def in_base_units(unit: str) -> tuple[dict[str, int], float, float]:
@@ -123,11 +127,11 @@ def to_si(value: str | float, si: str) -> float:
     """
     if not isinstance(value, str):
         return float(value)
-    parts = split(value)
-    if parts is None:
+    number_and_unit = split(value)
+    if number_and_unit is None:
         raise ValueError("no number with a unit")
     # decimal arithmetic, so that "10.4 pN m" is the float 1.04e-11 and not its neighbour
-    return float(Decimal(parts[0]) * Decimal(repr(factor(parts[1], si))))
+    return float(Decimal(number_and_unit[0]) * Decimal(repr(factor(number_and_unit[1], si))))
 
 
 @cache
@@ -148,19 +152,19 @@ def _root(unit: str) -> tuple[float, Mapping[str, object]]:
 
 def _plain(text: str) -> tuple[float, Mapping[str, object]] | None:
     """Return what `_root` does of a product of symbols, at most one below a stroke; None of all else."""
-    above, stroke, below = text.partition("/")
-    factors = [(factor, 1) for factor in above.split() if not stroke or above.strip() != "1"]
-    factors += [(below.strip(), -1)] if stroke else []
+    numerator, stroke, denominator = text.partition("/")
+    factors = [(factor, 1) for factor in numerator.split() if not stroke or numerator.strip() != "1"]
+    factors += [(denominator.strip(), -1)] if stroke else []
     number, powers = Fraction(1), dict[str, Fraction]()
     for factor, sign in factors:
         match = _FACTOR.fullmatch(factor)
         if match is None or match[1] not in _PLAIN:
             return None
-        size, made_of = _PLAIN[match[1]]
+        size, dimensions = _PLAIN[match[1]]
         power = sign * Fraction(match[2] or 1)
         if size != 1 and power.denominator != 1:  # an irrational number
             return None
         number *= size ** int(power)
-        for name, own in made_of.items():
-            powers[name] = powers.get(name, Fraction(0)) + own * power
+        for name, exponent in dimensions.items():
+            powers[name] = powers.get(name, Fraction(0)) + exponent * power
     return float(number), {name: power for name, power in powers.items() if power}

@@ -68,7 +68,7 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     valid, total = np.empty(n, dtype=bool), np.empty(n)
     terms = {} if telemetry.kind == "noise" else {term.name: np.zeros(n) for term in dynamics.TERMS}
     # Of weeks, all columns fill the memory.
-    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF, each=_AT_ONCE):
+    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF, length=_AT_ONCE):
         found = dynamics.columns(_part(run, piece), dynamics.delays(theta))
         there = slice(piece.start, piece.start + found.valid.size)
         valid[there], total[there] = found.valid, dynamics.total(found, theta)

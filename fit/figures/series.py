@@ -26,7 +26,7 @@ def envelope(time: Row, values: Row) -> tuple[Array, Array]:
     starts = np.linspace(0, values.size, _BUCKETS, endpoint=False).astype(int)
     x, extremes = np.empty(_BUCKETS), np.empty((_BUCKETS, 2))
     together = max(1, PIECE * _BUCKETS // values.size)  # buckets, lest a long series be there as a whole
-    for some in pieces(_BUCKETS, each=together):
+    for some in pieces(_BUCKETS, length=together):
         at = starts[some]
         piece = slice(int(at[0]), int(starts[some.stop]) if some.stop < _BUCKETS else values.size)
         part, at = values[piece], at - at[0]

@@ -5,14 +5,14 @@ file, the error is one sentence that names it and the place in it.
 """
 
 from fit.files.documents import is_file
-from fit.files.faults import closest, key, place, problem, suggestion, told
+from fit.files.faults import closest_match, key, place, problem, suggestion, validation_messages
 from fit.files.outputs import refuse_links
 from fit.files.tables import Table
 
 __all__ = [
     "Table",
     "atomic",
-    "closest",
+    "closest_match",
     "documents",
     "is_file",
     "key",
@@ -20,5 +20,5 @@ __all__ = [
     "problem",
     "refuse_links",
     "suggestion",
-    "told",
+    "validation_messages",
 ]

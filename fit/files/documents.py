@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from fit.errors import InputError, shown
-from fit.files.faults import told
+from fit.files.faults import validation_messages
 
 MAX_SIZE = 2**24  # bytes
 MAX_TOML = 2**20  # bytes; what is written by hand
@@ -28,12 +28,12 @@ _WRITE = {  # what tomllib says, and what to write instead
 _Content = TypeVar("_Content", bound=BaseModel)
 
 
-def text(path: Path, what: str, largest: int = MAX_SIZE) -> str:
+def text(path: Path, kind: str, largest: int = MAX_SIZE) -> str:
     """Return the text of a file.
 
     Parameters
     ----------
-    what : str
+    kind : str
         What was expected, for messages: ``"a map"``.
     largest : int
         Size that is refused if exceeded [bytes].
@@ -46,22 +46,22 @@ def text(path: Path, what: str, largest: int = MAX_SIZE) -> str:
     try:
         if not path.is_file():  # a device may have no end, and a pipe no beginning
             known = "is a folder" if path.is_dir() else "is not a file" if path.exists() else "no such file"
-            raise InputError(f"{path}: {known}, expected {what}")
+            raise InputError(f"{path}: {known}, expected {kind}")
         with path.open("rb") as file:
             content = file.read(largest + 1)
         if len(content) > largest:
-            raise InputError(f"{path}: is larger than {largest} bytes, expected {what}")
+            raise InputError(f"{path}: is larger than {largest} bytes, expected {kind}")
         return content.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}), expected {what}") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}), expected {kind}") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start}), expected {what}") from None
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start}), expected {kind}") from None
 
 
-def toml(path: Path, what: str) -> dict[str, Any]:
+def toml(path: Path, kind: str) -> dict[str, Any]:
     """Return what a TOML file says; InputError as `text`, or if it is not TOML."""
-    content = text(path, what, MAX_TOML)
-    deep = f"{path}: is nested too deeply, expected {what}"
+    content = text(path, kind, MAX_TOML)
+    deep = f"{path}: is nested too deeply, expected {kind}"
     if _DEEP_KEY.search(content):
         raise InputError(deep)
     try:
@@ -71,7 +71,7 @@ def toml(path: Path, what: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: {_toml_problem(str(error))}") from None
     except ValueError:  # what is left: Python refuses to convert thousands of digits
-        raise InputError(f"{path}: holds a number of too many digits, expected {what}") from None
+        raise InputError(f"{path}: holds a number of too many digits, expected {kind}") from None
 
 
 def _toml_problem(message: str) -> str:
@@ -79,28 +79,28 @@ def _toml_problem(message: str) -> str:
     match = re.fullmatch(r"(.*) \(at (.*)\)", " ".join(message.split()))
     if not match:
         return message[:200]
-    what = f"{match[1][0].lower()}{match[1][1:200]}"
-    if (what, match[2]) == ("invalid value", "end of document"):  # in a list or behind an equals sign
+    problem = f"{match[1][0].lower()}{match[1][1:200]}"
+    if (problem, match[2]) == ("invalid value", "end of document"):  # in a list or behind an equals sign
         return "end of document: a value is missing, or the ] of a list"
-    return f"{match[2]}: {what}{_WRITE.get(what, '')}"
+    return f"{match[2]}: {problem}{_WRITE.get(problem, '')}"
 
 
-def from_json(path: Path, what: str, schema: str, content: type[_Content]) -> _Content:
+def from_json(path: Path, kind: str, schema: str, content: type[_Content]) -> _Content:
     """Return what a JSON file says; InputError as `text`, or if it is no JSON or breaks its schema."""
-    document = text(path, what)
+    document = text(path, kind)
     try:
-        found = json.loads(document).get("schema")
+        found_schema = json.loads(document).get("schema")
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise InputError(f"{path}: {place}: not JSON, expected a JSON object of schema {schema!r}") from None
     except (ValueError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: expected a JSON object of schema {schema!r}") from error
-    if found != schema:
-        raise InputError(f"{path}: schema is {shown(found)}, expected {schema!r}")
+    if found_schema != schema:
+        raise InputError(f"{path}: schema is {shown(found_schema)}, expected {schema!r}")
     try:
         return content.model_validate_json(document)
     except ValidationError as error:
-        raise InputError(f"{path}: {told(error)}") from error
+        raise InputError(f"{path}: {validation_messages(error)}") from error
 
 
 def is_file(path: Path) -> bool:

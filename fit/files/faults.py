@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from fit.errors import quote, shown
 
-_SAID = {  # what pydantic calls at fault, in our words, and how it is written in a document
+_WORDING = {  # what pydantic calls at fault, in our words, and how it is written in a document
     "float_type": ("{given} is not a number", ""),
     "int_type": ("{given} is not a whole number", ""),
     "int_from_float": ("{given} is not a whole number", ""),
@@ -34,7 +34,7 @@ def problem(text: str, key: str | None = None) -> PydanticCustomError:
     return PydanticCustomError("problem", "{text}", {"text": text, "key": key})
 
 
-def closest(name: str, known: Iterable[str]) -> str:
+def closest_match(name: str, known: Iterable[str]) -> str:
     """Say which names there are, and which one was probably meant."""
     names = sorted(known)
     return f"{suggestion(name, names)} (known: {', '.join(names) if names else 'none'})"
@@ -54,11 +54,11 @@ def key(name: str) -> str:
 
 def place(loc: Iterable[int | str]) -> str:
     """Return a place in a document as one would write it: ``runs[2].file``."""
-    parts = (f"[{p}]" if isinstance(p, int) else f".{key(p)}" for p in loc)
-    return "".join(parts).removeprefix(".")
+    steps = (f"[{p}]" if isinstance(p, int) else f".{key(p)}" for p in loc)
+    return "".join(steps).removeprefix(".")
 
 
-def told(error: ValidationError, tags: Collection[str] = (), *, written: bool = True) -> str:
+def validation_messages(error: ValidationError, tags: Collection[str] = (), *, written: bool = True) -> str:
     """Say the first thing that pydantic found at fault, with its place.
 
     Parameters
@@ -80,12 +80,12 @@ def told(error: ValidationError, tags: Collection[str] = (), *, written: bool = 
 def _described(fault: ErrorDetails, tags: Collection[str], *, written: bool) -> tuple[list[int | str], str]:
     """Return where the fault is and what it is."""
     kind, context = fault["type"], fault.get("ctx", {})
-    given = quote(fault["input"]) if written else shown(fault["input"])
+    value = quote(fault["input"]) if written else shown(fault["input"])
     # pydantic puts the chosen tag behind the index in a list, and marks keys that are at fault
     loc = [
         part
-        for before, part in zip([None, *fault["loc"]], fault["loc"], strict=False)
-        if part != "[key]" and not (isinstance(before, int) and part in tags)
+        for previous, part in zip([None, *fault["loc"]], fault["loc"], strict=False)
+        if part != "[key]" and not (isinstance(previous, int) and part in tags)
     ]
     if kind == "problem":
         return [*loc, *([context["key"]] if context["key"] is not None else [])], fault["msg"]
@@ -93,16 +93,18 @@ def _described(fault: ErrorDetails, tags: Collection[str], *, written: bool) -> 
         loc.append(name := context["discriminator"].strip("'"))
         if kind == "union_tag_not_found":
             return loc, "missing, write " + " or ".join(f'{name} = "{tag}"' for tag in tags)
-        return loc, f"{quote(context['tag'])} is not known{closest(context['tag'], tags)}"
+        return loc, f"{quote(context['tag'])} is not known{closest_match(context['tag'], tags)}"
     if kind == "literal_error":
         names = re.findall(r"'([^']*)'", context["expected"])
-        expected = closest(str(fault["input"]), names) if written else f", expected one of {', '.join(names)}"
-        return loc, f"{given} is not known{expected}"
-    if kind not in _SAID:
-        return loc, f"{given}, expected: {fault['msg'][0].lower()}{fault['msg'][1:]}"
-    text, advice = _SAID[kind]
+        expected = (
+            closest_match(str(fault["input"]), names) if written else f", expected one of {', '.join(names)}"
+        )
+        return loc, f"{value} is not known{expected}"
+    if kind not in _WORDING:
+        return loc, f"{value}, expected: {fault['msg'][0].lower()}{fault['msg'][1:]}"
+    text, advice = _WORDING[kind]
     if kind in ("float_type", "int_type") and isinstance(fault["input"], str):
         advice = "write it without quotes"
     text = f"{text}, {advice}" if advice and written else text
-    text = text.format(given=given, **context)
+    text = text.format(given=value, **context)
     return loc, text if written or "expected" in text else f"{text}, expected one"

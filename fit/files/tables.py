@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from fit.files.faults import closest, problem
+from fit.files.faults import closest_match, problem
 
 
 class Table(BaseModel):
@@ -23,7 +23,7 @@ class Table(BaseModel):
         fields = {field.alias or name: field for name, field in cls.model_fields.items()}
         for key in raw:
             if key not in fields and not (cls.more_keys and cls.more_keys.fullmatch(key)):
-                raise problem(f"unknown key{closest(key, [*fields, *cls.more_known])}", key)
+                raise problem(f"unknown key{closest_match(key, [*fields, *cls.more_known])}", key)
         for key, field in fields.items():
             if field.is_required() and key not in raw:
                 quantities = [f'{key} = "{m.example}"' for m in field.metadata if hasattr(m, "example")]

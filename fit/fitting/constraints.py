@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.files import closest
+from fit.files import closest_match
 from fit.fitting.joint_model import Prior, free_directions, parameter_values
 from fit.settings import ParameterSettings
 
@@ -62,10 +62,10 @@ def check(settings: Mapping[str, ParameterSettings], names: Iterable[str], where
     known = list(names)
     for name, constraint in settings.items():
         if name not in known:
-            raise InputError(f"{where}.{name}: no parameter of this fit{closest(name, known)}")
+            raise InputError(f"{where}.{name}: no parameter of this fit{closest_match(name, known)}")
         for other in symbols(constraint.expr, f"{where}.{name}.expr") if constraint.expr else ():
             if other not in (*known, *FUNCTIONS):
-                names_known = closest(other, [*known, *FUNCTIONS])
+                names_known = closest_match(other, [*known, *FUNCTIONS])
                 raise InputError(f"{where}.{name}.expr: {other}: no parameter of this fit{names_known}")
     ties = {name: symbols(constraint.expr, where) for name, constraint in settings.items() if constraint.expr}
     try:

@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.files import closest
+from fit.files import closest_match
 from fit.fitting.run_estimate import RunEstimate
 from fit.whitening import whitened_run
 
@@ -182,7 +182,7 @@ class SolvedModel:
         names = [run.name for run in self.model.runs]
         for name in runs:
             if name not in names:
-                raise InputError(f"{name}: no experiment of this fit{closest(name, names)}")
+                raise InputError(f"{name}: no experiment of this fit{closest_match(name, names)}")
         return self._fit(self.model.without(*runs), self.result.params)
 
     def _fit(self, model: JointModel, params: lmfit.Parameters) -> MinimizerResult:

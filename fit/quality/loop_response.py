@@ -156,7 +156,7 @@ def _means(
     means = []
     for name in names:
         row, of_row = run.row(name), np.empty(lost.size // n)
-        for piece in pieces(lost.size, each=PIECE // n * n):
+        for piece in pieces(lost.size, length=PIECE // n * n):
             x = row[piece]
             of_row[piece.start // n : piece.stop // n] = (
                 np.where(lost[piece], 0.0, x).reshape(-1, n).mean(axis=1)

@@ -102,7 +102,7 @@ def changes(experiments: Sequence[Experiment]) -> Found:
 
 def _of_own(e: Experiment) -> tuple[list[str], list[FitWarning], list[str], list[str], list[str]]:
     """Return what contradicts the authority of an experiment, notes on rounding, and what `ODD` has."""
-    runs = [run.telemetry.held(dynamics.CHANNELS) for run in _runs(e)]
+    runs = [run.telemetry.select(dynamics.CHANNELS) for run in _runs(e)]
     sysid, noise = runs[0], runs[1] if e.noise else None
     beyond = [reason for run in runs for reason in authority.faults(run)]
     rounded = [*rounding.roundings(sysid, noise), *(rounding.roundings(noise, sysid) if noise else ())]

@@ -86,7 +86,7 @@ def _shares(
     """
     count = x.size // size
     valid, straight = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    for rows in pieces(count, each=max(1, TOGETHER // size)):
+    for rows in pieces(count, length=max(1, TOGETHER // size)):
         windows = x[rows.start * size : rows.stop * size].reshape(-1, size)
         valid[rows] = np.isfinite(windows).all(axis=1)
         straight[rows] = _on_line(windows, resolution)

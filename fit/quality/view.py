@@ -118,7 +118,7 @@ class View:
     def _columns(self, glitches: Sequence[Glitch]) -> tuple[Array, NDArray[np.bool_]]:
         """Return glitches as columns, shape (G, 2 B), zero where little is left, and where it is enough."""
         n, whole = self.window.size, np.empty((len(glitches), 2 * self.f.size))
-        for some in pieces(len(glitches), each=max(1, glitch_templates.TOGETHER // n)):
+        for some in pieces(len(glitches), length=max(1, glitch_templates.TOGETHER // n)):
             series = glitch_templates.series(glitches[some], self.time, self.fs)
             of_bins = windowing.lowest(series, self.window, self.f.size + 1)[:, 1:]
             del series  # before there are others

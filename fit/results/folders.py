@@ -53,9 +53,9 @@ def results_folder(path: Path) -> Path:
         If there is none, it is a file, or it has no results.
     """
     if not stat.S_ISDIR(mode := _mode(path)):
-        what = "is a file" if mode else "no such folder"
+        problem = "is a file" if mode else "no such folder"
         hint = f"; did you mean {path.parent}?" if mode and path.name == RESULTS else ""
-        raise InputError(f"{_named(path)}: {what}, expected the folder of an earlier run or fit{hint}")
+        raise InputError(f"{_named(path)}: {problem}, expected the folder of an earlier run or fit{hint}")
     return results_file(path).parent
 
 
@@ -94,7 +94,7 @@ def telemetry_of(results: Results, file: Path) -> list[Path]:
     names = results.provenance.telemetry
     if not names:
         raise InputError(f"{file}: provenance.telemetry: expected a list of file names; fit once more")
-    paths = [_beside(file, name) for name in dict.fromkeys(names)]
+    paths = [_referenced(file, name) for name in dict.fromkeys(names)]
     for path in paths:
         if not is_file(path):
             raise InputError(
@@ -133,11 +133,11 @@ def telemetry_files(paths: Iterable[Path]) -> list[Path]:
 
 
 def _of_folder(folder: Path) -> list[Path]:
-    here, inner, file = _hdf5(folder), folder / TELEMETRY, folder / RESULTS
+    hdf5_files, inner, file = _hdf5(folder), folder / TELEMETRY, folder / RESULTS
     results = _load_sound(file)
-    recorded = [_beside(file, name) for name in results.provenance.telemetry or ()] if results else []
-    if inner.is_dir() and all(path.parent == _beside(file, TELEMETRY) for path in recorded):
-        files = _hdf5(inner) or ([] if is_file(file) else here)
+    recorded = [_referenced(file, name) for name in results.provenance.telemetry or ()] if results else []
+    if inner.is_dir() and all(path.parent == _referenced(file, TELEMETRY) for path in recorded):
+        files = _hdf5(inner) or ([] if is_file(file) else hdf5_files)
         if not files:
             raise InputError(
                 f"{inner}: no files *.h5 in it, expected telemetry; if lpfcosim run was interrupted, the "
@@ -145,13 +145,13 @@ def _of_folder(folder: Path) -> list[Path]:
             )
         if results is not None and recorded:
             telemetry_of(results, file)  # refuses the loss of a file
-    elif recorded or (is_file(file) and not here):
+    elif recorded or (is_file(file) and not hdf5_files):
         files = telemetry_of(results or load(file), file)
     else:
-        files = here
+        files = hdf5_files
     if not files:
         raise InputError(f"{folder}: folder without telemetry, expected files *.h5 in it{_instead(folder)}")
-    _check_alone(folder, here, files)
+    _check_alone(folder, hdf5_files, files)
     return files
 
 
@@ -163,17 +163,19 @@ def _load_sound(file: Path) -> Results | None:
         return None
 
 
-def _beside(file: Path, name: str) -> Path:
+def _referenced(file: Path, name: str) -> Path:
     """Return the path of what a file of results names."""
     return Path(os.path.normpath(file.parent / name))
 
 
-def _check_alone(folder: Path, here: Sequence[Path], files: Sequence[Path]) -> None:
+def _check_alone(folder: Path, hdf5_files: Sequence[Path], files: Sequence[Path]) -> None:
     """Refuse a folder that has telemetry directly in it which its results are not of."""
     known = {path.resolve() for path in files}
-    others = [path for path in here if path.resolve() not in known and not any(map(path.match, _PRODUCTS))]
-    refusals = guard.refusals(reader.look, others)
-    telemetry = [path.name for path, refused in zip(others, refusals, strict=False) if refused is None]
+    strangers = [
+        path for path in hdf5_files if path.resolve() not in known and not any(map(path.match, _PRODUCTS))
+    ]
+    refusals = guard.refusals(reader.look, strangers)
+    telemetry = [path.name for path, refused in zip(strangers, refusals, strict=False) if refused is None]
     if telemetry:
         raise InputError(
             f"{folder}: has telemetry ({', '.join(telemetry)}) beside that of its results ({files[0]}"

@@ -62,16 +62,16 @@ class Provenance(Mapping[str, object]):
     telemetry: list[str] | None = None
 
     @classmethod
-    def of(cls, said: Mapping[str, object]) -> "Provenance":
+    def of(cls, entries: Mapping[str, object]) -> "Provenance":
         """Return what JSON says; an entry that is not of its kind is kept, but not understood."""
         known: dict[str, Any] = {}
-        more: dict[str, object] = {}
-        for name, value in said.items():
+        additional: dict[str, object] = {}
+        for name, value in entries.items():
             try:
                 known[name] = _KINDS[name].validate_python(value, strict=True)
             except (KeyError, ValidationError):
-                more[name] = value
-        return cls(**known, more=more)
+                additional[name] = value
+        return cls(**known, more=additional)
 
     @property
     def frame(self) -> XAxis:
@@ -80,10 +80,10 @@ class Provenance(Mapping[str, object]):
 
     def entries(self) -> dict[str, object]:
         """Return everything as JSON has it."""
-        found: dict[str, object] = {}
+        entries: dict[str, object] = {}
         for name, value in vars(self).items():
-            found |= self.more if name == "more" else {} if value is None else {name: value}
-        return found
+            entries |= self.more if name == "more" else {} if value is None else {name: value}
+        return entries
 
     def __getitem__(self, name: str) -> object:
         """Return an entry as JSON has it."""

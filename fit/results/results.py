@@ -78,8 +78,8 @@ class Fit(Displayed):
             If the fit has none of that name.
         """
         if name not in self.parameters:
-            lost = name in self.undetermined
-            why = "is not determined by these data" if lost else "is no parameter of this fit"
+            is_undetermined = name in self.undetermined
+            why = "is not determined by these data" if is_undetermined else "is no parameter of this fit"
             raise InputError(f"{name} {why}, expected one of {', '.join(self.parameters) or 'none'}")
         return self.parameters[name]
 
@@ -133,8 +133,8 @@ class Fit(Displayed):
     @property
     def undetermined(self) -> tuple[str, ...]:
         """The parameters that the data do not tell."""
-        lost = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
-        return tuple(dict.fromkeys(lost))
+        names = (name for w in self.warnings if w.code == "indeterminable" for name in w.parameters)
+        return tuple(dict.fromkeys(names))
 
     @property
     def correlation(self) -> NDArray[np.float64]:
@@ -168,9 +168,9 @@ class Results(Displayed):
     @property
     def unsound(self) -> list[tuple[str, FitWarning]]:
         """Where sigmas do not hold, and why: in the joint fit, without one in experiments, and inertial."""
-        alone = {f"experiments.{name}": fit for name, fit in self.experiments.items()}
-        first = {"joint": self.joint} if self.joint else alone
-        fits = first | {f"inertial.{k}": f for k, f in self.inertial.items()}
+        single = {f"experiments.{name}": fit for name, fit in self.experiments.items()}
+        headline = {"joint": self.joint} if self.joint else single
+        fits = headline | {f"inertial.{k}": f for k, f in self.inertial.items()}
         return [(place, warning) for place, fit in fits.items() for warning in fit.unsound]
 
     def save(self, path: str | Path) -> None:
@@ -178,8 +178,8 @@ class Results(Displayed):
         write(self, Path(path))
 
 
-def sound_joint(results: Results, where: str = "the results") -> Fit:
-    """Return the joint fit of a calibration, for whatever is built on it; `where` names it in messages.
+def sound_joint(results: Results, place: str = "the results") -> Fit:
+    """Return the joint fit of a calibration, for whatever is built on it; `place` names it in messages.
 
     Raises
     ------
@@ -188,10 +188,12 @@ def sound_joint(results: Results, where: str = "the results") -> Fit:
     """
     joint = results.joint
     if joint is None:
-        raise InputError(f"{where}: joint: missing, expected the joint fit of a calibration")
+        raise InputError(f"{place}: joint: missing, expected the joint fit of a calibration")
     if joint.unsound:
-        told = "; ".join(dict.fromkeys(w.message for w in joint.unsound))
-        raise InputError(f"{where}: joint: is not sound ({told}); expected a calibration whose sigmas hold")
+        reasons = "; ".join(dict.fromkeys(w.message for w in joint.unsound))
+        raise InputError(
+            f"{place}: joint: is not sound ({reasons}); expected a calibration whose sigmas hold"
+        )
     return joint
 
 
@@ -326,7 +328,7 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
         chi2=fit.chi2,
         dof=fit.dof,
         converged=fit.converged,
-        warnings=(*fit.warnings, *_untold(fit)),
+        warnings=(*fit.warnings, *_missing_warnings(fit)),
         masked_samples=fit.masked_samples,
         diagnostics=fit.diagnostics,
         centrifugal=fit.centrifugal,
@@ -334,7 +336,7 @@ def _fit_from_json(fit: _FitJson, place: str) -> Fit:
     )
 
 
-def _untold(fit: _FitJson) -> list[FitWarning]:
+def _missing_warnings(fit: _FitJson) -> list[FitWarning]:
     """Return a warning where a fit is said to be unsound, and no warning of a known kind tells why."""
     if fit.sound is not False or any(w.kind.unsound for w in fit.warnings):
         return []

@@ -165,7 +165,7 @@ def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
 def series(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
     found = np.empty((n, columns.shape[1]), order="F")
-    for some in pieces(columns.shape[1], each=2):
+    for some in pieces(columns.shape[1], length=2):
         padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
         padded[:, first : first + len(columns)] = columns[:, some].T
         found[:, some] = scipy.fft.irfft(padded, n).T

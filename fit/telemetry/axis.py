@@ -14,14 +14,14 @@ class _Even:
     start: float
     fs: float
     size: int
-    first: int = 0  # that is kept, of those from `start` on
+    first_sample: int = 0  # that is kept, of those from `start` on
 
-    def __getitem__(self, at: slice) -> NDArray[np.float64]:
-        begin, end, step = at.indices(self.size)
-        found = np.arange(self.first + begin, self.first + end, step, dtype=np.float64)
-        found /= self.fs
-        found += self.start
-        return found
+    def __getitem__(self, index: slice) -> NDArray[np.float64]:
+        begin, end, step = index.indices(self.size)
+        instants = np.arange(self.first_sample + begin, self.first_sample + end, step, dtype=np.float64)
+        instants /= self.fs
+        instants += self.start
+        return instants
 
 
 class TimeAxis:
@@ -33,26 +33,26 @@ class TimeAxis:
         return part(run, slice(None))
 
     def __set__(self, run: Any, time: Row) -> None:
-        run.__dict__["time"] = time if isinstance(time, _Even) else _kept(time, run.fs)
+        run.__dict__["time"] = time if isinstance(time, _Even) else _even_or_stored(time, run.fs)
 
 
-def part(run: Any, at: slice) -> NDArray[np.float64]:
+def part(run: Any, part_slice: slice) -> NDArray[np.float64]:
     """Return some of the instants [s] of a run."""
-    return np.asarray(row(run)[at])
+    return np.asarray(row(run)[part_slice])
 
 
-def axis_part(run: Any, at: slice) -> Row:
+def axis_part(run: Any, part_slice: slice) -> Row:
     """Return the same as a row: what is not made of an even axis takes no memory."""
-    of_run, (begin, end, step) = row(run), at.indices(size(run))
+    of_run, (begin, end, step) = row(run), part_slice.indices(size(run))
     if not isinstance(of_run, _Even) or step != 1:
-        return of_run[at]
-    return replace(of_run, size=max(end - begin, 0), first=of_run.first + begin)
+        return of_run[part_slice]
+    return replace(of_run, size=max(end - begin, 0), first_sample=of_run.first_sample + begin)
 
 
 def row(run: Any) -> Row:
     """Return all of them, to be had part by part."""
-    kept: Row = run.__dict__["time"]
-    return kept
+    stored: Row = run.__dict__["time"]
+    return stored
 
 
 def size(run: Any) -> int:
@@ -60,7 +60,7 @@ def size(run: Any) -> int:
     return row(run).size
 
 
-def _kept(time: Row, fs: float) -> Row:
+def _even_or_stored(time: Row, fs: float) -> Row:
     if not time.size:
         return time
     even = _Even(float(time[:1][0]), fs, time.size)

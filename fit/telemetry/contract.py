@@ -7,7 +7,7 @@ from typing import Annotated, Literal, NamedTuple
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError
 
 from fit.errors import InputError, shown
-from fit.files import problem, told
+from fit.files import problem, validation_messages
 
 SCHEMA = "lpf-telemetry/1"
 
@@ -35,9 +35,9 @@ CHANNELS: Mapping[str, Channel] = {
     **{f"F_{k}_sc": Channel("N", f"commanded thrust on the spacecraft along {k}") for k in _AXES},
     **{f"N_{k}_sc": Channel("N m", f"commanded torque on the spacecraft about {k}") for k in _AXES},
     **{
-        f"o_{k}_{j}": Channel("rad", f"wavefront-sensing read-out of {k}, test mass {of}")
+        f"o_{k}_{j}": Channel("rad", f"wavefront-sensing read-out of {k}, test mass {test_mass}")
         for k in ("phi", "eta")
-        for j, of in ((1, "1"), (12, "2 less test mass 1"))
+        for j, test_mass in ((1, "1"), (12, "2 less test mass 1"))
     },
     **{
         f"grs_{k}_{j}": Channel(unit, f"capacitive read-out of {k}, test mass {j}")
@@ -82,18 +82,18 @@ def whole(value: object) -> object:
 
 
 def _iso_8601(t0: object) -> object:
-    wanted = "expected date and time in UTC, ISO 8601, such as '2016-04-16T14:00:00Z'"
+    expected = "expected date and time in UTC, ISO 8601, such as '2016-04-16T14:00:00Z'"
     if not isinstance(t0, str):
-        raise problem(f"{shown(t0)} is not a text, {wanted}")
+        raise problem(f"{shown(t0)} is not a text, {expected}")
     try:
         utc(t0)
     except (ValueError, OverflowError):
-        raise problem(f"{shown(t0)} is not a time, {wanted}") from None
+        raise problem(f"{shown(t0)} is not a time, {expected}") from None
     try:
         date.fromisoformat(t0)
     except ValueError:
         return t0
-    raise problem(f"{shown(t0)} is a date without the time, {wanted}")
+    raise problem(f"{shown(t0)} is a date without the time, {expected}")
 
 
 def _printable(name: str) -> str:
@@ -165,4 +165,4 @@ def check_root(place: str, attributes: Mapping[str, object]) -> Root:
         _Frame.model_validate(attributes)
         return Root.model_validate(attributes)
     except ValidationError as error:
-        raise InputError(f"{place}: attribute {told(error, written=False)}") from error
+        raise InputError(f"{place}: attribute {validation_messages(error, written=False)}") from error

@@ -77,17 +77,17 @@ def convert(paths: Sequence[Path], folder: Path, *, any_gaps: bool) -> list[Path
         for i in range(len(mapping.runs))
         for place in places_of_run(p, mapping, i)
     )
-    earlier = _converted(folder)
-    above = next(p for p in folder.resolve().parents if p.is_dir())
-    with tempfile.TemporaryDirectory(prefix=".conversion-", dir=above) as made:
+    existing = _converted(folder)
+    parent = next(p for p in folder.resolve().parents if p.is_dir())
+    with tempfile.TemporaryDirectory(prefix=".conversion-", dir=parent) as workspace:
         for path, mapping in maps.items():
             for i in range(len(mapping.runs)):
-                _write(path, mapping, i, Path(made), any_gaps=any_gaps)
+                _write(path, mapping, i, Path(workspace), any_gaps=any_gaps)
         folder.mkdir(parents=True, exist_ok=True)
-        for file in earlier:
+        for file in existing:
             file.unlink()
         for run in places:
-            (Path(made) / f"{run}.h5").replace(folder / f"{run}.h5")
+            (Path(workspace) / f"{run}.h5").replace(folder / f"{run}.h5")
     runs = {path: [folder / f"{source.run}.h5" for source in mapping.runs] for path, mapping in maps.items()}
     return [file for path in dict.fromkeys(paths) for file in runs.get(path, [path])]
 

@@ -44,7 +44,7 @@ def plain(value: object) -> object:
 
 def read_time(file: h5py.File, path: Path, fs: float, part: slice) -> Row:
     """Return a part of the time axis [s], checked to be uniform with steps of 1/fs."""
-    dataset = _own(file, path, "time", "time")
+    dataset = _local_dataset(file, path, "time", "time")
     if dataset is None:
         raise InputError(f"{path}: time: missing, expected the seconds since t0")
     units = plain(dataset.attrs.get("units", "s"))
@@ -88,17 +88,17 @@ def check_time(place: str, time: Row, fs: float, start: int = 0, resolution: flo
             return exact
         if np.ptp(extremes) * fs <= 2e-3:
             raise InputError(f"{place}: steps of {time[1] - time[0]:g} s, expected 1/fs = {1 / fs:g} s")
-        beyond = np.abs(np.diff(time) * fs - 1)
+        jitter = np.abs(np.diff(time) * fs - 1)
         single = float(np.spacing(np.float32(np.abs(time).max()))) if _is_single(time) else 0.0
         rounded = fs * max(single, resolution)
-        n = int(np.argmax(beyond > (1e-3 + rounded if beyond.max() > 1e-3 + rounded else 1e-3)))
+        n = int(np.argmax(jitter > (1e-3 + rounded if jitter.max() > 1e-3 + rounded else 1e-3)))
         raise InputError(
             f"{place}: from {time[n]:.10g} s to {time[n + 1]:.10g} s at sample {start + n + 1}, "
             f"expected uniform steps of 1/fs = {1 / fs:g} s"
         )
-    span, found = (time.size - 1) / fs, float(time[-1:][0] - time[:1][0])
-    if abs(found - span) > 1e-6 * span + 1e-3 / fs:
-        raise InputError(f"{place}: spans {found:.10g} s, expected (N-1)/fs = {span:.10g} s")
+    span, duration = (time.size - 1) / fs, float(time[-1:][0] - time[:1][0])
+    if abs(duration - span) > 1e-6 * span + 1e-3 / fs:
+        raise InputError(f"{place}: spans {duration:.10g} s, expected (N-1)/fs = {span:.10g} s")
     return time
 
 
@@ -107,8 +107,8 @@ def _exact(place: str, time: NDArray[np.float64], fs: float) -> NDArray[np.float
     if not _is_single(time):
         return None
     step = float(np.spacing(np.float32(np.abs(time).max())))
-    first = round(float(time[0]) * fs) / fs
-    exact = np.arange(time.size) / fs + (first if abs(first - time[0]) <= step / 2 else time[0])
+    start = round(float(time[0]) * fs) / fs
+    exact = np.arange(time.size) / fs + (start if abs(start - time[0]) <= step / 2 else time[0])
     if np.any(np.abs(time - exact) > step / 2 * (1 + 1e-9)):
         return None
     if step > 0.5 / fs:
@@ -138,32 +138,32 @@ def channel_units(file: h5py.File, path: Path, size: int) -> dict[str, str]:
     if len(file) > MAX_MEMBERS:
         raise InputError(f"{path}: {len(file)} datasets and groups, expected at most {MAX_MEMBERS}")
     units: dict[str, str] = {}
-    for name in (*REQUIRED, *(other for other in file if other not in {"time", *REQUIRED})):
+    for name in (*REQUIRED, *(optional for optional in file if optional not in {"time", *REQUIRED})):
         expected = expected_unit(name)
         place = f"channel {key(name)}"
         if expected is None and not isinstance(file.get(name, getlink=True), h5py.HardLink):
             continue
-        dataset = _own(file, path, place, name)
+        dataset = _local_dataset(file, path, place, name)
         if dataset is None:
             if name in REQUIRED:
                 raise InputError(f"{path}: channel {name}: missing, expected for a calibration")
             continue
         if expected is None and not _is_channel(dataset):
             continue
-        found = plain(dataset.attrs.get("units", ""))
-        if expected is not None and not (isinstance(found, str) and same_unit(found, expected)):
-            stated = f"units {shown(found)}" if "units" in dataset.attrs else "without units"
+        unit = plain(dataset.attrs.get("units", ""))
+        if expected is not None and not (isinstance(unit, str) and same_unit(unit, expected)):
+            stated = f"units {shown(unit)}" if "units" in dataset.attrs else "without units"
             raise InputError(f"{path}: {place}: {stated}, expected {expected!r}")
         _check_size(dataset, path, place, size)
         _check_plain(dataset, f"{path}: {place}")
-        units[name] = str(found)
+        units[name] = str(unit)
     return units
 
 
 def channel_names(file: h5py.File, channels: Iterable[str]) -> dict[str, str]:
     """Return what the file says channels are, for those of which it does."""
-    told = {name: plain(file[name].attrs.get("long_name")) for name in channels}
-    return {name: text for name, text in told.items() if isinstance(text, str)}
+    names = {name: plain(file[name].attrs.get("long_name")) for name in channels}
+    return {name: text for name, text in names.items() if isinstance(text, str)}
 
 
 def complete_channels(file: h5py.File, channels: Iterable[str]) -> set[str]:
@@ -201,12 +201,12 @@ class Plain:
 
 def lying(file: h5py.File, channels: Iterable[str]) -> dict[str, Plain | None]:
     """Return where channels lie in their file; None where HDF5 has to make one of what lies there."""
-    found = dict[str, Plain | None]()
+    plain_layouts = dict[str, Plain | None]()
     for name in channels:
         dataset = file[name]
         begin = _begin(dataset)
-        found[name] = None if begin is None else Plain(begin, dataset.size, _fills(dataset))
-    return found
+        plain_layouts[name] = None if begin is None else Plain(begin, dataset.size, _fills(dataset))
+    return plain_layouts
 
 
 def _checked(
@@ -221,17 +221,17 @@ def _checked(
 class Stored:
     """So many samples of a dataset that are read when they are asked for, a `Row`."""
 
-    def __init__(self, read: Callable[[slice], NDArray[np.float64]], there: range) -> None:
-        self._read, self._there = read, there
+    def __init__(self, read: Callable[[slice], NDArray[np.float64]], samples: range) -> None:
+        self._read, self._there = read, samples
 
     @property
     def size(self) -> int:
         """Number of samples."""
         return len(self._there)
 
-    def __getitem__(self, at: slice) -> NDArray[np.float64]:
+    def __getitem__(self, index: slice) -> NDArray[np.float64]:
         """Read some of them."""
-        some = self._there[at]
+        some = self._there[index]
         return self._read(slice(some.start, some.stop))
 
 
@@ -259,12 +259,12 @@ def _begin(dataset: h5py.Dataset) -> int | None:
 
 
 def _stored(file: BinaryIO, path: Path, begin: int, size: int, part: slice) -> NDArray[np.float64]:
-    first, end, _ = part.indices(size)
-    count = max(end - first, 0)
-    found = np.fromfile(file, dtype=np.float64, count=count, offset=begin + 8 * first)
-    if found.size < count:
+    start, end, _ = part.indices(size)
+    count = max(end - start, 0)
+    values = np.fromfile(file, dtype=np.float64, count=count, offset=begin + 8 * start)
+    if values.size < count:
         raise OSError(f"{path} ends before its datasets")
-    return found
+    return values
 
 
 def check_values(
@@ -274,19 +274,21 @@ def check_values(
     low, high = (-LARGEST, LARGEST) if known else (-np.finfo(float).max, np.finfo(float).max)
     if low <= values.min(initial=0.0) and values.max(initial=0.0) <= high:  # false where samples are missing
         return
-    if (beyond := (values < low) | (values > high)).any():
-        n = int(np.argmax(beyond))
-        what = f"{place}: {values[n]:.7g} at sample {start + n} (t = {(start + n) / fs:.10g} s)"
+    if (out_of_range := (values < low) | (values > high)).any():
+        n = int(np.argmax(out_of_range))
+        place_and_value = f"{place}: {values[n]:.7g} at sample {start + n} (t = {(start + n) / fs:.10g} s)"
         if not np.isfinite(values[n]):
-            raise InputError(f"{what}, expected a finite value")
+            raise InputError(f"{place_and_value}, expected a finite value")
         if np.count_nonzero(values == values[n]) > 1:
-            raise InputError(f"{what}, repeated later, seems to mark missing samples, expected NaN for each")
-        raise InputError(f"{what}, expected a value of at most {LARGEST:g}")
+            raise InputError(
+                f"{place_and_value}, repeated later, seems to mark missing samples, expected NaN for each"
+            )
+        raise InputError(f"{place_and_value}, expected a value of at most {LARGEST:g}")
 
 
 def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
     """Refuse more missing samples than may be masked in what a calibration needs, given by place."""
-    if not any(lost.any() for lost in missing.values()):
+    if not any(flags.any() for flags in missing.values()):
         return
     together = np.any(list(missing.values()), axis=0)
     present = np.flatnonzero(~together)
@@ -295,9 +297,9 @@ def check_missing(missing: Mapping[str, NDArray[np.bool_]], fs: float) -> None:
     if share <= MAX_MISSING and longest <= MAX_GAP * fs:
         return
     worst = max(missing, key=lambda place: int(missing[place].sum()))
-    first = int(np.argmax(missing[worst]))
+    first_missing = int(np.argmax(missing[worst]))
     raise InputError(
-        f"{worst}: nan from sample {first} (t = {first / fs:.10g} s) on, "
+        f"{worst}: nan from sample {first_missing} (t = {first_missing / fs:.10g} s) on, "
         f"{100 * share:.4g} % of the samples are missing with gaps of up to {longest / fs:.6g} s, "
         f"expected at most {100 * MAX_MISSING:g} % and {MAX_GAP:g} s"
     )
@@ -339,8 +341,10 @@ def _check_plain(dataset: h5py.Dataset, place: str) -> None:
 
 def _fills(dataset: h5py.Dataset) -> Mapping[str, object]:
     """Return the attributes by which something else than NaN stands for missing samples."""
-    told = {name: plain(dataset.attrs[name]) for name in _MISSING if name in dataset.attrs}
-    return {name: fill for name, fill in told.items() if not (isinstance(fill, float) and math.isnan(fill))}
+    fill_values = {name: plain(dataset.attrs[name]) for name in _MISSING if name in dataset.attrs}
+    return {
+        name: fill for name, fill in fill_values.items() if not (isinstance(fill, float) and math.isnan(fill))
+    }
 
 
 def _check_missing_value(
@@ -356,7 +360,7 @@ def _check_missing_value(
             )
 
 
-def _own(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:
+def _local_dataset(file: h5py.File, path: Path, place: str, name: str) -> h5py.Dataset | None:
     """Return a dataset of the file; a link might lead into any other."""
     link = file.get(name, getlink=True)
     if link is not None and not isinstance(link, h5py.HardLink):

@@ -77,23 +77,25 @@ def draft(name: str, archives: Sequence[Path], folder: Path) -> str:
     head = _HEAD.format(name=name, stem=Path(name).stem, blank=BLANK)
     if not known:
         channels = [
-            f'{channel} = {{ column = "{of}", unit = "{_unit(channel)}" }}'
-            for channel, of in _EXAMPLES.items()
+            f'{channel} = {{ column = "{unit}", unit = "{_unit(channel)}" }}'
+            for channel, unit in _EXAMPLES.items()
         ]
         body = ['[time]\ncolumn = "t"', _TIME_HELP, "[channels]", *channels, ""]
         return "\n".join([head, *body, *_run("A.csv", "A"), *_run("A-noise.csv", "A-noise")])
-    first = known[0]
-    listed = [f"#   {_text(column):30} {_about(of)}".rstrip() for column, of in first.columns.items()]
+    first_file = known[0]
+    listed = [
+        f"#   {_text(column):30} {_comment(unit)}".rstrip() for column, unit in first_file.columns.items()
+    ]
     series = _series(archives)
     if series is None:
         files = {run: _relative(archive.path, folder) for run, archive in _runs(known).items()}
-        channels = [*_channels(first)]
+        channels = [*_channels(first_file)]
     else:
         files = dict.fromkeys(series.runs, _relative(series.template, folder))
-        channels = [*_channels_of_series(first, series.channels)]
-    runs = [line for run, file in files.items() for line in _run(file, run, is_stamped=first.is_stamped)]
-    columns = [f"# Columns of {first.path.name}:", *listed, "[channels]"]
-    return "\n".join([head, *_time(first), *columns, *channels, "", *runs])
+        channels = [*_channels_of_series(first_file, series.channels)]
+    runs = [line for run, file in files.items() for line in _run(file, run, is_stamped=first_file.is_stamped)]
+    columns = [f"# Columns of {first_file.path.name}:", *listed, "[channels]"]
+    return "\n".join([head, *_time(first_file), *columns, *channels, "", *runs])
 
 
 def json_schema() -> dict[str, Any]:
@@ -111,8 +113,8 @@ def json_schema() -> dict[str, Any]:
     channels = schema["properties"]["channels"]
     channel = channels.pop("additionalProperties")
     described = {
-        name: {**channel, "description": f"{about.long_name}, in {about.unit or 1}"}
-        for name, about in CHANNELS.items()
+        name: {**channel, "description": f"{description.long_name}, in {description.unit or 1}"}
+        for name, description in CHANNELS.items()
     }
     channels |= {"properties": described, "required": list(REQUIRED), "additionalProperties": False}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
@@ -241,7 +243,7 @@ def _run(file: str, run: str, *, is_stamped: bool = False) -> list[str]:
         (f'kind = "{kind}"', '"sysid" with injections, or "noise"'),
         ("", "t0 follows from the time stamps") if is_stamped else t0,
     )
-    return ["[[runs]]", *(f"{line:34} # {about}".lstrip() for line, about in lines), ""]
+    return ["[[runs]]", *(f"{line:34} # {comment}".lstrip() for line, comment in lines), ""]
 
 
 def _relative(path: Path, folder: Path) -> str:
@@ -255,7 +257,7 @@ def _unit(channel: str) -> str:
     return CHANNELS[channel].unit
 
 
-def _about(column: Column) -> str:
+def _comment(column: Column) -> str:
     about = column.reason or ("text" if column.text else column.unit or "")
     return (
         f"{about}, {column.size} rows"
@@ -266,8 +268,8 @@ def _about(column: Column) -> str:
 
 def _plain(name: str) -> str:
     """Return the bare name of a column: without structs before it, a unit after it, capitals and signs."""
-    last = split_unit(name)[0].rpartition(".")[2]
-    return re.sub(r"[^a-z0-9]", "", last.lower())
+    base_name = split_unit(name)[0].rpartition(".")[2]
+    return re.sub(r"[^a-z0-9]", "", base_name.lower())
 
 
 def _text(text: str) -> str:

@@ -75,12 +75,12 @@ def _is_rounded(off: Array, digit: float, rate: float) -> bool:
     return digit <= 0.5 / rate and bool(np.ptp(off) <= 1.1 * digit + 1e-3 / rate)
 
 
-def check_agreement(place: str, stamps: Stamps, other: str, reference: Stamps) -> None:
+def check_agreement(place: str, stamps: Stamps, other_place: str, reference: Stamps) -> None:
     """Refuse the time stamps of one table that are not those of another table of the same run."""
-    wanted = "expected the same time stamps in all files of a run"
+    expected = "expected the same time stamps in all files of a run"
     sizes = stamps.seconds.size, reference.seconds.size
     if sizes[0] != sizes[1]:
-        raise InputError(f"{place}: {sizes[0]} samples, but {other} has {sizes[1]}, {wanted}")
+        raise InputError(f"{place}: {sizes[0]} samples, but {other_place} has {sizes[1]}, {expected}")
     if stamps.t0 is None or reference.t0 is None:
         off = stamps.start - reference.start
     else:
@@ -90,16 +90,18 @@ def check_agreement(place: str, stamps: Stamps, other: str, reference: Stamps) -
     step = float(reference.seconds[-1]) / (sizes[0] - 1)
     digit = min(max(stamps.resolution, reference.resolution, 1e-3 * step), 0.5 * step)
     if abs(off) > digit:
-        raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other}, {wanted}")
+        raise InputError(f"{place}: begins {abs(off):.10g} s {_order(off)} {other_place}, {expected}")
     differences = stamps.seconds - reference.seconds
-    beyond = np.abs(differences) > digit
-    if beyond.any():
-        n = int(np.argmax(beyond))
+    disagrees = np.abs(differences) > digit
+    if disagrees.any():
+        n = int(np.argmax(disagrees))
         off = float(differences[n])
-        raise InputError(f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other}, {wanted}")
+        raise InputError(
+            f"{place}: sample {n} is {abs(off):.10g} s {_order(off)} that of {other_place}, {expected}"
+        )
     mean = off + float(differences.mean())  # in which the rounding of stamps averages out
     if abs(mean) > max(AGREEMENT, 1e-3 * step):
-        raise InputError(f"{place}: {abs(mean):.3g} s {_order(mean)} {other} on average, {wanted}")
+        raise InputError(f"{place}: {abs(mean):.3g} s {_order(mean)} {other_place} on average, {expected}")
 
 
 def check_start(place: str, stated: str, stamps: Stamps, fs: float) -> None:

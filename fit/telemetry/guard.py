@@ -27,13 +27,15 @@ _PACE = 2e7  # bytes per s that are read at least
 Look = Callable[..., object]
 
 
-def check(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> None:
+def check(look: Look, paths: Sequence[Path], arguments: Mapping[Path, object] | None = None) -> None:
     """Refuse files that cannot be read, or not within the limits, as `passed`."""
-    for _ in passed(look, paths, more):
+    for _ in passed(look, paths, arguments):
         pass
 
 
-def passed(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None = None) -> Generator[Path]:
+def passed(
+    look: Look, paths: Sequence[Path], arguments: Mapping[Path, object] | None = None
+) -> Generator[Path]:
     """Yield files as the other process gets through them.
 
     Parameters
@@ -43,7 +45,7 @@ def passed(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None
         A function of a module, as the other process finds it by its name.
     paths : sequence of Path
         The files. What is no file is left to whoever opens it.
-    more : mapping of Path to str, int or None, optional
+    arguments : mapping of Path to str, int or None, optional
         A second argument of `look` for each.
 
     Raises
@@ -52,24 +54,24 @@ def passed(look: Look, paths: Sequence[Path], more: Mapping[Path, object] | None
         For the first that cannot be read, or not within the limits.
     """
     tried = [is_file(path) for path in paths]
-    with closing(refusals(look, [*compress(paths, tried)], more)) as said:
-        for path, seen in zip(paths, tried, strict=True):
-            refused = next(said) if seen else None
+    with closing(refusals(look, [*compress(paths, tried)], arguments)) as messages:
+        for path, is_tried in zip(paths, tried, strict=True):
+            refused = next(messages) if is_tried else None
             if refused is not None:
                 raise InputError(refused)
             yield path
 
 
 def refusals(
-    look: Look, files: Sequence[Path], more: Mapping[Path, object] | None = None
+    look: Look, files: Sequence[Path], arguments: Mapping[Path, object] | None = None
 ) -> Generator[str | None]:
     """Yield why files are refused, None for sound ones, as far as the first that ends the process."""
     if not files:
         return
     allowance = PATIENCE + sum(path.stat().st_size for path in files) / _PACE
-    calls = [[str(path), *([] if more is None else [more[path]])] for path in files]
+    calls = [[str(path), *([] if arguments is None else [arguments[path]])] for path in files]
     task = {"module": look.__module__, "name": look.__name__, "memory": MEMORY, "calls": calls}
-    told, late = 0, threading.Event()
+    n_answers, late = 0, threading.Event()
     with _process() as process:
         assert process.stdin is not None and process.stdout is not None
 
@@ -87,14 +89,14 @@ def refusals(
             for line in process.stdout:
                 if line.endswith((b"}\n", b"}\r\n")):
                     yield json.loads(line)["refused"]
-                    told += 1
+                    n_answers += 1
             code = process.wait()
         finally:
             end.cancel()
             process.kill()  # if nobody listens any more
-    if told < len(files):
-        how = f"is not done with in {allowance:.0f} s" if late.is_set() else _end(code)
-        yield f"{files[told]}: damaged: {how}, expected a file that can be read"
+    if n_answers < len(files):
+        outcome = f"is not done with in {allowance:.0f} s" if late.is_set() else _end(code)
+        yield f"{files[n_answers]}: damaged: {outcome}, expected a file that can be read"
 
 
 def _process() -> subprocess.Popen[bytes]:
@@ -108,9 +110,9 @@ def _process() -> subprocess.Popen[bytes]:
 
 
 def _environment() -> Mapping[str, str]:
-    here = str(Path(__file__).parents[2])
-    before = os.environ.get("PYTHONPATH")
-    path = f"{here}{os.pathsep}{before}" if before else here
+    root = str(Path(__file__).parents[2])
+    python_path = os.environ.get("PYTHONPATH")
+    path = f"{root}{os.pathsep}{python_path}" if python_path else root
     return {**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"}
 
 
@@ -130,10 +132,10 @@ def serve() -> None:
     task = json.load(sys.stdin)
     _limit(task["memory"])
     look: Look = getattr(import_module(task["module"]), task["name"])
-    for name, *more in task["calls"]:
+    for name, *arguments in task["calls"]:
         path, refused = Path(name), None
         try:
-            look(path, *more)
+            look(path, *arguments)
         except InputError as error:
             refused = str(error)
         except MemoryError:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError
 
 from fit.errors import InputError, quote, shown
-from fit.files import Table, closest, documents, is_file, key, problem, told
+from fit.files import Table, closest_match, documents, is_file, key, problem, validation_messages
 from fit.telemetry.contract import ATTRIBUTES, CHANNELS, REQUIRED, check_root
 from fit.units import factor, to_si
 
@@ -164,7 +164,7 @@ def load(path: Path) -> Map:
     try:
         mapping = Map.model_validate(document)
     except ValidationError as error:
-        raise InputError(f"{path}: {told(error)}") from error
+        raise InputError(f"{path}: {validation_messages(error)}") from error
     _check_channels(path, mapping)
     _check_clock(path, mapping.time)
     for i in range(len(mapping.runs)):
@@ -191,22 +191,22 @@ def attributes_of(path: Path, mapping: Map, i: int) -> dict[str, str | int | flo
     places = dict.fromkeys(mapping.attributes, "attributes") | dict.fromkeys(of_run, f"runs[{i}]")
     values: dict[str, str | int | float] = {}
     for name, value in {**mapping.attributes, **of_run}.items():
-        where = f"{path}: {places[name]}.{key(name)}"
+        place = f"{path}: {places[name]}.{key(name)}"
         if name not in ATTRIBUTES:
-            raise InputError(f"{where}: not known{closest(name, ATTRIBUTES)}")
+            raise InputError(f"{place}: not known{closest_match(name, ATTRIBUTES)}")
         unit = ATTRIBUTES[name]
         if isinstance(value, date | time):  # of TOML; a date with a time is a date
             value = value.isoformat()
         if not isinstance(value, str | int | float):
-            raise InputError(f"{where}: {shown(value)}, expected a number or a text")
+            raise InputError(f"{place}: {shown(value)}, expected a number or a text")
         if unit is None:
             values[name] = value
         else:
             try:
                 values[name] = to_si(value, unit)
             except ValueError as error:
-                said = f"{shown(value)}, {error}"
-                raise InputError(f"{where}: {said}, expected a quantity in {unit!r}") from error
+                reason = f"{shown(value)}, {error}"
+                raise InputError(f"{place}: {reason}, expected a quantity in {unit!r}") from error
     return values
 
 
@@ -257,7 +257,7 @@ def places_of_run(path: Path, mapping: Map, i: int) -> Iterator[Place]:
     yield from dict.fromkeys(place for name in names for place in places_of(path, mapping, i, name))
 
 
-def factor_of(where: str, unit: str | None, channel: str, attributes: Mapping[str, Any]) -> float:
+def factor_of(place: str, unit: str | None, channel: str, attributes: Mapping[str, Any]) -> float:
     """Return the factor from `unit`, None for that of the contract, to the unit of a channel or of the time.
 
     A force may stand for the force per unit mass.
@@ -275,8 +275,8 @@ def factor_of(where: str, unit: str | None, channel: str, attributes: Mapping[st
             try:
                 return factor(unit or "", "N") / float(attributes["m_tm"])
             except ValueError:
-                raise InputError(f"{where}: {error}, expected {si!r}, 'N' or a multiple of one") from error
-        raise InputError(f"{where}: {error}, expected {si or '1'!r} or a multiple of it") from error
+                raise InputError(f"{place}: {error}, expected {si!r}, 'N' or a multiple of one") from error
+        raise InputError(f"{place}: {error}, expected {si or '1'!r} or a multiple of it") from error
 
 
 def _check_channels(path: Path, mapping: Map) -> None:
@@ -311,7 +311,7 @@ def _check_files(path: Path, mapping: Map, i: int) -> None:
         for name in files:
             if name not in mapping.channels and (name != TIME or mapping.time is None):
                 known = [*mapping.channels, TIME]
-                raise InputError(f"{path}: runs[{i}].file.{key(name)}: not known{closest(name, known)}")
+                raise InputError(f"{path}: runs[{i}].file.{key(name)}: not known{closest_match(name, known)}")
     for place in places_of_run(path, mapping, i):
         if not is_file(place.archive):
             name = str(place.archive).removeprefix(f"{path.parent}/")

@@ -29,20 +29,20 @@ USUAL: tuple[float, ...] = (
 USUAL += (32767.0, 32768.0, 2147483647.0, 2147483648.0)
 _HUGE = 1e10  # in any unit of an archive; default fills of netCDF and others are beyond
 _DOUBLE = 1e-15  # relative: rounding by a scale that the archive states
-_FAR, _VERY_FAR = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
+_MARKER_RATIO, _NUMBER_RATIO = 5.0, 100.0  # times the largest other sample: of a usual marker, of any number
 _READ_OUTS = ("o_", "grs_")  # channels with noise in every sample
 _SET_POINTS = "guidance_"  # channels that stay at the numbers that an operator chooses
 
 
 def check_markers(
-    place: str, channel: str, parts: Iterable[Array], fs: float, *, is_complete: bool = False
+    place: str, channel: str, chunks: Iterable[Array], fs: float, *, is_complete: bool = False
 ) -> None:
     """Refuse a channel of telemetry in which a number seems to mark missing samples; InputError names it.
 
     A channel that is complete states that no number does; its parts are read all the same.
     """
     extreme = Extreme()
-    for values in parts:
+    for values in chunks:
         extreme.add(values)
     if not is_complete and extreme.is_marker(channel):
         raise InputError(f"{place}: {extreme.describe(fs)} expected NaN for each")
@@ -71,16 +71,16 @@ class Extreme:
     ----------
     value : float
         That value.
-    count, first : int
+    count, first_sample : int
         How often it comes, and the number of the first sample that has it.
-    others : float
+    largest_other : float
         The largest size of all other samples.
     """
 
     value: float = 0.0
     count: int = 0
-    first: int = 0
-    others: float = 0.0
+    first_sample: int = 0
+    largest_other: float = 0.0
     _size: int = field(default=0, repr=False)
 
     def add(self, values: Array) -> None:
@@ -88,20 +88,24 @@ class Extreme:
         start, self._size = self._size, self._size + values.size
         size = np.abs(values)
         size = np.where(np.isfinite(size), size, -1.0)
-        most = float(size.max(initial=-1.0))
-        if most < max(self.others, 0.0):
+        largest = float(size.max(initial=-1.0))
+        if largest < max(self.largest_other, 0.0):
             return
-        equal = size == most
+        equal = size == largest
         rest = float(size[~equal].max(initial=0.0))
-        if most > abs(self.value) or not self.count:
+        if largest > abs(self.value) or not self.count:
             n = int(np.argmax(equal))
-            self.others = max(self.others, abs(self.value), rest)
-            self.value, self.count, self.first = float(values[n]), int(np.count_nonzero(equal)), start + n
-        elif most == abs(self.value):
+            self.largest_other = max(self.largest_other, abs(self.value), rest)
+            self.value, self.count, self.first_sample = (
+                float(values[n]),
+                int(np.count_nonzero(equal)),
+                start + n,
+            )
+        elif largest == abs(self.value):
             self.count += int(np.count_nonzero(equal))
-            self.others = max(self.others, rest)
+            self.largest_other = max(self.largest_other, rest)
         else:
-            self.others = max(self.others, most)
+            self.largest_other = max(self.largest_other, largest)
 
     def is_marker(self, channel: str) -> bool:
         """Say whether the value marks missing samples of a channel, as far as one can see."""
@@ -109,10 +113,10 @@ class Extreme:
             return False
         size = abs(self.value)
         usual = size >= _HUGE or (not channel.startswith(_SET_POINTS) and self._is_usual())
-        if usual and size > _FAR * self.others:
+        if usual and size > _MARKER_RATIO * self.largest_other:
             return True
         is_rare = self.count < self._size / 2
-        return channel.startswith(_READ_OUTS) and is_rare and size > _VERY_FAR * self.others > 0.0
+        return channel.startswith(_READ_OUTS) and is_rare and size > _NUMBER_RATIO * self.largest_other > 0.0
 
     def _is_usual(self) -> bool:
         size = np.array([abs(self.value)])
@@ -126,5 +130,5 @@ class Extreme:
 
     def describe(self, fs: float) -> str:
         """Return what the value is and where, for a message."""
-        where = f"{self.value:.7g} at sample {self.first} (t = {self.first / fs:.10g} s)"
-        return f"{where}, {self.count} times in all, seems to mark missing samples,"
+        location = f"{self.value:.7g} at sample {self.first_sample} (t = {self.first_sample / fs:.10g} s)"
+        return f"{location}, {self.count} times in all, seems to mark missing samples,"

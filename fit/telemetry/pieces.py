@@ -16,11 +16,11 @@ class Row(Protocol):
     def size(self) -> int:
         """Number of samples."""
 
-    def __getitem__(self, at: slice, /) -> NDArray[np.float64]:
+    def __getitem__(self, index: slice, /) -> NDArray[np.float64]:
         """Return some of them."""
 
 
-def pieces(size: int, overlap: int = 0, each: int = PIECE) -> Iterator[slice]:
-    """Yield slices of `each` samples that cover `size`; all but the first begin `overlap` samples early."""
-    for start in range(0, max(size - overlap, 0), each):
-        yield slice(start, min(start + each + overlap, size))
+def pieces(size: int, overlap: int = 0, length: int = PIECE) -> Iterator[slice]:
+    """Yield slices of `length` samples that cover `size`; all but the first begin `overlap` samples early."""
+    for start in range(0, max(size - overlap, 0), length):
+        yield slice(start, min(start + length + overlap, size))

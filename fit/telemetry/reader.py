@@ -99,9 +99,9 @@ class Telemetry(Displayed):
         """Number of samples N."""
         return axis.size(self)
 
-    def instants(self, at: slice) -> NDArray[np.float64]:
+    def instants(self, index: slice) -> NDArray[np.float64]:
         """Return a part of `time`, without the rest of it."""
-        return axis.part(self, at)
+        return axis.part(self, index)
 
     def row(self, name: str) -> Row:
         """Return one of the `channels`, or the ``time``, of which parts can be had without the rest."""
@@ -109,17 +109,20 @@ class Telemetry(Displayed):
             return axis.row(self)
         return self.channels.row(name) if isinstance(self.channels, OnDemand) else self.channels[name]
 
-    def held(self, names: Iterable[str]) -> "Telemetry":
-        """Return the run with these channels alone, read once for all who ask; long ones stay in the file."""
-        kept: dict[str, Any] = {"time": axis.row(self), "channels": {name: self.row(name) for name in names}}
-        return replace(self, **kept)
+    def select(self, names: Iterable[str]) -> "Telemetry":
+        """Return the run with these channels only, in memory; long ones stay in the file."""
+        time: Any = axis.row(self)
+        channels: Any = {name: self.row(name) for name in names}
+        return replace(self, time=time, channels=channels)
 
-    def part(self, at: slice) -> "Telemetry":
+    def part(self, index: slice) -> "Telemetry":
         """Return some of the samples as a run."""
-        found = self.channels
-        channels = found.part(at) if isinstance(found, OnDemand) else {n: x[at] for n, x in found.items()}
-        kept: dict[str, Any] = {"time": axis.axis_part(self, at), "channels": channels}
-        return replace(self, **kept)
+        if isinstance(self.channels, OnDemand):
+            channels: Mapping[str, Any] = self.channels.part(index)
+        else:
+            channels = {name: values[index] for name, values in self.channels.items()}
+        fields: dict[str, Any] = {"time": axis.axis_part(self, index), "channels": channels}
+        return replace(self, **fields)
 
     @property
     def duration(self) -> float:
@@ -156,8 +159,8 @@ class Telemetry(Displayed):
             raise InputError("to_xarray needs xarray, of the extra lpfcosim[notebook]") from None
         channels = {}
         for name, values in self.channels.items():
-            told = {"units": self.units.get(name), "long_name": self.long_names.get(name)}
-            channels[name] = ("time", values, {key: text for key, text in told.items() if text})
+            attributes = {"units": self.units.get(name), "long_name": self.long_names.get(name)}
+            channels[name] = ("time", values, {key: text for key, text in attributes.items() if text})
         time = ("time", self.time, {"units": "s", "long_name": f"time since {self.t0}"})
         dataset: xarray.Dataset = xr.Dataset(channels, {"time": time}, self.root)
         return dataset
@@ -166,8 +169,8 @@ class Telemetry(Displayed):
 Telemetry.time = axis.TimeAxis()  # type: ignore[assignment]
 
 
-def read(path: Path, *, own: bool = False) -> Telemetry:
-    """Read one telemetry file; its group ``/truth`` is not touched. See `read_all` for `own`.
+def read(path: Path, *, trusted: bool = False) -> Telemetry:
+    """Read one telemetry file; its group ``/truth`` is not touched. See `read_all` for `trusted`.
 
     Raises
     ------
@@ -175,10 +178,10 @@ def read(path: Path, *, own: bool = False) -> Telemetry:
         If the file breaks the contract; the message names the file, the place and what was expected.
     """
     telemetry = read_stretch(path, 0, None)
-    lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _parts(telemetry, name))}
+    lacking = {name for name in REQUIRED if any(np.isnan(x).any() for x in _chunks(telemetry, name))}
     flags = {name: np.isnan(telemetry.channels[name]) for name in REQUIRED if name in lacking}
-    check_missing({f"{path}: channel {name}": lost for name, lost in flags.items()}, telemetry.fs)
-    if not own:
+    check_missing({f"{path}: channel {name}": missing for name, missing in flags.items()}, telemetry.fs)
+    if not trusted:
         check_channels(telemetry)
     return telemetry
 
@@ -195,10 +198,10 @@ def check_channels(telemetry: Telemetry) -> None:
         complete = complete_channels(file, telemetry.units)
     for name in telemetry.channels:
         place = f"{telemetry.path}: channel {key(name)}"
-        check_markers(place, name, _parts(telemetry, name), telemetry.fs, is_complete=name in complete)
+        check_markers(place, name, _chunks(telemetry, name), telemetry.fs, is_complete=name in complete)
 
 
-def _parts(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:
+def _chunks(telemetry: Telemetry, name: str) -> Iterator[NDArray[np.float64]]:
     row = telemetry.row(name)
     return (row[piece] for piece in pieces(row.size))
 
@@ -257,27 +260,21 @@ def check(paths: Sequence[Path]) -> None:
 
 
 def samples(path: Path) -> int:
-    """Return the number of samples of a file that `read_stretch` accepts.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """Return the number of samples of a file that `read_stretch` accepts; raise `InputError` as it does."""
     with opened(path) as file:
         return int(file["time"].shape[0])
 
 
-def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
+def read_all(paths: Sequence[Path], *, trusted: bool = False) -> list[Telemetry]:
     """Read files, sorted by start time, then by run.
 
     Parameters
     ----------
     paths : sequence of Path
-        Files, each once; those of folders are found by `fit.results.telemetry_files`.
-    own : bool
-        They were written by this program just now: no other process need try them first, and what a
-        calibration can do without is checked only when it is asked for.
+        Files, each once.
+    trusted : bool
+        Written by this program just now: no other process need try them first, and values are checked
+        when they are read.
 
     Raises
     ------
@@ -285,7 +282,7 @@ def read_all(paths: Sequence[Path], *, own: bool = False) -> list[Telemetry]:
         If a file is missing or breaks the contract, or two files share a run name.
     """
     runs: dict[str, Telemetry] = {}
-    for telemetry in parallel_map(partial(read, own=True), paths) if own else _tried(paths):
+    for telemetry in parallel_map(partial(read, trusted=True), paths) if trusted else _tried(paths):
         twin = runs.setdefault(telemetry.run, telemetry)
         if twin is not telemetry:
             raise InputError(
@@ -330,14 +327,15 @@ def common_x_axis(runs: Sequence[Telemetry]) -> XAxis:
     InputError
         If they differ.
     """
-    first = runs[0]
+    reference = runs[0]
     for run in runs:
-        if run.x_axis != first.x_axis:
+        if run.x_axis != reference.x_axis:
             raise InputError(
-                f"{run.path}: attribute x_axis: {run.x_axis!r}, but {first.path} has {first.x_axis!r}; "
+                f"{run.path}: attribute x_axis: {run.x_axis!r}, but {reference.path} has "
+                f"{reference.x_axis!r}; "
                 "expected one frame in all runs of a fit"
             )
-    return first.x_axis
+    return reference.x_axis
 
 
 def read_truth(path: Path) -> dict[str, float]:

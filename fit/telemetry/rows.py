@@ -43,10 +43,15 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
     """
 
     def __init__(
-        self, path: Path, places: Mapping[str, Plain | None], part: slice, fs: float, of: State | None = None
+        self,
+        path: Path,
+        places: Mapping[str, Plain | None],
+        part: slice,
+        fs: float,
+        state: State | None = None,
     ) -> None:
         self._path, self._places, self._part, self._fs = path, places, part, fs
-        self._state = of or _state(path)
+        self._state = state or _state(path)
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return self._read(name, self._part)
@@ -60,11 +65,11 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
     def __len__(self) -> int:
         return len(self._places)
 
-    def part(self, at: slice) -> "OnDemand":
+    def part(self, index: slice) -> "OnDemand":
         """Return some of the samples of all of them."""
-        first, last, _ = at.indices(sys.maxsize)
+        start, stop, _ = index.indices(sys.maxsize)
         begin, end, _ = self._part.indices(sys.maxsize)
-        return self.stretch(slice(begin + first, min(begin + last, end)))
+        return self.stretch(slice(begin + start, min(begin + stop, end)))
 
     def stretch(self, of_file: slice) -> "OnDemand":
         """Return other samples of the file."""
@@ -74,16 +79,16 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
         """Return a channel; a long one is read when parts of it are asked for."""
         known = self._places[name]
         if known is not None:
-            there = range(*self._part.indices(known.size))
-            whole = len(there) <= _WHOLE
-            return self._read(name, self._part) if whole else Stored(partial(self._read, name), there)
+            samples = range(*self._part.indices(known.size))
+            whole = len(samples) <= _WHOLE
+            return self._read(name, self._part) if whole else Stored(partial(self._read, name), samples)
         with opened(self._path) as file:
             self._check(_state(self._path))
-            there = range(*self._part.indices(file[name].size))
-            if len(there) <= _WHOLE or not in_parts(file[name]):
+            samples = range(*self._part.indices(file[name].size))
+            if len(samples) <= _WHOLE or not in_parts(file[name]):
                 return read_channel(file, self._path, name, self._part, self._fs)
-            kept = h5py.File(self._path, "r")  # while parts are asked for: to open it takes as long as one
-        return Stored(partial(_read, kept, self._path, name, self._fs), there)
+            file = h5py.File(self._path, "r")  # while parts are asked for: to open it takes as long as one
+        return Stored(partial(_read, file, self._path, name, self._fs), samples)
 
     def _read(self, name: str, part: slice) -> NDArray[np.float64]:
         known = self._places[name]
@@ -92,7 +97,7 @@ class OnDemand(Mapping[str, NDArray[np.float64]]):
                 self._check(_state(self._path))
                 return read_channel(file, self._path, name, part, self._fs)
         _check_there(self._path)
-        with _told(self._path), self._path.open("rb") as plain:
+        with _read_errors(self._path), self._path.open("rb") as plain:
             self._check(_state_of(plain))
             return known.read(plain, self._path, name, part, self._fs)
 
@@ -108,12 +113,12 @@ def _state(path: Path) -> State:
 
 def _state_of(file: BinaryIO) -> State:
     """Return what tells that a file is another one, or was written again."""
-    found = os.fstat(file.fileno())  # always so: on Windows, asked by its path, a file may tell another time
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    status = os.fstat(file.fileno())  # always so: on Windows, asked by its path, a file may tell another time
+    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 def _read(file: h5py.File, path: Path, name: str, fs: float, part: slice) -> NDArray[np.float64]:
-    with _told(path):
+    with _read_errors(path):
         return read_channel(file, path, name, part, fs)
 
 
@@ -127,7 +132,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
         If it is none, or what is done with it meets a damage.
     """
     _check_there(path)
-    with _told(path), h5py.File(path, "r") as file:
+    with _read_errors(path), h5py.File(path, "r") as file:
         yield file
 
 
@@ -138,7 +143,7 @@ def _check_there(path: Path) -> None:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _read_errors(path: Path) -> Iterator[None]:
     """Say which file it is that a damage is met in."""
     try:
         yield

@@ -84,9 +84,11 @@ class Archives:
         columns = {name: self._column(name, col, attributes) for name, col in self._map.channels.items()}
         users: dict[tuple[int, str], str] = {}
         for name, column in columns.items():
-            other = users.setdefault((id(column.table), column.name), name)
-            if other != name:
-                raise InputError(f"{column.place}: also that of channel {other}, expected a column for each")
+            other_channel = users.setdefault((id(column.table), column.name), name)
+            if other_channel != name:
+                raise InputError(
+                    f"{column.place}: also that of channel {other_channel}, expected a column for each"
+                )
         return columns
 
     def time(self, columns: Collection[ArchiveColumn]) -> tuple[str, stamps.Stamps] | None:
@@ -112,8 +114,8 @@ class Archives:
             self._find(TIME, clock.column)
         place, reference = self._stamps(having[0], having[0].column(clock.column))
         for table in having[1:]:
-            another, stamps_there = self._stamps(table, table.column(clock.column))
-            grid.check_agreement(another, stamps_there, place, reference)
+            other_place, stamps_there = self._stamps(table, table.column(clock.column))
+            grid.check_agreement(other_place, stamps_there, place, reference)
         return place, reference
 
     def _table(self, place: Place) -> Table:
@@ -121,7 +123,7 @@ class Archives:
             self._tables[place] = self._stack.enter_context(opened(place.archive, place.table))
         return self._tables[place]
 
-    def _find(self, channel: str, wanted: str | int) -> tuple[Table, str]:
+    def _find(self, channel: str, column: str | int) -> tuple[Table, str]:
         """Return the only table that has the column of a channel, and its name there."""
         if channel == TIME and not has_common_clock(self._map, self._i):
             places = list(places_of_run(self._path, self._map, self._i))
@@ -130,17 +132,17 @@ class Archives:
         tables = [self._table(place) for place in places]
         meaning = " (time)" if channel == TIME else f" (channel {channel})"
         if len(tables) == 1:
-            return tables[0], tables[0].column(wanted, meaning)
-        where = f"{self._path}: runs[{self._i}].file: column {key(str(wanted))}{meaning}"
-        having = [table for table in tables if _has(table, wanted)]
+            return tables[0], tables[0].column(column, meaning)
+        place = f"{self._path}: runs[{self._i}].file: column {key(str(column))}{meaning}"
+        having = [table for table in tables if _has(table, column)]
         names = ", ".join(table.path.name for table in having or tables)
         if not having:
             cure = f'file = {{ {channel} = "{tables[0].path.name}", ... }} for columns without names'
-            raise InputError(f"{where}: in none of {names}, expected it in one of them, or {cure}")
+            raise InputError(f"{place}: in none of {names}, expected it in one of them, or {cure}")
         if len(having) > 1:
             cure = f'file = "{having[0].path.name}" beside the column'
-            raise InputError(f"{where}: in each of {names}, expected it in one of them; or write {cure}")
-        return having[0], having[0].column(wanted)
+            raise InputError(f"{place}: in each of {names}, expected it in one of them; or write {cure}")
+        return having[0], having[0].column(column)
 
     def _column(self, channel: str, column: Channel, attributes: Mapping[str, object]) -> ArchiveColumn:
         table, name = self._find(channel, column.column)
@@ -197,9 +199,9 @@ def _key(name: str) -> str:
     return name if name.isprintable() and len(name) <= 80 else key(name)
 
 
-def _has(table: Table, wanted: str | int) -> bool:
+def _has(table: Table, column: str | int) -> bool:
     try:
-        table.column(wanted)
+        table.column(column)
     except InputError:
         return False
     return True
@@ -210,8 +212,8 @@ def read_blocks(columns: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Arra
     of_table: dict[int, dict[str, ArchiveColumn]] = {}
     for channel, column in columns.items():
         of_table.setdefault(id(column.table), {})[channel] = column
-    for parts in _align([_blocks_of_table(group) for group in of_table.values()]):
-        yield {channel: part[channel] for part in parts for channel in part}
+    for blocks in _align([_blocks_of_table(group) for group in of_table.values()]):
+        yield {channel: part[channel] for part in blocks for channel in part}
 
 
 def _blocks_of_table(group: Mapping[str, ArchiveColumn]) -> Iterator[dict[str, Array]]:

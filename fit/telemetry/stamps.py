@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _UNIX_EPOCH = 40587  # MJD of 1970-01-01
-_FIRST, _LAST = 36934.0, 88069.0  # MJD of 1960, when UTC began, and of 2100
+_FIRST_MJD, _LAST_MJD = 36934.0, 88069.0  # MJD of 1960, when UTC began, and of 2100
 _DAY = 86400.0  # s
 _WEEK = 604800.0  # s
 _CLOCK = r"\d\d:\d\d(?::\d\d(?:[.,](?P<digits>\d*))?)?"
@@ -37,7 +37,7 @@ _TEXTS = {  # with the format of astropy that each is turned into
     "yday": re.compile(rf"(?P<day>\d{{4}}[:-]\d{{3}})[T :]\s*(?P<clock>{_CLOCK}){_ZONE}"),
 }
 _EXAMPLES = {"isot": "2016-04-16T14:00:00.000Z", "yday": "2016:107:14:00:00.000"}
-_WANTED = (
+_EXPECTED = (
     'expected "2016-04-16T14:00:00Z" (format = "iso"), "2016:107:14:00:00" ("yday"), or numbers with format '
     '= "gps", "unix", "mjd" or "jd" in [time]'
 )
@@ -139,15 +139,15 @@ def _astropy() -> Iterator[None]:
 
 def _since_first(place: str, blocks: Iterable[tuple[Any, "Time"]], digit: Callable[[Any], float]) -> Stamps:
     """Return the time since the first stamp; `digit` says what the last digit of a block stands for [s]."""
-    first, seconds, resolution = None, [np.zeros(0)], 0.0
+    origin, seconds, resolution = None, [np.zeros(0)], 0.0
     for raw, instants in blocks:
-        first = instants[0] if first is None else first
-        seconds.append(np.asarray((instants - first).to_value("s"), dtype=np.float64))
+        origin = instants[0] if origin is None else origin
+        seconds.append(np.asarray((instants - origin).to_value("s"), dtype=np.float64))
         resolution = max(resolution, digit(raw))
-    if first is None:
+    if origin is None:
         return Stamps(seconds[0], resolution, is_single=False)
     digits = min(max(math.floor(1e-9 - math.log10(resolution)), 0), 6)
-    start = first.utc.copy(format="isot")
+    start = origin.utc.copy(format="isot")
     start.precision = digits
     whole, _, fraction = str(start.value).partition(".")
     fraction = fraction.rstrip("0")
@@ -182,9 +182,9 @@ def _check_range(place: str, values: Array, mjd: Array, format_: str) -> None:
             f"{place}: {values[0]:.16g} at sample 0, seconds of a GPS week; expected seconds since "
             "1980-01-06, week * 604800 + second of the week"
         )
-    beyond = ~((mjd >= _FIRST) & (mjd < _LAST))
-    if beyond.any():
-        n = int(np.argmax(beyond))
+    out_of_range = ~((mjd >= _FIRST_MJD) & (mjd < _LAST_MJD))
+    if out_of_range.any():
+        n = int(np.argmax(out_of_range))
         raise InputError(
             f"{place}: {values[n]:.16g} at sample {n}, expected a time of format {format_!r}, 1960 to 2100"
         )
@@ -217,7 +217,7 @@ def format_of(cell: str) -> str | None:
 def _recognised(place: str, cells: Sequence[str]) -> str:
     known = format_of(cells[0])
     if known is None:
-        raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_WANTED}")
+        raise InputError(f"{place}: {quote(cells[0])} at sample 0, texts of no known format, {_EXPECTED}")
     return known
 
 
@@ -247,14 +247,14 @@ def _time(spelt: Sequence[str], format_: str, scale: Scale | None) -> "Time":
     from astropy.time import Time
 
     times = Time(spelt, format=format_, scale=scale or "utc")
-    if not np.all((times.mjd >= _FIRST) & (times.mjd < _LAST)):
+    if not np.all((times.mjd >= _FIRST_MJD) & (times.mjd < _LAST_MJD)):
         raise ValueError("years that nothing flies in")
     return times
 
 
 def _no_stamp(place: str, cells: Sequence[str], start: int, n: int, format_: str) -> InputError:
-    wanted = f"expected a time stamp such as {_EXAMPLES[format_]!r}"
-    return InputError(f"{place}: {quote(cells[n])} at sample {start + n}, {wanted}")
+    expected = f"expected a time stamp such as {_EXAMPLES[format_]!r}"
+    return InputError(f"{place}: {quote(cells[n])} at sample {start + n}, {expected}")
 
 
 def _last_digit(cells: Sequence[str]) -> float:
@@ -288,13 +288,13 @@ def _remove_step(unix: Array, seconds: Array) -> Array:
     """Return seconds without the leap second that a POSIX clock counts twice, before midnight or after it."""
     steps = np.diff(seconds)
     usual = float(np.median(steps)) if steps.size else 0.0
-    early, late = (np.flatnonzero(np.abs(steps - usual - by) < 0.01) + 1 for by in (-1.0, 1.0))
+    early, late = (np.flatnonzero(np.abs(steps - usual - offset) < 0.01) + 1 for offset in (-1.0, 1.0))
     if early.size != 1 or late.size != 1:
         return seconds
-    first, last = sorted((int(early[0]), int(late[0])))
-    to_midnight = (unix[[first, last]] + _DAY / 2) % _DAY - _DAY / 2
+    begin, end = sorted((int(early[0]), int(late[0])))
+    to_midnight = (unix[[begin, end]] + _DAY / 2) % _DAY - _DAY / 2
     if np.any(np.abs(to_midnight) > 1.5):
         return seconds
     steady = seconds.copy()
-    steady[first:last] -= 1.0 if late[0] < early[0] else -1.0
+    steady[begin:end] -= 1.0 if late[0] < early[0] else -1.0
     return steady

@@ -24,13 +24,13 @@ def check_storage(dataset: h5py.Dataset, place: str) -> None:
     if dataset.is_virtual or dataset.external:
         raise StorageError(place, "kept in other files", "its values in this one")
     size = dataset.size or 0
-    held = dataset.id.get_storage_size()
-    if held > dataset.file.id.get_filesize():
-        raise StorageError(place, f"declares {held} bytes, more than the file has", "a whole file")
+    stored_bytes = dataset.id.get_storage_size()
+    if stored_bytes > dataset.file.id.get_filesize():
+        raise StorageError(place, f"declares {stored_bytes} bytes, more than the file has", "a whole file")
     properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
     if dataset.chunks is None:
-        written = held // dataset.dtype.itemsize
+        written = stored_bytes // dataset.dtype.itemsize
     else:
         chunk = math.prod(dataset.chunks)
         if chunk > MAX_CHUNK or len(set(filters)) < len(filters) or not _FILTERS.issuperset(filters):

@@ -62,13 +62,13 @@ class Writer:
         complete: Collection[str] = (),
         finite: bool = False,
         alphabetical: bool = False,
-        settled: bool = True,
+        is_complete: bool = True,
     ) -> None:
-        self._path, self._settled = path, settled
+        self._path, self._settled = path, is_complete
         self._partial = atomic.temporary(path)
         self._size, self._done, self._finite = size, 0, finite
         self._channels: dict[str, h5py.Dataset] = {}
-        with ExitStack() as undo, self._told():
+        with ExitStack() as undo, self._write_errors():
             undo.callback(self._discard)
             self._partial.open("wb").close()  # the operating system's words for a path that cannot be
             self._file = _create(self._partial)
@@ -77,8 +77,8 @@ class Writer:
             described = {"time": ("s", f"time since {attributes['t0']}"), **channels}
             for name, (unit, long_name) in described.items():
                 self._channels[name] = channel = self._file.create_dataset(name, (size,), dtype="f8")
-                about = {"units": unit, "long_name": long_name}
-                channel.attrs.update(sorted(about.items()) if alphabetical else about)
+                labels = {"units": unit, "long_name": long_name}
+                channel.attrs.update(sorted(labels.items()) if alphabetical else labels)
                 if name in complete:
                     channel.attrs["missing_value"] = np.nan
                 if name == "time":
@@ -93,9 +93,9 @@ class Writer:
             undo.pop_all()
 
     def append(
-        self, time: Array, channels: Mapping[str, Array], lost: NDArray[np.bool_] | None = None
+        self, time: Array, channels: Mapping[str, Array], missing: NDArray[np.bool_] | None = None
     ) -> None:
-        """Write the next samples of all channels, NaN for those that are ``lost``."""
+        """Write the next samples of all channels, NaN for those that are ``missing``."""
         if channels.keys() != self._channels.keys() - {"time"} or self._done + time.size > self._size:
             announced = f"{self._size} samples of {', '.join(self._channels)}"
             raise FitError(f"{self._path}: other samples came than were announced, expected {announced}")
@@ -106,18 +106,18 @@ class Writer:
                 i = int(finite.argmin())
                 raise FitError(f"{name} is {values[i]} at t = {time[i]:g} s, nothing is recorded")
         part = slice(self._done, self._done + time.size)
-        with self._told():
+        with self._write_errors():
             inside = h5py.h5s.create_simple((time.size,))
             of_file = h5py.h5s.create_simple((self._size,))
             of_file.select_hyperslab((part.start,), (time.size,))
             for name, dataset in self._channels.items():  # room in the file is given in this order
-                values = time if name == "time" else _received(channels[name], lost)
+                values = time if name == "time" else _received(channels[name], missing)
                 dataset.id.write(inside, of_file, np.ascontiguousarray(values, dtype=np.float64))
         self._done = part.stop
 
     def annotate(self, name: str, value: object) -> None:
         """Add an attribute of the root."""
-        with self._told():
+        with self._write_errors():
             self._file.attrs[name] = value
 
     def __enter__(self) -> "Writer":
@@ -125,7 +125,7 @@ class Writer:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
-            with self._told():
+            with self._write_errors():
                 if kind is None:
                     self._file.flush()
                 self._file.close()
@@ -147,7 +147,7 @@ class Writer:
             self._partial.unlink(missing_ok=True)
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _write_errors(self) -> Iterator[None]:
         """Turn what the file system or HDF5 raises into one sentence."""
         try:
             yield
@@ -155,8 +155,8 @@ class Writer:
             raise FitError(f"{self._path}: cannot be written ({_reason(error)})") from error
 
 
-def _received(values: Array, lost: NDArray[np.bool_] | None) -> Array:
-    return values if lost is None else np.where(lost, np.nan, values)
+def _received(values: Array, missing: NDArray[np.bool_] | None) -> Array:
+    return values if missing is None else np.where(missing, np.nan, values)
 
 
 def _create(path: Path) -> h5py.File:
@@ -174,5 +174,5 @@ def _annotate(place: h5py.HLObject, attributes: Mapping[str, object]) -> None:
 
 def _reason(error: OSError | RuntimeError) -> str:
     """Return what the operating system says, which HDF5 hides in a sentence of its own."""
-    said = re.search("error message = '([^']*)'", str(error))
-    return said[1] if said else getattr(error, "strerror", None) or " ".join(str(error).split())
+    match = re.search("error message = '([^']*)'", str(error))
+    return match[1] if match else getattr(error, "strerror", None) or " ".join(str(error).split())

@@ -92,7 +92,7 @@ def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
     together, first = np.empty((len(found), time.size)), float(time[:1][0])
     for n in set(sizes):  # transforms of one length go faster together
         which = [i for i, size in enumerate(sizes) if size == n]
-        for some in (which[at] for at in pieces(len(which), each=max(1, TOGETHER // n))):
+        for some in (which[at] for at in pieces(len(which), length=max(1, TOGETHER // n))):
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
                 _fill(spectrum, found[i], n, first, fs)
@@ -153,7 +153,7 @@ def bank(duration: float) -> list[Shape]:
 
 def columns(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     """Yield the glitches at the instants `time` [s], shape (N, G), some at a time."""
-    for some in pieces(len(found), each=_PART):
+    for some in pieces(len(found), length=_PART):
         yield series(found[some], time, fs).T
 
 
@@ -166,7 +166,7 @@ def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     yield from columns(found, time, fs)
     for glitch in found:  # one by one: in long runs all of them fill the memory
         changes = steps(glitch)
-        for some in pieces(changes.size, each=_PART):
+        for some in pieces(changes.size, length=_PART):
             moved = [glitch.moved(step) for step in np.diag(changes)[some]]
             found_there = series([glitch, *moved], time, fs)
             yield ((found_there[1:] - found_there[0]) / changes[some, None]).T

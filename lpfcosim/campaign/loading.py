@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from fit.errors import quote
-from fit.files import closest, told
+from fit.files import closest_match, validation_messages
 from lpfcosim.campaign import file, sweep
 from lpfcosim.campaign.campaign import Campaign, Experiment, iso
 from lpfcosim.campaign.entries import ConflictError, Entry, check_defaults, written
@@ -58,7 +58,7 @@ def load(path: Path) -> Campaign:
             check_defaults(said, table.experiments, swept=table.sweep is not None)
         found = _build(table)
     except ValidationError as error:
-        raise InputError(f"{path}: {told(error, SHAPES)}") from None
+        raise InputError(f"{path}: {validation_messages(error, SHAPES)}") from None
     except ConflictError as error:
         raise InputError(f"{path}: {error}") from None
     return replace(found, tables={key: value for key, value in raw.items() if key != "extends"})
@@ -170,10 +170,10 @@ def _replacement(component: Component, parameters: Collection[str], entry: FmuTa
     known = [*component.inputs, *component.outputs, *parameters]
     for name in entry.variables:
         if name not in known:
-            raise ConflictError(f"{where}.variables: no variable {quote(name)}{closest(name, known)}")
+            raise ConflictError(f"{where}.variables: no variable {quote(name)}{closest_match(name, known)}")
     for k, name in enumerate(entry.unused):
         if name not in (*component.inputs, *parameters):
-            choices = closest(name, [*component.inputs, *parameters])
+            choices = closest_match(name, [*component.inputs, *parameters])
             raise ConflictError(f"{where}.unused[{k}]: no input or parameter {quote(name)}{choices}")
         if name in entry.variables:
             raise ConflictError(f"{where}.unused[{k}]: {quote(name)} has a place under variables too")
@@ -252,7 +252,7 @@ def _experiment(table: CampaignTable, place: Entry, truth: Truth) -> Experiment:
     placed: list[tuple[str, Injection]] = []
     for k, name in enumerate(entry.sequences):
         if name not in table.sequences:
-            known = closest(name, table.sequences)
+            known = closest_match(name, table.sequences)
             raise ConflictError(f"{place.at('sequences')}[{k}]: no sequence {quote(name)}{known}")
         placed += [
             (f"{place.prefix}sequences.{name}[{n}]", s.record()) for n, s in enumerate(table.sequences[name])
@@ -293,7 +293,7 @@ def _authority(table: CampaignTable, place: Entry) -> Authority:
     if name is None:
         raise ConflictError(f'{place.at("authority")}: missing, write authority = "A"')
     if place.authority is None and name not in table.authority:
-        known = closest(name, table.authority)
+        known = closest_match(name, table.authority)
         raise ConflictError(f"{place.at('authority')}: no authority set {quote(name)}{known}")
     return Authority(name, **(place.authority or table.authority[name]).model_dump())
 

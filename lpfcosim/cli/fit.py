@@ -75,7 +75,7 @@ def calibrated(
         sound_joint(known, str(calibration))
         origin = {"calibration": str(calibration), "calibration_sha256": ledger.digest(calibration)}
     with console.stage("reading"):
-        telemetries = read_all(paths, own=own)
+        telemetries = read_all(paths, trusted=own)
     admitted(telemetries)
     with console.stage("fit"):
         if calibration is not None:

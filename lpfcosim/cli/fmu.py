@@ -56,7 +56,7 @@ def build(
     A model that has not changed since it was built comes from the cache.
     """
     from fit.errors import quote
-    from fit.files import closest
+    from fit.files import closest_match
     from lpfcosim.cli.console import Console
     from lpfcosim.modelica import build as fmu_build
 
@@ -65,7 +65,7 @@ def build(
         check_folder(out)
     for name in models or ():
         if name not in fmu_build.MODELS:
-            raise InputError(f"no model {quote(name)}{closest(name, fmu_build.MODELS)}")
+            raise InputError(f"no model {quote(name)}{closest_match(name, fmu_build.MODELS)}")
     built = _built(models or fmu_build.MODELS, console, fmi=fmi, force=force)
     if out is not None:
         built = fmu_build.copy(built, out)
@@ -215,7 +215,7 @@ def container(
     Its inputs are injections and noise.
     """
     from fit.errors import quote
-    from fit.files import closest
+    from fit.files import closest_match
     from lpfcosim.campaign import loading
     from lpfcosim.cli.console import Console
     from lpfcosim.export import container as containers
@@ -224,7 +224,7 @@ def container(
     plan = loading.load(campaign)
     runs = {r.name: r for r in plan.runs}
     if run_name not in runs:
-        raise InputError(f"{campaign}: no run {quote(run_name)}{closest(run_name, runs)}")
+        raise InputError(f"{campaign}: no run {quote(run_name)}{closest_match(run_name, runs)}")
     path = out or Path(f"{run_name}.fmu")
     check_file(path, [*loading.sources(campaign), *(r.archive for r in plan.replacements)], parents=True)
     with about(campaign):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fit.errors import quote
-from fit.files import closest
+from fit.files import closest_match
 from fit.tables import Lines
 from lpfcosim.cli.console import Console
 from lpfcosim.cosim import Interface, compilation, describe, nonconformity, placement, read
@@ -116,7 +116,7 @@ def show(
     for name in names:
         if name not in _places():
             raise InputError(
-                f"no place {quote(name)} in the loop{closest(name, _places())}, and no such file"
+                f"no place {quote(name)} in the loop{closest_match(name, _places())}, and no such file"
             )
     place = _place(names[0], built) if names else None
     document: dict[str, Any] = {"schema": SCHEMA}

@@ -293,7 +293,7 @@ def _through_fmus(plan: Campaign, chosen: Settings, fmus: Mapping[str, Path], wh
             for run in plan.runs:
                 runner.record(run, fmus, Path(folder) / f"{run.name}.h5", {}, where=where, shelf=shelf)
                 where.rest()
-        telemetries = read_all(sorted(Path(folder).glob("*.h5")), own=True)
+        telemetries = read_all(sorted(Path(folder).glob("*.h5")), trusted=True)
         return coverage.with_truth(calibrate(telemetries, chosen), telemetries)
 
 

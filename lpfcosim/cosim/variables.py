@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fit.errors import quote
-from fit.files import closest, suggestion
+from fit.files import closest_match, suggestion
 from lpfcosim.errors import InputError
 from lpfcosim.messages import line
 
@@ -77,7 +77,7 @@ def resolve(archive: Path, variables: Mapping[str, Any], name: str, model: str) 
 
 def known(names: Collection[str], name: str) -> str:
     """Return which name of an FMU was probably meant, and which there are unless that is much to say."""
-    hint = closest(name, names)
+    hint = closest_match(name, names)
     if len(names) > _MOST_NAMES or len(hint) > _LONGEST:
         hint = suggestion(name, names)
     return line(hint) if len(hint) <= _LONGEST else ""

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.files import closest
+from fit.files import closest_match
 from lpfcosim.campaign import Campaign, Wishes
 from lpfcosim.design import limits
 from lpfcosim.design.calibration import Calibration
@@ -125,7 +125,7 @@ def problem(plan: Campaign, foresight: Foresight) -> Problem:
     for key, table, known in (("weights", wishes.weights, before), ("sigmas", wishes.sigmas, told)):
         for name in table:
             if name not in known:
-                raise InputError(f"design.{key}: the fit tells no {name}{closest(name, known)}")
+                raise InputError(f"design.{key}: the fit tells no {name}{closest_match(name, known)}")
     if not before:
         raise InputError("the fit of this campaign determines nothing, expected injections to begin with")
     own = {run.experiment: limits.own(run, HELD[wishes.held]) for run in plan.runs if run.kind == "sysid"}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import quote
-from fit.files import closest
+from fit.files import closest_match
 from fit.telemetry import TOWARDS_1, Telemetry, utc
 from lpfcosim.campaign import Campaign
 from lpfcosim.errors import InputError
@@ -126,7 +126,7 @@ def _meant(plan: Campaign, telemetry: Telemetry) -> Run:
     names = [run.experiment for run in known]
     raise InputError(
         f"attribute experiment: {quote(telemetry.experiment)}, expected one of which the campaign has a "
-        f"{telemetry.kind} run{closest(telemetry.experiment, names)}"
+        f"{telemetry.kind} run{closest_match(telemetry.experiment, names)}"
     )
 
 

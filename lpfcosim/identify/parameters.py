@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fit.errors import quote
-from fit.files import closest
+from fit.files import closest_match
 from lpfcosim.campaign import Campaign, Sought
 from lpfcosim.cosim import Interface
 from lpfcosim.errors import InputError
@@ -74,7 +74,7 @@ def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Targe
         if not dot:
             model, name = _place(key, by_model, where), DELAYS[key][1] if key in DELAYS else key
         if model not in by_model:
-            raise InputError(f"{where}: the loop has no {quote(model)}{closest(model, by_model)}")
+            raise InputError(f"{where}: the loop has no {quote(model)}{closest_match(model, by_model)}")
         target = _target(key, name, by_model[model], values[model], entry)
         given = target.given * _gain(key, run) if key in DELAYS else target.given
         resolved.append(replace(target, given=given, possible=_possible(target, run)))
@@ -132,7 +132,9 @@ def _place(name: str, by_model: Mapping[str, Interface], where: str) -> str:
                 return model
         raise InputError(f"{where}: no FMU of the loop takes {wanted}")
     known = [*SHARED_NAMES, *DELAYS]
-    raise InputError(f"{where}: expected a table of a model, or a parameter of the fit{closest(name, known)}")
+    raise InputError(
+        f"{where}: expected a table of a model, or a parameter of the fit{closest_match(name, known)}"
+    )
 
 
 def _target(key: str, name: str, interface: Interface, values: Mapping[str, float], sought: Sought) -> Target:
@@ -146,7 +148,7 @@ def _target(key: str, name: str, interface: Interface, values: Mapping[str, floa
         record = interface.variable(variable)
     except InputError:
         raise InputError(
-            f"{where}: has no parameter {quote(variable)}{closest(variable, parameters)}"
+            f"{where}: has no parameter {quote(variable)}{closest_match(variable, parameters)}"
         ) from None
     if record.causality != "parameter" or record.variability == "constant" or name in _HELD:
         kind = "held by the loop" if name in _HELD else f"of causality '{record.causality}'"

@@ -17,7 +17,7 @@ from platformdirs import user_config_path
 from pydantic import Field, Strict, ValidationError
 
 from fit.errors import quote
-from fit.files import Table, documents, told
+from fit.files import Table, documents, validation_messages
 from lpfcosim.cosim import archive
 from lpfcosim.errors import InputError, RunError, ours
 from lpfcosim.running import ledger
@@ -76,7 +76,7 @@ def approvals() -> list[Approval]:
     try:
         return [Approval(**entry.model_dump()) for entry in _List.model_validate(raw).fmus]
     except ValidationError as error:
-        raise InputError(f"{path}: {told(error)}") from None
+        raise InputError(f"{path}: {validation_messages(error)}") from None
 
 
 def digests() -> set[str]:

@@ -49,7 +49,7 @@ class Series:
         assert read is not None
         return replace(self, read=lambda part: factor * np.asarray(read(part), np.float64) + offset)
 
-    def without(self, marks: Any) -> "Series":
+    def missing_at(self, marks: Any) -> "Series":
         """Return these numbers with NaN in the place of some, given as an array of their type."""
         read = self.read
         assert read is not None
@@ -67,8 +67,8 @@ class Arrays(Table):
     def __init__(self, path: Path, kind: str, series: Mapping[str, Series]) -> None:
         self.path, self.kind, self._series = path, kind, series
         self.columns = {
-            name: each.column if each.column.unit else replace(each.column, unit=split_unit(name)[1])
-            for name, each in series.items()
+            name: values.column if values.column.unit else replace(values.column, unit=split_unit(name)[1])
+            for name, values in series.items()
         }
         self.order = _order(series)
 
@@ -80,7 +80,7 @@ class Arrays(Table):
     def _texts(self, name: str) -> Iterator[list[str]]:
         """Yield a column of texts."""
         for part in parts(self.columns[name].size or 0):
-            yield [_text(each) for each in self._part(name, part, text=True)]
+            yield [_text(value) for value in self._part(name, part, text=True)]
 
     def _part(self, name: str, part: slice, *, text: bool) -> Any:
         read, column = self._series[name].read, self.columns[name]
@@ -94,7 +94,7 @@ class Arrays(Table):
 
 def _order(series: Mapping[str, Series]) -> list[str]:
     """Return the columns of one source, a matrix among them as one; nothing for several sources."""
-    if len({each.source for each in series.values()}) > 1:
+    if len({column.source for column in series.values()}) > 1:
         return []
     matrices = {name: match[1] for name in series if (match := _OF_MATRIX.fullmatch(name))}
     if len(set(matrices.values())) == 1 and len(matrices) == len(series):
@@ -113,15 +113,15 @@ def select_table(path: Path, series: Mapping[str, Series], table: str | int | No
     if table is None:
         return series
     name = str(table).strip("/").replace("/", ".")
-    members = {k.removeprefix(f"{name}."): each for k, each in series.items() if k.startswith(f"{name}.")}
+    members = {k.removeprefix(f"{name}."): column for k, column in series.items() if k.startswith(f"{name}.")}
     if not members:
-        members = {k[len(name) + 1 : -1]: each for k, each in series.items() if k.startswith(f"{name}[")}
+        members = {k[len(name) + 1 : -1]: column for k, column in series.items() if k.startswith(f"{name}[")}
     if not members and name in series and series[name].column.size is None:
         raise InputError(f"{path}: table {table!r}: {series[name].column.reason}, expected a struct or group")
     if not members:
         names = dict.fromkeys(k.rpartition("[" if k.endswith("]") else ".")[0] for k in series)
-        there = ", ".join(name for name in names if name and not name.endswith(" ")) or "none"
-        raise InputError(f"{path}: no table {table!r}, expected a struct or group; there are: {there}")
+        available = ", ".join(name for name in names if name and not name.endswith(" ")) or "none"
+        raise InputError(f"{path}: no table {table!r}, expected a struct or group; there are: {available}")
     return members
 
 
@@ -144,9 +144,9 @@ def series_of(name: str, array: Any, unit: str | None = None) -> dict[str, Serie
         series: dict[str, Series] = {}
         for member in array.dtype.names:
             columns = series_of(f"{name}.{member}" if name else member, field(array, member), unit)
-            series |= {column: replace(each, field=member) for column, each in columns.items()}
-        return {column: replace(each, source=name) for column, each in series.items()}
-    return {column: replace(each, source=name) for column, each in _plain(name, array, unit).items()}
+            series |= {column: replace(values, field=member) for column, values in columns.items()}
+        return {column: replace(values, source=name) for column, values in series.items()}
+    return {column: replace(values, source=name) for column, values in _plain(name, array, unit).items()}
 
 
 def _plain(name: str, array: Any, unit: str | None) -> dict[str, Series]:
@@ -159,9 +159,11 @@ def _plain(name: str, array: Any, unit: str | None) -> dict[str, Series]:
         return {name: Series(Column(array.shape[0], unit, "text", text=True), read)}
     shape = [n for n in array.shape if n != 1]
     if array.ndim == 0 or len(shape) > 2 or 0 in shape:
-        what = f"an array of shape {array.shape}" if array.ndim else "text" if is_text else "a single value"
-        what = "empty" if 0 in shape else what
-        return {name: Series(Column(None, unit, what))}
+        description = (
+            f"an array of shape {array.shape}" if array.ndim else "text" if is_text else "a single value"
+        )
+        description = "empty" if 0 in shape else description
+        return {name: Series(Column(None, unit, description))}
     if len(shape) < 2:
         return {name: row(array, unit, int(np.argmax(array.shape)), {})}
     return _matrix(name, array, unit)
@@ -172,19 +174,19 @@ def _matrix(name: str, array: Any, unit: str | None) -> dict[str, Series]:
     if isinstance(array, h5py.Dataset) and "MATLAB_class" in array.attrs:  # stored column by column
         axes.reverse()
     time = axes[0] if array.shape[axes[0]] >= array.shape[axes[1]] else axes[1]
-    (other,) = set(axes) - {time}
-    count = array.shape[other]
+    (column_axis,) = set(axes) - {time}
+    count = array.shape[column_axis]
     if count > MOST_COLUMNS:
         return {name: Series(Column(None, unit, f"a matrix of shape {array.shape}"))}
     names = [f"{name}[{k + 1}]" if name else f"{k + 1}" for k in range(count)]
-    return {names[k]: row(array, unit, time, {other: k}) for k in range(count)}
+    return {names[k]: row(array, unit, time, {column_axis: k}) for k in range(count)}
 
 
-def row(array: Any, unit: str | None, time: int, at: Mapping[int, int]) -> Series:
+def row(array: Any, unit: str | None, time: int, index: Mapping[int, int]) -> Series:
     """Return an array along its axis `time`, at places of other axes, or at 0."""
 
     def read(part: slice) -> Any:
-        return array[tuple(part if axis == time else at.get(axis, 0) for axis in range(array.ndim))]
+        return array[tuple(part if axis == time else index.get(axis, 0) for axis in range(array.ndim))]
 
     if array.dtype.kind == "M":
         return Series(
@@ -213,10 +215,10 @@ class _Field:
         self.dtype, self.shape = kind.base, (*dataset.shape, *kind.shape)
         self.ndim = len(self.shape)
 
-    def __getitem__(self, at: tuple[Any, ...]) -> Any:
+    def __getitem__(self, index: tuple[Any, ...]) -> Any:
         depth = self._dataset.ndim
-        rows = self._dataset.fields(self._name)[at[:depth]]
-        return rows[tuple(slice(None) for each in at[:depth] if isinstance(each, slice)) + at[depth:]]
+        rows = self._dataset.fields(self._name)[index[:depth]]
+        return rows[tuple(slice(None) for part in index[:depth] if isinstance(part, slice)) + index[depth:]]
 
 
 def field(array: Any, name: str) -> Any:

@@ -39,7 +39,7 @@ def decode(series: Series, attributes: Mapping[str, Any]) -> Series:
     stated = [_of_field(values, series.field) for values in stated]
     marks = [mark for values in stated for mark in values if _is_representable(mark, series.dtype)]
     if marks:
-        series = series.without(np.asarray(marks).astype(series.dtype))
+        series = series.missing_at(np.asarray(marks).astype(series.dtype))
     scale, offset = (plain(attributes.get(name)) for name in ("scale_factor", "add_offset"))
     if isinstance(scale, int | float) or isinstance(offset, int | float):
         series = series.scaled(

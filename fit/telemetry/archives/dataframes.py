@@ -37,7 +37,7 @@ def series_of(name: str, group: h5py.Group) -> dict[str, Series] | None:
         return None
     if columns is None:
         return None
-    return {f"{name}.{column}": replace(each, source=name) for column, each in columns.items()}
+    return {f"{name}.{column}": replace(values, source=name) for column, values in columns.items()}
 
 
 def _none(group: h5py.Group) -> None:
@@ -52,8 +52,8 @@ def _frame(group: h5py.Group) -> dict[str, Series]:
         columns |= _block(values, items, kind, by_rows=bool(values.attrs.get("transposed")))
     order = _labels(group["axis0"])
     index = group["axis1"]
-    first = _column(index, plain(index.attrs.get("kind", "")))
-    return {"index": first, **{label: columns[label] for label in order if label in columns}}
+    index_column = _column(index, plain(index.attrs.get("kind", "")))
+    return {"index": index_column, **{label: columns[label] for label in order if label in columns}}
 
 
 def _series(group: h5py.Group) -> dict[str, Series]:

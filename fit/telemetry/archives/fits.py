@@ -46,9 +46,11 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
         except Exception as error:  # a damaged file makes it raise almost anything
             raise read_error(path, error, "FITS") from error
         if not chosen:
-            there = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
-            wanted = "table" if table is None else f"table {table!r}"
-            raise InputError(f"{path}: no {wanted}, expected an extension with a table; there are: {there}")
+            available = ", ".join(hdu.name or str(i) for i, hdu in tables.items()) or "none"
+            requested = "table" if table is None else f"table {table!r}"
+            raise InputError(
+                f"{path}: no {requested}, expected an extension with a table; there are: {available}"
+            )
         yield Arrays(path, "FITS", series)
 
 
@@ -74,7 +76,7 @@ def _series(hdu: Any) -> dict[str, Series]:
             series |= series_of(column.name, _ascii_numbers(stored[column.name], column), column.unit)
         else:
             series |= series_of(column.name, _numbers(hdu, stored, column), column.unit)
-    return {name: replace(each, source=hdu.name) for name, each in series.items()}
+    return {name: replace(column, source=hdu.name) for name, column in series.items()}
 
 
 def _numbers(hdu: Any, stored: Any, column: Any) -> Any:

@@ -63,7 +63,7 @@ def _series(path: Path, file: h5py.File) -> dict[str, Series]:
     file.visititems(visit)
     file.visititems_links(visit_link)
     if of_classes:
-        series = {k: each for k, each in series.items() if k.partition(".")[0] not in of_classes}
+        series = {k: column for k, column in series.items() if k.partition(".")[0] not in of_classes}
         series |= objects.series_of_file(path, of_classes)
     return series
 
@@ -86,4 +86,4 @@ def _of_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Series]:
     if matlab == "cell":
         return matlab73.cells(dataset, name)
     series = series_of(name, dataset, unit_of(dataset.attrs))
-    return {column: decode(each, dataset.attrs) for column, each in series.items()}
+    return {column: decode(values, dataset.attrs) for column, values in series.items()}

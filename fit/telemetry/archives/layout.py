@@ -34,7 +34,7 @@ class Layout:
         Of the columns.
     is_text : list of bool
         Which columns are texts.
-    first : int
+    first_row : int
         Number of the first line of data.
     """
 
@@ -43,7 +43,7 @@ class Layout:
     names: list[str]
     units: list[str | None]
     is_text: list[bool]
-    first: int
+    first_row: int
 
     def row(self, cells: list[str]) -> list[str]:
         """Return the cells of a line without an empty one after the last delimiter."""
@@ -113,20 +113,20 @@ def detect_layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     tail = [text for _, text in lines[1:][-_TAIL:] or lines]
     delimiter = max(_DELIMITERS, key=lambda d: (_likelihood(tail, d), -_DELIMITERS.index(d)))
     rows = split_numbered(path, lines, delimiter)
-    last = rows[-len(tail) :]
-    width = Counter(map(len, last)).most_common(1)[0][0]
-    last = [row for row in last if len(row) == width]
-    if width > 1 and not any(row[-1].strip() for row in last):
+    last_rows = rows[-len(tail) :]
+    width = Counter(map(len, last_rows)).most_common(1)[0][0]
+    last_rows = [row for row in last_rows if len(row) == width]
+    if width > 1 and not any(row[-1].strip() for row in last_rows):
         named = len(rows[0]) == width and rows[0][-1].strip()
         width -= not named
     for n, text in lines:
         if "\0" in text:
             raise InputError(f"{path}: line {n}: a zero byte, expected text")
-    is_text = [_is_text([row[i] for row in last], delimiter) for i in range(width)]
+    is_text = [_is_text([row[i] for row in last_rows], delimiter) for i in range(width)]
     head = next((i for i, row in enumerate(rows) if _begins(rows, i, is_text, delimiter)), len(rows))
-    first = lines[head][0] if head < len(lines) else lines[-1][0] + 1
+    first_row = lines[head][0] if head < len(lines) else lines[-1][0] + 1
     is_text = is_text if head < len(lines) else [False] * width
-    comments = [t.lstrip("#% \t") for n, t in sample if n < first and t.strip() and not is_data(t)]
+    comments = [t.lstrip("#% \t") for n, t in sample if n < first_row and t.strip() and not is_data(t)]
     head_rows = (
         [[" ".join(row)] for row in rows[:head]] if width == 1 else rows[:head]
     )  # a name with its unit
@@ -134,15 +134,15 @@ def detect_layout(path: Path, sample: Sequence[tuple[int, str]]) -> Layout:
     if width == 2 and delimiter == ",":
         _check_commas(path, lines[head:], lines[:head], comments)
     decimal = _decimal(path, lines[head:], rows[head:], delimiter)
-    layout = Layout(delimiter, decimal, names, units, is_text, first)
-    above = reversed([(n, text) for n, text in sample if n < first])
-    empty = [n for n, _ in takewhile(lambda line: layout.is_empty_row(line[1]), above)]
+    layout = Layout(delimiter, decimal, names, units, is_text, first_row)
+    preceding = reversed([(n, text) for n, text in sample if n < first_row])
+    empty = [n for n, _ in takewhile(lambda line: layout.is_empty_row(line[1]), preceding)]
     if empty and width == 1:
         raise InputError(
             f"{path}: line {empty[-1]}: blank above the first number of a single column, which may be a "
             "missing sample, expected nan if it is one, or no blank line"
         )
-    return replace(layout, first=min([first, *empty]))
+    return replace(layout, first_row=min([first_row, *empty]))
 
 
 def _likelihood(lines: Sequence[str], delimiter: str) -> float:
@@ -168,9 +168,9 @@ def _is_text(cells: Sequence[str], delimiter: str) -> bool:
     return 2 * sum(_is_number(cell, delimiter) for cell in stated) < len(stated)
 
 
-def _begins(rows: Sequence[Sequence[str]], at: int, is_text: Sequence[bool], delimiter: str) -> bool:
+def _begins(rows: Sequence[Sequence[str]], index: int, is_text: Sequence[bool], delimiter: str) -> bool:
     """Return whether a row is data, not names or units."""
-    row = rows[at]
+    row = rows[index]
     if all(is_text):
         return any(map(_is_stamp, row)) and len(row) == len(is_text)
     cells = [cell.strip() for cell, text in zip(row, is_text, strict=False) if not text]
@@ -178,12 +178,12 @@ def _begins(rows: Sequence[Sequence[str]], at: int, is_text: Sequence[bool], del
     numbers = [cell for cell in stated if _is_number(cell, delimiter)]
     if len(row) not in (len(is_text), len(is_text) + 1) or len(numbers) < len(stated):
         # Units may be 1, and names small numbers, each once.
-        counts = at == 0 and len(set(numbers)) == len(numbers)
+        counts = index == 0 and len(set(numbers)) == len(numbers)
         small = all(
             cell == "1" or (counts and cell.isdecimal() and int(cell) <= len(row)) for cell in numbers
         )
         return not small
-    return not _counts(row) or len(rows) == at + 1 or _counts(rows[at + 1])
+    return not _counts(row) or len(rows) == index + 1 or _counts(rows[index + 1])
 
 
 def _counts(row: Sequence[str]) -> bool:
@@ -199,8 +199,10 @@ def _names(
     """Return the names and units that stand above the data, or in the comments there."""
     width = len(is_text)
     candidates = [row for row in map(_trimmed, head) if len(row) == width]
-    for other in (delimiter, *_DELIMITERS):
-        candidates = candidates or [row for row in map(_trimmed, split(comments, other)) if len(row) == width]
+    for candidate in (delimiter, *_DELIMITERS):
+        candidates = candidates or [
+            row for row in map(_trimmed, split(comments, candidate)) if len(row) == width
+        ]
     stated = [""] * width
     if len(candidates) > 1 and _are_units(candidates[-2], candidates[-1], is_text):
         stated = [cell.strip() for cell in candidates.pop()]
@@ -223,11 +225,11 @@ def _trimmed(row: list[str]) -> list[str]:
 
 def _are_units(names: Sequence[str], row: Sequence[str], is_text: Sequence[bool]) -> bool:
     """Return whether a line below the names is that of the units of the numbers."""
-    others = sum(map(is_unit, names))
+    n_units = sum(map(is_unit, names))
     cells = [cell.strip() for cell, text in zip(row, is_text, strict=True) if cell.strip() and not text]
     known = sum(clean_unit(cell) is None or is_unit(cell) for cell in cells)
     in_brackets = any(cell[0] + cell[-1] in ("[]", "()") for cell in cells)
-    return in_brackets or known == len(cells) or (2 * known >= len(cells) and known > others)
+    return in_brackets or known == len(cells) or (2 * known >= len(cells) and known > n_units)
 
 
 def _check_commas(

@@ -52,9 +52,9 @@ def _series(path: Path) -> dict[str, Series]:
 def _class(value: Any) -> str | None:
     """Return the class of the first object in a value of SciPy, which reads none; None without one."""
     if isinstance(value, dict):
-        return next((kind for each in value.values() if (kind := _class(each))), None)
+        return next((kind for member in value.values() if (kind := _class(member))), None)
     if isinstance(value, np.ndarray) and value.dtype.names and "s2" in value.dtype.names:
         return str(value.ravel()[0]["s2"], "utf-8", "replace")
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
-        return next((kind for each in value.ravel() if (kind := _class(each))), None)
+        return next((kind for member in value.ravel() if (kind := _class(member))), None)
     return None

@@ -39,4 +39,4 @@ def _series(name: str, variable: Any) -> dict[str, Series]:
     values = np.array(variable.data)
     attributes = {key: getattr(variable, key) for key in _ATTRIBUTES if hasattr(variable, key)}
     columns = series_of(name, values, unit_of(attributes))
-    return {column: decode(each, attributes) for column, each in columns.items()}
+    return {column: decode(values, attributes) for column, values in columns.items()}

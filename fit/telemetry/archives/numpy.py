@@ -19,11 +19,13 @@ def opened(path: Path, table: str | int | None) -> Iterator[Table]:
     try:
         loaded = np.load(path, mmap_mode=None if zipfile.is_zipfile(path) else "r", allow_pickle=False)
         if isinstance(loaded, np.ndarray):
-            series = {name or "1": each for name, each in series_of("", loaded).items()}
+            series = {name or "1": column for name, column in series_of("", loaded).items()}
         else:
             with loaded:
                 arrays = {name: loaded[name] for name in loaded.files}
-            series = {k: each for name, array in arrays.items() for k, each in series_of(name, array).items()}
+            series = {
+                k: column for name, array in arrays.items() for k, column in series_of(name, array).items()
+            }
     except Exception as error:  # a damaged file makes it raise almost anything
         raise read_error(path, error, "arrays of NumPy without pickled objects") from error
     yield Arrays(path, "arrays of NumPy", select_table(path, series, table))

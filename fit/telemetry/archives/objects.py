@@ -38,29 +38,29 @@ def series_of_file(path: Path, classes: Mapping[str, str]) -> dict[str, Series]:
     series: dict[str, Series] = {}
     for name, kind in classes.items():
         columns = flatten(name, values[name]) if name in values else {}
-        columns = {each: replace(one, source=name) for each, one in columns.items()}
-        readable = [each for each, one in columns.items() if (one.column.size or 0) > 1]
+        columns = {column: replace(one, source=name) for column, one in columns.items()}
+        readable = [column for column, one in columns.items() if (one.column.size or 0) > 1]
         if name in values and not _is_object(values[name]):
             series |= columns
             continue
         if name in columns and columns[name].read is None:
             del columns[name]  # the class says more
         if readable:
-            more = f" and {len(readable) - 5} more" if len(readable) > 5 else ""
-            reason = f"an object of class {kind} with the columns {', '.join(readable[:5])}{more}"
+            remainder = f" and {len(readable) - 5} more" if len(readable) > 5 else ""
+            reason = f"an object of class {kind} with the columns {', '.join(readable[:5])}{remainder}"
         else:
             reason = f"an object of class {kind}{why or ' without numbers'}; save it from MATLAB as a struct"
         series |= {name: Series(Column(None, reason=reason), source=name)} | columns
     return series
 
 
-def classes(path: Path, others: Collection[str]) -> dict[str, str]:
+def classes(path: Path, opaque: Collection[str]) -> dict[str, str]:
     """Return the classes of the variables of a .mat file but for some; nothing without mat-io."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             matio: Any = import_module("matio")
-            return {name: str(kind) for name, (_, kind) in matio.whosmat(path).items() if name not in others}
+            return {name: str(kind) for name, (_, kind) in matio.whosmat(path).items() if name not in opaque}
     except Exception:  # as below
         return {}
 
@@ -97,15 +97,17 @@ def flatten(name: str, value: Any, depth: int = 0) -> dict[str, Series]:
     members = _members(value)
     if members is not None:
         series: dict[str, Series] = {}
-        for member, each in members:
-            series |= flatten(f"{name}.{member}" if name else member, each, depth + 1)
+        for member, values in members:
+            series |= flatten(f"{name}.{member}" if name else member, values, depth + 1)
         return series
     if isinstance(value, list):  # of structs
         value = np.fromiter(value, dtype=object, count=len(value))
     if not isinstance(value, np.ndarray):
         scalar = isinstance(value, int | float | complex | np.generic)
-        what = "text" if isinstance(value, str | bytes) else "a single value" if scalar else "an object"
-        return {name: Series(Column(None, reason=what), source=name)}
+        description = (
+            "text" if isinstance(value, str | bytes) else "a single value" if scalar else "an object"
+        )
+        return {name: Series(Column(None, reason=description), source=name)}
     if value.dtype.kind in "OV":
         return _of_items(name, value, depth)
     if value.dtype == np.uint32 and value.size and value.flat[0] == _REFERENCE:
@@ -157,8 +159,8 @@ def _of_frame(name: str, frame: Any) -> dict[str, Series]:
     index = frame.index.to_numpy()
     columns = {} if index.dtype.kind in "iuO" else flatten(f"{name}.{frame.index.name or 'Time'}", index)
     for column in frame.columns:
-        for each, one in flatten(f"{name}.{column}", frame[column].to_numpy()).items():
-            columns[each] = replace(
+        for member, one in flatten(f"{name}.{column}", frame[column].to_numpy()).items():
+            columns[member] = replace(
                 one, column=replace(one.column, unit=units.get(column) or one.column.unit)
             )
     return columns

@@ -118,11 +118,13 @@ class Table(ABC):
         if key in self.columns:
             return key
         place = f"{self.path}: column {shown_key(key)}{meaning}"
-        alike = self._alike(key)
-        if len(alike) == 1:
-            return alike[0]
-        if alike:
-            raise InputError(f"{place}: there are several, expected one of the columns: {_listed(alike)}")
+        same_spelling = self._same_spelling(key)
+        if len(same_spelling) == 1:
+            return same_spelling[0]
+        if same_spelling:
+            raise InputError(
+                f"{place}: there are several, expected one of the columns: {_listed(same_spelling)}"
+            )
         self._check_container(key, place)
         if count := sum(name.startswith(f"{key}[") for name in self.columns):
             raise InputError(f"{place}: a matrix, expected one of its columns, {key}[1] to {key}[{count}]")
@@ -139,14 +141,14 @@ class Table(ABC):
                 raise InputError(f"{place}: {shown_key(name)} is {self.columns[name].reason}")
 
     def _by_number(self, number: int, meaning: str) -> str:
-        place, there = f"{self.path}: column {number}{meaning}", _listed(self.columns)
+        place, available = f"{self.path}: column {number}{meaning}", _listed(self.columns)
         if not self.order:
-            raise InputError(f"{place}: columns have no order here, expected a name; there are: {there}")
+            raise InputError(f"{place}: columns have no order here, expected a name; there are: {available}")
         if not 1 <= number <= len(self.order):
-            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.order)}: {there}")
+            raise InputError(f"{place}: missing, expected a number from 1 to {len(self.order)}: {available}")
         return self.column(self.order[number - 1], meaning)
 
-    def _alike(self, key: str) -> list[str]:
+    def _same_spelling(self, key: str) -> list[str]:
         """Return the columns that a key means without being their name."""
         path = key.strip("/").replace("/", ".")  # as HDF5 writes it
         return [name for name in self.columns if path in (name, split_unit(name)[0])]

@@ -101,14 +101,14 @@ class Text(Table):
 
     def _texts(self, name: str) -> Iterator[list[str]]:
         """Yield the cells of a column as they are written, be they numbers or texts."""
-        at = self._names.index(name)
+        index = self._names.index(name)
         for block in batches(self._lines()):
-            yield [cell.strip() for cell in self._cells(block)[at]]
+            yield [cell.strip() for cell in self._cells(block)[index]]
 
-    def _alike(self, key: str) -> list[str]:
+    def _same_spelling(self, key: str) -> list[str]:
         """Return the columns that a key means, be their names unique or not."""
         written = zip(self._names, self._layout.names, strict=True)
-        return [name for name, as_written in written if as_written == key] or super()._alike(key)
+        return [name for name, as_written in written if as_written == key] or super()._same_spelling(key)
 
     def _sample(self) -> Iterator[tuple[int, str]]:
         count = letters = 0
@@ -123,18 +123,18 @@ class Text(Table):
         for n, text in self._numbered():
             if n > self._last:
                 return
-            if n >= self._layout.first and (is_data(text) or self._layout.is_empty_row(text)):
+            if n >= self._layout.first_row and (is_data(text) or self._layout.is_empty_row(text)):
                 yield n, text
 
     def _extent(self) -> tuple[int, int]:
         """Return the number of rows, and that of the last line with data: blank ones after it are none."""
-        size = last = empty = 0
+        size = last_line = empty = 0
         for n, text in self._numbered():
-            if n >= self._layout.first and is_data(text):
-                size, last, empty = size + empty + 1, n, 0
-            elif n >= self._layout.first and self._layout.is_empty_row(text):
+            if n >= self._layout.first_row and is_data(text):
+                size, last_line, empty = size + empty + 1, n, 0
+            elif n >= self._layout.first_row and self._layout.is_empty_row(text):
                 empty += 1
-        return size, last
+        return size, last_line
 
     def _numbered(self) -> Iterator[tuple[int, str]]:
         self._file.seek(0)
