@@ -340,7 +340,7 @@ def _of_experiment(
         if together is None:
             raise error
         # what one experiment by itself does not yield must not cost the joint fit
-        return FitWarning("not_fitted_alone", (), str(error))
+        return FitWarning("no_single_fit", (), str(error))
     fit = fit_quality.as_fit(own, [experiment], from_joint=from_joint)
     more = (
         *ready.said_of(experiment.name),

@@ -1,6 +1,7 @@
-"""The warnings of a calibration: what each code means for a fit, and what to do about it.
+"""Warnings of a calibration: for each code its severity, what the verdict says and what to do about it.
 
-Code that raises a warning, or judges a fit by one, looks it up here. Only the user reads the message.
+Code that raises a warning, or judges a fit by one, looks up its code in `WARNING_KINDS`. Messages are for the
+user alone and never parsed.
 """
 
 from collections.abc import Iterable, Mapping
@@ -10,40 +11,40 @@ from typing import NamedTuple
 
 
 class Severity(Enum):
-    """What a warning does to the verdict on the fit it is raised in."""
+    """Effect of a warning on the verdict on its fit."""
 
-    NOTE = "to be known, nothing more"
-    DOUBT = "casts doubt on it"
-    FAILURE = "spoils it"
+    NOTE = "for information"
+    DOUBT = "casts doubt on the fit"
+    FAILURE = "makes the fit unusable"
 
 
 @dataclass(frozen=True)
-class Kind:
+class WarningKind:
     """What all warnings of one code have in common.
 
     Attributes
     ----------
     advice : str
-        What to do about it, in one sentence; words between backquotes are code.
+        What to do about it; words between backquotes are code.
     severity : Severity
-        What it does to the verdict.
-    words : str
+        Effect on the verdict.
+    headline : str
         How the verdict names it; empty for a note.
     unsound : bool
-        Whether the sigmas of the fit do not hold.
+        Whether the standard deviations of the fit are invalid.
     biased : bool
-        Whether its parameters differ from the truth by more than their sigmas tell.
+        Whether its parameters may differ from the truth by more than their standard deviations suggest.
     """
 
     advice: str
     severity: Severity = Severity.NOTE
-    words: str = ""
+    headline: str = ""
     unsound: bool = False
     biased: bool = False
 
 
-class Span(NamedTuple):
-    """A stretch of a run, `begin` and `end` in seconds since its t0."""
+class TimeSpan(NamedTuple):
+    """An interval of a run; `begin` and `end` in seconds since its t0."""
 
     run: str
     begin: float
@@ -52,344 +53,344 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class FitWarning:
-    """What the user must know before trusting a fit.
+    """Something the user must know before relying on a fit.
 
     Attributes
     ----------
     code, message : str
-        Short identifier for programs, one of `KINDS`, and one plain sentence.
+        Identifier for programs, a key of `WARNING_KINDS`, and one plain sentence.
     parameters : tuple of str
         The parameters concerned.
     combination : mapping of str to float, optional
         Coefficients of the degenerate combination.
-    spans : tuple of Span
-        What was masked, or is a glitch that was taken out.
+    spans : tuple of TimeSpan
+        Intervals that were masked or from which a glitch was subtracted.
     """
 
     code: str
     parameters: tuple[str, ...]
     message: str
     combination: Mapping[str, float] | None = None
-    spans: tuple[Span, ...] = ()
+    spans: tuple[TimeSpan, ...] = ()
 
     @property
-    def kind(self) -> Kind:
-        """What its code stands for; results written elsewhere may hold one that nobody here knows."""
-        return KINDS.get(self.code, _UNKNOWN)
+    def kind(self) -> WarningKind:
+        """Kind of the code; a note without advice if the code is unknown, as of other versions."""
+        return WARNING_KINDS.get(self.code, _UNKNOWN)
 
 
-def masked(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
-    """Return begin and end [s] of what was masked in a run, or is a glitch that was taken out."""
+def masked_spans(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
+    """Return begin and end [s] of the intervals of a run that were masked or cleaned of a glitch."""
     return [(span.begin, span.end) for w in warnings for span in w.spans if span.run == run]
 
 
-_UNKNOWN = Kind(advice="")
+_UNKNOWN = WarningKind(advice="")
 
-#: By code: first what spoils a fit and what casts doubt on it, in the order in which a verdict tells them.
-KINDS: Mapping[str, Kind] = {
-    "not_converged": Kind(
-        "Look for gaps, glitches or lines in the noise run, take another one or another `estimator` in "
-        "the table [fit], and fit again; until then add 0.05 sigma to every error.",
+#: By code; failures and doubts come first, in the order in which a verdict lists them.
+WARNING_KINDS: Mapping[str, WarningKind] = {
+    "not_converged": WarningKind(
+        "Look for gaps, glitches or lines in the noise run, use another noise run or another `estimator` in "
+        "the table [fit], and repeat the fit; until then add 0.05 sigma to every error.",
         severity=Severity.FAILURE,
-        words="Did not converge",
+        headline="Did not converge",
         unsound=True,
     ),
-    "chi2": Kind(
-        "Look where residual and noise part in the experiments' spectra: a peak at an injected frequency "
-        "is something the model lacks, a raised floor a noise run that is too old or too quiet; do not "
-        "trust the sigmas until it is found.",
+    "chi2": WarningKind(
+        "Compare the residual with the noise in the spectra of the experiments: a peak at an injected "
+        "frequency is an effect missing from the model, a raised floor means that the noise run does not "
+        "represent the noise; do not rely on the sigmas until the cause is known.",
         severity=Severity.FAILURE,
-        words="χ² is off by more than 20 %, and sigmas by more than 10 %",
+        headline="χ² is off by more than 20 %, and sigmas by more than 10 %",
     ),
-    "noise_mismatch": Kind(
-        "Pair the experiment with a noise run of its own authority and season; if the excess lies at "
-        "injected frequencies, the model lacks something.",
+    "noise_mismatch": WarningKind(
+        "Pair the experiment with a noise run of the same authority and season; if the excess lies at "
+        "injected frequencies, an effect is missing from the model.",
         severity=Severity.FAILURE,
-        words="The noise is not that of the noise run",
+        headline="The noise is not that of the noise run",
         unsound=True,
     ),
-    "contradiction": Kind(
-        "Compare gain and stiffness of the experiments alone; exclude the odd one (`exclude` of the "
-        "table [fit]) or let the gains scatter (`scatter`).",
+    "contradiction": WarningKind(
+        "Compare gain and stiffness of the fits of single experiments; exclude the outlier (`exclude` of the "
+        "table [fit]) or fit the gains as random effects (`scatter`).",
         severity=Severity.FAILURE,
-        words="The experiments contradict each other",
+        headline="The experiments contradict each other",
         unsound=True,
     ),
-    "faulty": Kind(
-        "Mend the file, or archive the run anew, and fit again; do not use this experiment by itself.",
+    "invalid_data": WarningKind(
+        "Correct the file or archive the run again, and repeat the fit; do not use this experiment on its "
+        "own.",
         severity=Severity.FAILURE,
-        words="The data are not what they say",
+        headline="The data are not what their labels say",
         unsound=True,
     ),
-    "frame_contradicted": Kind(
-        "Put `x_axis` into the files as the archive has it: `towards test mass 1` is the paper's frame, "
-        "`towards test mass 2` the one meant without it; or check the sign of all channels along x.",
+    "frame_contradicted": WarningKind(
+        "Set `x_axis` in the files to the frame of the archive: `towards test mass 1` is that of the paper, "
+        "`towards test mass 2` the default; or check the sign of all channels along x.",
         severity=Severity.FAILURE,
-        words="The telemetry is not in the frame it states",
+        headline="The telemetry is not in the frame that it states",
         unsound=True,
     ),
-    "controller_differs": Kind(
-        "Put the controller that flew into the campaign (`[control]` or `[fmus]`): its gain and the gain of "
-        "the actuation are one number to the read-out.",
+    "controller_mismatch": WarningKind(
+        "Put the controller that flew into the campaign (`[control]` or `[fmus]`): the read-outs determine "
+        "only the product of its gain and the gain of the actuation.",
         severity=Severity.FAILURE,
-        words="The simulated controller is not the one that flew",
+        headline="The simulated controller is not the one that flew",
         unsound=True,
     ),
-    "loop_contradicts": Kind(
-        "See which FMU adds to what is named, or turns its sign round: to the read-out both are one number. "
-        "If it is the equation that lacks something, let a campaign with these FMUs show it.",
+    "loop_contradiction": WarningKind(
+        "Find the FMU that adds to the named parameters or reverses a sign: the read-outs determine only the "
+        "product. If the equation of motion lacks an effect, show it by a campaign with these FMUs.",
         severity=Severity.FAILURE,
-        words="The FMUs contradict the equation of motion",
+        headline="The FMUs contradict the equation of motion",
         unsound=True,
     ),
-    "bound_contradicted": Kind(
-        "Widen `bounds` in the table [identify], or look for what the FMUs lack; do not use the estimates "
-        "that are named, which compensate for the bound.",
+    "bound_contradicted": WarningKind(
+        "Widen `bounds` in the table [identify], or look for an effect missing from the FMUs; do not use the "
+        "named estimates, which compensate for the bound.",
         severity=Severity.FAILURE,
-        words="The data contradict the bounds",
+        headline="The data contradict the bounds",
         unsound=True,
     ),
-    "loop_differs": Kind(
-        "See which of the two lacks something: look at chi2 of both, and at what the FMUs have that the "
-        "equation of motion has not.",
+    "loop_discrepancy": WarningKind(
+        "Find out which of the two lacks an effect: compare their chi2, and look for effects that only the "
+        "FMUs have.",
         severity=Severity.DOUBT,
-        words="The FMUs and the equation of motion differ",
+        headline="The FMUs and the equation of motion differ",
     ),
-    "another_loop": Kind(
-        "Nothing if that is meant, such as a model of yours on telemetry of another; otherwise name the "
+    "loop_mismatch": WarningKind(
+        "Nothing if intended, such as a model of your own on simulated telemetry; otherwise name the "
         "campaign and the FMUs that simulated the telemetry.",
         severity=Severity.DOUBT,
-        words="The telemetry was simulated with another loop",
+        headline="The telemetry was simulated with another loop",
     ),
-    "left_out": Kind(
-        "Mend what is named and fit again; the fit of the others is not touched by it.",
+    "rejected": WarningKind(
+        "Correct the named data and repeat the fit; the fit of the other experiments does not use them.",
         severity=Severity.DOUBT,
-        words="Experiments are left out, whose data are not what they say",
+        headline="Experiments with invalid data are left out",
     ),
-    "changing": Kind(
-        "Look at gain and delay by parts of the runs; let them scatter, or repeat the runs.",
+    "structural_break": WarningKind(
+        "Compare gain and delay between parts of the runs; fit them as random effects, or repeat the runs.",
         severity=Severity.FAILURE,
-        words="Runs do not obey one equation from begin to end",
+        headline="The equation of motion changes within runs",
         unsound=True,
     ),
-    "lagging": Kind(
-        "Archive `o_1` anew, at the times of the other channels; until then trust no `delta_ifo` of these "
+    "readout_lag": WarningKind(
+        "Archive `o_1` again at the times of the other channels; until then do not use `delta_ifo` of these "
         "runs.",
         severity=Severity.FAILURE,
-        words="o_1 is not of the time of the other channels",
+        headline="o_1 is delayed against the other channels",
         unsound=True,
     ),
-    "bent": Kind(
-        "Compare runs that move test mass 2 far and little; correct the read-out, or inject less.",
+    "readout_nonlinearity": WarningKind(
+        "Compare runs with large and small motion of test mass 2; correct the read-out, or inject less.",
         severity=Severity.FAILURE,
-        words="o_12 is not in proportion to the distance",
+        headline="o_12 is not linear in the distance",
         unsound=True,
     ),
-    "misguided": Kind(
-        "Compare the units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
-        "mend it or leave it out, and fit again.",
+    "guidance_scale": WarningKind(
+        "Compare units and scales of `o_1` and `guidance_o_1` in the archive; if the guidance is wrong, "
+        "correct or omit it, and repeat the fit.",
         severity=Severity.FAILURE,
-        words="o_1 does not follow its guidance by one",
+        headline="The gain from guidance to o_1 is not one",
         unsound=True,
     ),
-    "interpolated": Kind(
-        "Archive the channels anew, as they were sampled.",
+    "interpolated": WarningKind(
+        "Archive the channels again without interpolation.",
         severity=Severity.FAILURE,
-        words="Samples are made from their neighbours",
+        headline="Samples are interpolated",
         unsound=True,
     ),
-    "coarse": Kind(
-        "Archive the channels anew with more digits, in double precision, or with their offset subtracted.",
+    "coarse_quantisation": WarningKind(
+        "Archive the channels again with more digits, in double precision, or with their offset subtracted.",
         severity=Severity.FAILURE,
-        words="Channels are rounded too coarsely",
+        headline="Channels are rounded too coarsely",
         unsound=True,
     ),
-    "acausal": Kind(
-        "Archive the channels anew, each at its own times; until then trust no delay.",
+    "acausal": WarningKind(
+        "Archive the channels again with the correct times of each; until then do not use any delay.",
         severity=Severity.FAILURE,
-        words="A command acts before it is given",
+        headline="A command acts before it is issued",
         unsound=True,
     ),
-    "unjudged": Kind(
-        "Fit with another estimator too: that one is judged, and its sigmas hold.",
+    "consistency_untested": WarningKind(
+        "Repeat the fit with another estimator, for which consistency is tested and the sigmas are valid.",
         severity=Severity.DOUBT,
-        words="Nobody looked whether the experiments contradict each other",
+        headline="The consistency of the experiments is not tested",
     ),
-    "odd_samples": Kind(
-        "See how the files were made: what most have in common is hardly an accident.",
+    "suspect_samples": WarningKind(
+        "Check how the files were made: a peculiarity that most of them share is hardly accidental.",
         severity=Severity.DOUBT,
-        words="Samples look as no instrument gives them",
+        headline="Samples are not those of an instrument",
     ),
-    "centrifugal_strength": Kind(
+    "centrifugal_strength": WarningKind(
         "Check the units of star tracker and torques, and the gain of the torques.",
         severity=Severity.DOUBT,
-        words="The centrifugal term is not as strong as the rotation tells",
+        headline="The centrifugal term does not match the rotation",
     ),
-    "missing_run": Kind(
-        "Read the log of the run in the folder logs, mend what it names and give the same command again; "
-        "what is finished is kept.",
+    "missing_run": WarningKind(
+        "Read the log of the run in the folder logs, remove the cause that it names and give the same "
+        "command again; finished runs are not repeated.",
         severity=Severity.DOUBT,
-        words="Experiments are missing, whose runs failed",
+        headline="Experiments are missing because their runs failed",
     ),
-    "no_noise_run": Kind(
+    "no_noise_run": WarningKind(
         "Record a noise run at the same authority next to the experiment and fit both together.",
         severity=Severity.DOUBT,
-        words="Without a noise run χ² tells nothing",
+        headline="Without a noise run χ² tests nothing",
     ),
-    "too_many_glitches": Kind(
+    "too_many_glitches": WarningKind(
         "Treat the experiment as failed: repeat it, or pair it with a noise run of the same noise.",
         severity=Severity.DOUBT,
-        words="Too many glitches to mask them",
+        headline="Too many glitches to mask them",
         unsound=True,
     ),
-    "saturated_too_long": Kind(
+    "saturated_too_long": WarningKind(
         "Repeat the run with a smaller injection or more authority; do not use this one.",
         severity=Severity.DOUBT,
-        words="For too long at the limit of authority",
+        headline="Too long at the limit of authority",
         unsound=True,
     ),
-    "constraint_contradicted": Kind(
-        "Release in the table [fit.parameters] what is named, or look for what the model lacks; do not use "
-        "the estimates, which compensate for it.",
+    "constraint_contradicted": WarningKind(
+        "Remove the named constraints from the table [fit.parameters], or look for an effect missing from "
+        "the model; do not use the estimates, which compensate for it.",
         severity=Severity.FAILURE,
-        words="The data contradict what the settings say of parameters",
+        headline="The data contradict constraints on parameters",
         unsound=True,
     ),
-    "constrained": Kind(
-        "Nothing if what the settings say holds; the other estimates and their sigmas rest on it.",
+    "constrained": WarningKind(
+        "Nothing if the constraints are true; the other estimates and their sigmas depend on them.",
     ),
-    "at_bound": Kind(
-        "Nothing if the bound is known to hold; otherwise widen `bounds` in the table [identify], or `min` "
-        "and `max` in [fit.parameters]. The other estimates hold only if the bound does.",
+    "at_bound": WarningKind(
+        "Nothing if the bound is known to be true; otherwise widen `bounds` in the table [identify], or "
+        "`min` and `max` in [fit.parameters]. The other estimates are valid only if the bound is.",
         severity=Severity.DOUBT,
-        words="Parameters are held at their bounds",
+        headline="Parameters are at their bounds",
     ),
-    "attenuated": Kind(
+    "attenuation_bias": WarningKind(
         "Use these b_i to subtract the motion, not as couplings; a quieter inertial sensor or larger "
-        "motion would bring them closer to the truth.",
+        "motion would reduce the bias.",
         biased=True,
     ),
-    "drift": Kind(
-        "For the coupling at one date fit the experiments near it by themselves; the mean over the epoch is "
-        "what subtracts best from all of them.",
+    "cross_talk_drift": WarningKind(
+        "For the coupling at one date fit the experiments near it on their own; the mean over the epoch is "
+        "the best subtraction for all of them.",
     ),
-    "correlation": Kind(
+    "correlation": WarningKind(
         "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
         "one more experiment of the epoch.",
     ),
-    "correction_adds_noise": Kind(
-        "Use `delta_g_x` there; calibrate with noise runs of the same inertial period, so that rotation and "
-        "cross-talk are told apart.",
+    "correction_adds_noise": WarningKind(
+        "Use `delta_g_x` at these frequencies; calibrate with noise runs of the same inertial period, which "
+        "separate rotation from cross-talk.",
     ),
-    "degenerate_with_actuation_crosstalk": Kind(
-        "Bound the actuation cross-talk by other means (ground calibration, a torque injection of its "
-        "own) before reading the angles as a misalignment.",
+    "degenerate_with_actuation_crosstalk": WarningKind(
+        "Bound the actuation cross-talk by other means (ground calibration, a dedicated torque injection) "
+        "before interpreting the angles as a misalignment.",
     ),
-    "euler_included": Kind(
-        "Fit a noise run of 12 h or more with torques from the same inertial period along; until then "
-        "subtract with these b_1 and b_2, but do not read them as couplings.",
+    "euler_included": WarningKind(
+        "Include a noise run of 12 h or more with torques from the same inertial period; until then "
+        "subtract with these b_1 and b_2, but do not interpret them as couplings.",
         biased=True,
     ),
-    "euler_separated": Kind(
-        "Nothing to do; where Delta g is corrected, use b_1 and b_2 and the inertial fit together.",
+    "euler_separated": WarningKind(
+        "Nothing to do; to correct Delta g, use b_1 and b_2 together with the inertial fit.",
     ),
-    "excluded": Kind(
-        "Nothing if that was intended; otherwise change `exclude` of the table [fit], or repeat the "
-        "experiment at a quieter time.",
+    "excluded": WarningKind(
+        "Nothing if intended; otherwise change `exclude` of the table [fit], or repeat the experiment at a "
+        "quieter time.",
     ),
-    "glitches": Kind(
-        "Look at the residual at these times; if it is no glitch but signal, set `glitches = false` in "
+    "glitches": WarningKind(
+        "Inspect the residual at these times; if it is signal and no glitch, set `glitches = false` in "
         "the table [fit].",
     ),
-    "indeterminable": Kind(
-        "Add a run that injects or varies what is named here; `lpfcosim forecast` tells beforehand "
-        "whether it suffices.",
+    "indeterminable": WarningKind(
+        "Add a run that injects or varies the named quantity; `lpfcosim forecast` shows in advance whether "
+        "it suffices.",
     ),
-    "instruments": Kind(
-        "Nothing to do; read these b_i as couplings, and subtract the motion with those of the provenance "
+    "instrumental_variables": WarningKind(
+        "Nothing to do; these b_i are couplings; subtract the motion with those of the provenance "
         "(`subtraction`), as `lpfcosim deltag` does.",
     ),
-    "levels": Kind(
-        "Nothing if the noise may have changed since the noise run; with one that matches the sigmas would "
-        "be a little smaller.",
+    "marginalised_noise": WarningKind(
+        "Nothing if the noise may have changed since the noise run; with a matching noise run the sigmas "
+        "would be slightly smaller.",
     ),
-    "louder": Kind(
-        "Nothing if the spacecraft may have moved more than in the noise run; otherwise look at the spectrum "
+    "readout_excess_noise": WarningKind(
+        "Nothing if the spacecraft may have moved more than in the noise run; otherwise inspect the spectrum "
         "of o_1 above 0.1 Hz: motion falls off there, noise of a read-out does not.",
     ),
-    "no_star_tracker": Kind(
-        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) along with the run.",
+    "no_star_tracker": WarningKind(
+        "Archive the star tracker (ast_theta, ast_eta, ast_phi or ast_q_1 to ast_q_4) with the run.",
     ),
-    "no_torsional_stiffness": Kind(
-        "Put the attributes into the telemetry files if the torsional stiffness is known.",
+    "no_torsional_stiffness": WarningKind(
+        "Add the attributes to the telemetry files if the torsional stiffness is known.",
     ),
-    "noise_run_lacks": Kind(
+    "noise_run_channel_missing": WarningKind(
         "Archive the same read-outs in the noise run as in the experiment.",
     ),
-    "not_calibrated": Kind(
-        "Calibrate with a run that determines them before relying on a Delta g where they matter.",
+    "not_calibrated": WarningKind(
+        "Calibrate with a run that determines these parameters before using Delta g where they matter.",
     ),
-    "not_fitted_alone": Kind(
-        "Nothing for the joint fit; to have this experiment by itself, inject more strongly, for longer "
-        "or at more frequencies.",
+    "no_single_fit": WarningKind(
+        "Nothing for the joint fit; for a fit of this experiment on its own, inject more strongly, longer or "
+        "at more frequencies.",
     ),
-    "rests_on_one_run": Kind(
-        "Trust it as far as you trust that run; a second one of its kind would be a check.",
+    "high_leverage": WarningKind(
+        "The estimate is as reliable as that run; a second run of its kind would be a check.",
     ),
-    "guidance": Kind(
-        "See whether guidance and read-outs are of the same run; the fit takes nothing from guidance, but "
-        "read-outs of another run would be fitted under a wrong name.",
+    "guidance_response": WarningKind(
+        "Check that guidance and read-outs belong to the same run; the fit does not use the guidance, but "
+        "read-outs of another run would be fitted under the wrong name.",
         severity=Severity.DOUBT,
-        words="Read-outs do not answer the guidance",
+        headline="Read-outs do not respond to the guidance",
     ),
-    "rounding": Kind(
+    "quantisation": WarningKind(
         "Nothing while estimates move by less than you need; otherwise archive the channel with more digits.",
     ),
-    "same_time": Kind(
-        "Put the start of every run into its attribute t0; the fit does not use it.",
+    "same_time": WarningKind(
+        "Set the attribute t0 of every run to its start; the fit does not use it.",
     ),
-    "saturated": Kind(
-        "Nothing if little is lost; otherwise lower the injection or give the run more authority.",
+    "saturated": WarningKind(
+        "Nothing if few samples are lost; otherwise reduce the injection or give the run more authority.",
     ),
-    "one_test_mass": Kind(
-        "Archive torques and wavefront angles of both test masses: each then tells the noise of the other.",
+    "one_test_mass": WarningKind(
+        "Archive torques and wavefront angles of both test masses: their difference measures the noise.",
     ),
-    "scatter": Kind(
-        "Quote the mean with this sigma; to use an experiment on its own, take its own value instead of "
-        "the joint one.",
+    "random_effects": WarningKind(
+        "Quote the mean with this sigma; for a single experiment use its own estimate instead of the joint "
+        "one.",
     ),
-    "short_run": Kind(
-        "Run it for 6 h or more, or let it take part with `include_short = true` in the table [fit] "
+    "short_run": WarningKind(
+        "Extend the run to 6 h or more, or include it by `include_short = true` in the table [fit] "
         "(`lpfcosim fit --include-short`).",
     ),
-    "single_tone": Kind(
+    "single_tone": WarningKind(
         "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
         "least three times lower or higher.",
     ),
-    "stepped_back": Kind(
-        "Nothing to do if the search ended well; start values closer to the result spare it.",
+    "step_halved": WarningKind(
+        "Nothing to do if the search converged; start values closer to the result avoid it.",
     ),
-    "star_tracker_reversed": Kind(
-        "Check the convention of the archive: quaternions turn J2000 into the body's frame, scalar last.",
+    "star_tracker_reversed": WarningKind(
+        "Check the convention of the archive: quaternions rotate J2000 to the body frame, scalar last.",
     ),
-    "torque_noise": Kind(
-        "Take runs with quieter torques, or in which the spacecraft turns more; read the angles as lower "
-        "bounds until then.",
+    "torque_noise": WarningKind(
+        "Use runs with quieter torques or larger rotation; until then the angles are lower bounds.",
         biased=True,
     ),
-    "torque_alone": Kind(
-        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) along with the torques.",
+    "no_wavefront_angle": WarningKind(
+        "Archive the wavefront angles (o_phi_1, o_eta_1 and their differences) with the torques.",
     ),
-    "unsound": Kind(
-        "Fit the telemetry once more with this version.",
+    "unsound_file": WarningKind(
+        "Fit the telemetry again with this version.",
         severity=Severity.FAILURE,
-        words="The file says that it is not sound",
+        headline="The file states that its fit is unsound",
         unsound=True,
     ),
-    "unsteady": Kind(
-        "Nothing if the noise may have changed; look at the residual of the run if it should not have.",
+    "nonstationary_noise": WarningKind(
+        "Nothing if the noise may have changed; otherwise inspect the residual of the run.",
     ),
-    "wrong_sign": Kind(
+    "wrong_sign": WarningKind(
         "Check sign and unit of the channel in the archive, or of the map that reads it.",
         unsound=True,
     ),

@@ -119,7 +119,7 @@ def _unjudged(chosen: Settings) -> FitWarning:
         f"the sigmas of {chosen.estimator} are too small to judge by: whether the experiments contradict "
         "each other was not looked at"
     )
-    return FitWarning("unjudged", (), message)
+    return FitWarning("consistency_untested", (), message)
 
 
 def _plainly(outcome: IRLSResult, experiments: Sequence[Experiment], chosen: Settings) -> IRLSResult:
@@ -352,5 +352,5 @@ def _leaning(voices: Regression, outcome: IRLSResult) -> list[FitWarning]:
                 f"{', '.join(names)} {verb} on {run}: sigma grows more than {LEANS:g} times without it, "
                 "and no other run can show that it is wrong"
             )
-            found.append(FitWarning("rests_on_one_run", names, message))
+            found.append(FitWarning("high_leverage", names, message))
     return found

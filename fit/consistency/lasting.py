@@ -140,12 +140,12 @@ def in_common(experiments: Sequence[Experiment], outcome: IRLSResult) -> list[Fi
                 "all of them alike, or something does that looks like it; the fit knows one value, and the "
                 "sigmas do not hold"
             )
-            found.append(FitWarning("changing", (), message))
+            found.append(FitWarning("structural_break", (), message))
     late = {k: of for k, of in told.lags.items() if _harms(of, len(experiments))}
     if late:
         words = " and ".join(f"{_told(of)} in the runs of alignment epoch {k}" for k, of in late.items())
         names = tuple(f"delta_ifo_{k}" for k in late)
-        found.append(FitWarning("lagging", names, f"{words}; the sigmas do not hold"))
+        found.append(FitWarning("readout_lag", names, f"{words}; the sigmas do not hold"))
     bent = told.bend
     if bent and bent.sigma < DRIVEN and bent.z > BENT and bent.least > COMMON:
         message = (
@@ -153,7 +153,7 @@ def in_common(experiments: Sequence[Experiment], outcome: IRLSResult) -> list[Fi
             "the square of the distance, in all of the runs alike, or something does that looks like it; the "
             "sigmas do not hold"
         )
-        found.append(FitWarning("bent", (), message))
+        found.append(FitWarning("readout_nonlinearity", (), message))
     return found
 
 

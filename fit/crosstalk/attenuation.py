@@ -95,6 +95,6 @@ def mended(joint: Fit, outcome: IRLSResult, freed: Freed, shift: Array, before: 
         "instruments; least squares is off by so many of its sigmas: "
         + ", ".join(f"{name} ({by:+.1f})" for name, by in moved.items())
     )
-    warning = FitWarning("instruments", tuple(moved), message)
+    warning = FitWarning("instrumental_variables", tuple(moved), message)
     covariance = joint.covariance * np.outer(scale, scale)
     return replace(joint, parameters=parameters, covariance=covariance, warnings=(*joint.warnings, warning))

@@ -87,9 +87,9 @@ def cross_talk(
     """Return the couplings of eq. bump by alignment epoch.
 
     Each `Fit` holds ``b_1`` to ``b_6`` as far as the channels exist and the data determine them; chi2 and dof
-    are those of the joint fit. Its warnings: ``indeterminable``; ``attenuated``, with the coefficients to
-    expect of read-outs without noise, where no instruments free them of it; ``instruments`` where they do;
-    ``drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i.
+    are those of the joint fit. Its warnings: ``indeterminable``; ``attenuation_bias``, with the coefficients
+    to expect of read-outs without noise, where no instruments free them of it; ``instrumental_variables``
+    where they do; ``cross_talk_drift`` of b_1 and b_2; ``correlation`` of delta_ifo with every b_i.
 
     The sigma of an attenuated coefficient holds the attenuation to expect; where that cannot be told, the
     coefficient is not in the fit.
@@ -219,7 +219,7 @@ def _attenuated(
     )
     if np.isfinite(shift[row]):
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
-    return [FitWarning("attenuated", tuple(told), message)]
+    return [FitWarning("attenuation_bias", tuple(told), message)]
 
 
 def _freed(
@@ -240,7 +240,7 @@ def _freed(
         f"read-outs, at so many times the sigma of least squares: {told}; the motion is subtracted with the "
         "coefficients of least squares, which subtract better"
     )
-    return [FitWarning("instruments", tuple(of), message)]
+    return [FitWarning("instrumental_variables", tuple(of), message)]
 
 
 def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) -> FitWarning:

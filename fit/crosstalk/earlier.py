@@ -67,7 +67,12 @@ def experiments(
 def beside_instruments(results: Results) -> set[str]:
     """Return the joint parameters that are not those of least squares, see `attenuation.mended`."""
     warnings = results.joint.warnings if results.joint else ()
-    return {name for warning in warnings if warning.code == "instruments" for name in warning.parameters}
+    return {
+        name
+        for warning in warnings
+        if warning.code == "instrumental_variables"
+        for name in warning.parameters
+    }
 
 
 def least_squares(prepared: Sequence[Experiment], how: Settings) -> IRLSResult:

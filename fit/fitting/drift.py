@@ -131,5 +131,5 @@ def held(fit: Fit, drifts: Mapping[str, Drift]) -> Fit:
         f"these differ between the experiments of the epoch, by so much beyond noise: {by}; their sigmas are "
         "those of the mean over such experiments"
     )
-    warning = FitWarning("drift", tuple(told), message)
+    warning = FitWarning("cross_talk_drift", tuple(told), message)
     return replace(fit, parameters=parameters, covariance=covariance, warnings=(*fit.warnings, warning))

@@ -25,7 +25,7 @@ from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
-CODE = "louder"
+CODE = "readout_excess_noise"
 CHANCE = 1e-5  # of one run, that motion like that of the noise run passes for louder
 ABOVE = 0.04  # Hz: from here o_1 moves Delta g beyond its noise, and nothing leaks from injections far below
 INJECTED = 10.0  # power over that of the bins around, which noise has in 1 of 20,000 bins: an injection

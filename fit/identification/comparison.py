@@ -30,8 +30,24 @@ REPLAYED = 1e-4  # relative, of the command: less is rounding of archives
 SETTLED = 600.0  # s, after which the state that a controller began with is forgotten
 #: Codes of what the fit says of the data as it was prepared, which holds for the loop as well.
 OF_DATA = (
-    *("saturated", "saturated_too_long", "glitches", "too_many_glitches", "louder", "left_out", "excluded"),
-    *("short_run", "missing_run", "odd_samples", "interpolated", "guidance", "misguided", "same_time"),
+    *(
+        "saturated",
+        "saturated_too_long",
+        "glitches",
+        "too_many_glitches",
+        "readout_excess_noise",
+        "rejected",
+        "excluded",
+    ),
+    *(
+        "short_run",
+        "missing_run",
+        "suspect_samples",
+        "interpolated",
+        "guidance_response",
+        "guidance_scale",
+        "same_time",
+    ),
 )
 
 
@@ -84,7 +100,7 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: IRLS
     alone = [name for name in found.parameters if name not in calibrated.parameters]
     if alone:
         message += f"; by how much it is for {', '.join(alone)} is not known"
-    warning = FitWarning("instruments", tuple(given), message)
+    warning = FitWarning("instrumental_variables", tuple(given), message)
     return replace(
         found,
         parameters=parameters,
@@ -163,8 +179,8 @@ def apart(found: Fit, calibrated: Results, beside: Beside, *, own: bool) -> list
     sound = joint is not None and not joint.unsound
     if sound and not simulated and max(abs(each.sigmas) for each in far) > UNLIKELY:
         message += "; chi2 does not tell which of them is wrong"
-        return [FitWarning("loop_contradicts", names, message)]
-    return [FitWarning("loop_differs", names, message)]
+        return [FitWarning("loop_contradiction", names, message)]
+    return [FitWarning("loop_discrepancy", names, message)]
 
 
 def _explained(ratio: float) -> float:
@@ -214,7 +230,7 @@ def misplaced(held: Mapping[str, float], calibrated: Fit | None) -> list[FitWarn
     if not far:
         return []
     message = f"the simulated loop holds what the data contradict: {'; '.join(far.values())}"
-    return [FitWarning("loop_differs", tuple(far), message)]
+    return [FitWarning("loop_discrepancy", tuple(far), message)]
 
 
 @dataclass(frozen=True)
@@ -282,4 +298,4 @@ def misled(found: Mapping[str, Commands], parameters: Sequence[str]) -> list[Fit
         f"the commands on test mass 2 are not those of the simulated controller, relative: {told}; chi2 does "
         f"not see that{', and ' + ' and '.join(rests) + ' rest on it' if rests else ''}"
     )
-    return [FitWarning("controller_differs", rests, message)]
+    return [FitWarning("controller_mismatch", rests, message)]

@@ -365,7 +365,7 @@ class _Search:
             return []
         count, why = len(self.stepped), self.stepped[-1]
         message = f"{count} steps of the search were halved, the last one because of this: {why}"
-        return [FitWarning("stepped_back", (), message)]
+        return [FitWarning("step_halved", (), message)]
 
 
 def _reach(weighing: Simulated, theta: Array) -> None:

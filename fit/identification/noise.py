@@ -52,4 +52,4 @@ def marginalised(name: str) -> FitWarning:
     told = (
         "the residual is not as loud as the noise run; the level of its noise is marginalised in narrow bands"
     )
-    return FitWarning("levels", (), f"{name}: {told}")
+    return FitWarning("marginalised_noise", (), f"{name}: {told}")

@@ -113,7 +113,7 @@ def _no_angle(axis: str) -> FitWarning:
         f"near the bandwidth of the suspension: delta_{axis} comes out at about 0.8 of its value if that is "
         "2 mHz, 0.65 if 1 mHz, 0.94 if 5 mHz"
     )
-    return FitWarning("torque_alone", (f"delta_{axis}",), message)
+    return FitWarning("no_wavefront_angle", (f"delta_{axis}",), message)
 
 
 def _alone(axis: str, j: int) -> FitWarning:

@@ -32,8 +32,8 @@ class Exclusion:
 
     experiment: str
     reason: str
-    code: str = "left_out"
-    own: str = "faulty"
+    code: str = "rejected"
+    own: str = "invalid_data"
     tells: Tells = "sign"
     perhaps: str = ""
 

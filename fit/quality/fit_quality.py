@@ -207,7 +207,7 @@ def scattered(outcome: IRLSResult) -> list[FitWarning]:
                 "its sigma is that of the mean over such experiments"
             )
         )
-        found.append(FitWarning("scatter", (name,), text))
+        found.append(FitWarning("random_effects", (name,), text))
     return found
 
 
@@ -231,7 +231,7 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
                 f"{experiment.name}: its noise run has no usable mean of {lacking}, whose force along x is "
                 "taken off the run alone: the noise it leaves in the weights widens the sigmas"
             )
-            found.append(FitWarning("noise_run_lacks", (), message))
+            found.append(FitWarning("noise_run_channel_missing", (), message))
     if not outcome.converged:
         message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
         found.append(FitWarning("not_converged", (), message))

@@ -32,7 +32,7 @@ from fit.quality.matching_pursuit import pursue
 from fit.quality.view import View
 from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, windowing
 from fit.telemetry import axis_part
-from fit.warnings import FitWarning, Span
+from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Glitch, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -361,7 +361,7 @@ class _Search:
         )
         taken_out = merged([(max(a, 0.0), min(b, end)) for a, b in (g.span for g in self._shapes)])
         told = [placed(s, what) for s, what in ((masks, "masked"), (taken_out, TAKEN_OUT)) if s]
-        spans = tuple(Span(name, *span) for span in sorted([*masks, *taken_out]))
+        spans = tuple(TimeSpan(name, *span) for span in sorted([*masks, *taken_out]))
         return FitWarning("glitches", (), f"{name}: {'; '.join(told)}", spans=spans)
 
 

@@ -18,7 +18,7 @@ from fit.quality.glitches import TAKEN_OUT, merged, placed
 from fit.quality.matching_pursuit import pursue
 from fit.quality.view import View
 from fit.spectra import NoiseModel, Spectra, fit_noise, windowing
-from fit.warnings import FitWarning, Span
+from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Glitch, glitch_templates, whitened_run
 
 Array = NDArray[np.float64]
@@ -119,4 +119,4 @@ def told(run: str, found: Sequence[Glitch] | None, duration: float) -> FitWarnin
     if not spans:
         return None
     message = placed(spans, TAKEN_OUT)
-    return FitWarning("glitches", (), message, spans=tuple(Span(run, *span) for span in spans))
+    return FitWarning("glitches", (), message, spans=tuple(TimeSpan(run, *span) for span in spans))

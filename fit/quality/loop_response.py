@@ -123,7 +123,7 @@ def odd(seen: Mapping[str, Seen]) -> list[FitWarning]:
             found.append(f"{seen[name].path}: {' and '.join(said)}")
     if 2 * len(found) > len(seen):
         return []  # no majority that tells what is right
-    return [FitWarning("guidance", (), why) for why in found]
+    return [FitWarning("guidance_response", (), why) for why in found]
 
 
 def _shows(run: Telemetry) -> bool:

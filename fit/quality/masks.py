@@ -18,7 +18,7 @@ from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning, Span
+from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Run
 
 SATURATED, TOO_LONG = "saturated", "saturated_too_long"  # codes of the warnings
@@ -55,7 +55,7 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     if left < 1 - MOST_SATURATED:
         what = f"to mask that would cost {100 * (1 - left):.0f} % of the run"
         return run, (FitWarning(TOO_LONG, (), f"{said}; {what}, so nothing is masked"),)
-    spans = tuple(Span(telemetry.run, *stretch) for stretch in stretches)
+    spans = tuple(TimeSpan(telemetry.run, *stretch) for stretch in stretches)
     said = f"{said}; these are masked, {100 * left:.3g} % is left"
     return masked, (FitWarning(SATURATED, (), said, spans=spans),)
 

@@ -30,8 +30,8 @@ SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
 FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
 ODD = (
-    "coarse",
-    "odd_samples",
+    "coarse_quantisation",
+    "suspect_samples",
     "interpolated",
 )  # what is odd about samples, as warnings where it is so in most
 USUAL = 3  # experiments; what more than half of so many have is no fault of one
@@ -67,7 +67,7 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     found += [*_copied(experiments), *_noise_with_sines(experiments)]
     seen = loop_response.seen(experiments)
     reasons = {code: dict(zip(names, told, strict=True)) for code, told in zip(ODD, oddities, strict=True)}
-    reasons["misguided"] = following.faults(experiments, seen)
+    reasons["guidance_scale"] = following.faults(experiments, seen)
     odd = [_unless_usual(experiments, told, code) for code, told in reasons.items()]
     found += [fault for of in odd for fault in of.left_out]
     notes = [note for of in odd for note in of.notes]
@@ -96,7 +96,7 @@ def changes(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments, glitches masked, of which parts obey different equations."""
     changed = parallel_map(_changed, experiments, Experiment.samples)
     reasons = {e.name: told for e, told in zip(experiments, changed, strict=True)}
-    found = _unless_usual(experiments, reasons, "changing")
+    found = _unless_usual(experiments, reasons, "structural_break")
     return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])
 
 

@@ -24,7 +24,7 @@ from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]
 
-CODE, MISMATCH = "levels", "noise_mismatch"
+CODE, MISMATCH = "marginalised_noise", "noise_mismatch"
 EDGES = np.array([0.0, 1e-3, 3e-3, 1e-2, 3e-2, 1.0])  # Hz, of the bands
 ONE = (
     5.0  # sigma, from which the level of one band of one experiment is off: by chance in 1 of 10^4 campaigns
@@ -156,7 +156,7 @@ def judged(
 ) -> dict[str, tuple[FitWarning, Experiment]]:
     """Return by name the experiments whose noise run misses their noise, what to say, and how to fit them.
 
-    The code is ``levels`` where that is marginalised, ``noise_mismatch`` where that would not help.
+    The code is ``marginalised_noise`` where that is marginalised, else ``noise_mismatch``.
 
     Raises
     ------

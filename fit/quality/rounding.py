@@ -60,7 +60,7 @@ class Rounding:
     def note(self) -> FitWarning:
         """What the joint fit says of it."""
         moves = f"estimates may move by {MOVES * np.sqrt(self.power):.1g} sigma"
-        return FitWarning("rounding", (), f"{self.said}; {moves}")
+        return FitWarning("quantisation", (), f"{self.said}; {moves}")
 
 
 def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:

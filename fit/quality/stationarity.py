@@ -84,4 +84,4 @@ def told(name: str, steps: unsteady.Steps) -> FitWarning:
         f"{name}: the power of its noise changes within the run, from {least:.2g} to {most:.2g} "
         "times its mean in quarters of it; the sigmas allow for that"
     )
-    return FitWarning("unsteady", (), message)
+    return FitWarning("nonstationary_noise", (), message)

@@ -17,7 +17,7 @@ from fit.results import Fit, Results
 from fit.tables import Grid, Line, flagged
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
-from fit.warnings import FitWarning, masked
+from fit.warnings import FitWarning, masked_spans
 
 OPEN = 4  # experiments at most, whose sections stand open
 _WORDS = {"indeterminable": "not determined"}  # for the codes of warnings, where there are better ones
@@ -185,11 +185,11 @@ def drawings(
 
     @cache
     def found() -> analysis.Analysis:
-        return analysis.analysed(run, parameters, masked(found_in, run.run))
+        return analysis.analysed(run, parameters, masked_spans(found_in, run.run))
 
     @cache
     def beside() -> analysis.Analysis | None:
-        return analysis.analysed(noise, parameters, masked(found_in, noise.run)) if noise else None
+        return analysis.analysed(noise, parameters, masked_spans(found_in, noise.run)) if noise else None
 
     told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),

@@ -19,7 +19,7 @@ from fit.spectra import Estimator, LogSpectrum, log_psd
 from fit.tables import Cell, Grid, Line
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
-from fit.warnings import masked
+from fit.warnings import masked_spans
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Products:
     def terms(self, run: Telemetry) -> Telemetry:
         """Return Delta g and all of its terms, see `fit.deltag.delta_g`; NaN where a glitch was found."""
         product = deltag.delta_g(run, self._results)
-        struck = series.struck(product.time, masked(self._warnings, run.run))
+        struck = series.struck(product.time, masked_spans(self._warnings, run.run))
         if struck.any():
             channels = {name: np.where(struck, np.nan, x) for name, x in product.channels.items()}
             product = replace(product, channels=channels)

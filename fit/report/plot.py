@@ -21,7 +21,7 @@ from fit.report.experiments import parameters
 from fit.report.stiffness import stiffness_points
 from fit.results import Results
 from fit.telemetry import Telemetry
-from fit.warnings import masked
+from fit.warnings import masked_spans
 
 SCALE = 2.2  # a figure of one column of a journal's page, on a screen
 
@@ -104,5 +104,5 @@ def _analysed(
 
 def _analysis(results: Results, run: Telemetry, of: Telemetry) -> analysis.Analysis:
     """Return what the figures of a run, or of its noise run, show."""
-    spans = masked(results.experiments[run.experiment].warnings, of.run)
+    spans = masked_spans(results.experiments[run.experiment].warnings, of.run)
     return analysis.analysed(of, parameters(results, run), spans)

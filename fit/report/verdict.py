@@ -8,7 +8,7 @@ from markupsafe import Markup, escape
 
 from fit.results import Fit, Results
 from fit.tables import LIMIT, Table, combination_text, symbol
-from fit.warnings import KINDS, FitWarning, Severity
+from fit.warnings import WARNING_KINDS, FitWarning, Severity
 
 NOT_CONVERGED = FitWarning("not_converged", (), "the iteration did not converge")
 
@@ -161,11 +161,11 @@ def _agreement(shown: Sequence[Table], has_truth: bool, of: str) -> tuple[Markup
 
 
 def _told(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
-    """Return by code which of some fits raise warnings of a severity, in the order of `KINDS`."""
+    """Return by code which of some fits raise warnings of a severity, in the order of `WARNING_KINDS`."""
     codes = {name: {w.code for w in raised(fit)} for name, fit in fits.items()}
     found = {
         code: [name for name in fits if code in codes[name]]
-        for code, kind in KINDS.items()
+        for code, kind in WARNING_KINDS.items()
         if kind.severity is severity
     }
     return {code: names for code, names in found.items() if names}
@@ -174,7 +174,7 @@ def _told(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
 def _named(fits: Mapping[str, Fit], severity: Severity) -> list[str]:
     """Say which warnings of a severity were raised, and in which fits; the nameless one goes without."""
     return [
-        f"{KINDS[code].words}: {', '.join(names)}.".replace(": .", ".")
+        f"{WARNING_KINDS[code].headline}: {', '.join(names)}.".replace(": .", ".")
         for code, names in _told(fits, severity).items()
     ]
 

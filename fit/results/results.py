@@ -341,4 +341,4 @@ def _missing_warnings(fit: _FitJson) -> list[FitWarning]:
     if fit.sound is not False or any(w.kind.unsound for w in fit.warnings):
         return []
     reasons = "; ".join(w.message for w in fit.warnings) or "no warning"
-    return [FitWarning("unsound", (), f"its file says sound = false and has as reason: {reasons}")]
+    return [FitWarning("unsound_file", (), f"its file says sound = false and has as reason: {reasons}")]

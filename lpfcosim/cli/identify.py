@@ -185,7 +185,7 @@ def _found(
     found = replace(found, provenance=replace(found.provenance, more=more))
     if loop.others and found.joint is not None:
         message = f"the telemetry says that it was simulated otherwise: {loop.others}"
-        warnings = (*found.joint.warnings, FitWarning("another_loop", (), message))
+        warnings = (*found.joint.warnings, FitWarning("loop_mismatch", (), message))
         found = replace(found, joint=replace(found.joint, warnings=warnings))
     return coverage.with_truth(
         found, telemetries, {t.run: _truth(t, plan, loop.targets) for t in telemetries}

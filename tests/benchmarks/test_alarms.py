@@ -18,6 +18,6 @@ def test_clean_campaigns_give_no_alarm_and_a_wrong_gain_does(quickstart):
     B = next(run for run in runs if run.run == "B")
     doubled = replace(B, channels=B.channels | {"guidance_o_12": 2 * B.channels["guidance_o_12"]})
     scaled = replace(B, channels=B.channels | {"f_x_2": 1.01 * B.channels["f_x_2"]})
-    for wrong, code in ((doubled, "guidance"), (scaled, "scatter")):
+    for wrong, code in ((doubled, "guidance_response"), (scaled, "random_effects")):
         said = list(alarms.alarms(calibrate([wrong if run is B else run for run in runs])))
         assert code in {told for _, told, _ in said}

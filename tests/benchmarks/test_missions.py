@@ -55,7 +55,7 @@ def test_the_table_counts_what_is_sound():
     lines = [{"number": n, "pulls": {"C_1": p, **epochs}, **kept} for n, p in enumerate((-1.5, 0.5, 1.0))]
     lines += [
         {"number": 3, "failed": "no"},
-        {"number": 4, "pulls": {"C_1": 9.0}, **kept, "unsound": ["levels"]},
+        {"number": 4, "pulls": {"C_1": 9.0}, **kept, "unsound": ["marginalised_noise"]},
     ]
     head, *_, row, b_3, delta_ifo = missions.table(lines)
     assert b_3.startswith("| b_3 | 6 |") and delta_ifo.startswith("| delta_ifo | 6 |")

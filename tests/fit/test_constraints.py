@@ -114,7 +114,7 @@ def test_what_the_data_contradict_is_not_sound(runs, free, said):
     assert told.code == "constraint_contradicted"
     assert f"without: {free.joint['lambda_2'].value:.4g}"[:-1] in told.message
     assert results.provenance["joint_runs"] == free.provenance["joint_runs"]  # no run is blamed for it
-    assert "scatter" not in codes(results.joint)
+    assert "random_effects" not in codes(results.joint)
 
 
 def test_constraints_make_no_single_fit_that_has_not_its_parameters(runs, free):

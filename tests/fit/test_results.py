@@ -14,7 +14,7 @@ from fit.results.estimates import Estimate, Stiffness
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results, load, sound_joint, write
 from fit.telemetry.reader import read
-from fit.warnings import FitWarning, Span
+from fit.warnings import FitWarning, TimeSpan
 from tests.oracles.contract_file import write_contract_file
 
 TRUTH = {
@@ -73,7 +73,7 @@ def test_round_trip(tmp_path):
             "A1": make_fit(lambda_2=1.0),
             "<B>": make_fit([FitWarning("own_psd", (), "no noise run")]),
             "C": make_fit(
-                [FitWarning("glitches", (), "two", spans=(Span("a", 1.5, 2.0), Span("b", 3.0, 4.0)))]
+                [FitWarning("glitches", (), "two", spans=(TimeSpan("a", 1.5, 2.0), TimeSpan("b", 3.0, 4.0)))]
             ),
         },
         inertial={"0": make_fit(delta_phi=-4e-4)},

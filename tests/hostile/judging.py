@@ -16,7 +16,7 @@ FAR = 5.0  # sigma
 UNNAMED = ("no single cause", "no equation of motion", "no channel alone", "does not fit either")
 LONG = "D3"
 NARROW = 0.85  # of the sigma without the fault, upon which no copy may improve
-RESTS = "rests_on_one_run"  # said of a clean campaign too
+RESTS = "high_leverage"  # said of a clean campaign too
 
 
 @dataclass(frozen=True)

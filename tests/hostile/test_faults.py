@@ -76,61 +76,61 @@ FAULTS = [
         "`o_12` with the wrong sign, in one experiment",
         lambda: of("A-sysid", lambda r: changed(r, o_12=negative)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "the same where test mass 1 is driven too",
         lambda: of("E-sysid", lambda r: changed(r, o_12=negative)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "`f_x_1` with the wrong sign",
         lambda: of("E-sysid", lambda r: changed(r, f_x_1=negative)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "`f_x_2` in N instead of m s-2",
         lambda: of("A-sysid", lambda r: changed(r, f_x_2=lambda f: 1.928 * f)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "`o_12` in nm, declared as m",
         lambda: of("A-sysid", lambda r: changed(r, o_12=lambda o: 1e9 * o)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "`o_1` with the wrong sign, its guidance recorded",
         lambda: of("A-sysid", guided),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "a noise run at another authority",
         lambda: of("A-noise", lambda r: replace(r, F_max_2=50e-12)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault(
         "a noise run half as loud as the experiment",
         lambda: of("A-noise", lambda r: changed(r, o_12=lambda o: 0.5 * o)),
         "sound",
-        "levels",
+        "marginalised_noise",
     ),
     Fault(
         "a noise run twice as loud as the experiment",
         lambda: of("A-noise", lambda r: changed(r, o_12=lambda o: 2 * o)),
         "sound",
-        "levels",
+        "marginalised_noise",
     ),
     Fault(
         "a noise run of nothing but zeros",
         lambda: of("A-noise", lambda r: changed(r, o_12=np.zeros_like, f_x_2=np.zeros_like)),
         "left out",
-        "left_out",
+        "rejected",
     ),
     Fault("no noise run", lambda: [r for r in runs() if r.run != "A-noise"], "sound", "no_noise_run"),
     Fault(
@@ -142,7 +142,7 @@ FAULTS = [
     Fault(
         "`f_x_2` at the limit for much of a run", lambda: of("A-sysid", clipped(0.7)), "left out", "excluded"
     ),
-    Fault("a storm of glitches", lambda: of("A-sysid", storm), "left out", "left_out"),
+    Fault("a storm of glitches", lambda: of("A-sysid", storm), "left out", "rejected"),
     Fault(
         "experiments whose actuators differ by 1 %",
         lambda: [*pair(World(), "A", seed=1), *pair(World(lambda_2=1.0884), "E", seed=2, drive_1=1e-12)],
@@ -177,7 +177,7 @@ def told(fault):
     except CalibrationError as error:
         return "failed", None, [str(error)]
     codes = {w.code for w in results.joint.warnings}
-    out = codes & {"excluded", "left_out"}
+    out = codes & {"excluded", "rejected"}
     what = "no sigma" if results.joint.unsound else "left out" if out else "sound"
     named = [*results.joint.unsound, *results.joint.warnings]
     return what, results, [w.message for w in named if fault.code in (w.code, None)]

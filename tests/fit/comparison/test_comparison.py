@@ -17,7 +17,7 @@ from fit.warnings import FitWarning
 from tests.oracles.contract_file import write_contract_file
 
 TO_1, TO_2 = "towards test mass 1", "towards test mass 2"
-UNSOUND = FitWarning("unsound", (), "the runs contradict each other")
+UNSOUND = FitWarning("unsound_file", (), "the runs contradict each other")
 
 
 def made(values, sigmas, *, units="1", correlation=0.0, warnings=(), truth=None):

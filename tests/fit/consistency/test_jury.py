@@ -50,7 +50,7 @@ def hold(joint, but=()):
 
 
 def left_out(results):
-    return [w.message for w in results.joint.warnings if w.code == "left_out"]
+    return [w.message for w in results.joint.warnings if w.code == "rejected"]
 
 
 FAULTS = {
@@ -177,7 +177,7 @@ def test_gains_that_scatter_cost_no_run():
     results = calibrate(campaign(worlds=worlds))
     assert not results.joint.unsound
     assert "lambda_2" in {
-        name for w in results.joint.warnings if w.code == "scatter" for name in w.parameters
+        name for w in results.joint.warnings if w.code == "random_effects" for name in w.parameters
     }
     assert not left_out(results)
 
@@ -203,9 +203,7 @@ def test_gains_and_delays_that_scatter_a_little_cost_no_run():
 @pytest.mark.slow
 def test_what_rests_on_one_run_is_called_so():
     notes = {
-        w.message.split(" rest")[0]
-        for w in calibrate(campaign()).joint.warnings
-        if w.code == "rests_on_one_run"
+        w.message.split(" rest")[0] for w in calibrate(campaign()).joint.warnings if w.code == "high_leverage"
     }
     assert "lambda_1, C_1, alpha_x_1" in notes
 
@@ -243,7 +241,11 @@ def test_attenuated_cross_talk_is_no_contradiction():
     noises = {"A": 1e-9, "B": 5e-9, "C": 1e-9}
     runs = [run for name, grs in noises.items() for run in bump_synthetic.pair(Motion(grs=grs), LATE, name)]
     told = calibrate(runs)
-    assert {w.code for w in told.joint.warnings} == {"indeterminable", "rests_on_one_run", "instruments"}
+    assert {w.code for w in told.joint.warnings} == {
+        "indeterminable",
+        "high_leverage",
+        "instrumental_variables",
+    }
     assert told.provenance.more["agreement"][""]["p"] > 1e-3
     scaled = calibrate(of("B1", channel("f_x_2", lambda f: 1.01 * f))(runs)).joint
-    assert "scatter" in {w.code for w in scaled.warnings}  # of three, nobody knows which is wrong
+    assert "random_effects" in {w.code for w in scaled.warnings}  # of three, nobody knows which is wrong

@@ -55,7 +55,7 @@ def test_what_moves_is_as_it_is_beside_free_couplings():
     assert np.sqrt(np.diag(found.covariance)) == pytest.approx([0.1, 0.2 * 1.2, 0.1])
     assert np.allclose(found.correlation, joint.correlation)
     (told,) = found.warnings
-    assert (told.code, told.parameters) == ("instruments", ("lambda_2", "delta_ifo_1"))
+    assert (told.code, told.parameters) == ("instrumental_variables", ("lambda_2", "delta_ifo_1"))
     assert "lambda_2 (+0.2), delta_ifo_1 (-3.0)" in told.message
     kept = mended(joint, before, SimpleNamespace(names={"b_3_1"}, outcome=freed), np.zeros(3), np.zeros(3))
     assert kept is joint  # what moved is chance: no shift was to be expected

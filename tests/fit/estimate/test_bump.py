@@ -155,8 +155,8 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
     sigma = dict(zip([p.name for p in outcome.parameters], outcome.solution.sigma, strict=True))
     for epoch, fit in found.items():
         assert max(map(abs, pulls(fit, TRUTH).values())) < 4.5
-        assert [w.code for w in fit.warnings] == ["instruments", "correlation"]
-        assert warning(fit, "instruments").parameters == ("b_3", "b_4", "b_5", "b_6")
+        assert [w.code for w in fit.warnings] == ["instrumental_variables", "correlation"]
+        assert warning(fit, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
         cost = {name: e.sigma / sigma[f"{name}_{epoch}"] for name, e in fit.parameters.items()}
         assert [cost["b_1"], cost["b_2"]] == pytest.approx([1, 1], abs=0.1)
         assert all(1.7 < cost[name] < 2.8 for name in ("b_3", "b_4"))
@@ -188,7 +188,7 @@ def test_a_calibration_keeps_what_subtracts_best():
 def test_test_masses_that_move_apart_slowly_do_no_harm():
     # as the suspension lets them: by 2.5 nm Hz^-0.5 at 6 mHz, as much as all motion of y at 3 mHz
     told = fitted(experiments(pair(Motion(apart=2.5e-9), LATE)))[1]["1"]
-    assert warning(told, "instruments").parameters == ("b_3", "b_4", "b_5", "b_6")
+    assert warning(told, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
     assert max(map(abs, pulls(told, TRUTH).values())) < 4.5
     assert told.parameters["b_3"].sigma < 0.06 * TRUTH["b_3"]
 
@@ -212,7 +212,7 @@ def test_glitches_that_are_taken_out_leave_the_couplings_as_they_are():
     glitches = [Glitch(Shape("pushed", 800.0, -0.0016), 5000.0), Glitch(Shape("rising", 2000.0, 0.0), 9000.0)]
     without = [replace(e, sysid=e.sysid.free_of(glitches)) for e in whole]
     plain, other = (fitted(runs)[1]["1"] for runs in (whole, without))
-    assert warning(other, "instruments").parameters == ("b_3", "b_4", "b_5", "b_6")
+    assert warning(other, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
     for name, e in plain.parameters.items():
         assert abs(other.parameters[name].value - e.value) < 0.5 * e.sigma
         assert other.parameters[name].sigma == pytest.approx(e.sigma, rel=0.1)
@@ -226,16 +226,16 @@ def test_read_outs_that_part_by_more_than_noise_free_nothing():
         own = np.cumsum(rng.standard_normal(recorded.time.size))
         recorded.channels["grs_y_2"] += 6e-10 * (own - np.linspace(0, own[-1], own.size))
     told = fitted(experiments(runs))[1]["1"]
-    assert {"b_3"} <= set(warning(told, "attenuated").parameters) <= {"b_3", "b_5"}
-    assert warning(told, "instruments").parameters == ("b_4", "b_6")
+    assert {"b_3"} <= set(warning(told, "attenuation_bias").parameters) <= {"b_3", "b_5"}
+    assert warning(told, "instrumental_variables").parameters == ("b_4", "b_6")
 
 
 def test_without_angles_there_is_no_second_sensor():
     # what the two read-outs differ by is then rotation, for all that is known
     runs = [blind(r, "o_phi_1", "o_phi_12") for r in pair(Motion(), LATE)]
     told = fitted(experiments(runs))[1]["1"]
-    assert "b_3" in warning(told, "attenuated").parameters
-    assert warning(told, "instruments").parameters == ("b_4", "b_6")
+    assert "b_3" in warning(told, "attenuation_bias").parameters
+    assert warning(told, "instrumental_variables").parameters == ("b_4", "b_6")
 
 
 def test_read_out_noise_is_measured(noisy):
@@ -372,7 +372,7 @@ def test_jitter_below_the_noise_determines_nothing():
 def test_read_outs_of_nothing_but_noise_are_told():
     runs = pair(Motion(grs=50e-9), LATE)
     _, found = fitted(experiments(runs))
-    assert "b_3 (by how much cannot be told)" in warning(found["1"], "attenuated").message
+    assert "b_3 (by how much cannot be told)" in warning(found["1"], "attenuation_bias").message
 
 
 @pytest.mark.long

@@ -33,11 +33,11 @@ def told(by):
 
 def test_the_sigma_holds_what_experiments_differ_by():
     steady, _ = told([0.0, 0.0, 0.0])
-    assert "drift" not in [w.code for w in steady.warnings]
+    assert "cross_talk_drift" not in [w.code for w in steady.warnings]
     sigma = steady.parameters["b_1"].sigma
     by = 30 * sigma
     found, mean = told([-by, 0.0, by])
-    (warning,) = (w for w in found.warnings if w.code == "drift")
+    (warning,) = (w for w in found.warnings if w.code == "cross_talk_drift")
     assert warning.parameters == ("b_1",)
     e = found.parameters["b_1"]
     assert e.sigma == pytest.approx(by / np.sqrt(3), rel=0.15)

@@ -162,7 +162,7 @@ def test_scatter_of_the_gain_is_found_and_counts():
     assert found.sigma == pytest.approx(1.0776 * np.sqrt(square / len(sets)), rel=0.02)
     others = {n: p for n, p in pulls(results.joint, vars(World())).items() if n != "lambda_2"}
     assert max(abs(p) for p in others.values()) < 4.5
-    (said,) = (w.message for w in results.joint.warnings if w.code == "scatter")
+    (said,) = (w.message for w in results.joint.warnings if w.code == "random_effects")
     assert said.startswith("lambda_2 scatters between the experiments by 0.0")
     assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.1)
 
@@ -171,7 +171,7 @@ def test_without_scatter_its_width_is_that_of_nothing():
     results = calibrate(campaign(World()), settings({"scatter": ["lambda_2"]}))
     width = results.provenance.scatter["lambda_2"]
     assert width["value"] < 3 * width["sigma"] < 1e-3
-    (said,) = (w.message for w in results.joint.warnings if w.code == "scatter")
+    (said,) = (w.message for w in results.joint.warnings if w.code == "random_effects")
     assert said.startswith("lambda_2 may scatter between the experiments by ")
     assert max(abs(p) for p in pulls(results.joint, vars(World())).values()) < 4.5
 
@@ -235,7 +235,7 @@ def test_what_one_experiment_cannot_yield_does_not_cost_the_joint_fit(monkeypatc
     monkeypatch.setattr(pipeline, "fit_experiment", fails)
     results = calibrate(campaign(World()))
     assert list(results.experiments) == ["A", "C", "D"]
-    (warning,) = (w for w in results.joint.warnings if w.code == "not_fitted_alone")
+    (warning,) = (w for w in results.joint.warnings if w.code == "no_single_fit")
     assert warning.message == "B: it does not settle"
     with pytest.raises(FitError):
         calibrate(campaign(World())[2:4], settings({"exclude": ["B"]}))

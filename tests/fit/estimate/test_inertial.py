@@ -118,7 +118,7 @@ def test_integral_is_trapezoid_and_the_same_in_pieces():
 
 def test_without_angles_the_bias_is_told_and_is_what_is_told(quiet_day):
     fit = fitted(lacking(quiet_day[0], "o_phi", "o_eta"), world=QUIET)
-    told = [w for w in fit.warnings if w.code == "torque_alone"]
+    told = [w for w in fit.warnings if w.code == "no_wavefront_angle"]
     assert [w.parameters for w in told] == [("delta_phi",), ("delta_eta",)]
     assert "0.8 of its value" in told[0].message
     for name, estimate in fit.parameters.items():

@@ -344,7 +344,7 @@ def test_a_run_that_cannot_be_prepared_costs_the_others_nothing():
     alone, together = calibrate(good), calibrate([*good, *bad], settings({"include_short": True}))
     assert together.joint.values == alone.joint.values
     assert not together.joint.unsound
-    (told,) = (w.message for w in together.joint.warnings if w.code == "left_out")
+    (told,) = (w.message for w in together.joint.warnings if w.code == "rejected")
     assert told.startswith("left out of the joint fit: B-sysid.h5: ")
     with pytest.raises(InputError, match=r"B-sysid\.h5: .* masking leaves less"):
         calibrate(bad, settings({"include_short": True}))

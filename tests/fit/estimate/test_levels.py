@@ -39,7 +39,7 @@ def test_on_clean_data_the_noise_run_tells_the_level():
     results = calibrate(campaign())
     plain = calibrate(campaign(), settings({"levels": [], "scatter": []}))
     assert results.provenance.levels == []
-    assert "levels" not in codes(results.joint)
+    assert "marginalised_noise" not in codes(results.joint)
     for name, estimate in plain.joint.parameters.items():
         assert results.joint.parameters[name] == estimate
 
@@ -49,7 +49,7 @@ def test_noise_of_another_level_is_marginalised(changes):
     results = calibrate(campaign("AC", **changes))
     assert results.provenance.levels == ["A", "C"]
     assert not results.joint.unsound
-    (said,) = (w for w in results.experiments["A"].warnings if w.code == "levels")
+    (said,) = (w for w in results.experiments["A"].warnings if w.code == "marginalised_noise")
     assert "by that of the noise run" in said.message
     assert "marginalised" in said.message
     assert largest_pull(results.joint) < 4.5
@@ -78,7 +78,7 @@ def test_a_signal_that_the_equation_lacks_is_no_noise():
 def test_the_settings_may_insist():
     results = calibrate(campaign(), settings({"levels": ["B"]}))
     assert results.provenance.levels == ["B"]
-    (said,) = (w for w in results.joint.warnings if w.code == "levels")
+    (said,) = (w for w in results.joint.warnings if w.code == "marginalised_noise")
     assert said.message.startswith("B: ")
     with pytest.raises(InputError, match=r"fit.levels: no experiment 'Z', there are A, B, C, D"):
         calibrate(campaign(), settings({"levels": ["Z"]}))

@@ -109,7 +109,11 @@ def test_what_is_given_beside_instruments_is_moved_and_widened_as_the_results_ar
     covariance[i] *= 2
     covariance[:, i] *= 2
     document["joint"]["covariance"] = covariance.tolist()
-    warning = {"code": "instruments", "parameters": ["lambda_2"], "message": "given beside couplings"}
+    warning = {
+        "code": "instrumental_variables",
+        "parameters": ["lambda_2"],
+        "message": "given beside couplings",
+    }
     document["joint"]["warnings"].append(warning)
     path.write_text(json.dumps(document))
     status, _, err = lpfcosim("mcmc", calibrated)

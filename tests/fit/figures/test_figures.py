@@ -10,8 +10,7 @@ from fit.figures import runs as figures_runs
 from fit.figures.charts import ASD, TIME, Curve, Span, limits
 from fit.quality import glitches
 from fit.report.experiments import drawings
-from fit.warnings import FitWarning, masked
-from fit.warnings import Span as Stretch
+from fit.warnings import FitWarning, TimeSpan, masked_spans
 from fit.whitening.run import Run
 from fit.whitening.runs import Experiment
 from tests.oracles.synthetic import World, of_run, pair, telemetry, without
@@ -135,8 +134,12 @@ def test_an_average_lets_no_high_frequency_through_at_an_edge():
 
 def test_gaps_and_glitches_are_marked(runs, charts):
     gone = without(runs[0], (4000, 4200), (9000, 9050))
-    spans = (Stretch(gone.run, 100.0, 112.0), Stretch("another", 5.0, 6.0), Stretch(gone.run, 900.0, 907.0))
-    told = masked([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
+    spans = (
+        TimeSpan(gone.run, 100.0, 112.0),
+        TimeSpan("another", 5.0, 6.0),
+        TimeSpan(gone.run, 900.0, 907.0),
+    )
+    told = masked_spans([FitWarning("glitches", (), "masked", spans=spans)], gone.run)
     assert told == [(100.0, 112.0), (900.0, 907.0)]
     chart = figures_runs.residual(gone, analysis.analysed(gone, TRUTH, told))
     shades = [mark for mark in chart.panels[1].marks if isinstance(mark, Span)]
@@ -203,7 +206,7 @@ def test_a_warning_holds_where_it_masked(runs):
     kick = np.where((spoilt.time >= 8000) & (spoilt.time < 8010), 1e-12, 0.0)
     spoilt.channels["f_x_2"] = spoilt.channels["f_x_2"] + kick  # a force that was commanded and did not act
     _, warnings = glitches.Hunt(Experiment(Run(spoilt), Run(runs[1]))).ended()
-    ((begin, end),) = masked(warnings, spoilt.run)
+    ((begin, end),) = masked_spans(warnings, spoilt.run)
     assert 7980 < begin < end < 8050
 
 

@@ -170,7 +170,7 @@ def test_chi2_is_that_of_noise():
 def test_stronger_noise_than_in_the_noise_run_is_told():
     loud = World(plateau=8e-15, oms=70e-15)
     fit = fit_one([telemetry(loud), telemetry(World(), kind="noise")])
-    assert "levels" in {w.code for w in fit.warnings}
+    assert "marginalised_noise" in {w.code for w in fit.warnings}
 
 
 def test_own_residual_replaces_a_missing_noise_run():

@@ -83,7 +83,7 @@ def test_a_calibration_says_so_stays_sound_and_is_repeated():
     telemetries = list(runs(noisy=1e-9))
     results = calibrate(telemetries)
     fit = results.experiments["B4"]
-    assert [w.message.split(":")[0] for w in fit.warnings if w.code == "louder"] == ["B4"]
+    assert [w.message.split(":")[0] for w in fit.warnings if w.code == "readout_excess_noise"] == ["B4"]
     assert not fit.unsound
     found = fit.parameters["delta_ifo"]
     assert abs(found.value - TRUTH) < 3 * found.sigma

@@ -54,7 +54,7 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
     assert np.sqrt(np.diag(mended.covariance)) == pytest.approx([0.1, 1.02, 1.0])
     assert np.allclose(mended.correlation, found.correlation)
     (told,) = mended.warnings
-    assert (told.code, told.parameters) == ("instruments", ("delta_ifo_1",))
+    assert (told.code, told.parameters) == ("instrumental_variables", ("delta_ifo_1",))
     assert "delta_ifo_1 (-3.0)" in told.message
     assert "Plant.cubic_2 is not known" in told.message
 
@@ -75,20 +75,20 @@ def test_far_from_a_sound_fit_is_unsound_but_for_telemetry_of_that_very_loop():
     doubtful = replace(calibrated, warnings=(FitWarning("noise_mismatch", (), "other noise"),))
     near = fit_of({"C_2": (0.189, 0.001)})
     for found, against, own, code in (
-        (far, calibrated, False, "loop_contradicts"),
-        (far, calibrated, True, "loop_differs"),
-        (far, doubtful, False, "loop_differs"),
-        (near, calibrated, False, "loop_differs"),
+        (far, calibrated, False, "loop_contradiction"),
+        (far, calibrated, True, "loop_discrepancy"),
+        (far, doubtful, False, "loop_discrepancy"),
+        (near, calibrated, False, "loop_discrepancy"),
     ):
         (told,) = apart(found, against, own=own)
         assert (told.code, told.parameters) == (code, ("C_2",))
-        assert told.kind.unsound == (code == "loop_contradicts")
+        assert told.kind.unsound == (code == "loop_contradiction")
 
 
 def test_a_loop_that_holds_what_the_fit_contradicts_did_not_make_the_telemetry():
     calibrated = fit_of({"lambda_2": (1.0776, 1e-4), "omega2_2_0": (-4.2e-7, 5e-9)})
     found = fit_of({"omega2_2_0": (-4.8e-7, 5e-9)})
-    for held, code in ((1.0776, "loop_differs"), (1.08, "loop_contradicts")):
+    for held, code in ((1.0776, "loop_discrepancy"), (1.08, "loop_contradiction")):
         (told,) = apart(found, calibrated, own=True, beside=comparison.Beside({"lambda_2": held}, [], None))
         assert (told.code, told.parameters) == (code, ("omega2_2_0",))
 
@@ -101,7 +101,7 @@ def test_what_a_run_shows_alone_is_compared_where_the_joint_fit_has_nothing_like
     alone = fit_of({"omega2_2": (stiffness, 5e-9), "C_2": (0.186, 1e-4)})
     calibrated = results_of(fit_of({"C_2": (0.186, 1e-4)}), B4=alone)
     beside = comparison.Beside(held, [run], Sharing(settings({}).shared))
-    for shift, code in ((1e-9, None), (6e-8, "loop_contradicts")):
+    for shift, code in ((1e-9, None), (6e-8, "loop_contradiction")):
         found = fit_of({"omega2_2_0": (-4.2e-7 + shift, 5e-9)})
         told = comparison.apart(found, calibrated, beside, own=False)
         assert [w.code for w in told] == [code] * bool(code)

@@ -128,8 +128,8 @@ def test_a_wrong_controller_is_seen_in_the_commands_and_not_in_chi2(flown, found
     assert told.chi2 == pytest.approx(found.joint.chi2, rel=1e-3)
     assert abs(told["lambda_2"].value - found.joint["lambda_2"].value) > 3 * told["lambda_2"].sigma
     codes = {w.code: w for w in told.warnings}
-    assert codes["controller_differs"].parameters == ("lambda_2", "C_2")
-    assert "A by 0.00" in codes["controller_differs"].message
+    assert codes["controller_mismatch"].parameters == ("lambda_2", "C_2")
+    assert "A by 0.00" in codes["controller_mismatch"].message
     assert told.unsound
 
 
@@ -149,7 +149,7 @@ def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
         assert abs(other[name].value - estimate.value) < 0.01 * estimate.sigma
         assert other[name].sigma == pytest.approx(estimate.sigma, rel=0.001)
     assert abs(pole.value - 6e-3) < 4 * pole.sigma < 0.02 * 6e-3
-    assert "controller_differs" not in {w.code for w in told.warnings}  # its sigma allows for the difference
+    assert "controller_mismatch" not in {w.code for w in told.warnings}  # its sigma allows for the difference
 
 
 @pytest.mark.slow
@@ -163,7 +163,7 @@ def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown
 
     told = identified(flown, (Free("lambda_2", 0.9), *FREE[1:]), refused).joint
     assert told["lambda_2"].value == pytest.approx(found.joint["lambda_2"].value, abs=1e-6)
-    (back,) = [w for w in told.warnings if w.code == "stepped_back"]
+    (back,) = [w for w in told.warnings if w.code == "step_halved"]
     assert "the loop is not stable" in back.message
 
 
@@ -257,7 +257,7 @@ def test_sigmas_allow_for_noise_that_changes_within_a_run(flown):
     moved = planning.response(still, Feeds({"g_2": late, "f_x_1_jitter": np.zeros(n)}, n), still.fs)
     flight = changed(flown, **{name: moved[name] for name in ("o_1", "o_12", "f_x_2")})
     told = identified(flight).joint
-    assert "unsteady" in {w.code for w in told.warnings}
+    assert "nonstationary_noise" in {w.code for w in told.warnings}
     agree(told, flight)
 
 
@@ -274,7 +274,7 @@ def test_what_the_loop_holds_against_the_fit_is_told(flown):
     fit = calibrated.experiments["A"]
     for calibration, said in (
         (fit, 1),
-        (replace(fit, warnings=(FitWarning("faulty", (), ""),)), 0),
+        (replace(fit, warnings=(FitWarning("invalid_data", (), ""),)), 0),
         (None, 0),
     ):
         told = comparison.misplaced(

@@ -66,7 +66,7 @@ def test_what_the_fit_lets_scatter_scatters_here_too(flown):
     assert width["value"] == pytest.approx(theirs["value"], rel=0.01)
     assert width["value"] == pytest.approx(3e-3, rel=1)
     assert found.joint["lambda_2"].sigma > 1e-3  # of the mean of four, not of what the runs could tell
-    assert [w.parameters for w in found.joint.warnings if w.code == "scatter"] == [("lambda_2",)]
+    assert [w.parameters for w in found.joint.warnings if w.code == "random_effects"] == [("lambda_2",)]
 
 
 def test_gains_that_differ_and_are_not_let_contradict_each_other(flown):

@@ -133,7 +133,7 @@ def test_an_experiment_that_is_called_noise_is_named_in_the_joint_fit():
     found = thirteen.campaign(names=("A1", "B2"))
     found["B2-sysid"] = replace(found["B2-sysid"], kind="noise")
     results = calibrate(list(found.values()))
-    (told,) = (w.message for w in results.joint.warnings if w.code == "left_out")
+    (told,) = (w.message for w in results.joint.warnings if w.code == "rejected")
     assert told.startswith("left out of the joint fit: B2-sysid.h5: attribute kind: 'noise'")
     assert list(results.experiments) == ["A1"]
 
@@ -166,9 +166,9 @@ def test_nine_times_one_experiment_counts_once():
     alone, together = calibrate(list(runs("A").values())), calibrate(list(found.values()))
     assert together.provenance.joint_runs == ["A-sysid"]
     assert together.joint.values == alone.joint.values
-    assert [w.code for w in together.joint.warnings].count("left_out") == 3
+    assert [w.code for w in together.joint.warnings].count("rejected") == 3
     assert not together.joint.unsound
-    assert [w.code for w in together.experiments["X1"].unsound] == ["faulty"]
+    assert [w.code for w in together.experiments["X1"].unsound] == ["invalid_data"]
 
 
 # --- what files say of themselves -----------------------------------------------------------------------

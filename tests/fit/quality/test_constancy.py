@@ -134,5 +134,5 @@ def test_an_experiment_that_changes_stays_out_by_name():
     assert results.provenance.joint_runs == ["A-sysid", "E-sysid"]
     assert results.joint.values == clean.values
     assert not results.joint.unsound
-    (told,) = (w.message for w in results.joint.warnings if w.code == "left_out")
+    (told,) = (w.message for w in results.joint.warnings if w.code == "rejected")
     assert told.startswith("left out of the joint fit: B-sysid.h5: ")

@@ -85,10 +85,10 @@ def test_runs_that_do_not_tell_follow_the_others_of_their_epoch(runs):
 def test_it_leaves_out_few_and_spoils_many(runs):
     few = metadata.faults(pair(list(changed(runs, ["C2"], "o_1", lambda o: 1.06 * o).values())))
     assert [f.experiment for f in few.left_out] == ["C2"]
-    assert "misguided" not in {n.code for n in few.notes}
+    assert "guidance_scale" not in {n.code for n in few.notes}
     many = metadata.faults(pair(list(changed(runs, ["A1", "C2", "D2"], "o_1", lambda o: 1.06 * o).values())))
     assert many.left_out == []
-    (note,) = [n for n in many.notes if n.code == "misguided"]
+    (note,) = [n for n in many.notes if n.code == "guidance_scale"]
     assert note.kind.unsound
 
 

@@ -232,7 +232,7 @@ def test_what_is_full_of_glitches_stays_out_of_the_joint_fit(simulated):
     runs = [simulated("A", *draw(1, 400)), *(simulated(n) for n in ("A-noise", "B", "B-noise"))]
     results = calibrate(runs)
     assert results.provenance.joint_runs == ["B"]
-    (told,) = (w.message for w in results.joint.warnings if w.code in ("excluded", "left_out"))
+    (told,) = (w.message for w in results.joint.warnings if w.code in ("excluded", "rejected"))
     assert re.search(r"\bA\b.*(no matter of glitches|no equation of motion holds)", told)
     others = [w.message for w in results.joint.warnings if w.message != told]
     assert not [m for m in others if re.search(r"\bA\b", m)]

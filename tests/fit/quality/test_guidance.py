@@ -88,7 +88,7 @@ def test_what_most_runs_do_is_no_fault(runs):
 
 def test_it_is_a_note_of_the_joint_fit(runs):
     spoilt = changed(runs, "C2", **FAULTS["exchanged"][0])
-    assert [w.code for w in metadata.faults(pair(list(spoilt.values()))).notes] == ["guidance"]
+    assert [w.code for w in metadata.faults(pair(list(spoilt.values()))).notes] == ["guidance_response"]
 
 
 @pytest.mark.slow  # two fits
@@ -97,4 +97,4 @@ def test_the_estimates_stay(runs):
     clean, found = (calibrate(list(of_all.values())).joint for of_all in (runs, spoilt))
     assert not found.unsound
     assert [e.value for e in found.parameters.values()] == [e.value for e in clean.parameters.values()]
-    assert "guidance" in [w.code for w in found.warnings]
+    assert "guidance_response" in [w.code for w in found.warnings]

@@ -117,7 +117,9 @@ def test_a_number_format_moves_no_estimate(function):
     assert not list(samples.faults(*runs))
     joint = calibrate(runs).joint
     assert set(joint) == set(plain())
-    assert not [w for w in joint.warnings if w.code in ("coarse", "odd_samples", "rounding")]
+    assert not [
+        w for w in joint.warnings if w.code in ("coarse_quantisation", "suspect_samples", "quantisation")
+    ]
     for name, estimate in plain().parameters.items():
         assert abs(joint[name].value - estimate.value) < 0.02 * estimate.sigma
         assert joint[name].sigma == pytest.approx(estimate.sigma, rel=1e-3)
@@ -142,7 +144,7 @@ def test_quiet_commands_at_10_hz_are_not_called_stuck(function):
 )
 def test_the_shift_that_rounding_may_cause_is_reported(function, steps, limit):
     joint = calibrate(stored(function, ("o_12",))).joint
-    (told, *_) = [w for w in joint.warnings if w.code == "rounding"]
+    (told, *_) = [w for w in joint.warnings if w.code == "quantisation"]
     assert not joint.unsound
     assert re.search(f"o_12 is rounded to {steps}.* times the power of the noise", told.message)
     most = float(re.search("may move by (.*) sigma", told.message)[1])

@@ -17,7 +17,7 @@ from fit.report.noise import Products
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
 from fit.telemetry.reader import read_all
-from fit.warnings import FitWarning, Span
+from fit.warnings import FitWarning, TimeSpan
 from tests.oracles import rotation_synthetic as synthetic
 
 pytestmark = pytest.mark.slow
@@ -74,7 +74,7 @@ def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
 
 def test_glitches_are_no_noise(found):
     results, telemetries = found
-    spans = (Span("night-1", 1e4, 2e4), Span("night-2", 0.0, 1e5))
+    spans = (TimeSpan("night-1", 1e4, 2e4), TimeSpan("night-2", 0.0, 1e5))
     warning = FitWarning("glitches", (), "some", spans=spans)
     struck = replace(results.inertial["3"], warnings=(warning,))
     products = Products(replace(results, inertial={"3": struck}))

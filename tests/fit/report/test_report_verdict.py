@@ -10,7 +10,7 @@ from fit.parameters import FLIGHT, joint_names, joint_parameter
 from fit.report.verdict import matters, verdict
 from fit.results.estimates import Estimate
 from fit.tables import parameters as tables
-from fit.warnings import KINDS, FitWarning, Severity
+from fit.warnings import WARNING_KINDS, FitWarning, Severity
 from tests import ROOT
 from tests.fit.report.test_report import LOST, experiment_fit, joint_fit, make_fit, results
 
@@ -86,10 +86,10 @@ def test_other_fits_must_find_the_truth_unless_they_say_they_do_not():
     off = replace(
         off, parameters={n: Estimate(e.value, e.sigma, "1", 0.0, 9.0) for n, e in off.parameters.items()}
     )
-    found = judged(joint_fit(), cross_talk={"1": replace(off, warnings=(warned("attenuated", "b_3"),))})
+    found = judged(joint_fit(), cross_talk={"1": replace(off, warnings=(warned("attenuation_bias", "b_3"),))})
     assert found.state == "doubtful"
     assert found.text.endswith("Further than 4 σ of truth: b<sub>1</sub> of cross-talk of epoch 1.")
-    told = (warned("attenuated", "b_3"), warned("euler_included", "b_1", "b_2"))
+    told = (warned("attenuation_bias", "b_3"), warned("euler_included", "b_1", "b_2"))
     assert judged(joint_fit(), cross_talk={"1": replace(off, warnings=told)}).state == "good"
 
 
@@ -110,20 +110,20 @@ def test_a_symbol_at_the_start_keeps_its_case():
 
 
 def codes(tree):
-    """Codes that a module hands to `FitWarning` as they stand, and those of `KINDS` that it names."""
+    """Codes that a module hands to `FitWarning` as they stand, and those of `WARNING_KINDS` that it names."""
     strings = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)}
     calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func) == "FitWarning"]
     given = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
-    return given | (strings & KINDS.keys())
+    return given | (strings & WARNING_KINDS.keys())
 
 
 def test_every_warning_comes_with_advice():
     modules = [p for package in ("fit", "lpfcosim") for p in sorted((ROOT / package).rglob("*.py"))]
     modules.remove(ROOT / "fit" / "warnings.py")
     raised = set().union(*(codes(ast.parse(path.read_text(encoding="utf-8"))) for path in modules))
-    assert raised == set(KINDS)
+    assert raised == set(WARNING_KINDS)
     assert len(raised) > 20
-    for kind in KINDS.values():
+    for kind in WARNING_KINDS.values():
         assert re.fullmatch(r"[A-Z].*\.", kind.advice)
         assert kind.advice.count("`") % 2 == 0
-        assert bool(kind.words) == (kind.severity is not Severity.NOTE)
+        assert bool(kind.headline) == (kind.severity is not Severity.NOTE)

@@ -235,7 +235,7 @@ def test_a_search_from_far_off_steps_back_from_what_cannot_be_and_ends_at_the_sa
         assert status == 0, err
         found.append(json.loads(out)["joint"])
     near, far = found
-    (back,) = [w["message"] for w in far["warnings"] if w["code"] == "stepped_back"]
+    (back,) = [w["message"] for w in far["warnings"] if w["code"] == "step_halved"]
     assert "the Plant FMU reports 'error' at 0.0 s (a delay is negative); simulated with lambda_2 = " in back
     for name, mine in near["parameters"].items():
         assert abs(far["parameters"][name]["value"] - mine["value"]) < 0.01 * mine["sigma"]
@@ -259,7 +259,7 @@ def test_fmus_that_did_not_simulate_the_telemetry_are_told(lpfcosim, done):
         file.attrs["fmu_Plant"] = "0" * 64
     status, out, err = lpfcosim("identify", done, "--json")
     assert status == 0, err
-    (told,) = [w for w in json.loads(out)["joint"]["warnings"] if w["code"] == "another_loop"]
+    (told,) = [w for w in json.loads(out)["joint"]["warnings"] if w["code"] == "loop_mismatch"]
     assert told["message"].endswith("with other FMUs in the place of Plant")
 
 
@@ -310,7 +310,7 @@ def test_bounds_that_the_data_contradict_make_the_result_unsound(lpfcosim, done)
     (held,) = [w for w in found["joint"]["warnings"] if w["code"] == "bound_contradicted"]
     assert held["parameters"] == ["lambda_2", "omega2_2_0"]
     assert held["message"] in err.splitlines()[-1]
-    (apart,) = [w for w in found["joint"]["warnings"] if w["code"] == "loop_contradicts"]
+    (apart,) = [w for w in found["joint"]["warnings"] if w["code"] == "loop_contradiction"]
     assert apart["parameters"] == ["omega2_2_0"]
     bound = found["provenance"]["at_bound"]["lambda_2"]
     assert (bound["value"], bound["bound"]) == (1.08, "min")
@@ -363,9 +363,9 @@ WRONG = {
 @pytest.mark.parametrize(
     ("model", "code", "named"),
     [
-        ("Plant", "loop_contradicts", {"omega2_2_0", "omega2_1_0", "alpha_x_2"}),
-        ("SuspensionControl", "controller_differs", {"lambda_2", "C_2"}),
-        ("OpticalMetrology", "loop_contradicts", {"C_2"}),
+        ("Plant", "loop_contradiction", {"omega2_2_0", "omega2_1_0", "alpha_x_2"}),
+        ("SuspensionControl", "controller_mismatch", {"lambda_2", "C_2"}),
+        ("OpticalMetrology", "loop_contradiction", {"C_2"}),
     ],
 )
 def test_an_fmu_that_did_not_fly_makes_the_result_unsound(lpfcosim, tmp_path, model, code, named):
@@ -388,7 +388,7 @@ def test_an_fmu_that_did_not_fly_makes_the_result_unsound(lpfcosim, tmp_path, mo
     assert joint["chi2"] / joint["dof"] < 1.05
     found = {w["code"]: w for w in joint["warnings"]}
     assert named <= set(found[code]["parameters"])
-    assert found["another_loop"]["message"].endswith(f"with other FMUs in the place of {model}")
+    assert found["loop_mismatch"]["message"].endswith(f"with other FMUs in the place of {model}")
 
 
 @pytest.mark.slow

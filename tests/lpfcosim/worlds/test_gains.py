@@ -73,5 +73,5 @@ def test_scatter_makes_the_puzzle_of_the_paper_and_is_found(tmp_path):
     assert rms < 0.005
     assert max(abs(e.parameters["lambda_2"].pull) for e in plain.experiments.values()) < 4.5
     departing = fit.calibrate(runs)
-    assert "scatter" in {w.code for w in departing.joint.warnings}
+    assert "random_effects" in {w.code for w in departing.joint.warnings}
     assert departing.joint.parameters["lambda_2"].sigma > 3 * plain.joint.parameters["lambda_2"].sigma
