@@ -109,6 +109,13 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="The noise is not that of the noise run",
         unsound=True,
     ),
+    "model_misfit": WarningKind(
+        "Look for what acts at the injections and is not recorded: guidance that leaks into a read-out, an "
+        "actuator that is not linear, an unrecorded force; do not use the estimates until it is found.",
+        severity=Severity.FAILURE,
+        headline="The equation of motion lacks a signal at the injections",
+        unsound=True,
+    ),
     "contradiction": WarningKind(
         "Compare gain and stiffness of the fits of single experiments; exclude the outlier (`exclude` of the "
         "table [fit]) or fit the gains as random effects (`scatter`).",
@@ -368,9 +375,7 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
         "least three times lower or higher.",
     ),
-    "step_halved": WarningKind(
-        "Nothing to do if the search converged; start values closer to the result avoid it.",
-    ),
+    "step_halved": WarningKind("Nothing if it converged; start values closer to the result avoid it."),
     "star_tracker_reversed": WarningKind(
         "Check the convention of the archive: quaternions rotate J2000 to the body frame, scalar last.",
     ),
@@ -387,9 +392,7 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="The file states that its fit is unsound",
         unsound=True,
     ),
-    "nonstationary_noise": WarningKind(
-        "Nothing if the noise may have changed; otherwise inspect the residual of the run.",
-    ),
+    "nonstationary_noise": WarningKind("Nothing if noise may change; else inspect the residual."),
     "wrong_sign": WarningKind(
         "Check sign and unit of the channel in the archive, or of the map that reads it.",
         unsound=True,

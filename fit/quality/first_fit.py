@@ -30,7 +30,7 @@ class First:
         Delays [s] about which to expand the run: those of the flight, unless far others fit better. What lies
         seconds off is no linear delay at the fastest tones: it would pass for glitches.
     c : ndarray, shape (P,)
-        Coefficients of its columns that leave the least, by `shape`.
+        Coefficients of its columns that leave the least, by `flight_psd`.
     """
 
     tau: tuple[float, float]
@@ -51,7 +51,7 @@ def _first(run: Run) -> First:
     most, tau = np.inf, DELAYS
     for _ in range(STEPS):
         terms = run.spectra(tau)
-        U = whitened_run.whiten(terms, shape(terms.f))[0]
+        U = whitened_run.whiten(terms, flight_psd(terms.f))[0]
         c = least(U)
         left = float(np.sum(np.abs(U @ c) ** 2))
         if tau == DELAYS:
@@ -79,8 +79,8 @@ def _left_out(columns: Spectrum, f: NDArray[np.float64], by: tuple[float, float]
     return sum(float(part @ part) for part in parts)
 
 
-def shape(f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shape of the PSD that Delta g had in flight, at frequencies [Hz] of shape (B,)."""
+def flight_psd(f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the PSD that Delta g had in flight, at frequencies [Hz] of shape (B,), 1 at its plateau."""
     return 1 + (1e-3 / f) ** 2 + (f / 0.03) ** 4
 
 

@@ -18,7 +18,7 @@ coefficients and PSD; then all begins again, until nothing new stands out.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.model import dynamics
-from fit.quality.first_fit import first, least, shape
+from fit.quality.first_fit import first, flight_psd, least
+from fit.quality.injections import Coincidences, coincidences, injected_cells
 from fit.quality.matching_pursuit import pursue
 from fit.quality.view import View
 from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, windowing
@@ -52,66 +53,75 @@ MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is n
 PATCHED = 60.0  # s; a patch that is longer may hide the onset of a long glitch, which is then not found
 MOST_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
 MOST_SHAPES = 40  # that are taken out of a run; beyond, the same
-FAST = 3e-3  # Hz; below, glitches of hours look like what a run is driven with
-LACKING = 1.0  # times the power of noise, over all bins: no matter of glitches if most is at driven bins
-ALMOST = 0.8  # of it
-AROUND = 401  # bins, of which the lowest tell with what power a run moves by itself
-QUIET = 10  # per cent that are
-DRIVEN = 100.0  # times that power, from which a bin is driven
 TAKEN_OUT = "fitted along and taken out"
 TOO_MANY = "too_many_glitches"  # code of the warning where nothing was masked
 _TOGETHER = 2  # transforms: faster than one by one, where all of them would fill the memory
-_OF_FORCES = [k for of in dynamics.FORCES for k in range(of.start, of.stop)]
-_DDO_1 = dynamics.COLUMNS.index("ddo_1")
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 
 
-class Hunt:
-    """The search for glitches in an experiment: masks the short ones and takes the long ones out.
+@dataclass(frozen=True)
+class GlitchResult:
+    """What a search for glitches has found in an experiment.
+
+    Attributes
+    ----------
+    searched : Experiment
+        The runs as they were.
+    experiment : Experiment
+        The runs with short glitches masked and long ones fitted along.
+    warnings : mapping of str to FitWarning
+        By name of the run, where there are glitches, or too many.
+    coincidences : Coincidences
+        Glitches and injections of both runs.
+    """
+
+    searched: Experiment
+    experiment: Experiment
+    warnings: Mapping[str, FitWarning]
+    coincidences: Coincidences
+
+    def discard_sysid(self) -> "GlitchResult":
+        """Return the result without what was found in the sysid run."""
+        sysid = self.searched.sysid
+        warnings = {name: w for name, w in self.warnings.items() if name != sysid.telemetry.run}
+        return replace(self, experiment=replace(self.experiment, sysid=sysid), warnings=warnings)
+
+
+def remove_glitches(experiment: Experiment, n_tests: int = 1) -> GlitchResult:
+    """Mask the short glitches of an experiment and fit the shapes of the long ones along.
+
+    A run that would lose more than `MOST_GLITCHES` to masks, or need more than `MOST_SHAPES`, is left as it
+    was. The search ends early where what it finds lies in the injections.
 
     Parameters
     ----------
     experiment : Experiment
         The runs.
+    n_tests : int
+        Number of tests of the family `injections.FAMILY` in the campaign.
 
     Raises
     ------
     InputError
         If missing samples leave too little of a run.
     """
-
-    def __init__(self, experiment: Experiment) -> None:
-        begun = first(experiment.sysid)
-        self._sysid = _Search(experiment.sysid, begun.tau)
-        self._noise = _Search(experiment.noise, begun.tau) if experiment.noise else None
-        self._weigh(begun.c)
-
-    def _weigh(self, c: Array | None = None) -> None:
-        self._sysid.weigh(c)
-        if self._noise:
-            self._noise.weigh(self._noise.named(self._sysid.coefficients))
-
-    @property
-    def lacks(self) -> bool:
-        """Whether it is the equation that lacks what stands out, and so much that no fit of it is sound."""
-        return self._sysid.lacks(self._noise)
-
-    def ended(self) -> tuple[Experiment, tuple[FitWarning, ...]]:
-        """Return the runs without glitches, and the warning ``glitches`` for every run that has some.
-
-        A run that would lose more than `MOST_GLITCHES` to masks, or need more than `MOST_SHAPES`, is left as
-        it was.
-        """
-        sysid, noise = self._sysid, self._noise
-        searches = [sysid, noise] if noise else [sysid]
-        for attempt in range(ROUNDS):
-            if attempt:
-                self._weigh()
-            # the noise weighs: it goes first
-            if not any(search.look(noise) for search in reversed(searches)):
-                break
-        warnings = tuple(search.warning() for search in searches if search.found)
-        return Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None), warnings
+    initial = first(experiment.sysid)
+    sysid = _Search(experiment.sysid, initial.tau)
+    noise = _Search(experiment.noise, initial.tau) if experiment.noise else None
+    searches = [sysid, noise] if noise else [sysid]
+    for iteration in range(ROUNDS):
+        sysid.weigh(None if iteration else initial.c)
+        if noise:
+            noise.weigh(noise.named(sysid.coefficients))
+        # the noise weighs: it goes first
+        if not any(search.look(noise) for search in reversed(searches)):
+            break
+        if sysid.found and sysid.coincidences.significant(n_tests):
+            break
+    cleaned = Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None)
+    warnings = {search.run.telemetry.run: search.warning() for search in searches if search.found}
+    total = sum((search.coincidences for search in searches), Coincidences())
+    return GlitchResult(experiment, cleaned, warnings, total)
 
 
 @dataclass(frozen=True)
@@ -238,20 +248,18 @@ class _Search:
         """Return those of another run; one may carry read-outs of spacecraft motion that the other lacks."""
         return np.array([coefficients.get(name, 0.0) for name in self._names])
 
-    def lacks(self, noise: "_Search | None") -> bool:
-        """Return whether most of what stands out, and that is much, is where the run is driven."""
-        terms = self.run.spectra(self._tau)
-        S = (noise or self)._S(terms.f)
-        residual = whitened_run.whiten(terms.summed(self._c), S)[0][:, 0]
-        beyond = np.maximum(np.abs(residual) ** 2 / 2 - 1, 0) * (terms.f > FAST)
-        excess = float(beyond.sum())
-        if excess < LACKING * terms.f.size:
-            return False
-        U, _ = whitened_run.whiten(terms, S)
-        power = np.abs(U[:, [*_OF_FORCES, _DDO_1]]) ** 2
-        quiet = scipy.ndimage.percentile_filter(power, QUIET, (AROUND, 1), mode="nearest")
-        driven = np.any(power > DRIVEN * quiet, axis=1)
-        return float(beyond[driven].sum()) > ALMOST * excess
+    @property
+    def coincidences(self) -> Coincidences:
+        """Glitches and injections of the run."""
+        masks, shapes = self.run.masks[len(self._original.masks) :], self._shapes
+        return coincidences(self._original, masks, shapes, self._injected)
+
+    @cached_property
+    def _injected(self) -> NDArray[np.bool_] | None:
+        """Which of its cells are injected."""
+        if not self.found or self._original.telemetry.kind == "noise":
+            return None
+        return injected_cells(self._original, self._tau)
 
     def _S(self, f: Array) -> Array:
         """Return the PSD of what is left, shape (B,), at first the shape it had in flight."""
@@ -259,7 +267,7 @@ class _Search:
             with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
                 self._model = fit_noise(*self._left)
             self._left = None
-        return self._model.expected(f) if self._model else shape(f)
+        return self._model.expected(f) if self._model else flight_psd(f)
 
     def look(self, noise: "_Search | None") -> bool:
         """Mask or take out what stands out of the noise most; False if nothing does."""

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from fit.errors import InputError
 from fit.parallel import parallel_map
 from fit.quality import authority
-from fit.quality.glitches import TOO_MANY, Hunt
+from fit.quality.glitches import TOO_MANY, GlitchResult, remove_glitches
+from fit.quality.injections import Coincidences
 from fit.requirements import MOST_SATURATED
 from fit.settings import Settings
 from fit.spectra import derivatives
@@ -22,6 +23,7 @@ from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Run
 
 SATURATED, TOO_LONG = "saturated", "saturated_too_long"  # codes of the warnings
+MODEL_MISFIT = "model_misfit"  # likewise
 _SPOILT = (TOO_MANY, TOO_LONG)
 
 
@@ -102,46 +104,74 @@ def searches(chosen: Settings) -> bool:
 
 
 def _unsaturated(experiment: Experiment) -> MaskedExperiment:
-    sysid, told = without_saturation(experiment.sysid)
-    noise, told_of_noise = without_saturation(experiment.noise) if experiment.noise else (None, ())
-    return MaskedExperiment(Experiment(sysid, noise), (*told, *told_of_noise))
+    sysid, warnings = without_saturation(experiment.sysid)
+    noise, noise_warnings = without_saturation(experiment.noise) if experiment.noise else (None, ())
+    return MaskedExperiment(Experiment(sysid, noise), (*warnings, *noise_warnings))
 
 
 def mask_experiments(
-    experiments: Sequence[Experiment], chosen: Settings, faulty: Container[str]
+    experiments: Sequence[Experiment], settings: Settings, faulty: Container[str]
 ) -> dict[str, MaskedExperiment | InputError]:
-    """Prepare experiments, by name; those that are `faulty` without a search, for they are no good.
+    """Mask saturation and glitches, by name of the experiment; no glitches in those that are `faulty`.
 
-    One that cannot be prepared must not cost the others their fit: it has the error in its place. Where the
-    equation lacks something in most of them (`Hunt.lacks`) it would pass for hundreds of glitches: in those
-    nothing is searched for.
+    One that cannot be masked must not cost the others their fit: it has the error in its place. Where the
+    glitches of an experiment, or of all, lie in the injections more often than chance allows, the equation
+    lacks a signal there: those of the sysid runs are discarded, with the warning ``model_misfit``.
     """
+    n_tests = len(experiments) + 1
 
-    def begun(e: Experiment) -> tuple[MaskedExperiment, Hunt | None] | InputError:
+    def searched(e: Experiment) -> tuple[MaskedExperiment, GlitchResult | None] | InputError:
         try:
-            found = _unsaturated(e)
+            unsaturated = _unsaturated(e)
             # what is saturated would pass for glitches
-            hunted = e.name not in faulty and searches(chosen) and not found.spoilt
-            return found, Hunt(found.experiment) if hunted else None
+            search = e.name not in faulty and searches(settings) and not unsaturated.spoilt
+            return unsaturated, remove_glitches(unsaturated.experiment, n_tests) if search else None
         except InputError as error:
             return error
 
-    def made(one: tuple[MaskedExperiment, Hunt | None] | InputError) -> MaskedExperiment | InputError:
-        if isinstance(one, InputError):
-            return one
-        found, hunt = one
-        try:
-            if hunt is None or (common and hunt.lacks):
-                return found
-            experiment, told = hunt.ended()
-            return MaskedExperiment(experiment, (*found.warnings, *told))
-        except InputError as error:
-            return error
+    found = dict(
+        zip(
+            (e.name for e in experiments),
+            parallel_map(searched, experiments, Experiment.samples),
+            strict=True,
+        )
+    )
+    counts = {
+        name: result[1].coincidences
+        for name, result in found.items()
+        if not isinstance(result, InputError) and result[1]
+    }
+    misfits = {name: count.p_value for name, count in counts.items() if count.significant(n_tests)}
+    rest = sum((count for name, count in counts.items() if name not in misfits), Coincidences())
+    if rest.significant(n_tests):
+        misfits |= {
+            name: rest.p_value for name, count in counts.items() if count.both and name not in misfits
+        }
 
-    first = parallel_map(begun, experiments, Experiment.samples)
-    hunts = [one[1] for one in first if not isinstance(one, InputError) and one[1]]
-    lacking = sum(hunt.lacks for hunt in hunts)
-    common = len(hunts) > 2 and 2 * lacking > len(hunts)
-    pairs = list(zip(experiments, first, strict=True))
-    ended = parallel_map(lambda pair: made(pair[1]), pairs, lambda pair: pair[0].samples())
-    return {e.name: found for e, found in zip(experiments, ended, strict=True)}
+    def masked(name: str) -> MaskedExperiment | InputError:
+        result = found[name]
+        if isinstance(result, InputError):
+            return result
+        unsaturated, glitches = result
+        if glitches is None:
+            return unsaturated
+        if name not in misfits:
+            return MaskedExperiment(glitches.experiment, (*unsaturated.warnings, *glitches.warnings.values()))
+        glitches, misfit = glitches.discard_sysid(), _misfit(glitches, misfits[name])
+        return MaskedExperiment(
+            glitches.experiment, (*unsaturated.warnings, *glitches.warnings.values(), misfit)
+        )
+
+    return {name: masked(name) for name in found}
+
+
+def _misfit(glitches: GlitchResult, p_value: float) -> FitWarning:
+    """Return the warning that the equation lacks a signal at the injections."""
+    count = glitches.coincidences
+    run, expected = glitches.experiment.sysid.telemetry.run, count.glitches * count.injected / count.total
+    message = (
+        f"{run}: the equation of motion lacks a signal at the injections: of "
+        f"{count.glitches} stretches with an excess {count.both} are injected, {expected:.2g} expected by "
+        f"chance (p = {p_value:.1g}); nothing is masked"
+    )
+    return FitWarning(MODEL_MISFIT, (), message)

@@ -9,7 +9,7 @@ import pytest
 
 from fit.fitting.joint_fit import fit_experiment, fit_joint
 from fit.pipeline import calibrate
-from fit.quality import glitches
+from fit.quality import glitches, injections
 from fit.quality.masks import mask_experiments
 from fit.settings import settings
 from fit.whitening.run import Run
@@ -29,6 +29,12 @@ RMS = 2.7e-15  # m s^-2, of the quick start's Delta g below 0.1 Hz
 def experiment(runs):
     sysid, noise = runs
     return Experiment(Run(sysid), Run(noise))
+
+
+def search(searched):
+    """Return an experiment without its glitches, and the warnings."""
+    result = glitches.remove_glitches(searched)
+    return result.experiment, tuple(result.warnings.values())
 
 
 def both(found):
@@ -61,7 +67,7 @@ def window_weight(run):
 def test_clean_runs_are_left_alone(world, authority):
     # 30 runs of 6 h in all, 5e-5 each: false-positive probability 1.5e-3
     before = experiment(pair(world, authority, seed=3, drive_1=1e-12 * (authority == "E")))
-    after, warnings = glitches.Hunt(before).ended()
+    after, warnings = search(before)
     assert both(after) == both(before)
     assert not warnings
 
@@ -72,7 +78,7 @@ def test_one_clean_run_in_a_thousand_at_most_is_flagged():
     # 600 runs; at 5e-5 a run one is flagged with probability 3 %, two with 4e-4
     flagged = 0
     for seed in range(300):
-        flagged += len(glitches.Hunt(experiment(pair(World(), "ABCD"[seed % 4], seed=seed))).ended()[1])
+        flagged += len(search(experiment(pair(World(), "ABCD"[seed % 4], seed=seed)))[1])
     assert flagged <= 1
 
 
@@ -81,14 +87,14 @@ def test_what_lasts_is_no_glitch():
     sysid, noise = pair(World())
     line = 3e-11 * np.sin(2 * np.pi * 7e-3 * sysid.time)
     sysid = replace(sysid, channels={**sysid.channels, "o_12": sysid.channels["o_12"] + line})
-    assert not glitches.Hunt(experiment((sysid, noise))).ended()[1]
+    assert not search(experiment((sysid, noise)))[1]
 
 
 def test_missing_samples_are_no_glitches():
     sysid, noise = pair(World())
     gaps = ((3000, 3030), (9000, 9001), (15000, 15100))
     before = experiment((without(sysid, *gaps), without(noise, (100, 200))))
-    after, warnings = glitches.Hunt(before).ended()
+    after, warnings = search(before)
     assert both(after) == both(before)
     assert not warnings
     assert (after.sysid.masked, after.noise.masked) == (131, 100)
@@ -96,7 +102,7 @@ def test_missing_samples_are_no_glitches():
 
 def test_without_noise_nothing_stands_out():
     still = [replace(run, channels={k: 0 * x for k, x in run.channels.items()}) for run in pair(World())]
-    assert not glitches.Hunt(experiment(still)).ended()[1]
+    assert not search(experiment(still))[1]
 
 
 # --- in closed loop, sines running ----------------------------------------------------------------------
@@ -131,7 +137,7 @@ def test_twenty_glitches_in_a_campaign_move_nothing(simulated):
         return [experiment((telemetry[name], telemetry[f"{name}-noise"])) for name in "AB"]
 
     before, glitchy = experiments(clean), experiments(struck)
-    after = [glitches.Hunt(e).ended()[0] for e in glitchy]
+    after = [search(e)[0] for e in glitchy]
 
     strong = [(name, p) for name, found in pulses.items() for p in found if abs(p.amplitude) > 40 * RMS]
     of_run = {run.telemetry.run: run.masks for e in after for run in both(e)}
@@ -163,7 +169,7 @@ def test_what_masks_leave_of_glitches_is_no_bias(simulated):
     # Without noise in the sysid run, a departure from the truth is due to glitches, masked or overlooked.
     run, noise = simulated("B", noise=Noise()), simulated("B-noise")
     struck = experiment([simulated("B", *draw(5, 20), noise=Noise()), noise])
-    after, _ = glitches.Hunt(struck).ended()
+    after, _ = search(struck)
     truth, sigma = estimate(fit_experiment(experiment([run, noise])))
     assert np.max(np.abs(estimate(fit_experiment(struck))[0] - truth) / sigma) > 20
     assert np.all(np.abs(estimate(fit_experiment(after))[0] - truth) < 0.5 * sigma)
@@ -175,7 +181,7 @@ def test_many_strong_ones_in_one_experiment(simulated):
     pulses["B"].append(Pulse("g_1", 3e-12, 12345.0, 60.0))
     pulses["B"].append(Pulse("g_2", 9e-13, 12370.0, 40.0))  # during the one before
     clean = experiment([simulated(name) for name in pulses])
-    after, warnings = glitches.Hunt(experiment([simulated(name, *p) for name, p in pulses.items()])).ended()
+    after, warnings = search(experiment([simulated(name, *p) for name, p in pulses.items()]))
     assert [w.code for w in warnings] == ["glitches"] * 2
     for warning, found in zip(warnings, pulses.values(), strict=True):
         middles = [p.start + p.duration / 2 for p in found if abs(p.amplitude) > 100 * RMS]
@@ -195,7 +201,7 @@ def test_at_the_edges_and_beside_gaps(simulated):
     gaps = ((80050, 80350), (150400, 150700))  # at 10 Hz: behind one glitch, within another
     clean = experiment([simulated("A"), simulated("A-noise")])
     sysid = without(simulated("A", *pulses), *gaps)
-    after, (warning,) = glitches.Hunt(experiment([sysid, clean.noise.telemetry])).ended()
+    after, (warning,) = search(experiment([sysid, clean.noise.telemetry]))
     found = after.sysid.masks
     assert any(begin < 7950 < end for begin, end in found)
     assert any(begin < 15015 < end for begin, end in found)
@@ -208,7 +214,7 @@ def test_at_the_edges_and_beside_gaps(simulated):
 def test_too_much_is_told_and_left(simulated):
     storm = draw(1, 400)
     before = experiment([simulated("A", *storm), simulated("A-noise")])
-    after, (warning,) = glitches.Hunt(before).ended()
+    after, (warning,) = search(before)
     assert after.sysid.masks == ()
     assert after.sysid.masked == 0
     assert warning.code == glitches.TOO_MANY
@@ -250,21 +256,41 @@ def test_masks_leave_the_channels_as_they_are():
     assert not near.window[80:110].any()  # the stencils reach 10 s
 
 
-def test_what_the_equation_lacks_in_most_runs_is_no_matter_of_glitches():
-    # test mass 2 follows f_x_2 after 5 s, as no delay does
-    def driven(run):
-        f = run.channels["f_x_2"]
-        return replace(run, channels=run.channels | {"f_x_2": f + 5 * np.gradient(f)})
+def test_what_the_equation_lacks_is_not_masked():
+    # guidance leaks into the read-out: each run is disturbed where it is injected, and all of them together
+    def leaking(run):
+        o_12 = run.channels["o_12"] + 2e-4 * run.channels["guidance_o_12"]
+        return replace(run, channels=run.channels | {"o_12": o_12})
 
-    def prepared(*lagging):
+    def masked(*names):
         experiments = []
-        for name in ("B2", "C2", "D2"):
-            both = [thirteen.telemetry(thirteen.made(name, kind, seed=3)) for kind in ("sysid", "noise")]
-            experiments.append(experiment([driven(run) if name in lagging else run for run in both]))
-        found = mask_experiments(experiments, settings(), ())
-        return {name: [w.code for w in one.warnings] for name, one in found.items()}
+        for name in ("B2", "C2", "A2"):
+            runs = [thirteen.telemetry(thirteen.made(name, kind, seed=1)) for kind in ("sysid", "noise")]
+            experiments.append(experiment([leaking(run) if name in names else run for run in runs]))
+        result = mask_experiments(experiments, settings(), ())
+        return {name: (one.experiment.sysid.masks, one.warnings) for name, one in result.items()}
 
-    assert prepared("B2", "D2") == {"B2": [], "C2": [], "D2": []}
-    one = prepared("D2")
-    assert one.pop("D2")  # of one alone the others tell
-    assert one == {"B2": [], "C2": []}
+    for masks, warnings in masked("B2", "C2", "A2").values():
+        assert not masks
+        (warning,) = warnings
+        assert warning.code == "model_misfit"
+        assert warning.kind.unsound
+    assert all(not masks and not warnings for masks, warnings in masked().values())
+
+
+def test_glitches_lie_in_injections_as_often_as_chance_has_it():
+    counts = injections.Coincidences(1, 6, 10, 168)
+    assert counts.p_value == pytest.approx(1 - (1 - 10 / 168) ** 6)
+    assert not (counts + counts).significant(1)
+    assert injections.Coincidences(5, 6, 10, 168).significant(2)
+    assert injections.Coincidences().p_value == 1
+
+
+def test_injected_cells_are_those_of_the_strongest_tones():
+    run = Run(thirteen.telemetry(thirteen.made("D2", "sysid", seed=1)))
+    cells = injections.injected_cells(run, (0.15, 0.18))
+    assert cells[[35, 67, 68]].all()
+    assert np.mean(cells) < 0.3
+    struck = replace(run.telemetry, channels=dict(run.telemetry.channels))
+    struck.channels["o_12"] = run.telemetry.channels["o_12"] + 1e-8 * (run.telemetry.time > 15000)
+    np.testing.assert_array_equal(injections.injected_cells(Run(struck), (0.15, 0.18)), cells)

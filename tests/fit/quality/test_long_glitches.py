@@ -12,6 +12,7 @@ from fit.settings import settings
 from fit.whitening import glitch_templates, whitened_run
 from fit.whitening.run import Run
 from fit.whitening.runs import Experiment, noise_model
+from tests.fit.quality.test_glitches import search
 from tests.oracles import thirteen
 from tests.oracles.glitches import Glitch, draw, struck
 
@@ -44,7 +45,7 @@ def test_long_glitches_are_taken_out_and_cost_nothing():
     sysid = [Glitch(4000.0, 30.0, 1500.0, "one", 60.0, 2)]
     noise = [Glitch(9000.0, 50.0, 300.0, "none", 100.0, 2)]
     struck_by = experiment("B4", (sysid, noise))
-    after, warnings = glitches.Hunt(struck_by).ended()
+    after, warnings = search(struck_by)
     assert [w.code for w in warnings] == ["glitches"] * 2
     assert after.sysid.weight > 0.97 * struck_by.sysid.weight
     spans = [(s.begin, s.end) for s in warnings[0].spans]
@@ -64,7 +65,7 @@ def test_the_answer_of_the_loop_to_a_glitch_tells_less_stiffness_than_a_known_sh
         Run(struck(thirteen.made("A1b", "noise"), ())),
     )
     shaken = Run(struck(thirteen.made("A1", "noise"), [strong]))
-    after, _ = glitches.Hunt(Experiment(shaken, noise)).ended()
+    after, _ = search(Experiment(shaken, noise))
     known = Run(shaken.telemetry).without(after.sysid.masks).free_of(after.sysid.glitches)
     assert stiffness(after.sysid, noise) > 3 * stiffness(known, noise)
 
@@ -72,7 +73,7 @@ def test_the_answer_of_the_loop_to_a_glitch_tells_less_stiffness_than_a_known_sh
 @pytest.mark.parametrize("rise", [1.8, 4.8])
 def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
     struck_by = experiment("D4", ((), [Glitch(14321.3, rise, 6.0, "none", 1000.0, 2)]), seed=3)
-    after, (said,) = glitches.Hunt(struck_by).ended()
+    after, (said,) = search(struck_by)
     assert "taken out" not in said.message
     assert after.noise.glitches == ()
     assert sum(span.end - span.begin for span in said.spans) < 120
@@ -91,7 +92,7 @@ def test_a_strong_short_one_that_raises_the_psd_is_masked(rise):
     ],
 )
 def test_one_glitch_is_taken_out_by_one_shape_its_own(name, glitch, seed):
-    after, _ = glitches.Hunt(experiment(name, ([glitch], ()), seed)).ended()
+    after, _ = search(experiment(name, ([glitch], ()), seed))
     (found,) = after.sysid.glitches
     sign = -1 if glitch.hand == "both" else 1
     assert found.shape.kind == ("swinging" if glitch.hand == "none" else "pushed")
@@ -147,7 +148,7 @@ def test_patches_that_overlap_or_reach_over_the_end_take_no_more_than_there_is()
 
 def test_a_long_mask_is_a_notch_lest_it_hide_the_onset_of_a_long_glitch():
     glitch = Glitch(17461.0, 1191.4, 6933.2, "one", -191.4, 2)
-    after, _ = glitches.Hunt(experiment("D2", ((), [glitch]), seed=2)).ended()
+    after, _ = search(experiment("D2", ((), [glitch]), seed=2))
     assert all(end - begin <= glitches.PATCHED for begin, end in after.noise.patches)
     assert after.noise.glitches
 
@@ -162,7 +163,7 @@ def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
     o_12 = np.fft.irfft(push / (-4e-7 - (2 * np.pi * f) ** 2), sysid.time.size)
     channels = {**sysid.channels, "o_12": sysid.channels["o_12"] + o_12}
     loud = Run(replace(sysid, channels=channels))
-    after, _ = glitches.Hunt(Experiment(loud, experiment("B4").noise)).ended()
+    after, _ = search(Experiment(loud, experiment("B4").noise))
     assert len(after.sysid.glitches) <= 1
 
 
@@ -200,7 +201,7 @@ def test_glitches_of_seconds_to_hours_leave_the_joint_estimates(seed, most, leas
     chosen = settings({"scatter": []})
     clean, hit, n = campaign(seed, most)
     assert n >= least
-    after = [glitches.Hunt(e).ended()[0] for e in hit]
+    after = [search(e)[0] for e in hit]
     before = fit_joint(clean, chosen)
     moved = np.abs(shifts(fit_joint(after, chosen), before))
     assert np.max(moved) < worst

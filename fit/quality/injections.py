@@ -1,0 +1,125 @@
+"""Whether what a search for glitches has found lies in the injections more often than chance allows.
+
+Glitches do not know of the injections: each lies in the injected stretches with a probability equal to their
+share p of the time searched, so that k of n do with the binomial probability P(X >= k; n, p). A signal that
+the equation of motion lacks is largest where the injections are, and would be masked there until chi^2 is 1.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.false_alarms import p_limit
+from fit.model import dynamics
+from fit.quality.first_fit import flight_psd
+from fit.spectra import windowing
+from fit.whitening import Glitch, Run, whitened_run
+
+FAMILY = "model"
+F_MIN = 3e-3  # Hz; below, glitches of hours look like injections
+BACKGROUND_BINS, BACKGROUND_PERCENTILE = 401, 10  # neighbours that show with what power a run moves by itself
+DRIVEN = 100.0  # times that power, from which a bin is driven
+CELL = 300.0  # s: what a search makes of one glitch lies in one cell or two
+STRONG = 3.0  # times the mean power of the injections of a run, from which a cell counts as injected
+_DRIVEN_COLUMNS = [k for force in dynamics.FORCES for k in range(force.start, force.stop)]
+_DRIVEN_COLUMNS += [dynamics.COLUMNS.index(name) for name in ("ddo_12", "ddo_1")]
+
+
+@dataclass(frozen=True)
+class Coincidences:
+    """Cells of `CELL` seconds of one or several runs: how many hold a glitch, an injection, and both.
+
+    Attributes
+    ----------
+    both, glitches, injected, total : int
+        Number of cells with a glitch and an injection, with a glitch, with an injection, and of all.
+    """
+
+    both: int = 0
+    glitches: int = 0
+    injected: int = 0
+    total: int = 0
+
+    def __add__(self, other: "Coincidences") -> "Coincidences":
+        return Coincidences(
+            self.both + other.both,
+            self.glitches + other.glitches,
+            self.injected + other.injected,
+            self.total + other.total,
+        )
+
+    @property
+    def p_value(self) -> float:
+        """Probability that as many glitches or more lie in the injections by chance."""
+        if not self.both:
+            return 1.0
+        share = self.injected / self.total
+        return float(scipy.special.betainc(self.both, self.glitches - self.both + 1, share))
+
+    def significant(self, n_tests: int) -> bool:
+        """Return whether they lie there more often than the budget of false alarms allows."""
+        return self.p_value < p_limit(FAMILY, n_tests)
+
+
+def injected_cells(run: Run, tau: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return in which cells of a run, shape (number of cells,), an injection is strong.
+
+    The whitened columns of forces and displacements are reduced to their driven bins, whose power exceeds
+    that of their neighbours, and transformed back. A cell counts where the power of any of them exceeds its
+    mean over the run `STRONG` times.
+
+    Parameters
+    ----------
+    run : Run
+        As recorded, before any search.
+    tau : tuple of float
+        Delays [s] about which its columns are expanded.
+    """
+    terms, fs = run.spectra(tau), run.channels.fs
+    U = whitened_run.whiten(terms, flight_psd(terms.f))[0][:, _DRIVEN_COLUMNS]
+    power = np.abs(U) ** 2
+    background = scipy.ndimage.percentile_filter(
+        power, BACKGROUND_PERCENTILE, (BACKGROUND_BINS, 1), mode="nearest"
+    )
+    driven = (power > DRIVEN * background) & (terms.f > F_MIN)[:, None]
+    series = windowing.series(np.where(driven, U, 0), terms.first, terms.window.size)
+    starts = np.arange(n_cells(run)) * round(CELL * fs)
+    local = np.add.reduceat(series**2, starts, axis=0) / np.diff(starts, append=len(series))[:, None]
+    return np.asarray(np.any(local > STRONG * local.mean(axis=0), axis=1))
+
+
+def n_cells(run: Run) -> int:
+    """Return the number of whole cells of a run, one at least."""
+    return max(1, int(run.channels.valid.size / run.channels.fs / CELL))
+
+
+def coincidences(
+    run: Run,
+    masks: Sequence[tuple[float, float]],
+    glitches: Sequence[Glitch],
+    injected: NDArray[np.bool_] | None = None,
+) -> Coincidences:
+    """Count the cells of a run with glitches, with injections, and with both.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    masks : sequence of tuple of float
+        Begin and end [s] of every stretch that is masked; a long one counts in every cell that it fills.
+    glitches : sequence of Glitch
+        Shapes that are fitted along; these count where they begin.
+    injected : ndarray of bool, shape (number of cells,), optional
+        Which cells are injected, see `injected_cells`; none by default.
+    """
+    flags = np.zeros(n_cells(run), dtype=bool) if injected is None else injected
+    instants = [glitch.begin for glitch in glitches]
+    for begin, end in masks:
+        instants += np.arange(begin + min(CELL, end - begin) / 2, end, CELL).tolist()
+    start = float(run.channels.time[:1][0])
+    cells = {min(max(int((t - start) / CELL), 0), flags.size - 1) for t in instants}
+    both = sum(bool(flags[cell]) for cell in cells)
+    return Coincidences(both, len(cells), int(np.count_nonzero(flags)), flags.size)
