@@ -61,6 +61,7 @@ USERS = {
         "fit.crosstalk",
         "fit.quality",
         "fit.results",
+        "fit.sampling",
         "fit.api",
     },  # the language of the fits
     "matio": {"fit.telemetry"},

@@ -2,4 +2,4 @@
 
 from fit.crosstalk.attenuation import moves
 
-__all__ = ["attenuation", "centrifugal", "crosstalk_fit", "earlier", "euler_fit", "moves"]
+__all__ = ["attenuation", "centrifugal", "crosstalk_fit", "earlier", "euler_fit", "moves", "torque_noise"]

@@ -10,7 +10,7 @@ from fit.fitting import IRLSResult, fit_joint, louder
 from fit.parallel import one_blas_thread
 from fit.quality import mask_experiments, measure
 from fit.results import Results, results_folder, telemetry_of
-from fit.settings import Settings, refuse_constraints, settings
+from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.whitening import Experiment, Run
 
@@ -53,9 +53,8 @@ def experiments(
             raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
     found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
     how = settings(chosen, f"{where}: provenance.settings")
-    refuse_constraints(how, "mcmc and identify", f"{where}: provenance.settings")
     prepared = []
-    for one in mask_experiments(found, how, ()).values():
+    for one in mask_experiments([e.up_to(how.f_max) for e in found], how, ()).values():
         if isinstance(one, InputError):
             raise one
         prepared.append(one.experiment)
@@ -83,11 +82,17 @@ def least_squares(prepared: Sequence[Experiment], how: Settings) -> IRLSResult:
     FitError
         If no trustworthy estimate comes out.
     """
-    outcome = fit_joint(prepared, how)
-    steps = [measure(e, outcome, at) for at, e in enumerate(prepared)]
-    if not any(steps):
+    unconstrained = how.model_copy(update={"parameters": {}})
+    outcome = fit_joint(prepared, unconstrained)
+    steps = [measure(e, outcome, i) for i, e in enumerate(prepared)]
+    if any(steps):
+        prepared = [replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)]
+        outcome = fit_joint(prepared, unconstrained)
+    if not any(constraint.is_constraint for constraint in how.parameters.values()):
         return outcome
-    return fit_joint([replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)], how)
+    # the scatter of gains is chosen without constraints, which may be wrong
+    constrained = how.model_copy(update={"scatter": list(outcome.scatter)})
+    return replace(fit_joint(prepared, constrained), by_data=outcome.by_data)
 
 
 @one_blas_thread

@@ -12,8 +12,7 @@ the frequencies where it finds them, the Euler force has their shape (see `fit.d
 
 Noise in dOmega attenuates what least squares finds by the share of its power in that of dOmega: torque noise
 on a test mass of 1.5e-12 rad s^-2 Hz^-0.5 by 0.1 %, of 1e-11 delta_phi by 6 %, 16 % with one test mass. Two
-test masses tell the same rotation with noises of their own. Each is therefore the instrument for the other:
-only what both tell counts as rotation in the normal equations (`_freed`). Noise common to both does not show.
+test masses measure the same rotation with noises of their own, by which that is corrected (`torque_noise`).
 An error of the torque gain scales both angles, one of lambda_2 likewise (1e-4: nothing).
 
 The centrifugal term counts as it follows from the rotation. To see whether it is there, and of which sign,
@@ -26,13 +25,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import centrifugal
+from fit.crosstalk import centrifugal, torque_noise
 from fit.errors import FitError
 from fit.fitting import (
     HARMLESS,
     MAX_ITERATIONS,
     TOLERANCE,
-    IRLSResult,
     Prior,
     PriorSet,
     Rule,
@@ -58,7 +56,6 @@ PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
 LAST = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
 BAND = (30e-6, 2e-3)  # Hz
 PER_CYCLE = 50.0  # instants in a cycle of the highest frequency, at which glitches are made
-DROWNED = 0.5  # share of noise in some combination of the torques, from which nothing is told
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
 
 
@@ -72,6 +69,11 @@ def names(runs: Sequence[Telemetry]) -> list[str]:
     """Return the names of the angles of every period that runs belong to, the period at their end."""
     periods = dict.fromkeys(inertial_period(run) for run in runs if takes_part(run))
     return [f"{name}_{period}" for period in periods for name in NAMES]
+
+
+def is_angle(name: str) -> bool:
+    """Return whether a name is that of an angle of a period, as a user names it."""
+    return name.startswith(tuple(f"{angle}_" for angle in NAMES))
 
 
 def fit_period(
@@ -98,12 +100,10 @@ def fit_period(
     x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
     rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
-    outcome = iterate(weighings, PARAMETERS, _weak_priors, rule, settings=settings)
+    outcome = iterate(weighings, PARAMETERS, weak_priors, rule, settings=settings)
     turning = _centrifugal(weighings, rule, settings)
     solution = outcome.solution
-    theta, covariance, noisy = _freed(outcome)
-    calibration = _of_calibration(outcome, weighings[0].correlation)
-    covariance = (covariance + calibration)[:2, :2]
+    theta, covariance, noisy = torque_noise.bias_corrected(outcome, weighings[0].correlation)
     sigma = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
@@ -142,6 +142,18 @@ class _Rotation(whitened_run.LinearRun):
 
     uncertain: Spectrum = field(kw_only=True)
     apart: Spectrum = field(kw_only=True)
+
+    def torque_noise(self, theta: Array) -> tuple[Array, Array]:
+        """As that of `torque_noise.NoisyRotation`."""
+        assert self.window is not None
+        noise = (self.apart.conj().T @ self.apart).real
+        power = (self.apart.conj() * (self.apart @ theta[: len(NAMES)])[:, None]).real
+        # half: its square has twice the mean that the square of its mean has
+        return noise, windowing.spread(self.window) * power.T @ power / 2
+
+    def calibration_moments(self) -> Array:
+        """As that of `torque_noise.NoisyRotation`."""
+        return np.asarray((self.columns[:, 1:].conj().T @ self.uncertain).real)
 
 
 @dataclass(frozen=True)
@@ -238,7 +250,7 @@ class _Turning:
         return _Rotation(*placed, uncertain=uncertain, apart=apart)
 
 
-def _weak_priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
+def weak_priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
     """Return the weak priors of all but the angles, about zero."""
     others = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
     H = whitened_run.information(blocks, theta)
@@ -259,64 +271,10 @@ def _centrifugal(
 ) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
     parameters = (*PARAMETERS, centrifugal.EXCESS)
-    outcome = iterate(weighings, parameters, _weak_priors, rule, settings=settings)
-    covariance = outcome.solution.covariance + _of_calibration(outcome, weighings[0].correlation)
+    outcome = iterate(weighings, parameters, weak_priors, rule, settings=settings)
+    correlation = weighings[0].correlation
+    covariance = outcome.solution.covariance + torque_noise.calibration_covariance(outcome, correlation)
     return Estimate(1 + float(outcome.solution.theta[-1]), float(np.sqrt(covariance[-1, -1])), "1")
-
-
-def _freed(outcome: IRLSResult) -> tuple[Array, Array, bool]:
-    """Free the least squares of an outcome of the attenuation by noise in dOmega, see `freed`."""
-    solution, size = outcome.solution, len(NAMES)
-    width = _widths(outcome.parameters)
-    noise, happens = np.zeros((2, width.size, width.size))
-    for block in outcome.blocks:
-        assert isinstance(block, _Rotation) and block.window is not None
-        noise[:size, :size] += (block.apart.conj().T @ block.apart).real
-        power = (block.apart.conj() * (block.apart @ solution.theta[:size])[:, None]).real
-        # half: its square has twice the mean that the square of its mean has
-        happens[:size, :size] += windowing.spread(block.window) * power.T @ power / 2
-    H = whitened_run.information(outcome.blocks, solution.theta)
-    H += outcome.prior.rows.T @ outcome.prior.rows
-    return freed(solution.theta, solution.covariance, H, noise, happens, width)
-
-
-def freed(
-    theta: Array, covariance: Array, H: Array, noise: Array, happens: Array, width: Array
-) -> tuple[Array, Array, bool]:
-    """Free least squares of the attenuation by noise in dOmega.
-
-    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
-    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
-
-    Parameters
-    ----------
-    theta, covariance : ndarray, shapes (P,) and (P, P)
-        What least squares finds.
-    H : ndarray, shape (P, P)
-        Its normal equations, priors included.
-    noise : ndarray, shape (P, P)
-        The part of them that is |d|^2.
-    happens : ndarray, shape (P, P)
-        Covariance of what that adds to their right-hand side.
-    width : ndarray, shape (P,)
-        Of the weak priors, which makes numbers comparable.
-
-    Returns
-    -------
-    theta : ndarray, shape (P,)
-        Parameters.
-    covariance : ndarray, shape (P, P)
-        Theirs, what the power of d happens to be included.
-    drowned : bool
-        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
-    """
-    root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
-    if np.linalg.eigvalsh(root @ noise @ root.T)[-1] > DROWNED:
-        return theta, covariance, True
-    free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
-    inverse = free @ np.linalg.inv(H)
-    covariance = free @ covariance @ free.T + inverse @ happens @ inverse.T
-    return free @ theta, covariance, False
 
 
 def drowned() -> FitWarning:
@@ -326,18 +284,6 @@ def drowned() -> FitWarning:
         "and delta_eta, by how much cannot be told"
     )
     return FitWarning("torque_noise", NAMES, message)
-
-
-def _of_calibration(outcome: IRLSResult, correlation: Array) -> Array:
-    """Return the covariance that the errors of the calibration make, shape (P, P)."""
-    blocks, theta = outcome.blocks, outcome.solution.theta
-    width = _widths(outcome.parameters)
-    inverse = whitened_run.curvature_covariance(whitened_run.information(blocks, theta), outcome.prior, width)
-    # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
-    shift = inverse @ np.sum(
-        [(b.columns[:, 1:].conj().T @ b.uncertain).real for b in blocks if isinstance(b, _Rotation)], axis=0
-    )
-    return np.asarray(shift @ correlation @ shift.T)
 
 
 def _warnings(told: Sequence[tuple[str, FitWarning]]) -> tuple[FitWarning, ...]:

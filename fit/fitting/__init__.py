@@ -8,11 +8,11 @@ iteration, `irls.iterate`, moves weights, delays and parameters until nothing mo
 from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, IRLSResult, Rule, iterate
 from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint, known_of
-from fit.fitting.joint_model import Prior, delta_chi2, parameter_values
+from fit.fitting.joint_model import Prior, delta_chi2, free_directions, parameter_values
 from fit.fitting.normal import inflations
 from fit.fitting.priors import Known, PriorSet, weak_priors
-from fit.fitting.problem import FREE
-from fit.fitting.run_estimate import score_whitening
+from fit.fitting.problem import FREE, Problem
+from fit.fitting.run_estimate import RunEstimate, score_whitening
 
 __all__ = [
     "FREE",
@@ -23,7 +23,9 @@ __all__ = [
     "Known",
     "Prior",
     "PriorSet",
+    "Problem",
     "Rule",
+    "RunEstimate",
     "ScaleParameter",
     "constraint_test",
     "constraints",
@@ -34,6 +36,7 @@ __all__ = [
     "fit_experiment",
     "fit_joint",
     "flscov",
+    "free_directions",
     "hierarchy",
     "inflations",
     "irls",

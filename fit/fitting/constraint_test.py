@@ -73,6 +73,16 @@ def warnings(outcome: IRLSResult) -> list[FitWarning]:
     return _warnings(tested, max(result.chisqr - unconstrained.chisqr, 0.0))
 
 
+def descriptions(outcome: IRLSResult) -> list[str]:
+    """Return the constraints of a fit in words."""
+    settings = outcome.problem.settings if outcome.problem else {}
+    return [
+        constraints.describe(outcome.parameters[i].name, constraint, float(outcome.solution.theta[i]))
+        for i, constraint in settings.items()
+        if constraint.is_constraint
+    ]
+
+
 def _warnings(tested: list[_Constraint], excess: float) -> list[FitWarning]:
     """Return what to report if chi^2 falls by `excess` without the constraints."""
     words = "; ".join(map(str, tested))

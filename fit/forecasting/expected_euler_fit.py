@@ -7,30 +7,33 @@ tracker, in charge below 25 uHz, is left out. Everything else is as in the fit: 
 priors, torque noise, errors of the calibration.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.crosstalk import euler_fit
-from fit.errors import FitError
+from fit.crosstalk import euler_fit, torque_noise
+from fit.fitting import Rule, constraints, iterate
 from fit.forecasting.expected_fit import GRID, CrossSpectra, NoiselessError, responses
+from fit.forecasting.expected_run import CompressedRun
 from fit.model import dynamics, dynamics_of, rotation, separation
 from fit.model import inertial as forces
 from fit.results import Estimate, Fit
+from fit.settings import ParameterSettings
 from fit.spectra import windowing
 from fit.telemetry import Telemetry, inertial_period
 from fit.warnings import FitWarning
-from fit.whitening import whitened_run
+from fit.whitening import weights, whitened_run
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 RATE = 1.0  # Hz, far above the band
 LARGEST = 1.0  # rad, from which on a sigma tells nothing of an angle
-MOST, SETTLED = 50, 1e-3  # iterations, and the move in sigma at which they end
+#: When an expected fit ends: a move of a thousandth of a sigma.
+RULE = Rule(most=50, tolerance=1e-3, harmless=1e-3, warm_up=-1, moving="the expected angles still move")
 _FITTED = slice(1, 1 + len(euler_fit.PARAMETERS))  # columns, behind that of Delta g
 _APART = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
 _UNCERTAIN = slice(_APART.stop, None)
@@ -55,7 +58,9 @@ class PlannedTurn:
     Omega: tuple[float, float]
 
 
-def expected_periods(planned: Sequence[PlannedTurn], joint: Fit) -> dict[str, Fit]:
+def expected_periods(
+    planned: Sequence[PlannedTurn], joint: Fit, parameters: Mapping[str, ParameterSettings] | None = None
+) -> dict[str, Fit]:
     """Return the Euler fit to expect of every inertial period.
 
     Parameters
@@ -64,9 +69,13 @@ def expected_periods(planned: Sequence[PlannedTurn], joint: Fit) -> dict[str, Fi
         Noise runs; those that take part in no Euler fit do not count.
     joint : Fit
         The joint fit to expect.
+    parameters : mapping of str to ParameterSettings, optional
+        What the user says of parameters, the angles of a period among them.
 
     Raises
     ------
+    InputError
+        If the user names angles of a period that no run belongs to.
     FitError
         If a fit would come to nothing.
     """
@@ -74,40 +83,33 @@ def expected_periods(planned: Sequence[PlannedTurn], joint: Fit) -> dict[str, Fi
     for one in planned:
         if euler_fit.takes_part(one.run):
             periods.setdefault(inertial_period(one.run), []).append(one)
-    return {name: _expected([_Turn(one, joint) for one in runs]) for name, runs in periods.items()}
+    constraints_of = {period: {f"{name}_{period}": name for name in euler_fit.NAMES} for period in periods}
+    angles = {name: said for name, said in (parameters or {}).items() if euler_fit.is_angle(name)}
+    constraints.check(angles, [name for names in constraints_of.values() for name in names], "fit.parameters")
+    return {
+        period: _expected(
+            [_Turn(one, joint) for one in runs], constraints.of_fit(angles, constraints_of[period])
+        )
+        for period, runs in periods.items()
+    }
 
 
-def _expected(runs: Sequence["_Turn"]) -> Fit:
-    width = np.array([p.prior_sigma for p in euler_fit.PARAMETERS])
-    theta, size = np.zeros(width.size), len(euler_fit.NAMES)
-    prior = whitened_run.Prior(theta, np.diag(1 / width)[size:])
-    known = prior.rows.T @ prior.rows
-    for _ in range(MOST):
-        sums = [run.sums(theta) for run in runs]
-        H = np.sum([each[_FITTED, _FITTED] for each in sums], axis=0)
-        inverse = whitened_run.curvature_covariance(H, prior, width)
-        before, theta = theta, -inverse @ np.sum([each[_FITTED, 0] for each in sums], axis=0)
-        if np.all(np.abs(theta - before) <= SETTLED * np.sqrt(np.diag(inverse))):
-            break
-    else:
-        raise FitError(f"{' and '.join(euler_fit.NAMES)} still move after {MOST} iterations of the forecast")
-    scores = known + np.sum(
-        [s[_FITTED, _FITTED] * run.spread for s, run in zip(sums, runs, strict=True)], axis=0
-    )
-    noise, happens = np.zeros((2, width.size, width.size))
-    noise[:size, :size] = np.sum([each[_APART, _APART] for each in sums], axis=0)
-    happens[:size, :size] = np.sum([run.happens(theta) for run in runs], axis=0)
-    theta, covariance, drowned = euler_fit.freed(
-        theta, inverse @ scores @ inverse, H + known, noise, happens, width
-    )
-    shift = inverse @ np.sum([each[_FITTED, _UNCERTAIN] for each in sums], axis=0)
-    covariance = (covariance + shift @ runs[0].correlation @ shift.T)[:size, :size]
+def _expected(runs: Sequence["_Turn"], settings: Mapping[str, ParameterSettings]) -> Fit:
+    outcome = iterate(runs, euler_fit.PARAMETERS, euler_fit.weak_priors, RULE, settings=settings)
+    theta, covariance, drowned = torque_noise.bias_corrected(outcome, runs[0].correlation)
+    size = len(euler_fit.NAMES)
     sigma = np.sqrt(np.diag(covariance))
-    told = np.flatnonzero(sigma < LARGEST)
+    told = np.flatnonzero(sigma < LARGEST).tolist()
     dof = sum(2 * run.bins for run in runs) - size
     lacking = {warning.message: warning for run in runs for warning in run.warnings}
+    estimates = {
+        euler_fit.NAMES[i]: Estimate(
+            float(theta[i]), float(sigma[i]), "rad", fixed=outcome.is_fixed(i) or None
+        )
+        for i in told
+    }
     return Fit(
-        parameters={euler_fit.NAMES[i]: Estimate(float(theta[i]), float(sigma[i]), "rad") for i in told},
+        parameters=estimates,
         covariance=covariance[np.ix_(told, told)],
         chi2=float(dof),
         dof=dof,
@@ -115,7 +117,7 @@ def _expected(runs: Sequence["_Turn"]) -> Fit:
         warnings=(
             *lacking.values(),
             *([euler_fit.drowned()] if drowned else []),
-            *([_still()] if told.size < size else []),
+            *([_still()] if len(told) < size else []),
         ),
     )
 
@@ -125,13 +127,44 @@ def _still() -> FitWarning:
     return FitWarning("indeterminable", euler_fit.NAMES, message)
 
 
+@dataclass(frozen=True)
+class _ExpectedRotation(CompressedRun, whitened_run.LinearRun):
+    """A whitened run of the Euler fit of which only its expected sums over bins are left.
+
+    Attributes
+    ----------
+    apart : ndarray, shape (B, 2, 2)
+        Expected power of half of what the test masses disagree on.
+    uncertain : ndarray, shape (P, K)
+        Products of the columns with what 1 sigma of the calibration adds to Delta g.
+    spread : float
+        What the window adds to the scatter of sums over bins.
+    """
+
+    apart: Array = field(kw_only=True)
+    uncertain: Array = field(kw_only=True)
+    spread: float = field(kw_only=True)
+
+    def torque_noise(self, theta: Array) -> tuple[Array, Array]:
+        """As that of `torque_noise.NoisyRotation`."""
+        of_theta = self.apart @ theta[: len(euler_fit.NAMES)]
+        total = of_theta @ theta[: len(euler_fit.NAMES)]
+        # fourth moments of complex Gaussian numbers, of which the real parts of the products count
+        products = 3 * np.einsum("bi,bj->ij", of_theta, of_theta) + np.einsum("bij,b->ij", self.apart, total)
+        return np.asarray(self.apart.sum(axis=0)), np.asarray(self.spread * products / 4)
+
+    def calibration_moments(self) -> Array:
+        """As that of `torque_noise.NoisyRotation`."""
+        return self.uncertain
+
+
 class _Turn:
     """The cross-spectra of the columns of a run, those of `inertial` in their order.
 
     Attributes
     ----------
-    spread : float
-        Of its window, see `spectra.spread`.
+    name : str
+        Of the run.
     bins : int
         Of the band.
     correlation : ndarray, shape (K, K)
@@ -146,7 +179,8 @@ class _Turn:
         self._still = windowing.transform(np.zeros((n, 1)), np.ones(n, dtype=bool), RATE).band(
             *euler_fit.BAND
         )
-        self.spread, self.bins = windowing.spread(self._still.window), self._still.f.size
+        self.name, self.bins = planned.run.run, self._still.f.size
+        self._spread = windowing.spread(self._still.window)
         self.correlation, self.warnings = of_run.correlation, of_run.warnings
         low, high = euler_fit.BAND
         self._f = np.geomspace(0.99 * low, 1.01 * high, round(GRID * np.log10(high / low)))
@@ -157,25 +191,33 @@ class _Turn:
             raise NoiselessError(planned.run.run)
         self._power = power
         self._of_bins = self._spline(power)
-        self._weight = np.zeros(self.bins)
 
-    def sums(self, theta: Array) -> Array:
-        """Return the sums of products of whitened columns over bins, shape (K, K), at the estimate theta."""
+    settled = True
+
+    def block(self, theta: Array, _: Array, __: int) -> "_ExpectedRotation":
+        """Return the run at the estimate theta, shape (P,), as `euler_fit` whitens it."""
         c = np.array([1.0, *theta])
         fitted = slice(0, c.size)
         residual = np.einsum("k,bkl,l->b", c, self._power[:, fitted, fitted], c)
         S = np.exp(self._spline(np.log(residual)))
-        self._weight = 2 * whitened_run.whiten(self._still, S)[1] / S
-        return np.asarray(np.einsum("b,bkl->kl", self._weight, self._of_bins))
-
-    def happens(self, theta: Array) -> Array:
-        """Return what the power of what test masses disagree on happens to add, see `inertial.freed`."""
-        apart = self._weight[:, None, None] * self._of_bins[:, _APART, _APART]
-        of_theta = apart @ theta[: len(euler_fit.NAMES)]
-        total = of_theta @ theta[: len(euler_fit.NAMES)]
-        # fourth moments of complex Gaussian numbers, of which the real parts of the products count
-        products = 3 * np.einsum("bi,bj->ij", of_theta, of_theta) + np.einsum("bij,b->ij", apart, total)
-        return np.asarray(self.spread * products / 4)
+        weight = 2 * whitened_run.whiten(self._still, S)[1] / S
+        products = np.einsum("b,bkl->kl", weight, self._of_bins)
+        H = products[fitted, fitted]
+        apart = weight[:, None, None] * self._of_bins[:, _APART, _APART]
+        none = weights("gaussian", np.zeros(0), np.zeros(0))
+        return _ExpectedRotation(
+            tau=self._still.tau,
+            columns=np.zeros((0, c.size), np.complex128),
+            weights=none,
+            window=None,
+            tone=None,
+            share=np.eye(theta.size),
+            sums=(whitened_run.triangle(whitened_run.rooted(H)), H, H * self._spread),
+            bins=self.bins,
+            apart=apart,
+            uncertain=products[_FITTED, _UNCERTAIN],
+            spread=self._spread,
+        )
 
     def _spline(self, values: Array) -> Array:
         found = scipy.interpolate.CubicSpline(np.log(self._f), values)(np.log(self._still.f))

@@ -11,19 +11,21 @@ is kept of it is a few kilobytes.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fit.crosstalk import euler_fit
 from fit.errors import InputError
 from fit.fitting import FREE, PriorSet, Rule, constraints, departures, flscov, iterate, weak_priors
+from fit.forecasting.expected_run import CompressedRun, ExpectedRun, compress
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
+from fit.parameters import Parameter
 from fit.quality import as_fit
-from fit.results import Fit
-from fit.settings import Settings, settings
+from fit.results import Estimate, Fit
+from fit.settings import ParameterSettings, Settings, settings
 from fit.spectra import derivatives
 from fit.whitening import (
     Experiment,
@@ -34,7 +36,6 @@ from fit.whitening import (
     drives,
     expected_weights,
     single_tone,
-    weights,
     whitened_run,
 )
 
@@ -87,88 +88,6 @@ class Planned:
     truth: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Expected(whitened_run.WhitenedRun):
-    """A whitened run as it is expected: noise in its columns adds to the sums over bins.
-
-    Attributes
-    ----------
-    jitter : ndarray, shape (K, K)
-        What noise adds to ``R^T R``.
-    """
-
-    jitter: Array = field(kw_only=True)
-
-    @cached_property
-    def R(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        rows = whitened_run.rooted(self.jitter * np.mean(self.weights.fit))
-        return whitened_run.triangle(np.concatenate([super().R, rows]))
-
-    @cached_property
-    def H(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        U = self.columns * np.sqrt(self.weights.curvature)[:, None]
-        return np.asarray((U.conj().T @ U).real + self.jitter * np.mean(self.weights.curvature))
-
-    @cached_property
-    def M(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        # Noise runs through the whole window: where the scores of a signal weigh w^2 where it is, these
-        # weigh the mean of it.
-        w = np.ones(1) if self.window is None else self.window
-        of_window = w.size * np.sum(w**4) / np.sum(w**2) ** 2
-        return np.asarray(super().M + self.jitter * np.mean(self.weights.score) * of_window)
-
-
-@dataclass(frozen=True)
-class Sums(whitened_run.WhitenedRun):
-    """A whitened run of which only its sums over bins are left.
-
-    Attributes
-    ----------
-    sums : tuple of ndarray, each of shape (K, K)
-        R, H and M of `Expected`.
-    bins : int
-        Number of its bins.
-    """
-
-    sums: tuple[Array, Array, Array] = field(kw_only=True)
-    bins: int = field(kw_only=True)
-
-    @property
-    def size(self) -> int:
-        """As that of `linear.WhitenedRun`."""
-        return 2 * (self.bins - 1)
-
-    @cached_property
-    def R(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        return self.sums[0]
-
-    @cached_property
-    def plain(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        return self.sums[0]
-
-    @cached_property
-    def H(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        return self.sums[1]
-
-    @cached_property
-    def M(self) -> Array:
-        """As that of `linear.WhitenedRun`."""
-        return self.sums[2]
-
-
-def boiled_down(block: whitened_run.WhitenedRun) -> Sums:
-    """Return what is left of a run without its bins."""
-    columns, even = np.zeros((0, len(block.R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
-    sums, bins = (block.R, block.H, block.M), len(block.columns)
-    return Sums(block.tau, columns, even, None, block.tone, block.share, sums=sums, bins=bins)
-
-
 @one_blas_thread
 def expected_fit(
     planned: Sequence[Planned], chosen: Settings | None = None, scatter: Mapping[str, float] | None = None
@@ -215,10 +134,24 @@ def expected_fit(
         return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
 
     with progress_range(0.2, 1.0):
-        of_fit = constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
+        of_fit = constraints_of_joint(chosen, parameters)
         found = iterate(taking_part, begun, priors, RULE, widths, settings=of_fit)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
+
+
+def constraints_of_joint(chosen: Settings, parameters: Sequence[Parameter]) -> dict[str, ParameterSettings]:
+    """Return what the settings say of the parameters of a joint fit.
+
+    Raises
+    ------
+    InputError
+        If they say something of others, but for the angles of inertial periods.
+    """
+    names = [p.name for p in parameters]
+    angles = filter(euler_fit.is_angle, chosen.parameters)
+    constraints.check(chosen.parameters, [*names, *angles], "fit.parameters")
+    return constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
 
 
 def _departing(chosen: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
@@ -248,11 +181,18 @@ def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:
 
 def _document(expected: Fit) -> dict[str, object]:
     return {
-        "parameters": {name: {"sigma": e.sigma, "unit": e.unit} for name, e in expected.parameters.items()},
+        "parameters": {name: _entry(e) for name, e in expected.parameters.items()},
         "names": list(expected.parameters),
         "correlation": expected.correlation.tolist(),
         "warnings": [{k: v for k, v in vars(w).items() if v is not None} for w in expected.warnings],
     }
+
+
+def _entry(estimate: Estimate) -> dict[str, object]:
+    """Return what a forecast says of a parameter; one that the settings fix has no sigma."""
+    if estimate.fixed:
+        return {"sigma": None, "unit": estimate.unit, "fixed": estimate.value}
+    return {"sigma": estimate.sigma, "unit": estimate.unit}
 
 
 class Expectation:
@@ -265,7 +205,7 @@ class Expectation:
     experiment : Experiment
         The experiment, without its samples.
     share : ndarray, shape (K, P)
-        See `linear.WhitenedRun`; to be set once the parameters of the joint fit are known.
+        See `WhitenedRun`; to be set once the parameters of the joint fit are known.
     """
 
     settled = True
@@ -283,18 +223,18 @@ class Expectation:
         self.share = sharing.matrix(run, made.parameters, [p.name for p in own])
         self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
         if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = boiled_down(self._expected(made.sysid, self._at))
+            self._sums = compress(self._expected(made.sysid, self._at))
         self.name = made.name
         self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
 
-    def block(self, theta: Array, _: Array, __: int) -> Sums:
+    def block(self, theta: Array, _: Array, __: int) -> CompressedRun:
         """As that of `weighings.Weighing`."""
         of_run, sums = self.share @ theta, self._sums
         c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
         if np.linalg.norm(sums.R @ (c - before)) > MOVED:
             self._at = of_run
             run = self.planned.make().sysid.up_to(self._f_max)
-            self._sums = boiled_down(self._expected(run, of_run))
+            self._sums = compress(self._expected(run, of_run))
         return self.sums
 
     @property
@@ -303,7 +243,7 @@ class Expectation:
         return self._at
 
     @property
-    def sums(self) -> Sums:
+    def sums(self) -> CompressedRun:
         """The sums of the run over its bins."""
         return replace(self._sums, share=self.share)
 
@@ -335,7 +275,7 @@ class Expectation:
         of_bin = power * (2 * left / S)[:, None, None]
         u = drives(U) + drives(np.sqrt(np.maximum(np.einsum("bkk->bk", of_bin), 0)))
         tone, even = single_tone(terms.f, u), self.expected_weights(terms.f)
-        return Expected(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
+        return ExpectedRun(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
 
     def _told(
         self, run: Run, tau: tuple[float, float], theta: Array

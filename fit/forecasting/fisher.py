@@ -13,13 +13,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.fitting import PriorSet, iterate, weak_priors
+from fit.fitting import PriorSet, Problem, constraints, free_directions, iterate, weak_priors
 from fit.forecasting.expected_fit import (
     RULE,
     Expectation,
     NoneTakesPartError,
     Planned,
     channels_of,
+    constraints_of_joint,
     responses,
 )
 from fit.model import Sharing, dynamics
@@ -99,15 +100,18 @@ class Sights:
     Attributes
     ----------
     names : tuple of str
-        The P parameters.
+        The P parameters that vary: neither fixed nor tied.
     widths : ndarray, shape (P,)
         Of their weak priors.
+    prior : ndarray, shape (P, P)
+        Information of the user's priors.
     each : tuple of ExperimentInformation
         The experiments that take part.
     """
 
     names: tuple[str, ...]
     widths: Array
+    prior: Array
     each: tuple[ExperimentInformation, ...]
 
 
@@ -120,8 +124,18 @@ def sights(planned: Sequence[Planned], chosen: Settings) -> Sights:
         If none of them takes part in a joint fit.
     """
     taking_part, parameters = _together(planned, chosen)
-    names, widths = tuple(p.name for p in parameters), np.array([p.prior_sigma for p in parameters])
-    return Sights(names, widths, tuple(_sight(e, e.share) for e in taking_part))
+    truth = {name: value for e in taking_part for name, value in e.planned.truth.items()}
+    problem = Problem(parameters, (), constraints_of_joint(chosen, parameters))
+    params = problem.params(np.array([truth.get(p.name, p.value) for p in parameters]))
+    varying = ~constraints.fixed_or_tied(params)
+    free = free_directions(params)
+    prior_sigma = np.array([p.user_data.sigma if p.user_data else np.inf for p in params.values()])
+    return Sights(
+        names=tuple(p.name for p, free_to_vary in zip(parameters, varying, strict=True) if free_to_vary),
+        widths=np.array([p.prior_sigma for p in parameters])[varying],
+        prior=np.diag(1 / prior_sigma[varying] ** 2),
+        each=tuple(_sight(e, e.share @ free) for e in taking_part),
+    )
 
 
 def found(planned: Sequence[Planned], chosen: Settings) -> dict[str, float]:
@@ -143,7 +157,8 @@ def found(planned: Sequence[Planned], chosen: Settings) -> dict[str, float]:
     def priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array) -> PriorSet:
         return weak_priors(blocks, theta, begun, taking_part[0].share, more)
 
-    theta = iterate(taking_part, begun, priors, RULE).solution.theta
+    settings = constraints_of_joint(chosen, parameters)
+    theta = iterate(taking_part, begun, priors, RULE, settings=settings).solution.theta
     return {p.name: float(x) for p, x in zip(parameters, theta, strict=False) if p.name not in known}
 
 

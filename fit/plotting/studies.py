@@ -26,8 +26,12 @@ _FAR = 4.5  # sigma, of a histogram
 
 
 def shown(outcome: IRLSResult) -> list[int]:
-    """Return which parameters a corner plot shows: the determinable ones of the dynamics."""
-    return [i for i, p in enumerate(outcome.parameters) if not outcome.lost[i] and p.equation not in ALONG]
+    """Return which parameters a corner plot shows: the determinable ones of the dynamics that vary."""
+    return [
+        i
+        for i, p in enumerate(outcome.parameters)
+        if not outcome.lost[i] and p.equation not in ALONG and not outcome.is_fixed(i)
+    ]
 
 
 def corner_plot(theta: Array, outcome: IRLSResult, truths: Mapping[str, float]) -> Plot:

@@ -31,6 +31,8 @@ class _Sampled(BaseModel):
 
 class _Chain(BaseModel):
     parameters: dict[str, _Sampled]
+    fixed: dict[str, float] = {}
+    constraints: list[str] = []
     steps: int
     burn_in: int
     walkers: int
@@ -97,6 +99,8 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
         shift,
         100 * ratio,
     )
+    if chain.constraints:
+        text += " As the settings say: {}.".format("; ".join(chain.constraints))
     if not _belongs(chain, results):
         text += flagged(" The chain is of another fit than this one; sample it anew (lpfcosim mcmc).", True)
     about = (
@@ -125,7 +129,7 @@ def _belongs(chain: _Chain, results: Results) -> bool:
             for name, e in joint.items()
             if name in chain.parameters
         )
-        and joint.keys() <= chain.parameters.keys()
+        and joint.keys() <= chain.parameters.keys() | chain.fixed.keys()
     )
 
 

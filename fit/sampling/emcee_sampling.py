@@ -7,13 +7,15 @@ tails of a guess are too short, walkers stay for long. Where the posterior is cl
 a new point, however many parameters there are. The others are of differential evolution, which knows no
 scales: the difference of two walkers makes the step of a third. It goes where guesses seldom do, and on where
 a posterior is nothing like them. (The snooker variant of emcee 3.1.6 is no alternative: its acceptance takes
-the root of the Jacobian, which leaves sigmas 8 to 15 % too small.) The chain lives in an HDF5 file with the
-state of the random numbers, and continues from there.
+the root of the Jacobian, which leaves sigmas 8 to 15 % too small.) The chain is stored in an HDF5 file by
+emcee, with the state of the random numbers, and continues from there if it is of the same posterior.
 
-It refuses to give numbers before the chain, a tenth as burn-in taken off, is 50 times as long as the
-autocorrelation time of every parameter and the means of its halves agree.
+No numbers are given before the chain, without its first tenth, is 50 times as long as the autocorrelation
+time of every parameter and the means of its halves agree.
 """
 
+import hashlib
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,8 +29,8 @@ from numpy.typing import NDArray
 from fit.crosstalk import moves
 from fit.errors import FitError, InputError
 from fit.files import atomic
-from fit.fitting import IRLSResult
-from fit.results import Estimate
+from fit.fitting import IRLSResult, constraint_test
+from fit.results import Estimate, Results
 from fit.sampling.posterior import Posterior
 from fit.telemetry import check_storage, guard
 
@@ -37,104 +39,82 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-WALKERS = 4  # per parameter
-GUESSED = 2 / 3  # share of the steps
-FREEDOM = 4.0  # of the Student-t
-MOVES = "2/3 guessed, 1/3 by differential evolution"  # a chain of other steps is not continued
-_LARGEST = 1e9  # coordinate of a walker, in sigmas, and logarithm of its density
 SCHEMA = "lpf-mcmc/1"
-KEPT = 10  # of so many steps one is kept; those between are nearly the same
-CHECK = 1000  # steps between looks at the convergence
-BURN_IN = 0.1  # share of the chain
-LONG = 50  # autocorrelation times that a chain must last
-APART = 4.0  # standard errors that the means of its halves may differ by
-SAME = 1e-4  # in the logarithm of the density, by which the same posterior may seem to differ
-_FEW = 10  # kept steps, below which a chain says nothing of itself
-
-
-def head(path: Path) -> tuple[tuple[str, ...], Array, str]:
-    """Return the names of the parameters, the fingerprint of the posterior, and how its walkers move.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or the chain is not one of as many walkers and steps as it says.
-    """
-    try:
-        with h5py.File(path) as file:
-            for name in ("names", "fingerprint", "mcmc/chain", "mcmc/log_prob", "mcmc/accepted"):
-                if name in file:
-                    check_storage(file[name], f"{path}: {name}")
-            names = tuple(file["names"].asstr()[:])
-            fingerprint = np.asarray(file["fingerprint"][:], dtype=np.float64)
-            moves = str(file.attrs.get("moves", ""))
-            sound = "mcmc" not in file or _is_whole(file["mcmc"], len(names))
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: not a chain, expected what an earlier call left") from error
-    if not sound:
-        raise InputError(f"{path}: mcmc: damaged, expected a chain of {len(names)} parameters; move it away")
-    return names, fingerprint, moves
-
-
-def _is_whole(group: h5py.Group, P: int) -> bool:
-    walkers, made = WALKERS * P, int(group.attrs["iteration"])
-    shapes = {"chain": (walkers, P), "log_prob": (walkers,)}
-    return (
-        (int(group.attrs["nwalkers"]), int(group.attrs["ndim"])) == (walkers, P)
-        and group["accepted"].shape == (walkers,)
-        and all(0 <= made <= len(group[n]) and group[n].shape[1:] == s for n, s in shapes.items())
-        and all(bool((np.abs(group[n][:made]) <= _LARGEST).all()) for n in shapes)
-        and (made == 0 or "random_state_0" in group.attrs)
-    )
+WALKERS = 4  # per parameter
+GUESSES = 2 / 3  # fraction of the steps
+DEGREES_OF_FREEDOM = 4.0  # of the Student-t
+VERSION = "steps 2/3 guessed, 1/3 by differential evolution; compressed runs"  # of what a chain is made of
+THINNING = 10  # one of so many steps is stored; those between are nearly the same
+CHECK_INTERVAL = 1000  # steps between tests of the convergence
+BURN_IN = 0.1  # fraction of the chain
+MIN_LENGTH = 50  # autocorrelation times
+MAX_DIFFERENCE = 4.0  # standard errors, between the means of the halves
+_MIN_STORED = 10  # stored steps, below which the autocorrelation time cannot be estimated
+_LIMIT = 1e9  # coordinate of a walker, in sigmas, and logarithm of its density
 
 
 @dataclass(frozen=True)
 class Chain:
-    """A chain, burn-in taken off.
+    """A chain without its burn-in, of P parameters and I logarithms of widths in F + I coordinates.
 
     Attributes
     ----------
-    z : ndarray, shape (N, W, P)
-        Every KEPT-th step of the W walkers in the coordinates of the `Posterior`.
-    theta : ndarray, shape (N, W, P)
+    z : ndarray, shape (N, W, F + I)
+        Every `THINNING`-th step of the W walkers in the coordinates of the `Posterior`.
+    theta : ndarray, shape (N, W, P + I)
         The same as parameters, SI.
-    tau : ndarray, shape (P,)
-        Integrated autocorrelation times of the parameters in steps; NaN if the chain is too short for any.
-    apart : ndarray, shape (P,)
+    tau : ndarray, shape (P + I,)
+        Integrated autocorrelation times in steps: zero for fixed parameters, NaN if the chain is too short.
+    half_difference : ndarray, shape (P + I,)
         Difference between the means of the halves in standard errors.
     steps, burn_in : int
         Steps made, and how many of them are left out.
     acceptance : float
-        Share of the proposals that were accepted.
+        Fraction of the proposals that were accepted.
     """
 
     z: Array
     theta: Array
     tau: Array
-    apart: Array
+    half_difference: Array
     steps: int
     burn_in: int
     acceptance: float
 
     @property
-    def needed(self) -> float:
-        """Steps that the chain must have, by the autocorrelation time as it looks now."""
-        return LONG * float(np.max(self.tau)) / (1 - BURN_IN)
+    def required_steps(self) -> float:
+        """Steps that the chain must have, by the present estimate of the autocorrelation time."""
+        return MIN_LENGTH * float(np.max(self.tau)) / (1 - BURN_IN)
 
     @property
     def converged(self) -> bool:
         """Whether it is long enough and its halves agree."""
-        return self.steps >= self.needed and float(np.max(np.abs(self.apart))) < APART
+        agrees = float(np.max(np.abs(self.half_difference))) < MAX_DIFFERENCE
+        return self.steps >= self.required_steps and agrees
 
     @property
     def ess(self) -> Array:
-        """Effective number of independent points for every parameter, shape (P,)."""
-        return np.asarray(self.z.shape[0] * self.z.shape[1] * KEPT / self.tau)
+        """Effective number of independent points, shape (P + I,); infinite for fixed parameters."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.z.shape[0] * self.z.shape[1] * THINNING / self.tau)
+
+
+def digest(results: Results) -> str:
+    """Return what identifies the posterior of a joint fit: estimates, settings, runs, and `VERSION`."""
+    joint, provenance = results.joint, results.provenance
+    identity = {
+        "version": VERSION,
+        "estimates": {n: (e.value, e.sigma) for n, e in joint.parameters.items()} if joint else {},
+        "settings": provenance.settings,
+        "runs": [provenance.joint_runs, provenance.noise_runs, provenance.telemetry],
+    }
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 def sample(
     posterior: Posterior,
     path: Path,
+    identity: str,
     *,
     steps: int,
     seed: int,
@@ -148,165 +128,189 @@ def sample(
         What to sample.
     path : Path
         HDF5 file of the chain.
+    identity : str
+        Identifies the posterior, see `digest`.
     steps : int
-        To make at most, rounded up to a multiple of KEPT.
+        To make at most, rounded up to a multiple of `THINNING`.
     seed : int
         Of the random numbers of a new chain; an old one goes on with its own.
     progress : callable
-        Told the steps made.
+        Called with the number of steps made.
 
     Raises
     ------
     InputError
-        If `path` holds something else, or a chain of another posterior.
+        If `path` is another file, or a chain of another posterior.
     FitError
-        If the chain has not converged; it is kept.
+        If the chain has not converged; it remains in `path`.
     """
-    import emcee  # takes its time, and only this needs it
+    import emcee  # slow to import
 
-    _open(posterior, path)
+    size = len(posterior.names)
+    _open(path, f"{identity}-{size}")
     backend = emcee.backends.HDFBackend(path)
-    P = len(posterior.names)
     sampler = emcee.EnsembleSampler(
-        WALKERS * P, P, posterior, moves=_moves(posterior), backend=backend, vectorize=True
+        WALKERS * size, size, posterior, moves=_moves(posterior), backend=backend, vectorize=True
     )
     done = 0
     if backend.iteration:
         state = sampler.get_last_sample()
     else:
-        rng = np.random.RandomState(seed)  # the kind whose state emcee keeps
-        state = emcee.State(rng.standard_normal((WALKERS * P, P)), random_state=rng.get_state())
+        rng = np.random.RandomState(seed)  # the kind whose state emcee stores
+        state = emcee.State(posterior.draw(rng, WALKERS * size), random_state=rng.get_state())
     while True:
-        made = int(backend.iteration) * KEPT
-        if made % CHECK == 0 or done >= steps:
+        made = int(backend.iteration) * THINNING
+        if made % CHECK_INTERVAL == 0 or done >= steps:
             chain = _chain(posterior, backend)
             if chain.converged:
                 return chain
             if done >= steps:
                 raise FitError(f"{path}: {_refusal(posterior, chain)}")
-        more = math.ceil(min(CHECK - made % CHECK, steps - done) / KEPT)
-        for reached in sampler.sample(state, iterations=more, thin_by=KEPT):
+        iterations = math.ceil(min(CHECK_INTERVAL - made % CHECK_INTERVAL, steps - done) / THINNING)
+        for reached in sampler.sample(state, iterations=iterations, thin_by=THINNING):
             state = reached
-            done += KEPT
+            done += THINNING
             progress(done)
 
 
-def _open(posterior: Posterior, path: Path) -> None:
-    """Make the file of a chain or make sure that it is this posterior's."""
+def _open(path: Path, identity: str) -> None:
+    """Make the file of a chain, or see that it is of this posterior."""
     if not path.exists():
         partial = atomic.temporary(path)
         with h5py.File(partial, "w") as file:
-            file.attrs["description"] = (
-                f"mcmc/chain: every {KEPT}th step of the walkers, as z in theta = centre + root z"
-            )
-            file.attrs["moves"] = MOVES
-            file["names"] = list(posterior.names)
-            file["centre"], file["root"] = posterior.centre, posterior.root
-            file["fingerprint"] = posterior.fingerprint
+            file.attrs["description"] = f"mcmc/chain: every {THINNING}th step of the walkers, in sigmas"
+            file.attrs["digest"] = identity
         atomic.settle(partial, path)
-    guard.check(head, [path])
-    names, found, moves = head(path)
-    if (names, found.shape) != (posterior.names, posterior.fingerprint.shape) or np.max(
-        np.abs(found - posterior.fingerprint)
-    ) > SAME:
+    guard.check(stored_digest, [path])
+    if stored_digest(path) != identity:
         raise InputError(
-            f"{path}: the chain of another posterior, expected the same telemetry, settings and version of "
-            "the software; move it away to start anew"
+            f"{path}: the chain of another posterior, expected the same fit and version of the software; "
+            "move it away to start a new one"
         )
 
-    if moves != MOVES:
-        raise InputError(
-            f"{path}: the chain of another version of the software, expected one whose steps are "
-            f"{MOVES}; move it away to start anew"
-        )
+
+def stored_digest(path: Path) -> str:
+    """Return what identifies the posterior of a chain.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or does not hold as many steps and walkers as it states.
+    """
+    try:
+        with h5py.File(path) as file:
+            identity = str(file.attrs["digest"])
+            if "mcmc" not in file:
+                return identity
+            group = file["mcmc"]
+            for name in ("chain", "log_prob", "accepted"):
+                check_storage(group[name], f"{path}: mcmc/{name}")
+            walkers, size, made = (int(group.attrs[name]) for name in ("nwalkers", "ndim", "iteration"))
+            sound = (
+                identity.endswith(f"-{size}")
+                and walkers == WALKERS * size
+                and group["accepted"].shape == (walkers,)
+                and group["chain"].shape[1:] == (walkers, size)
+                and group["log_prob"].shape[1:] == (walkers,)
+                and all(0 <= made <= len(group[name]) for name in ("chain", "log_prob"))
+                and all((np.abs(group[name][:made]) <= _LIMIT).all() for name in ("chain", "log_prob"))
+                and (made == 0 or "random_state_0" in group.attrs)
+            )
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: not a chain, expected the file of an earlier call") from error
+    if not sound:
+        raise InputError(f"{path}: mcmc: damaged; move it away to start a new one")
+    return identity
 
 
 def _moves(posterior: Posterior) -> "list[tuple[emcee.moves.Move, float]]":
     """Return the ways in which walkers move, and how often each."""
     import emcee
 
-    long = posterior.long_tailed
+    tails = posterior.long_tailed
 
     def log_density(z: Array) -> Array:
-        far = np.log1p(z[:, long] ** 2 / FREEDOM)
-        return np.asarray(-np.sum(z[:, ~long] ** 2, axis=1) / 2 - (FREEDOM + 1) / 2 * np.sum(far, axis=1))
+        student_t = np.log1p(z[:, tails] ** 2 / DEGREES_OF_FREEDOM)
+        normal = np.sum(z[:, ~tails] ** 2, axis=1)
+        return np.asarray(-normal / 2 - (DEGREES_OF_FREEDOM + 1) / 2 * np.sum(student_t, axis=1))
 
     def guess(z: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
-        to = rng.standard_normal(z.shape)
-        to[:, long] = rng.standard_t(FREEDOM, to[:, long].shape)
-        return to, log_density(z) - log_density(to)
+        proposal = rng.standard_normal(z.shape)
+        proposal[:, tails] = rng.standard_t(DEGREES_OF_FREEDOM, proposal[:, tails].shape)
+        return proposal, log_density(z) - log_density(proposal)
 
-    return [(emcee.moves.MHMove(guess), GUESSED), (emcee.moves.DEMove(), 1 - GUESSED)]
+    return [(emcee.moves.MHMove(guess), GUESSES), (emcee.moves.DEMove(), 1 - GUESSES)]
 
 
 def _chain(posterior: Posterior, backend: "emcee.backends.HDFBackend") -> Chain:
     from emcee.autocorr import integrated_time
 
-    P, made = len(posterior.names), int(backend.iteration)
-    left = math.floor(BURN_IN * made)
-    kept = made - left
-    z = backend.get_chain(discard=left) if made else np.empty((0, 0, P))
+    made = int(backend.iteration)
+    burn_in = math.floor(BURN_IN * made)
+    half = (made - burn_in) // 2
+    z = backend.get_chain(discard=burn_in) if made else np.empty((0, 0, len(posterior.names)))
     theta = posterior.theta(z)
-    tau, apart = np.full(P, np.nan), np.full(P, np.nan)
-    if kept >= _FEW:
-        scaled = (theta - posterior.centre) / posterior.sigma
-        tau = integrated_time(scaled, tol=0) * KEPT
-        first, last = scaled[: kept // 2], scaled[-(kept // 2) :]
-        error = np.std(scaled, axis=(0, 1)) * np.sqrt(2 * tau / (first.shape[0] * first.shape[1] * KEPT))
-        apart = (last.mean(axis=(0, 1)) - first.mean(axis=(0, 1))) / error
+    moving = ~posterior.constant
+    tau, half_difference = (np.where(moving, np.nan, 0.0) for _ in range(2))
+    if made - burn_in >= _MIN_STORED:
+        x = theta[..., moving] - posterior.centre[moving]  # few digits of theta change
+        x /= x.std(axis=(0, 1))
+        tau[moving] = integrated_time(x, tol=0) * THINNING
+        error = np.sqrt(2 * tau[moving] / (half * x.shape[1] * THINNING))
+        half_difference[moving] = (x[-half:].mean(axis=(0, 1)) - x[:half].mean(axis=(0, 1))) / error
     acceptance = float(np.mean(backend.accepted) / made) if made else 0.0
-    return Chain(z, theta, tau, apart, made * KEPT, left * KEPT, acceptance)
+    return Chain(z, theta, tau, half_difference, made * THINNING, burn_in * THINNING, acceptance)
 
 
 def _refusal(posterior: Posterior, chain: Chain) -> str:
-    if not math.isfinite(chain.needed):
-        reason = "too few to tell the autocorrelation time"
-    elif chain.steps < chain.needed:
-        slow = int(np.argmax(chain.tau))
+    if not math.isfinite(chain.required_steps):
+        reason = "too few to estimate the autocorrelation time"
+    elif chain.steps < chain.required_steps:
+        slowest = int(np.argmax(chain.tau))
         reason = (
-            f"the autocorrelation time of {posterior.names[slow]} is some {chain.tau[slow]:.0f} steps, "
-            f"at least {KEPT * math.ceil(chain.needed / KEPT)} steps are needed"
+            f"the autocorrelation time of {posterior.parameters[slowest]} is some {chain.tau[slowest]:.0f} "
+            f"steps, at least {THINNING * math.ceil(chain.required_steps / THINNING)} steps are needed"
         )
     else:
-        drifting = int(np.argmax(np.abs(chain.apart)))
+        drifting = int(np.argmax(np.abs(chain.half_difference)))
         reason = (
-            f"the means of {posterior.names[drifting]} in the halves of the chain differ by "
-            f"{abs(chain.apart[drifting]):.1f} standard errors"
+            f"the means of {posterior.parameters[drifting]} in the halves of the chain differ by "
+            f"{abs(chain.half_difference[drifting]):.1f} standard errors"
         )
     return f"not converged after {chain.steps} steps: {reason}; the same command continues"
 
 
-def beside_instruments(
-    chain: Chain, outcome: IRLSResult, given: Mapping[str, Estimate]
+def apply_iv_correction(
+    chain: Chain, result: IRLSResult, corrected: Mapping[str, Estimate]
 ) -> tuple[Chain, IRLSResult]:
-    """Return chain and fit moved and widened as the results are, see `attenuation.mended`.
+    """Return chain and fit shifted and widened as instrumental variables do with the results.
 
-    What instruments tell is in no likelihood. That of least squares is sampled; its shape stays.
+    Instruments are in no likelihood. That of least squares is sampled; its shape stays.
 
     Parameters
     ----------
     chain : Chain
         Of the posterior.
-    outcome : IRLSResult
+    result : IRLSResult
         Of the joint fit whose posterior it sampled.
-    given : mapping of str to Estimate
-        What the results have beside instruments.
+    corrected : mapping of str to Estimate
+        The estimates with instruments, see `attenuation.apply_iv`.
     """
-    solution, names = outcome.solution, [p.name for p in outcome.parameters]
+    solution, names = result.solution, [p.name for p in result.parameters]
     centre, scale = solution.theta.copy(), np.ones(len(names))
-    for name, (shift, wider) in moves(given, outcome).items():
+    for name, (shift, ratio) in moves(corrected, result).items():
         i = names.index(name)
-        centre[i], scale[i] = centre[i] + shift, wider
-    shared = slice(outcome.shared)
+        centre[i], scale[i] = centre[i] + shift, ratio
+    shared = slice(result.shared)
     theta = chain.theta.copy()
     theta[..., shared] = centre[shared] + (theta[..., shared] - solution.theta[shared]) * scale[shared]
     covariance = solution.covariance * np.outer(scale, scale)
-    moved = replace(outcome, solution=replace(solution, theta=centre, covariance=covariance))
-    return replace(chain, theta=theta), moved
+    shifted = replace(result, solution=replace(solution, theta=centre, covariance=covariance))
+    return replace(chain, theta=theta), shifted
 
 
-def summary(chain: Chain, outcome: IRLSResult, truths: Mapping[str, float]) -> dict[str, object]:
-    """Return what a chain says of the parameters, and how least squares compares, for JSON.
+def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> dict[str, object]:
+    """Return the posterior of the parameters, and how least squares compares, for JSON.
 
     The errors of the comparison are standard deviations from the effective sample size; that of the ratio
     takes the squares to be as slow as the parameter: on `mission.toml` they are at most 1.3 times as slow.
@@ -315,48 +319,56 @@ def summary(chain: Chain, outcome: IRLSResult, truths: Mapping[str, float]) -> d
     ----------
     chain : Chain
         A converged one.
-    outcome : IRLSResult
+    result : IRLSResult
         Of the joint fit whose posterior it sampled.
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    shared = slice(outcome.shared)
-    least_squares, lost = outcome.solution.sigma[shared], outcome.lost[shared]
-    flat = chain.theta.reshape(-1, chain.theta.shape[2])
-    widths = np.exp(flat[:, outcome.shared :])
-    flat = flat[:, shared]
-    mean, sigma = flat.mean(axis=0), flat.std(axis=0)
-    quantiles = np.quantile(flat, (0.16, 0.5, 0.84), axis=0)
-    shift, ratio = (mean - outcome.solution.theta[shared]) / least_squares, sigma / least_squares
-    found = {}
-    for i in np.flatnonzero(~lost):
-        name = outcome.parameters[i].name
-        entry = {
-            "mean": mean[i],
-            "sigma": sigma[i],
-            **{f"quantile_{q}": quantiles[k, i] for k, q in enumerate((16, 50, 84))},
-            "tau": chain.tau[i],
-            "ess": chain.ess[i],
-            "shift_in_sigma": shift[i],
-            "shift_error": ratio[i] / np.sqrt(chain.ess[i]),
-            "sigma_ratio": ratio[i],
-            "sigma_ratio_error": ratio[i] / np.sqrt(2 * chain.ess[i]),
-        }
-        if name in truths:
-            entry["truth"] = truths[name]
-        found[name] = {"unit": outcome.parameters[i].unit} | {key: float(x) for key, x in entry.items()}
+    theta, sigma, lost = result.solution.theta, result.solution.sigma, result.lost
+    samples = chain.theta.reshape(-1, chain.theta.shape[2])
+    parameters = {
+        result.parameters[i].name: _compared(samples[:, i], theta[i], sigma[i], chain.tau[i], chain.ess[i])
+        | {"unit": result.parameters[i].unit}
+        for i in range(result.shared)
+        if not lost[i] and not result.is_fixed(i)
+    }
+    for name in parameters.keys() & truths.keys():
+        parameters[name]["truth"] = truths[name]
+    widths = np.exp(samples[:, result.shared :])
+    shifts = [abs(float(p["shift_in_sigma"])) for p in parameters.values()]
     return {
         "schema": SCHEMA,
-        "parameters": found,
+        "parameters": parameters,
+        "fixed": {p.name: float(theta[i]) for i, p in enumerate(result.parameters) if result.is_fixed(i)},
+        "constraints": constraint_test.descriptions(result),
         "widths": {
-            w.name: {"mean": float(x.mean()), "sigma": float(x.std())}
-            for w, x in zip(outcome.departing, widths.T, strict=True)
+            width.name: {"mean": float(x.mean()), "sigma": float(x.std())}
+            for width, x in zip(result.departing, widths.T, strict=True)
         },
-        "indeterminable": [outcome.parameters[i].name for i in np.flatnonzero(lost)],
-        "largest_shift_in_sigma": float(np.max(np.abs(shift[~lost]), initial=0.0)),
+        "indeterminable": [
+            p.name for p, no in zip(result.parameters[: result.shared], lost, strict=False) if no
+        ],
+        "largest_shift_in_sigma": max(shifts, default=0.0),
         "steps": chain.steps,
         "burn_in": chain.burn_in,
         "walkers": chain.z.shape[1],
         "acceptance": chain.acceptance,
         "largest_tau": float(np.max(chain.tau)),
+    }
+
+
+def _compared(x: Array, value: float, sigma: float, tau: float, ess: float) -> dict[str, float | str]:
+    """Return moments and quantiles of samples x, shape (N,), and how they differ from least squares."""
+    ratio = float(x.std()) / sigma
+    quantiles = dict(zip((16, 50, 84), np.quantile(x, (0.16, 0.5, 0.84)).tolist(), strict=True))
+    return {
+        "mean": float(x.mean()),
+        "sigma": float(x.std()),
+        **{f"quantile_{percent}": value for percent, value in quantiles.items()},
+        "tau": float(tau),
+        "ess": float(ess),
+        "shift_in_sigma": (float(x.mean()) - float(value)) / float(sigma),
+        "shift_error": ratio / math.sqrt(ess),
+        "sigma_ratio": ratio,
+        "sigma_ratio_error": ratio / math.sqrt(2 * ess),
     }

@@ -1,26 +1,36 @@
 """The posterior of the parameters of a finished joint fit, for sampling.
 
-Its logarithm is that of the likelihood of every run (`likelihood`) plus the weak priors (eq. jointlh). The
-window makes neighbouring bins one noise, so that a likelihood as it stands claims more information than there
-is: for chi^2 the posterior would have the covariance H^-1, the estimates have H^-1 M H^-1 (see `linear`). The
-logarithm for every run is therefore divided by the mean ratio of the two, some 1.06 for Tukey 0.1, that is
-3 % in sigma. One factor for all directions of a run is not exact, as signals differ in where in the window
-they lie: on the mission campaigns sigmas are off by up to 0.8 %, estimates by 0.004 sigma.
+Its logarithm is that of the likelihood of every run plus the priors (eq. jointlh). A Gaussian likelihood is
+that of the compressed run, with the true covariance of its coefficients (`fit.fitting.run_estimate`). The
+other likelihoods are sums over bins. The window correlates neighbouring bins, so that such a sum claims more
+information than there is: its logarithm is divided by the mean ratio of true variance to claimed variance,
+some 1.06 for Tukey 0.1, that is 3 % in sigma. One factor for all directions of a run is not exact, as signals
+differ in where in the window they lie: on the mission campaigns sigmas are off by up to 0.8 %.
+
+What the user says of parameters holds in the posterior as in the fit: fixed parameters are no coordinates of
+it, tied ones follow their expressions, the density is zero beyond bounds, and priors enter it.
 
 Where experiments depart from what they share, the logarithms of the widths are sampled along, with their
 prior. The departures themselves are integrated over: at the likeliest ones, with the curvature there, which
 is exact for a Gaussian likelihood.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from graphlib import TopologicalSorter
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import IRLSResult, ScaleParameter, inflations
+from fit.fitting import IRLSResult, Prior, RunEstimate, ScaleParameter, constraints, inflations
 from fit.whitening import NU, whitened_run
+
+if TYPE_CHECKING:
+    import lmfit
+    from lmfit.models import ExpressionModel
 
 Array = NDArray[np.float64]
 
@@ -30,21 +40,21 @@ class Posterior:
 
     Parameters
     ----------
-    outcome : IRLSResult
-        Of the joint fit.
+    result : IRLSResult
+        Of the joint fit, which has P parameters that runs share and I widths by which some scatter.
 
     Attributes
     ----------
     names : tuple of str
-        Of the P parameters: those that runs share, then logarithms of widths.
-    long_tailed : ndarray of bool, shape (P,)
+        Of the F + I coordinates: the shared parameters that vary, then logarithms of widths.
+    parameters : tuple of str
+        All that is shared, then logarithms of widths, P + I.
+    long_tailed : ndarray of bool, shape (F + I,)
         Widths, and the parameters that scatter by them: their distributions fall slower than a normal one.
-    centre : ndarray, shape (P,)
+    constant : ndarray of bool, shape (P + I,)
+        Which parameters are fixed.
+    centre : ndarray, shape (P + I,)
         The estimate, SI.
-    root : ndarray, shape (P, P)
-        Lower triangular; a point z is ``theta = centre + root z``.
-    inflation : tuple of float
-        Of every run, what its likelihood is divided by.
 
     Raises
     ------
@@ -52,124 +62,249 @@ class Posterior:
         If the covariance of the estimate is not positive.
     """
 
-    def __init__(self, outcome: IRLSResult) -> None:
-        self._widths = outcome.departing
-        shared = outcome.shared
-        logs = np.array(outcome.log_widths).reshape(-1, 2)
-        names = [p.name for p in outcome.parameters[:shared]]
-        self.names = (*names, *(f"log_width_{w.name}" for w in self._widths))
-        self.centre = np.concatenate([outcome.solution.theta[:shared], logs[:, 0]])
-        self.long_tailed = np.array([n in outcome.scatter for n in names] + len(logs) * [True], dtype=bool)
+    def __init__(self, result: IRLSResult) -> None:
+        assert result.model and result.result
+        shared, params = result.shared, result.result.params
+        names = [p.name for p in result.parameters[:shared]]
+        log_widths = np.array(result.log_widths).reshape(-1, 2)
+        self._widths = result.departing
+        self._shared, self._size = shared, len(result.parameters)
+        self._constraints = _Constraints(params, shared)
+        varying = self._constraints.varying
+        self.parameters = (*names, *(f"log_width_{w.name}" for w in self._widths))
+        self.names = (*(names[i] for i in varying), *self.parameters[shared:])
+        self.long_tailed = np.array([n in result.scatter for n in self.names[: varying.size]], dtype=bool)
+        self.long_tailed = np.append(self.long_tailed, np.ones(len(log_widths), dtype=bool))
+        self.constant = np.append(self._constraints.fixed, np.zeros(len(log_widths), dtype=bool))
+        self.centre = np.concatenate([result.solution.theta[:shared], log_widths[:, 0]])
+        self._centre = np.concatenate([self.centre[varying], log_widths[:, 0]])
         try:
-            root = np.linalg.cholesky(outcome.solution.covariance[:shared, :shared])
+            root = np.linalg.cholesky(self._constraints.within_bounds(result.solution.covariance))
         except np.linalg.LinAlgError as error:
             raise FitError(
                 "the covariance of the estimate is not positive, nothing can be sampled"
             ) from error
-        self.root = scipy.linalg.block_diag(root, np.diag(logs[:, 1]))
-        self._shared, self._all = shared, len(outcome.parameters)
-        self._prior = whitened_run.Prior(outcome.prior.centre[:shared], outcome.prior.rows[:, :shared])
-        theta = outcome.solution.theta
-        self.inflation = inflations(outcome.blocks, theta)
+        self.root = scipy.linalg.block_diag(root, np.diag(log_widths[:, 1]))
+        theta = result.solution.theta
+        inflation = inflations(result.blocks, theta)
         self._runs = [
-            _Run(block, k, self._widths, theta)
-            for block, k in zip(outcome.blocks, self.inflation, strict=True)
+            _Run(block, _likelihood(block, estimate, k), self._widths, theta)
+            for block, estimate, k in zip(result.blocks, result.model.runs, inflation, strict=False)
         ]
 
     def theta(self, z: Array) -> Array:
-        """Return the parameters, SI, at points z, both of shape (..., P)."""
-        return np.asarray(self.centre + z @ self.root.T)
+        """Return parameters and logarithms of widths, SI, (..., P + I), at points z, shape (..., F + I)."""
+        coordinates = self._centre + z @ self.root.T
+        free = self._constraints.varying.size
+        theta = np.empty((*z.shape[:-1], self.centre.size))
+        theta[...] = self.centre
+        theta[..., self._constraints.varying] = coordinates[..., :free]
+        theta[..., self._shared :] = coordinates[..., free:]
+        self._constraints.tie(theta)
+        return theta
 
     def __call__(self, z: Array) -> Array:
-        """Return the logarithm of the density but for a constant, shape (W,), at W points, shape (W, P)."""
+        """Return the logarithm of the density but for a constant, shape (W,), at W points, (W, F + I)."""
         sampled = self.theta(z)
-        theta = np.zeros((self._all, len(sampled)))
+        theta = np.zeros((self._size, len(sampled)))
         theta[: self._shared] = sampled[:, : self._shared].T
-        logs = sampled[:, self._shared :]
-        known = self._prior.rows @ (theta[: self._shared] - self._prior.centre[:, None])
-        density = -np.sum(known**2, axis=0) / 2
+        log_widths = sampled[:, self._shared :]
+        density = self._constraints.log_prior(sampled)
         for i, width in enumerate(self._widths):
-            density += width.log_prior(logs[:, i])
-        for run in self._runs:
-            density += run(theta, logs)
-        return np.asarray(density)
+            density += width.log_prior(log_widths[:, i])
+        with np.errstate(invalid="ignore", over="ignore"):  # where ties make no number
+            for run in self._runs:
+                density += run(theta, log_widths)
+        return np.where(np.isnan(density), -np.inf, density)
 
-    @property
-    def sigma(self) -> Array:
-        """Sigmas of the estimate, SI, shape (P,)."""
-        return np.asarray(np.sqrt(np.sum(self.root**2, axis=1)))
+    def draw(self, rng: np.random.RandomState, n: int) -> Array:
+        """Return n points of the unit normal within the bounds, shape (n, F + I)."""
+        z = rng.standard_normal((n, len(self.names)))
+        while (outside := ~self._constraints.inside(self.theta(z))).any():
+            z[outside] = rng.standard_normal((np.count_nonzero(outside), z.shape[1]))
+        return z
 
-    @property
-    def fingerprint(self) -> Array:
-        """The density at the estimate and a sigma beside it, shape (P + 1,): no two posteriors agree in it.
 
-        A digest of bits would not do: the last digit depends on the number of threads of the linear algebra,
-        and it is 1e-8 that such a density may differ by.
-        """
-        return self(np.eye(len(self.names) + 1, len(self.names), k=-1))
+class _Constraints:
+    """What the settings and the weak priors say of the P parameters that runs share.
+
+    Attributes
+    ----------
+    varying : ndarray of int, shape (F,)
+        Parameters that are neither fixed nor tied.
+    fixed : ndarray of bool, shape (P,)
+        Parameters that do not move at all.
+    """
+
+    def __init__(self, params: "lmfit.Parameters", shared: int) -> None:
+        self._names = list(params)
+        every = list(params.values())[:shared]
+        self.varying = np.flatnonzero(~constraints.fixed_or_tied(params)[:shared])
+        self.fixed = np.array([not p.vary and not p.expr for p in every], dtype=bool)
+        self._bounds = np.array([(p.min, p.max) for p in every]).reshape(-1, 2)[self.varying]
+        priors = {i: p.user_data for i, p in enumerate(every) if isinstance(p.user_data, Prior)}
+        self._prior = list(priors)
+        self._mean, self._sigma = np.array([*priors.values()]).reshape(-1, 2).T
+        self._ties = _ties({p.name: p.expr for p in every if p.expr})
+
+    def within_bounds(self, covariance: Array) -> Array:
+        """Return the covariance of the parameters that vary, no wider than between their bounds."""
+        C = covariance[np.ix_(self.varying, self.varying)].copy()
+        for i in np.flatnonzero(np.isfinite(self._bounds).all(axis=1)):
+            uniform = np.ptp(self._bounds[i]) ** 2 / 12
+            C -= np.outer(C[:, i], C[i]) / (C[i, i] + uniform)
+        return C
+
+    def tie(self, theta: Array) -> None:
+        """Set tied parameters of theta, shape (..., P + I), to their expressions."""
+        for tie in self._ties:
+            values = {symbol: theta[..., self._names.index(symbol)] for symbol in tie.symbols}
+            with np.errstate(all="ignore"):
+                theta[..., self._names.index(tie.name)] = tie.model.eval(**values)
+
+    def inside(self, theta: Array) -> NDArray[np.bool_]:
+        """Return which of the points theta, shape (W, P + I), are within the bounds and finite."""
+        x = theta[:, self.varying]
+        low, high = self._bounds.T
+        return np.asarray(np.all((low <= x) & (x <= high), axis=1) & np.isfinite(theta).all(axis=1))
+
+    def log_prior(self, theta: Array) -> Array:
+        """Return the logarithm of the prior, shape (W,), at theta, shape (W, P + I)."""
+        chi2 = np.sum(((theta[:, self._prior] - self._mean) / self._sigma) ** 2, axis=1)
+        return np.where(self.inside(theta), -chi2 / 2, -np.inf)
+
+
+@dataclass(frozen=True)
+class _Tie:
+    """A tied parameter, with the parameters in its expression as arrays.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter.
+    symbols : list of str
+        The parameters in its expression.
+    model : ExpressionModel
+        Evaluates it.
+    """
+
+    name: str
+    symbols: list[str]
+    model: "ExpressionModel"
+
+
+def _ties(expressions: Mapping[str, str]) -> list[_Tie]:
+    """Return ties of parameters in an order in which they can be evaluated."""
+    from lmfit.models import ExpressionModel  # slow to import
+
+    symbols = {
+        name: sorted(constraints.symbols(expr, name) - {*constraints.FUNCTIONS})
+        for name, expr in expressions.items()
+    }
+    order = [name for name in TopologicalSorter(symbols).static_order() if name in expressions]
+    return [
+        _Tie(name, symbols[name], ExpressionModel(expressions[name], independent_vars=symbols[name]))
+        for name in order
+    ]
+
+
+@dataclass(frozen=True)
+class _Likelihood:
+    """The likelihood of a run.
+
+    Attributes
+    ----------
+    cost : callable
+        Minus its logarithm, shape (W,), of coefficients of its columns, shape (K, W).
+    weight, curvature : ndarray, shape (K, K)
+        Of the squares of the coefficients in the cost as it is weighted, and second derivatives of the cost.
+    """
+
+    cost: Callable[[Array], Array]
+    weight: Array
+    curvature: Array
+
+
+def _likelihood(block: whitened_run.WhitenedRun, estimate: RunEstimate, inflation: float) -> _Likelihood:
+    """Return the likelihood that a run was fitted with; one that is not Gaussian over `inflation`."""
+    if block.weights.likelihood == "gaussian":
+        R = estimate.root @ np.hstack([-estimate.c[:, None], np.eye(estimate.c.size)])
+        return _Likelihood(lambda c: np.asarray(np.sum((R @ c) ** 2, axis=0) / 2), R.T @ R, R.T @ R)
+    cost = _student_t(block) if block.weights.likelihood == "student_t" else _marginalised(block)
+    weight = block.R.T @ block.R
+    return _Likelihood(lambda c: cost(c) / inflation, weight / inflation, block.H / inflation)
+
+
+def _student_t(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
+    U = np.concatenate([block.columns.real, block.columns.imag])
+
+    def cost(c: Array) -> Array:
+        power = ((U @ c) ** 2).reshape(2, -1, c.shape[1]).sum(axis=0)
+        return np.asarray((NU + 2) / 2 * np.sum(np.log1p(power / NU), axis=0))
+
+    return cost
+
+
+def _marginalised(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
+    sizes = [band.stop - band.start for band in block.weights.bands]
+    roots = [block.root(band) for band in block.weights.bands]
+
+    def cost(c: Array) -> Array:
+        parts = (n * np.log(np.sum((R @ c) ** 2, axis=0)) for n, R in zip(sizes, roots, strict=True))
+        return np.asarray(np.sum(list(parts), axis=0))
+
+    return cost
 
 
 class _Run:
-    """The logarithm of the likelihood of one run, its departures integrated over."""
+    """The logarithm of the likelihood of one run, its departures integrated over.
+
+    Parameters
+    ----------
+    block : WhitenedRun
+        The run.
+    likelihood : _Likelihood
+        Of the coefficients of its columns.
+    widths : sequence of ScaleParameter
+        What departs.
+    theta : ndarray, shape (P,)
+        The estimate.
+    """
 
     def __init__(
         self,
         block: whitened_run.WhitenedRun,
-        inflation: float,
+        likelihood: _Likelihood,
         widths: Sequence[ScaleParameter],
         theta: Array,
     ) -> None:
-        self._block, self._inflation = block, inflation
-        self._cost = cost(block)
-        of_run = [
+        self._block, self._likelihood = block, likelihood
+        departures = [
             (member, i, unit)
             for i, width in enumerate(widths)
             for member, unit in zip(width.members, width.units, strict=True)
             if block.share[:, member].any()
         ]
-        self._of_width = np.array([i for _, i, _ in of_run], dtype=int)
-        self._units = np.array([unit for _, _, unit in of_run])
-        to_columns = block.gradient(theta)[:, [member for member, _, _ in of_run]]
-        self._to_columns = to_columns * self._units
-        self._pull = self._to_columns.T @ block.R.T @ block.R / inflation
-        self._weighed = self._pull @ self._to_columns
-        self._H = self._to_columns.T @ block.H @ self._to_columns / inflation
+        self._of_width = np.array([i for _, i, _ in departures], dtype=int)
+        self._units = np.array([unit for _, _, unit in departures])
+        gradient = block.gradient(theta)[:, [member for member, _, _ in departures]]
+        self._gradient = gradient * self._units
+        self._pull = self._gradient.T @ likelihood.weight
+        self._weight = self._pull @ self._gradient
+        self._curvature = self._gradient.T @ likelihood.curvature @ self._gradient
 
-    def __call__(self, theta: Array, logs: Array) -> Array:
+    def __call__(self, theta: Array, log_widths: Array) -> Array:
         """Return it for theta, shape (P, W), whose departures are zero, and the widths, shape (W, I)."""
         c = self._block.coefficients(theta)
         if not self._units.size:
-            return -self._cost(c) / self._inflation
-        width = np.exp(logs[:, self._of_width])  # of departures in their units
-        # the weights hold wherever the departures may take up what the others leave, the curvature only there
-        weighed, A = (
+            return -self._likelihood.cost(c)
+        width = np.exp(log_widths[:, self._of_width])  # of departures in their units
+        # the weights hold wherever the departures may absorb the residual, the curvature only there
+        weight, A = (
             np.eye(self._units.size) + width[:, :, None] * H * width[:, None, :]
-            for H in (self._weighed, self._H)
+            for H in (self._weight, self._curvature)
         )
-        x = -np.linalg.solve(weighed, (width * (self._pull @ c).T)[:, :, None])[:, :, 0]
-        likeliest = c + self._to_columns @ (width * x).T
+        x = -np.linalg.solve(weight, (width * (self._pull @ c).T)[:, :, None])[:, :, 0]
+        likeliest = c + self._gradient @ (width * x).T
         integral = np.sum(x**2, axis=1) / 2 + np.linalg.slogdet(A)[1] / 2
-        return np.asarray(-self._cost(likeliest) / self._inflation - integral)
-
-
-def cost(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
-    """Return minus the logarithm of the likelihood of a run, of coefficients of its columns, shape (K, W)."""
-    if block.weights.likelihood == "student_t":
-        U = np.concatenate([block.columns.real, block.columns.imag])
-
-        def of_bins(c: Array) -> Array:
-            power = ((U @ c) ** 2).reshape(2, -1, c.shape[1]).sum(axis=0)
-            return np.asarray((NU + 2) / 2 * np.sum(np.log1p(power / NU), axis=0))
-
-        return of_bins
-    if block.weights.likelihood == "marginalised":
-        sizes = [band.stop - band.start for band in block.weights.bands]
-        roots = [block.root(band) for band in block.weights.bands]
-
-        def of_bands(c: Array) -> Array:
-            parts = (n * np.log(np.sum((R @ c) ** 2, axis=0)) for n, R in zip(sizes, roots, strict=True))
-            return np.asarray(np.sum(list(parts), axis=0))
-
-        return of_bands
-    R = block.R
-    return lambda c: np.asarray(np.sum((R @ c) ** 2, axis=0) / 2)
+        return np.asarray(-self._likelihood.cost(likeliest) - integral)

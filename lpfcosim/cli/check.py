@@ -113,7 +113,7 @@ def _expectation(plan: Campaign, chosen: fit_settings.Settings, jobs: int, conso
     with console.stage("forecast"):
         try:
             joint = expected_fit.expected_fit(planned(plan), chosen)
-            periods = expected_euler_fit.expected_periods(turning(plan.runs), joint)
+            periods = expected_euler_fit.expected_periods(turning(plan.runs), joint, chosen.parameters)
         except expected_fit.NoneTakesPartError:
             warnings.append(_why_none(plan))
         except expected_fit.NoiselessError as error:

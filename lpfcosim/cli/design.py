@@ -14,7 +14,7 @@ from fit.forecasting import expected_euler_fit, fisher
 from fit.forecasting import expected_fit as forecasts
 from fit.parallel import follow_progress, update_progress
 from fit.results import Fit
-from fit.settings import Settings, refuse_constraints, settings
+from fit.settings import Settings, settings
 from fit.tables import Lines
 from lpfcosim.campaign import Campaign, loading, names
 from lpfcosim.cli.common import about, check_file
@@ -54,7 +54,6 @@ def design(
     if figure:
         check_file(figure, [*inputs, path], FORMATS)
     chosen = settings(plan.fit, f"{campaign}: fit")
-    refuse_constraints(chosen, "design", f"{campaign}: fit")
     with about(campaign):
         validation.check_linear_model(plan, "a design is")
         for line in validation.validate(plan).doubts:
@@ -103,18 +102,22 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
         with follow_progress(None):  # it is a small part of the search, which tells how far that is
             return forecasts.expected_fit(planned(of), chosen, gains)
 
+    constrained = {name for name, c in chosen.parameters.items() if c.expr or not c.vary}
+
+    def sigmas(estimates: Fit, suffix: str = "") -> dict[str, float]:
+        of_fit = {f"{name}{suffix}": estimate.sigma for name, estimate in estimates.parameters.items()}
+        return {name: sigma for name, sigma in of_fit.items() if name not in constrained}
+
     def expected(of: Campaign) -> dict[str, float]:
-        return {name: estimate.sigma for name, estimate in fitted(of).parameters.items()}
+        return sigmas(fitted(of))
 
     def calibration(of: Campaign) -> Calibration:
         joint = fitted(of)
 
         def told(at: Campaign) -> dict[str, float]:
-            periods = expected_euler_fit.expected_periods(turning(at.runs), joint)
+            periods = expected_euler_fit.expected_periods(turning(at.runs), joint, chosen.parameters)
             return {
-                f"{name}_{period}": estimate.sigma
-                for period, fit in periods.items()
-                for name, estimate in fit.parameters.items()
+                name: s for period, fit in periods.items() for name, s in sigmas(fit, f"_{period}").items()
             }
 
         return Calibration(told, euler_fit.SHORTEST)

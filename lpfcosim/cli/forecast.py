@@ -37,7 +37,7 @@ def forecast(campaign: Path, out: Path | None, console: Console) -> None:
         with console.stage("forecast"):
             gains = dict.fromkeys(("lambda_1", "lambda_2"), plan.truth.lambda_scatter)
             expected = forecasts.expected_fit(planned(plan), chosen, gains)
-            periods = expected_euler_fit.expected_periods(turning(plan.runs), expected)
+            periods = expected_euler_fit.expected_periods(turning(plan.runs), expected, chosen.parameters)
     text = json.dumps(forecasts.document(expected, periods), indent=1, allow_nan=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

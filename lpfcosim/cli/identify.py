@@ -72,6 +72,8 @@ def identify_files(
         )
     with console.stage("reading"):
         results, telemetries = earlier.load(directory)
+    place = f"{directory / 'results.json'}: provenance.settings"
+    refuse_constraints(settings(results.provenance.settings, place), "identify", place)
     check(plan, telemetries)
     with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):

@@ -45,8 +45,9 @@ def _sample(
         outcome = earlier.refit(results, telemetries, directory / "results.json")
     posterior = Posterior(outcome)
     with console.counted("steps", steps) as progress:
-        chain = chains.sample(posterior, directory / "mcmc.h5", steps=steps, seed=seed, progress=progress)
-    chain, outcome = chains.beside_instruments(chain, outcome, given)
+        path, identity = directory / "mcmc.h5", chains.digest(results)
+        chain = chains.sample(posterior, path, identity, steps=steps, seed=seed, progress=progress)
+    chain, outcome = chains.apply_iv_correction(chain, outcome, given)
     truths = {name: e.truth for name, e in joint.items() if e.truth is not None}
     document = chains.summary(chain, outcome, truths)
     text = atomic.write_json(directory / "mcmc.json", document)

@@ -43,6 +43,10 @@ class Sights(Protocol):
         """Of their weak priors, shape (P,)."""
 
     @property
+    def prior(self) -> Array:
+        """Information of the user's priors, shape (P, P)."""
+
+    @property
     def each(self) -> Sequence[ExperimentInformation]:
         """The experiments."""
 
@@ -149,7 +153,7 @@ def changed(
     bare = with_tones(plan, {e.name: () for e in plan.experiments})
     told = foresight.sights(with_tones(plan, {e.name: _faint(e.injections) for e in plan.experiments}))
     names, widths = told.names, told.widths
-    lost = np.array([name not in before for name in names])
+    lost = np.array([name not in before for name in names]) & (np.diag(told.prior) == 0)
     scale = np.array(
         [wishes.sigmas.get(n, before.get(n, w)) for n, w in zip(names, widths, strict=True)], dtype=float
     )
@@ -164,7 +168,7 @@ def changed(
     for stage in free:
         if not stage.frequencies(ENOUGH, wishes.forbidden).size:
             raise InputError(f"design.forbidden: experiment {stage.run.experiment} has no frequency left")
-    fixed = np.diag(np.where(lost, (scale / widths) ** 2, 0.0))
+    fixed = np.diag(np.where(lost, (scale / widths) ** 2, 0.0)) + scale[:, None] * told.prior * scale
     fixed = fixed + sum((stage.known for stage in stages if not stage.loops), np.zeros_like(fixed))
     objective = _objective(wishes, [n for n in names if n in before], names)
     angles = {name: sigma for name, sigma in wishes.sigmas.items() if name not in before}

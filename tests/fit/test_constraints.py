@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 import fit
-from fit.forecasting.expected_fit import Planned, expected_fit
+from fit.forecasting import fisher
+from fit.forecasting.expected_fit import document as forecast_document
+from fit.forecasting.expected_fit import expected_fit
 from fit.settings import settings
 from lpfcosim.cli.constraints import Constraints
-from tests.fit.estimate.test_forecast import SETS, expected
+from tests.fit.forecasting.test_expected_fit import SETS, expected
 from tests.oracles.synthetic import World, pair
 
 WORLD = World()
@@ -150,15 +152,50 @@ def test_results_from_a_file_hold_no_model(free, tmp_path):
         _ = fit.load_results(tmp_path / "results.json").joint.lmfit
 
 
-def test_a_forecast_knows_what_is_said():
+@pytest.mark.parametrize(
+    ("said", "row", "known"),
+    [
+        ({"lambda_1": {"vary": False, "value": WORLD.lambda_1}}, {"lambda_1": 1.0}, (WORLD.lambda_1, 0.0)),
+        ({"alpha_phi_1": {"expr": "alpha_phi_2"}}, {"alpha_phi_1": 1.0, "alpha_phi_2": -1.0}, (0.0, 0.0)),
+        ({"C_2": {"prior": [WORLD.C_2, 1e-6]}}, {"C_2": 1.0}, (WORLD.C_2, 1e-6)),
+    ],
+)
+def test_a_forecast_has_the_constraints_of_the_fit(runs, said, row, known):
     planned = expected(WORLD, drive_1=1e-12)
-    assert all(isinstance(one, Planned) for one in planned)
-    free, fixed = (expected_fit(planned, settings(said)) for said in ({}, {"parameters": FIXED}))
-    row = np.array([float(name == "lambda_2") for name in free])
-    agree(fixed, conditional(free, row, free["lambda_2"].value), free, but=["lambda_2"])
+    unconstrained, constrained = (expected_fit(planned, settings(s)) for s in ({}, {"parameters": said}))
+    direction = np.array([row.get(n, 0.0) for n in unconstrained])
+    agree(constrained, conditional(unconstrained, direction, *known), unconstrained, but=said)
+    of_fit = fit.calibrate(runs, parameters=said).joint
+    entries = forecast_document(constrained, {})["parameters"]
+    for n, e in of_fit.parameters.items():
+        if e.fixed:
+            assert entries[n] == {"sigma": None, "unit": e.unit, "fixed": e.value}
+        else:
+            assert entries[n]["sigma"] == pytest.approx(e.sigma, rel=0.1), n
 
 
-FIXED = {"lambda_2": {"vary": False}}
+@pytest.mark.parametrize("function", [expected_fit, fisher.sights])
+def test_a_forecast_refuses_parameters_it_does_not_have(function):
+    said = settings({"parameters": {"lambda_3": {"vary": False}}})
+    with pytest.raises(fit.InputError, match="lambda_3: no parameter of this fit"):
+        function(expected(WORLD), said)
+
+
+def test_the_information_of_experiments_is_that_of_what_varies():
+    planned = expected(WORLD, drive_1=1e-12)
+    said = {"lambda_2": {"vary": False}, "C_1": {"expr": "C_2"}, "alpha_x_2": {"prior": [-317.0, 1.0]}}
+    chosen = settings({"parameters": said})
+    campaign, joint = fisher.sights(planned, chosen), expected_fit(planned, chosen)
+    assert {"lambda_2", "C_1"}.isdisjoint(campaign.names)
+    of_data = sum(e.told for e in campaign.each)
+    lost = [n not in joint.parameters for n in campaign.names] & (np.diag(campaign.prior) == 0)
+    weak = np.diag(np.where(lost, campaign.widths**-2.0, 0.0))
+    scale = campaign.widths
+    covariance = np.linalg.inv((of_data + campaign.prior + weak) * np.outer(scale, scale))
+    sigmas = np.sqrt(np.diag(covariance)) * scale
+    for name, sigma in zip(campaign.names, sigmas, strict=True):
+        if name in joint.parameters:
+            assert sigma == pytest.approx(joint[name].sigma, rel=0.06), name
 
 
 def test_the_end_of_the_band(runs, free):

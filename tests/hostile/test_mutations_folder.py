@@ -169,13 +169,13 @@ def test_logs_of_campaigns(tmp_path, cases):
 def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
     monkeypatch.setattr(probe, "PATIENCE", 20.0)
-    monkeypatch.setattr(emcee_sampling, "CHECK", 10)
+    monkeypatch.setattr(emcee_sampling, "CHECK_INTERVAL", 10)
     results, runs = earlier.load(copied)
     posterior = Posterior(earlier.refit(results, runs, copied / "results.json"))
     path = copied / "mcmc.h5"
 
     def sample():
-        emcee_sampling.sample(posterior, path, steps=10, seed=1)
+        emcee_sampling.sample(posterior, path, "fit", steps=10, seed=1)
 
     assert "not converged" in survives(sample, path, "new")
     good = path.read_bytes()
@@ -192,9 +192,8 @@ def test_chains(copied, cases, monkeypatch):
         lambda h5: h5["mcmc/chain"].__setitem__(..., np.nan),
         lambda h5: h5["mcmc/log_prob"].__setitem__(..., np.nan),
         lambda h5: h5["mcmc/chain"].resize((10**7, *h5["mcmc/chain"].shape[1:])),
-        lambda h5: h5.__delitem__("fingerprint") or h5.create_dataset("fingerprint", data="x"),
-        lambda h5: h5.__delitem__("names") or h5.create_dataset("names", data=3.0),
-        lambda h5: h5.__delitem__("names") or h5.__setitem__("names", h5py.ExternalLink("/dev/zero", "x")),
+        lambda h5: h5.attrs.__setitem__("digest", 3.0),
+        lambda h5: h5.__delitem__("mcmc") or h5.__setitem__("mcmc", h5py.ExternalLink("/dev/zero", "x")),
     ):
         path.write_bytes(good)
         with h5py.File(path, "a") as h5:

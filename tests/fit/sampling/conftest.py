@@ -1,30 +1,15 @@
-"""Telemetry of the Euler fit and a fit of it, made once for all its tests; a posterior known exactly."""
+"""A posterior that is known exactly."""
 
 import numpy as np
 import pytest
 
 from fit.fitting.irls import IRLSResult
+from fit.fitting.joint_model import JointModel, Prior
+from fit.fitting.problem import Problem
+from fit.fitting.run_estimate import run_estimate
 from fit.parameters import FLIGHT
 from fit.whitening import whitened_run
 from fit.whitening.likelihoods import weights
-from tests.fit.estimate.euler import DAY, QUIET, fitted
-from tests.oracles.rotation_synthetic import run
-
-
-@pytest.fixture(scope="package")
-def three_days():
-    return run()
-
-
-@pytest.fixture(scope="package")
-def found(three_days):
-    return fitted(three_days[0])
-
-
-@pytest.fixture(scope="package")
-def quiet_day():
-    return run(QUIET, duration=DAY)
-
 
 TAU = (0.1, 0.2)
 
@@ -53,9 +38,11 @@ def linear_case():
     sigma = np.sqrt(np.diag(covariance))
     # where it starts from is beside the truth and too wide: the chain must not depend on it
     solution = whitened_run.Solution(mean + 0.5 * sigma, 1.5 * covariance, 1.0, 1)
+    parameters = tuple(FLIGHT[name] for name in ("lambda_2", "C_2", "omega2_2_0"))
+    problem, model = Problem(parameters), JointModel([run_estimate("A", block)])
     return (
         IRLSResult(
-            parameters=tuple(FLIGHT[name] for name in ("lambda_2", "C_2", "omega2_2_0")),
+            parameters=parameters,
             solution=solution,
             lost=np.zeros(3, dtype=bool),
             directions=np.empty((0, 3)),
@@ -63,6 +50,9 @@ def linear_case():
             converged=True,
             blocks=(block,),
             prior=whitened_run.Prior(centre, rows),
+            model=model,
+            result=model.fit(problem.params(centre, {2: Prior(centre[2], 4e-9)})),
+            problem=problem,
             scatter={},
         ),
         mean,

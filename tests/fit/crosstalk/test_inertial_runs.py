@@ -13,7 +13,7 @@ from fit.errors import InputError
 from fit.pipeline import calibrate, calibrate_inertial
 from fit.telemetry.reader import read_all
 from lpfcosim.cli import start as cli
-from tests.fit.estimate.euler import DAY, QUIET, as_quaternion, codes, fitted, lacking, pulls
+from tests.fit.crosstalk.euler import DAY, QUIET, as_quaternion, codes, fitted, lacking, pulls
 from tests.oracles import synthetic
 from tests.oracles.rotation_synthetic import Plane, World, calibration, run, write
 from tests.oracles.synthetic import without

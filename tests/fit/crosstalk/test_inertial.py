@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fit.crosstalk.euler_fit import fit_period
 from fit.model import rate, rotation
 from fit.settings import ParameterSettings
-from tests.fit.estimate.euler import (
+from tests.fit.crosstalk.euler import (
     DAY,
     QUIET,
     TRUTH,

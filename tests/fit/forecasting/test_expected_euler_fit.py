@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from fit.crosstalk.euler_fit import fit_period
+from fit.errors import InputError
 from fit.forecasting.expected_euler_fit import expected_periods
+from fit.settings import settings
 from lpfcosim.campaign import loading
 from lpfcosim.cli import montecarlo
 from lpfcosim.cli.planned import in_memory, turning
@@ -83,6 +85,23 @@ def test_monte_carlo_fits_tell_as_much(plan):
     for fit in fits:  # the steady turn is there too
         assert fit.centrifugal.value == pytest.approx(1, abs=4.5 * fit.centrifugal.sigma)
         assert fit.centrifugal.sigma < 0.1
+
+
+def test_angles_obey_the_settings(plan):
+    run = next(run for run in plan.runs if run.experiment == "P3a")
+    planned, joint = turning([run]), calibration().joint
+    unconstrained = expected_periods(planned, joint)["3"]
+    value, sigma = unconstrained["delta_phi"].value, unconstrained["delta_phi"].sigma
+    said = settings({"parameters": {"delta_phi_3": {"vary": False, "value": value}}})
+    constrained = expected_periods(planned, joint, said.parameters)["3"]
+    assert constrained["delta_phi"].fixed
+    assert constrained["delta_eta"].sigma < unconstrained["delta_eta"].sigma
+    prior = settings({"parameters": {"delta_phi_3": {"prior": [value, sigma]}}})
+    known = expected_periods(planned, joint, prior.parameters)["3"]
+    assert known["delta_phi"].sigma == pytest.approx(sigma / 2**0.5, rel=0.05)
+    other = settings({"parameters": {"delta_phi_7": {"vary": False}}})
+    with pytest.raises(InputError, match="delta_phi_7: no parameter of this fit"):
+        expected_periods(planned, joint, other.parameters)
 
 
 def test_drowned_in_torque_noise_as_the_fit_is(plan):

@@ -128,6 +128,27 @@ def test_what_is_given_beside_instruments_is_moved_and_widened_as_the_results_ar
     assert "The chain is of another fit" not in page
 
 
+def test_the_posterior_has_the_constraints_of_the_fit(lpfcosim, calibrated):
+    value, folder = World().C_2, calibrated.parent
+    options = ["--fix", f"C_2={value}", "--tie", "alpha_phi_1=alpha_phi_2", "--bound", "lambda_2=1.0:1.1"]
+    status, _, err = lpfcosim("fit", folder, "--out", calibrated, *options)
+    assert status == 0, err
+    status, _, err = lpfcosim("mcmc", calibrated)
+    assert status == 0, err
+    document = json.loads((calibrated / "mcmc.json").read_text())
+    assert document["fixed"] == {"C_2": value}
+    assert "C_2" not in document["parameters"]
+    assert f"C_2 fixed at {value:.9g}" in document["constraints"]
+    assert "lambda_2 between 1 and 1.1" in document["constraints"]
+    joint = json.loads((calibrated / "results.json").read_text())["joint"]["parameters"]
+    for name, entry in document["parameters"].items():
+        assert abs(entry["shift_in_sigma"]) < 5 * entry["shift_error"]
+        assert entry["sigma"] == pytest.approx(joint[name]["sigma"], rel=0.1)
+    page = (calibrated / "report.html").read_text(encoding="utf-8")
+    assert f"As the settings say: {'; '.join(document['constraints'])}" in page
+    assert "The chain is of another fit" not in page
+
+
 def test_folder_without_results(lpfcosim, tmp_path):
     status, _, err = lpfcosim("mcmc", tmp_path)
     assert status == 2

@@ -8,6 +8,7 @@ import pytest
 import scipy
 
 from fit.errors import FitError, InputError
+from fit.results import Estimate, Fit, Provenance, Results
 from fit.sampling import emcee_sampling
 from fit.sampling.posterior import Posterior
 from tests.oracles.contract_file import write_contract_file
@@ -19,7 +20,7 @@ pytestmark = pytest.mark.slow
 def test_linear_gaussian_case(linear_case, tmp_path):
     # seeded; 4.5 standard errors in 6 numbers: false positives 4e-5
     outcome, mean, covariance = linear_case
-    chain = emcee_sampling.sample(Posterior(outcome), tmp_path / "c.h5", steps=20000, seed=3)
+    chain = emcee_sampling.sample(Posterior(outcome), tmp_path / "c.h5", "fit", steps=20000, seed=3)
     assert chain.converged
     flat = chain.theta.reshape(-1, 3)
     sigma = np.sqrt(np.diag(covariance))
@@ -49,7 +50,8 @@ class Scattering:
     NU = 6.0
 
     def __init__(self, others: int) -> None:
-        self.names = (*(f"p_{i}" for i in range(1 + others)), "log_width")
+        self.names = self.parameters = (*(f"p_{i}" for i in range(1 + others)), "log_width")
+        self.constant = np.zeros(len(self.names), dtype=bool)
         self.long_tailed = np.array([True, *others * [False], True])
         half = self.NU / 2
         self.log_s = (np.log(half) - scipy.special.digamma(half)) / 2
@@ -61,23 +63,22 @@ class Scattering:
     def theta(self, z):
         return self.centre + self.sigma * z
 
+    def draw(self, rng, n):
+        return rng.standard_normal((n, len(self.names)))
+
     def __call__(self, z):
         theta = self.theta(z)
         x, log_s = theta[:, 0], theta[:, -1]
         weighed = np.exp(-2 * log_s) * (self.NU + x**2) / 2
         return -(self.NU + 1) * log_s - weighed - np.sum(theta[:, 1:-1] ** 2, axis=1) / 2
 
-    @property
-    def fingerprint(self):
-        return self(np.eye(len(self.names) + 1, len(self.names), k=-1))
-
 
 @pytest.mark.stat
 def test_widths_and_what_departs_by_them_have_their_long_tails(tmp_path, monkeypatch):
     # seeded; 4.5 standard errors in 7 numbers: false positives 5e-5
-    monkeypatch.setattr(emcee_sampling, "LONG", 500)
+    monkeypatch.setattr(emcee_sampling, "MIN_LENGTH", 500)
     posterior = Scattering(others=1)
-    chain = emcee_sampling.sample(posterior, tmp_path / "c.h5", steps=100_000, seed=3)
+    chain = emcee_sampling.sample(posterior, tmp_path / "c.h5", "fit", steps=100_000, seed=3)
     x, normal, log_s = chain.theta.reshape(-1, 3).T
     t, beyond = scipy.stats.t(posterior.NU), 4.0
     for of, expected, tau in (
@@ -90,13 +91,13 @@ def test_widths_and_what_departs_by_them_have_their_long_tails(tmp_path, monkeyp
         ((log_s - log_s.mean()) ** 2, posterior.variance, chain.tau[2]),
     ):
         assert np.mean(of) == pytest.approx(
-            expected, abs=4.5 * np.std(of) * np.sqrt(tau / emcee_sampling.KEPT / of.size)
+            expected, abs=4.5 * np.std(of) * np.sqrt(tau / emcee_sampling.THINNING / of.size)
         )
 
 
 def test_the_number_of_parameters_does_not_slow_a_chain_down(tmp_path):
     # by differential evolution alone it takes some hundred steps to forget where 30 parameters were
-    chain = emcee_sampling.sample(Scattering(others=30), tmp_path / "c.h5", steps=5000, seed=1)
+    chain = emcee_sampling.sample(Scattering(others=30), tmp_path / "c.h5", "fit", steps=5000, seed=1)
     assert np.max(chain.tau) < 30
 
 
@@ -108,7 +109,9 @@ def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
     outcome, mean, covariance = linear_case
     pulls = []
     for seed in range(8):
-        chain = emcee_sampling.sample(Posterior(outcome), tmp_path / f"{seed}.h5", steps=20000, seed=seed)
+        chain = emcee_sampling.sample(
+            Posterior(outcome), tmp_path / f"{seed}.h5", "fit", steps=20000, seed=seed
+        )
         error = np.sqrt(np.diag(covariance) / chain.ess)
         pulls.append((chain.theta.mean(axis=(0, 1)) - mean) / error)
     assert 0.3 < np.mean(np.square(pulls)) < 2.2
@@ -116,22 +119,22 @@ def test_autocorrelation_time_is_that_of_the_means(linear_case, tmp_path):
 
 def test_a_short_chain_is_refused_and_goes_on_as_if_nothing_had_happened(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
-    with pytest.raises(FitError, match="not converged after 50 steps: too few to tell"):
-        emcee_sampling.sample(posterior, tmp_path / "parts.h5", steps=50, seed=7)
+    with pytest.raises(FitError, match="not converged after 50 steps: too few to estimate"):
+        emcee_sampling.sample(posterior, tmp_path / "parts.h5", "fit", steps=50, seed=7)
     needed = r"autocorrelation time of \w+ is some \d+ steps, at least \d+ steps are needed; the same command"
     with pytest.raises(FitError, match=rf"parts.h5: not converged after 350 steps: the {needed}"):
-        emcee_sampling.sample(posterior, tmp_path / "parts.h5", steps=300, seed=8)
+        emcee_sampling.sample(posterior, tmp_path / "parts.h5", "fit", steps=300, seed=8)
     with pytest.raises(FitError, match="after 350 steps"):
-        emcee_sampling.sample(posterior, tmp_path / "whole.h5", steps=350, seed=7)
+        emcee_sampling.sample(posterior, tmp_path / "whole.h5", "fit", steps=350, seed=7)
     parts, whole = (_stored(tmp_path / name) for name in ("parts.h5", "whole.h5"))
     assert parts.shape == (35, 12, 3)
     assert np.array_equal(parts, whole)
     both = [
-        emcee_sampling.sample(posterior, tmp_path / name, steps=20000, seed=9)
+        emcee_sampling.sample(posterior, tmp_path / name, "fit", steps=20000, seed=9)
         for name in ("parts.h5", "whole.h5")
     ]
     assert np.array_equal(both[0].z, both[1].z)
-    again = emcee_sampling.sample(posterior, tmp_path / "parts.h5", steps=20000, seed=9)
+    again = emcee_sampling.sample(posterior, tmp_path / "parts.h5", "fit", steps=20000, seed=9)
     assert again.steps == both[0].steps  # done is done
 
 
@@ -144,7 +147,7 @@ def test_seed_decides(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         with pytest.raises(FitError):
-            emcee_sampling.sample(posterior, tmp_path / name, steps=20, seed=seed)
+            emcee_sampling.sample(posterior, tmp_path / name, "fit", steps=20, seed=seed)
     a, b, c = (_stored(tmp_path / name) for name in "abc")
     assert np.array_equal(a, b)
     assert not np.any(a == c)
@@ -152,56 +155,48 @@ def test_seed_decides(linear_case, tmp_path):
 
 def test_a_drift_is_refused(linear_case, tmp_path, monkeypatch):
     posterior = Posterior(linear_case[0])
-    monkeypatch.setattr(emcee_sampling, "APART", 1e-3)
+    monkeypatch.setattr(emcee_sampling, "MAX_DIFFERENCE", 1e-3)
     with pytest.raises(FitError, match=r"the means of \w+ in the halves of the chain differ by \d"):
-        emcee_sampling.sample(posterior, tmp_path / "c.h5", steps=3000, seed=1)
+        emcee_sampling.sample(posterior, tmp_path / "c.h5", "fit", steps=3000, seed=1)
 
 
 def test_a_chain_that_left_no_step_behind_starts_anew(linear_case, tmp_path):
     posterior = Posterior(linear_case[0])
     for name in "ab":
         with pytest.raises(FitError):
-            emcee_sampling.sample(posterior, tmp_path / name, steps=20, seed=1)
+            emcee_sampling.sample(posterior, tmp_path / name, "fit", steps=20, seed=1)
     with h5py.File(tmp_path / "a", "a") as file:
         file["mcmc"].attrs["iteration"] = 0  # killed before the first was counted
     with pytest.raises(FitError):
-        emcee_sampling.sample(posterior, tmp_path / "a", steps=20, seed=1)
+        emcee_sampling.sample(posterior, tmp_path / "a", "fit", steps=20, seed=1)
     assert np.array_equal(_stored(tmp_path / "a"), _stored(tmp_path / "b"))
 
 
-def test_chains_of_something_else_are_refused(linear_case, tmp_path):
-    outcome, path = linear_case[0], tmp_path / "c.h5"
-    with pytest.raises(FitError):
-        emcee_sampling.sample(Posterior(outcome), path, steps=20, seed=1)
-    before = _stored(path)
-    block = replace(outcome.blocks[0], columns=outcome.blocks[0].columns * (1 + 1e-6))
+def test_chains_of_another_posterior_are_refused(linear_case, tmp_path):
+    posterior, path = Posterior(linear_case[0]), tmp_path / "c.h5"
+    with pytest.raises(FitError, match="not converged"):
+        emcee_sampling.sample(posterior, path, "fit", steps=20, seed=1)
+    stored = _stored(path)
     with pytest.raises(InputError, match="the chain of another posterior"):
-        emcee_sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
-    assert np.array_equal(_stored(path), before)
-    renamed = replace(outcome.parameters[0], name="lambda_1")
-    with pytest.raises(InputError, match="the chain of another posterior"):
-        emcee_sampling.sample(
-            Posterior(replace(outcome, parameters=(renamed, *outcome.parameters[1:]))), path, steps=20, seed=1
-        )
-    with h5py.File(path, "a") as file:
-        del file.attrs["moves"]  # as earlier versions did not name them
-    with pytest.raises(InputError, match="the chain of another version of the software"):
-        emcee_sampling.sample(Posterior(outcome), path, steps=20, seed=1)
-    assert np.array_equal(_stored(path), before)
-    nothing = write_contract_file(tmp_path / "telemetry.h5")
+        emcee_sampling.sample(posterior, path, "another fit", steps=20, seed=1)
+    assert np.array_equal(_stored(path), stored)
+    telemetry = write_contract_file(tmp_path / "telemetry.h5")
     text = tmp_path / "text.h5"
     text.write_text("no HDF5")
-    for wrong in (nothing, text):
+    for wrong in (telemetry, text):
         with pytest.raises(InputError, match="not a chain"):
-            emcee_sampling.sample(Posterior(outcome), wrong, steps=20, seed=1)
+            emcee_sampling.sample(posterior, wrong, "fit", steps=20, seed=1)
 
 
-def test_rounding_makes_no_other_posterior(linear_case, tmp_path):
-    outcome, path = linear_case[0], tmp_path / "c.h5"
-    turned = replace(
-        outcome.blocks[0], columns=outcome.blocks[0].columns[::-1]
-    )  # other order, other last digits
-    for block in (outcome.blocks[0], turned):
-        with pytest.raises(FitError, match="not converged"):
-            emcee_sampling.sample(Posterior(replace(outcome, blocks=(block,))), path, steps=20, seed=1)
-    assert len(_stored(path)) == 4
+def test_the_digest_is_that_of_estimates_settings_and_runs():
+    estimate = Estimate(1.08, 1e-5, "1")
+    fit = Fit({"lambda_2": estimate}, np.array([[1e-10]]), 1.0, 1, True, ())
+    provenance = Provenance(settings={"estimator": "gaussian"}, joint_runs=["A"])
+    results = Results(fit, {}, {}, {}, provenance)
+    others = [
+        replace(results, joint=replace(fit, parameters={"lambda_2": replace(estimate, value=1.09)})),
+        replace(results, provenance=replace(provenance, settings={"estimator": "student_t"})),
+        replace(results, provenance=replace(provenance, joint_runs=["B"])),
+    ]
+    assert emcee_sampling.digest(results) == emcee_sampling.digest(replace(results))
+    assert len({emcee_sampling.digest(r) for r in (results, *others)}) == 4

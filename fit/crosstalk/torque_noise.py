@@ -1,0 +1,122 @@
+"""The Euler fit without its attenuation by noise of the torques, and with the errors of the calibration.
+
+Two test masses measure the same rotation with noises of their own. Each is the instrument for the other: only
+what both measure counts as rotation in the normal equations. Noise common to both does not show.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.fitting import IRLSResult
+from fit.whitening import whitened_run
+
+Array = NDArray[np.float64]
+
+ANGLES = 2  # delta_phi and delta_eta come before all other parameters
+DROWNED = 0.5  # fraction of noise in some combination of the torques, from which nothing is corrected
+
+
+class NoisyRotation(Protocol):
+    """A whitened run of the Euler fit, whose columns of `inertial.euler` are noisy."""
+
+    def torque_noise(self, theta: Array) -> tuple[Array, Array]:
+        """Return what noise of the torques adds to the normal equations.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (P,)
+            The estimate.
+
+        Returns
+        -------
+        noise, scatter : ndarray, shape (2, 2)
+            The part of the normal equations that is noise, and the covariance of what it adds to their
+            right-hand side.
+        """
+
+    def calibration_moments(self) -> Array:
+        """Return products of the columns with what 1 sigma of the calibration adds to Delta g, (P, K)."""
+
+
+def bias_corrected(outcome: IRLSResult, correlation: Array) -> tuple[Array, Array, bool]:
+    """Return the angles without the attenuation by noise in dOmega, see `freed`.
+
+    Parameters
+    ----------
+    outcome : IRLSResult
+        By least squares; its runs are `NoisyRotation`.
+    correlation : ndarray, shape (K, K)
+        Of the parameters of the calibration.
+
+    Returns
+    -------
+    theta, covariance : ndarray, shapes (2,) and (2, 2)
+        Of the angles, errors of the calibration included.
+    drowned : bool
+        See `freed`.
+    """
+    solution = outcome.solution
+    width = np.array([p.prior_sigma for p in outcome.parameters])
+    noise, happens = np.zeros((2, width.size, width.size))
+    for block in cast(Sequence[NoisyRotation], outcome.blocks):
+        of_run = block.torque_noise(solution.theta)
+        noise[:ANGLES, :ANGLES] += of_run[0]
+        happens[:ANGLES, :ANGLES] += of_run[1]
+    H = whitened_run.information(outcome.blocks, solution.theta)
+    H += outcome.prior.rows.T @ outcome.prior.rows
+    theta, covariance, drowned = freed(solution.theta, solution.covariance, H, noise, happens, width)
+    covariance = covariance + calibration_covariance(outcome, correlation)
+    return theta[:ANGLES], covariance[:ANGLES, :ANGLES], drowned
+
+
+def freed(
+    theta: Array, covariance: Array, H: Array, noise: Array, happens: Array, width: Array
+) -> tuple[Array, Array, bool]:
+    """Free least squares of the attenuation by noise in dOmega.
+
+    The mean m of two read-outs that disagree by 2 d has, but for noise common to both, the cross-power
+    |m|^2 - |d|^2: that is what instruments of each for the other put in the place of |m|^2.
+
+    Parameters
+    ----------
+    theta, covariance : ndarray, shapes (P,) and (P, P)
+        What least squares finds.
+    H : ndarray, shape (P, P)
+        Its normal equations, priors included.
+    noise : ndarray, shape (P, P)
+        The part of them that is |d|^2.
+    happens : ndarray, shape (P, P)
+        Covariance of what that adds to their right-hand side.
+    width : ndarray, shape (P,)
+        Of the weak priors, which makes numbers comparable.
+
+    Returns
+    -------
+    theta : ndarray, shape (P,)
+        Parameters.
+    covariance : ndarray, shape (P, P)
+        Theirs, what the power of d happens to be included.
+    drowned : bool
+        Whether most of dOmega is noise, in some combination of the angles; then nothing has been done.
+    """
+    root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
+    if np.linalg.eigvalsh(root @ noise @ root.T)[-1] > DROWNED:
+        return theta, covariance, True
+    free = np.linalg.inv(np.eye(width.size) - np.linalg.solve(H, noise))
+    inverse = free @ np.linalg.inv(H)
+    covariance = free @ covariance @ free.T + inverse @ happens @ inverse.T
+    return free @ theta, covariance, False
+
+
+def calibration_covariance(outcome: IRLSResult, correlation: Array) -> Array:
+    """Return the covariance that the errors of the calibration make, shape (P, P)."""
+    blocks, theta = outcome.blocks, outcome.solution.theta
+    width = np.array([p.prior_sigma for p in outcome.parameters])
+    inverse = whitened_run.curvature_covariance(whitened_run.information(blocks, theta), outcome.prior, width)
+    # One calibration serves all runs, so its errors add up; that of delta_ifo counts for nothing here.
+    moments = [block.calibration_moments() for block in cast(Sequence[NoisyRotation], blocks)]
+    shift = inverse @ np.sum(moments, axis=0)
+    return np.asarray(shift @ correlation @ shift.T)

@@ -1,0 +1,21 @@
+"""Telemetry of the Euler fit and a fit of it, made once for all tests of a package."""
+
+import pytest
+
+from tests.fit.crosstalk.euler import DAY, QUIET, fitted
+from tests.oracles.rotation_synthetic import run
+
+
+@pytest.fixture(scope="package")
+def three_days():
+    return run()
+
+
+@pytest.fixture(scope="package")
+def found(three_days):
+    return fitted(three_days[0])
+
+
+@pytest.fixture(scope="package")
+def quiet_day():
+    return run(QUIET, duration=DAY)
