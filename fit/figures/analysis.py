@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.figures.series import averaged, struck
+from fit.figures.series import averaged, glitch_mask
 from fit.model import dynamics
 from fit.spectra import Binned, Estimator, derivatives
 from fit.telemetry import Telemetry, pieces
@@ -23,7 +23,7 @@ _Series = tuple[Array, Array]
 HIGHEST = 1.0  # Hz, shown at most
 SLOW, FAST = 200.0, 20.0  # s, lengths of the windows over which the residual is averaged
 _LONGEST = 2**18  # samples of a stretch, 22 h of telemetry at 10 Hz
-_AT_ONCE = 2**15  # samples of which all columns are made
+_BLOCK_SIZE = 2**15  # samples of which all columns are made
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ def split(telemetry: Telemetry, parameters: Mapping[str, float]) -> Terms:
     valid, total = np.empty(n, dtype=bool), np.empty(n)
     terms = {} if telemetry.kind == "noise" else {term.name: np.zeros(n) for term in dynamics.TERMS}
     # Of weeks, all columns fill the memory.
-    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF, length=_AT_ONCE):
-        found = dynamics.columns(_part(run, piece), dynamics.delays(theta))
-        there = slice(piece.start, piece.start + found.valid.size)
-        valid[there], total[there] = found.valid, dynamics.total(found, theta)
-        for name, term in (dynamics.terms(found, theta) if terms else {}).items():
+    for piece in pieces(run.time.size, overlap=2 * derivatives.HALF, length=_BLOCK_SIZE):
+        columns = dynamics.columns(_part(run, piece), dynamics.delays(theta))
+        samples = slice(piece.start, piece.start + columns.valid.size)
+        valid[samples], total[samples] = columns.valid, dynamics.total(columns, theta)
+        for name, term in (dynamics.terms(columns, theta) if terms else {}).items():
             if np.any(term):  # zeros that nobody touches take no memory
-                terms[name][there] = term
+                terms[name][samples] = term
     known = {name: term for name, term in terms.items() if np.any(term)}  # not where nothing is commanded
     return Terms(run.fs, time, valid, total, known)
 
@@ -132,24 +132,24 @@ def analysed(
     terms, fs, begin, driven = dict[str, _Mean](), telemetry.fs, start, telemetry.kind != "noise"
     missing: list[NDArray[np.bool_]] = []
     stretches = 0
-    for run, kept, whole in _stretches(telemetry, parameters):
+    for run, stretch, whole in _stretches(telemetry, parameters):
         begin = begin if missing else float(run.time[0])
         fs, zero = run.fs, np.zeros(run.time.size)
-        missing.append(~run.valid[kept])
+        missing.append(~run.valid[stretch])
         for average in (fast, slow):
-            average.add(run, run.delta_g, kept)
+            average.add(run, run.delta_g, stretch)
         if driven:
-            signal.add(run, run.terms.get("ddo_12", zero), kept)
-        seen = slice(kept.start, kept.start + whole)
-        valid = run.valid[seen]
+            signal.add(run, run.terms.get("ddo_12", zero), stretch)
+        samples = slice(stretch.start, stretch.start + whole)
+        valid = run.valid[samples]
         if not valid.any():
             continue
         estimator = Estimator(valid, fs, HIGHEST)
-        quiet = valid & ~struck(run.time[seen], masked)
-        enough = valid.sum() > quiet.sum() > quiet.size / 2
-        asd.add(Estimator(quiet, fs, HIGHEST) if enough else estimator, run.delta_g[seen])
+        is_unmasked = valid & ~glitch_mask(run.time[samples], masked)
+        enough = valid.sum() > is_unmasked.sum() > is_unmasked.size / 2
+        asd.add(Estimator(is_unmasked, fs, HIGHEST) if enough else estimator, run.delta_g[samples])
         for name in run.terms:
-            terms.setdefault(name, _Mean()).add(estimator, run.terms[name][seen])
+            terms.setdefault(name, _Mean()).add(estimator, run.terms[name][samples])
         stretches += 1
         del run  # before there is another one
     return Analysis(
@@ -177,12 +177,12 @@ def _stretches(telemetry: Telemetry, parameters: Mapping[str, float]) -> Iterato
         yield run, slice(0, run.time.size), run.time.size
         return
     even, count = math.lcm(_every(FAST, fs), _every(SLOW, fs)), -(-n // _LONGEST)
-    length, beside = n // count // even * even, even * math.ceil((SLOW * fs / 2 + 2) / even)
+    length, margin = n // count // even * even, even * math.ceil((SLOW * fs / 2 + 2) / even)
     for k in range(count):
-        first, last = k * length, n if k == count - 1 else (k + 1) * length
-        begin, end = max(0, first - beside), min(n, last + beside)
+        start, stop = k * length, n if k == count - 1 else (k + 1) * length
+        begin, end = max(0, start - margin), min(n, stop + margin)
         part = slice(factor * begin, factor * (end - 1) + reach + 1 if end < n else telemetry.size)
-        yield split(telemetry.part(part), parameters), slice(first - begin, last - begin), length
+        yield split(telemetry.part(part), parameters), slice(start - begin, stop - begin), length
 
 
 def _every(length: float, fs: float) -> int:
@@ -199,14 +199,14 @@ class _Averaged:
         self._time: list[Array] = []
         self._values: list[Array] = []
 
-    def add(self, run: Terms, x: Array, kept: slice) -> None:
+    def add(self, run: Terms, x: Array, stretch: slice) -> None:
         """Add a stretch, shape (N,), of which some samples are kept."""
-        known, every = x[kept][run.valid[kept]], _every(self._length, run.fs)
+        known, every = x[stretch][run.valid[stretch]], _every(self._length, run.fs)
         mean = float(known.mean()) if known.size else 0.0
         averages = averaged(np.where(run.valid, x - mean, np.nan), self._length * run.fs, every)
-        at = slice(-(-kept.start // every), -(-kept.stop // every))
-        self._time.append(run.time[::every][at].copy())  # else the whole stretch would stay
-        self._values.append(averages[at] + mean)
+        output = slice(-(-stretch.start // every), -(-stretch.stop // every))
+        self._time.append(run.time[::every][output].copy())  # else the whole stretch would stay
+        self._values.append(averages[output] + mean)
         self._sum, self._count = self._sum + float(known.sum()), self._count + known.size
         self.told = self.told or bool(np.any(known))
 

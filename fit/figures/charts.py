@@ -75,7 +75,7 @@ class Curve:
         ``"-"``, ``"--"`` or ``":"``.
     dots : bool
         Whether its points are marked.
-    again : bool
+    is_repeated : bool
         Whether another panel tells the same, on another scale.
     """
 
@@ -90,14 +90,14 @@ class Curve:
     opacity: float = 1.0
     dash: Dash = "-"
     dots: bool = False
-    again: bool = False
+    is_repeated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Points:
     """Marks with error bars from `low` to `high`, and `names` to tell them by; otherwise as `Curve`.
 
-    Those that would hide each other are drawn `beside` their places by so much, in the unit of x.
+    Those that would hide each other are drawn at an `offset` from their places, in the unit of x.
     A `mark` is a dot, a ring, or a square; `caps` end the bars.
     """
 
@@ -111,13 +111,13 @@ class Points:
     names: Sequence[str] = ()
     mark: Shape = "dot"
     caps: bool = True
-    beside: Array | None = None
-    again: bool = False
+    offset: Array | None = None
+    is_repeated: bool = False
 
     @property
     def places(self) -> Array:
         """Where they belong along x, shape (N,)."""
-        return self.x if self.beside is None else self.x - self.beside
+        return self.x if self.offset is None else self.x - self.offset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,13 +187,13 @@ class Chart:
         Above each other with a common x axis, unless there is more than one beside each other.
     columns : mapping of str to sequence
         The numbers it draws, of equal length, by name and unit: ``"f [Hz]"``.
-    beside : int
+    n_across : int
         Panels beside each other; they share both axes.
     """
 
     panels: tuple[Panel, ...]
     columns: Mapping[str, Sequence[object] | NDArray[np.generic]]
-    beside: int = 1
+    n_across: int = 1
 
 
 @dataclass(frozen=True)
@@ -249,12 +249,12 @@ def measured(
     *,
     mark: Shape = "dot",
     role: str = "ink",
-    beside: Array | None = None,
+    offset: Array | None = None,
 ) -> Points:
-    """Return values with their sigmas, shape (N, 2), as marks with error bars `beside` x."""
-    (y, sigma), at = values.T, x if beside is None else x + beside
-    bars = {"low": y - sigma, "high": y + sigma, "names": names, "mark": mark, "beside": beside}
-    return Points(name=label, label=label, role=role, x=at, y=y, **bars)
+    """Return values with their sigmas, shape (N, 2), as marks with error bars, at an `offset` from x."""
+    (y, sigma), position = values.T, x if offset is None else x + offset
+    bars = {"low": y - sigma, "high": y + sigma, "names": names, "mark": mark, "offset": offset}
+    return Points(name=label, label=label, role=role, x=position, y=y, **bars)
 
 
 def aside(x: Array, step: float = 0.0) -> Array:
@@ -295,8 +295,8 @@ def limits(axis: Axis, marks: Iterable[Mark], across: Limits | None = None, *, k
     for mark in marks:
         if isinstance(mark, Curve | Points):
             shown = slice(None) if across is None else (mark.x >= across[0]) & (mark.x <= across[1])
-            told = (mark.x,) if key == "x" else (mark.y, mark.low, mark.high)
-            values += [x[shown] for x in told if x is not None]
+            extent = (mark.x,) if key == "x" else (mark.y, mark.low, mark.high)
+            values += [x[shown] for x in extent if x is not None]
         elif isinstance(mark, Span) and mark.along == key:
             values.append(np.array([mark.low, mark.high]))
     known = np.concatenate([np.empty(0), *values])

@@ -68,30 +68,30 @@ def _gains(
     x: Array,
     points: Sequence[GainPoint],
     joint: Estimate | None,
-    beside: Array,
+    offset: Array,
 ) -> Chart:
-    own: list[Mark] = []
+    single_marks: list[Mark] = []
     kinds: tuple[tuple[bool, Shape, str], ...] = (
         (False, "dot", "each experiment alone"),
         (True, "ring", "single tone"),
     )
     for leaning, mark, label in kinds:
-        kept = [i for i, p in enumerate(points) if p.leaning == leaning]
-        if kept:
-            gains = np.array([(points[i].gain.value, points[i].gain.sigma) for i in kept])
-            names = [points[i].name for i in kept]
-            own.append(measured(label, x[kept], gains, names, mark=mark, beside=beside[kept]))
-    across = limits(axis, own, key="x")
+        members = [i for i, p in enumerate(points) if p.leaning == leaning]
+        if members:
+            values = np.array([(points[i].gain.value, points[i].gain.sigma) for i in members])
+            names = [points[i].name for i in members]
+            single_marks.append(measured(label, x[members], values, names, mark=mark, offset=offset[members]))
+    across = limits(axis, single_marks, key="x")
     marks: list[Mark] = []
-    alone = [p.gain for p in points if not p.leaning]
-    if len(alone) > 1:
-        found = residual_tests.about_mean(alone)
-        told = f"their mean (χ²/ν = {found.chi2_red:.3g})"
-        marks += _level(told, "green", ":", across, found.mean, found.sigma)
+    gains = [p.gain for p in points if not p.leaning]
+    if len(gains) > 1:
+        heterogeneity = residual_tests.about_mean(gains)
+        label = f"their mean (χ²/ν = {heterogeneity.chi2_red:.3g})"
+        marks += _level(label, "green", ":", across, heterogeneity.mean, heterogeneity.sigma)
     if joint is not None:
         marks += _level("joint fit, ±1 σ", "blue", "--", across, joint.value, joint.sigma)
-    marks += own
-    told_of: Columns = {
+    marks += single_marks
+    columns: Columns = {
         "experiment": [p.name for p in points],
         START.head: [str(p.start) for p in points],
         force(2).head: [1e12 * p.F_max_2 for p in points],
@@ -99,7 +99,7 @@ def _gains(
         "sigma [1]": [p.gain.sigma for p in points],
         "single tone": [str(p.leaning).lower() for p in points],
     }
-    return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),), told_of)
+    return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),), columns)
 
 
 def _level(

@@ -28,7 +28,7 @@ _LEAKAGE = Axis("δifo", "10⁻⁵", "delta_ifo [1e-5]")
 
 
 def leakage(
-    joint: Mapping[int, Estimate], alone: Sequence[tuple[str, int, Estimate]], flight: Mapping[int, Estimate]
+    joint: Mapping[int, Estimate], single: Sequence[tuple[str, int, Estimate]], flight: Mapping[int, Estimate]
 ) -> Chart:
     """Draw delta_ifo by alignment epoch beside what the design of the optical bench allows, and magnified.
 
@@ -36,11 +36,11 @@ def leakage(
     ----------
     joint, flight : mapping of int to Estimate
         delta_ifo_k by k, as fitted and as the flight found it.
-    alone : sequence of tuple
+    single : sequence of tuple
         Name, epoch and delta_ifo of every experiment on its own.
     """
     rms, limit = (1e5 * x for x in DELTA_IFO_DESIGN)
-    epochs = sorted({*joint, *(epoch for _, epoch, _ in alone)})
+    epochs = sorted({*joint, *(epoch for _, epoch, _ in single)})
     across = (epochs[0] - 1.0, epochs[-1] + 1.0)
     allowed: list[Mark] = [
         Span(low=-rms, high=rms, role="grey", opacity=0.25, along="y", label="design, rms"),
@@ -50,11 +50,11 @@ def leakage(
     marks: list[Points] = []
     sets: list[tuple[str, str, Shape, float, list[tuple[str, int, Estimate]]]] = [
         ("flight", "orange", "square", -0.15, [("flight", k, v) for k, v in flight.items() if k in epochs]),
-        ("each experiment alone", "muted", "ring", 0.15, list(alone)),
+        ("each experiment alone", "muted", "ring", 0.15, list(single)),
         ("joint fit", "blue", "dot", 0.0, [("joint fit", k, v) for k, v in joint.items()]),
     ]
-    told: Columns = {head: [] for head in ("of", "experiment", _EPOCH.head, _LEAKAGE.head, "sigma [1e-5]")}
-    for label, role, mark, beside, entries in sets:
+    columns: Columns = {head: [] for head in ("of", "experiment", _EPOCH.head, _LEAKAGE.head, "sigma [1e-5]")}
+    for label, role, mark, offset, entries in sets:
         if not entries:
             continue
         k = np.array([epoch for _, epoch, _ in entries], dtype=float)
@@ -67,17 +67,17 @@ def leakage(
                 [n for n, _, _ in entries],
                 mark=mark,
                 role=role,
-                beside=beside + aside(k, 0.05),
+                offset=offset + aside(k, 0.05),
             )
         )
         rows = ([label] * k.size, [n for n, _, _ in entries], k, *values.T)
-        told = {head: [*column, *row] for (head, column), row in zip(told.items(), rows, strict=True)}
-    above = (*allowed, *(replace(mark, label="", again=True) for mark in marks))
+        columns = {head: [*column, *row] for (head, column), row in zip(columns.items(), rows, strict=True)}
+    marks_above = (*allowed, *(replace(mark, label="", is_repeated=True) for mark in marks))
     panels = (
-        Panel(_EPOCH, _LEAKAGE, above, across, limits(_LEAKAGE, above), 1.3),
+        Panel(_EPOCH, _LEAKAGE, marks_above, across, limits(_LEAKAGE, marks_above), 1.3),
         Panel(_EPOCH, _LEAKAGE, tuple(marks), across, limits(_LEAKAGE, marks), 1.6),
     )
-    return Chart(panels, told)
+    return Chart(panels, columns)
 
 
 def _line(name: str, label: str, across: Limits, value: float) -> Curve:

@@ -30,7 +30,7 @@ def quantiles(diagnostics: Mapping[str, Diagnostics], sizes: Mapping[str, int]) 
     tail = scipy.special.ndtr(-np.abs(SCORES))
     density = np.exp(-(SCORES**2) / 2) / np.sqrt(2 * np.pi)
     spreads = [1.96 * np.sqrt(tail * (1 - tail) / sizes[name]) / density for name in diagnostics]
-    departures = [np.array(found.quantiles) - SCORES for found in diagnostics.values()]
+    departures = [np.array(diagnosis.quantiles) - SCORES for diagnosis in diagnostics.values()]
     reach = max(0.6, *(1.1 * float(np.max(np.abs(departure))) for departure in departures))
     across = (1.05 * float(SCORES[0]), 1.05 * float(SCORES[-1]))
     panels = []
@@ -41,13 +41,13 @@ def quantiles(diagnostics: Mapping[str, Diagnostics], sizes: Mapping[str, int]) 
         )  # fmt: skip
         dots = Curve(name=name, label="", role="blue", x=SCORES, y=departure, width=0.5, dots=True)
         panels.append(Panel(_QUANTILE, _DEPARTURE, (band, dots), across, (-reach, reach), 1.05, name))
-    told: Columns = {
+    columns: Columns = {
         "experiment": [name for name in diagnostics for _ in SCORES],
         _QUANTILE.head: np.tile(SCORES, len(diagnostics)),
         _DEPARTURE.head: np.concatenate(departures),
         "half width of 95 % band [sigma]": np.concatenate(spreads),
     }
-    return Chart(tuple(panels), told, beside=min(_COLUMNS, len(diagnostics)))
+    return Chart(tuple(panels), columns, n_across=min(_COLUMNS, len(diagnostics)))
 
 
 def correlations(joint: Fit) -> Matrix:
@@ -55,5 +55,5 @@ def correlations(joint: Fit) -> Matrix:
     names, matrix = list(joint), joint.correlation
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
     r = [float(matrix[pair]) for pair in pairs]
-    told: Columns = {"row": [names[i] for i, _ in pairs], "column": [names[j] for _, j in pairs], "r": r}
-    return Matrix(tuple(names), matrix, told)
+    columns: Columns = {"row": [names[i] for i, _ in pairs], "column": [names[j] for _, j in pairs], "r": r}
+    return Matrix(tuple(names), matrix, columns)

@@ -24,7 +24,7 @@ _ROTATION = {
     "g_dOmega": ("green", "g_dΩ", 0.7),
     "delta_g": ("ink", "Δg", 1.2),
 }
-AT = 1e-4  # Hz, where the correction for rotation is judged
+CORRECTION_FREQUENCY = 1e-4  # Hz, where the correction for rotation is judged
 
 
 def spectra(series: Series, fs: float) -> dict[str, LogSpectrum]:
@@ -38,42 +38,44 @@ def spectra(series: Series, fs: float) -> dict[str, LogSpectrum]:
         Sample rate [Hz].
     """
     names = [name for name in series[0] if all(name in run for run in series)]
-    found = log_psds([[run[name] for run in series] for name in names], fs)
-    return dict(zip(names, found, strict=True))
+    log_spectra = log_psds([[run[name] for run in series] for name in names], fs)
+    return dict(zip(names, log_spectra, strict=True))
 
 
-def gain(found: Mapping[str, LogSpectrum]) -> tuple[float, float]:
-    """Return by what factor the correction lowers the ASD at `AT`, and its 1-sigma error.
+def gain(log_spectra: Mapping[str, LogSpectrum]) -> tuple[float, float]:
+    """Return by what factor the correction lowers the ASD at `CORRECTION_FREQUENCY`, and its 1-sigma error.
 
     The two spectra share most of their noise only where the correction is small; the error is that of
     independent averages, an upper limit.
     """
-    before, after = found["delta_g_x"], found["delta_g"]
-    i = int(np.argmin(np.abs(np.log(before.f / AT))))
-    ratio = float(np.sqrt(before.psd[i] / after.psd[i]))
-    return ratio, float(ratio * np.sqrt(0.25 / before.averages[i] + 0.25 / after.averages[i]))
+    uncorrected, corrected = log_spectra["delta_g_x"], log_spectra["delta_g"]
+    i = int(np.argmin(np.abs(np.log(uncorrected.f / CORRECTION_FREQUENCY))))
+    ratio = float(np.sqrt(uncorrected.psd[i] / corrected.psd[i]))
+    return ratio, float(ratio * np.sqrt(0.25 / uncorrected.averages[i] + 0.25 / corrected.averages[i]))
 
 
-def breakdown(found: Mapping[str, LogSpectrum]) -> Chart:
+def breakdown(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
     """Draw the terms of Delta g, and what they leave."""
-    return _drawn(found, _TERMS, (1e-4, 1e-1))
+    return _drawn(log_spectra, _TERMS, (1e-4, 1e-1))
 
 
-def rotation(found: Mapping[str, LogSpectrum]) -> Chart:
+def rotation(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
     """Draw Delta g before and after the correction for rotation, and the two terms of it.
 
     Above, motion counts as well: it takes off what rotation adds, and is not drawn here.
     """
-    return _drawn(found, _ROTATION, (3e-5, 3e-3))
+    return _drawn(log_spectra, _ROTATION, (3e-5, 3e-3))
 
 
 def _drawn(
-    found: Mapping[str, LogSpectrum], curves: Mapping[str, tuple[str, str, float]], band: tuple[float, float]
+    log_spectra: Mapping[str, LogSpectrum],
+    curves: Mapping[str, tuple[str, str, float]],
+    band: tuple[float, float],
 ) -> Chart:
     drawn = []
     for name, (role, label, width) in curves.items():
-        if name in found:
-            s = found[name]
+        if name in log_spectra:
+            s = log_spectra[name]
             inside = (s.f >= band[0]) & (s.f <= band[1] * 1.01)
             x, y, low, high = (x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))
             drawn.append(Curve(name=name, label=label, role=role, x=x, y=y, low=low, high=high, width=width))

@@ -35,7 +35,7 @@ _SHOWN = (5e-5, 1e-1)  # Hz
 _ROLES = ("blue", "orange", "green", "violet")
 _LEVEL = Axis("ASD", "fm s⁻²/√Hz", "asd [fm s-2 Hz-1/2]")
 _AUTHORITY = Axis("effective authority", "pN", "effective authority [pN]")
-_ASKED = "LISA, two test masses"
+_REQUIREMENT = "LISA, two test masses"
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,16 @@ class NoisePoint:
         return str(self.start)[:4]
 
 
-def spectra(found: Mapping[str, LogSpectrum]) -> Chart:
+def spectra(log_spectra: Mapping[str, LogSpectrum]) -> Chart:
     """Draw the spectra of Delta g of some runs, by name, with what LISA asks."""
     marks = []
-    for role, (name, s) in zip(_ROLES, found.items(), strict=False):
+    for role, (name, s) in zip(_ROLES, log_spectra.items(), strict=False):
         inside = (s.f >= _SHOWN[0]) & (s.f <= _SHOWN[1] * 1.01)
         x, y, low, high = (x[inside] for x in (s.f, s.psd**0.5, s.low**0.5, s.high**0.5))
         marks.append(Curve(name=name, label=name, role=role, x=x, y=y, low=low, high=high))
     f = np.geomspace(*_SHOWN, 40)
-    asked = np.array([lisa(x) for x in f])
-    marks.append(Curve(name=_ASKED, label=_ASKED, role="ink", x=f, y=asked, dash="--"))
+    requirement = np.array([lisa(x) for x in f])
+    marks.append(Curve(name=_REQUIREMENT, label=_REQUIREMENT, role="ink", x=f, y=requirement, dash="--"))
     return chart([Panel(FREQUENCY, ASD, tuple(marks), _SHOWN, limits(ASD, marks, _SHOWN), 2.2)])
 
 
@@ -82,13 +82,13 @@ def by_date(points: Sequence[NoisePoint]) -> Chart:
     """Draw the levels against date, with those of the flight and what LISA asks."""
     points = sorted(points, key=lambda p: p.start)
     when, flown = posix([p.start for p in points]), _flown()
-    own = {band: _points("noise runs", points, when, band) for band in BANDS}
-    across = limits(START, [own[PLAIN], flown], key="x")
+    levels = {band: _points("noise runs", points, when, band) for band in BANDS}
+    across = limits(START, [levels[PLAIN], flown], key="x")
     panels = []
-    for band, mark in own.items():
+    for band, mark in levels.items():
         x, level = np.array(across), np.full(2, 1e15 * required(BANDS[band]))
-        asked = Curve(name=_ASKED, label="LISA", role="ink", x=x, y=level, dash="--")
-        panels.append(_panel(START, band, (asked, *((flown,) if band == PLAIN else ()), mark), across))
+        requirement = Curve(name=_REQUIREMENT, label="LISA", role="ink", x=x, y=level, dash="--")
+        panels.append(_panel(START, band, (requirement, *((flown,) if band == PLAIN else ()), mark), across))
     return Chart(tuple(panels), {START.head: [str(p.start) for p in points], **_columns(points)})
 
 
@@ -107,14 +107,14 @@ def by_authority(points: Sequence[NoisePoint], law: "Law | None") -> Chart:
     for band in BANDS:
         marks: list[Mark] = []
         for k, year in enumerate(years):
-            own = [p for p in points if p.year == year]
+            members = [p for p in points if p.year == year]
             mark: Shape = "ring" if k % 2 else "dot"
-            marks.append(_points(year, own, 1e12 * np.array([p.authority for p in own]), band, mark))
+            marks.append(_points(year, members, 1e12 * np.array([p.authority for p in members]), band, mark))
         if law and band == LOW:
             x = np.linspace(*across, 40)
-            y = 1e15 * np.array([law.at(1e-12 * F) for F in x])
-            told = "relative noise of the electrodes"
-            marks.insert(0, Curve(name=told, label="electrodes", role="blue", x=x, y=y, dash=":"))
+            y = 1e15 * np.array([law.level(1e-12 * F) for F in x])
+            legend = "relative noise of the electrodes"
+            marks.insert(0, Curve(name=legend, label="electrodes", role="blue", x=x, y=y, dash=":"))
         panels.append(_panel(_AUTHORITY, band, marks, across))
     return Chart(tuple(panels), _columns(points))
 
@@ -135,7 +135,7 @@ class Law:
     relative: float
     sigma: float
 
-    def at(self, force: float) -> float:
+    def level(self, force: float) -> float:
         """Return the ASD [m s^-2 Hz^-1/2] at an effective authority [N]."""
         return float(np.sqrt(max(self.rest + self.relative * (force / M_TM) ** 2, 0.0)))
 
@@ -157,10 +157,10 @@ def law(points: Sequence[NoisePoint]) -> Law | None:
     model = np.full(power.size, power.mean())
     for _ in range(30):
         A = columns / (share * model)[:, None]
-        found = np.linalg.lstsq(A, power / (share * model), rcond=None)[0]
-        model = np.maximum(columns @ found, 0.1 * power.min())
+        coefficients = np.linalg.lstsq(A, power / (share * model), rcond=None)[0]
+        model = np.maximum(columns @ coefficients, 0.1 * power.min())
     sigma = np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
-    return Law(*map(float, (found[0] * unit[0], found[1] * unit[1], sigma[1] * unit[1])))
+    return Law(*map(float, (coefficients[0] * unit[0], coefficients[1] * unit[1], sigma[1] * unit[1])))
 
 
 def _flown() -> Points:
@@ -185,13 +185,13 @@ def _panel(x: Axis, band: str, marks: Sequence[Mark], across: Limits) -> Panel:
 
 
 def _columns(points: Sequence[NoisePoint]) -> Columns:
-    told: Columns = {
+    columns: Columns = {
         "run": [p.name for p in points],
         _AUTHORITY.head: [1e12 * p.authority for p in points],
     }
     for band in BANDS:
         levels = [p.levels[band] for p in points]
-        told[f"{band} {_LEVEL.head}"] = [1e15 * v.asd for v in levels]
-        told[f"{band} low"] = [1e15 * v.low for v in levels]
-        told[f"{band} high"] = [1e15 * v.high for v in levels]
-    return told
+        columns[f"{band} {_LEVEL.head}"] = [1e15 * v.asd for v in levels]
+        columns[f"{band} low"] = [1e15 * v.low for v in levels]
+        columns[f"{band} high"] = [1e15 * v.high for v in levels]
+    return columns

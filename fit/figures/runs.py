@@ -24,7 +24,7 @@ from fit.figures.charts import (
     chart,
     limits,
 )
-from fit.figures.series import envelope, struck
+from fit.figures.series import envelope, glitch_mask
 from fit.model import dynamics
 from fit.spectra import Binned, derivatives
 from fit.telemetry import Telemetry
@@ -56,13 +56,13 @@ def responses(run: Telemetry) -> Chart:
     panels = []
     for channel, title, unit in shown:
         names = [name for name in (channel, f"guidance_{channel}") if name in run.channels]
-        there = {name: _hourly(run, name) for name in names}
-        largest = max(float(np.nanmax(np.abs(y))) for _, y in there.values())
+        envelopes = {name: _hourly(run, name) for name in names}
+        largest = max(float(np.nanmax(np.abs(y))) for _, y in envelopes.values())
         if channel == "f_x_1" and not largest > 0:
             continue
         scale, prefix = _prefix(largest)
         y = Axis(channel.translate(_SUBSCRIPTS).replace("_", ""), f"{prefix}{unit}", "value")
-        curves = _response(channel, y.label, there, scale)
+        curves = _response(channel, y.label, envelopes, scale)
         across = (0.0, run.duration / 3600)
         panels.append(Panel(TIME, y, curves, across, limits(y, curves), 1.05, title))
     return _with_units(panels)
@@ -75,13 +75,13 @@ def _hourly(run: Telemetry, name: str) -> tuple[Array, Array]:
 
 
 def _response(
-    channel: str, label: str, there: Mapping[str, tuple[Array, Array]], scale: float
+    channel: str, label: str, envelopes: Mapping[str, tuple[Array, Array]], scale: float
 ) -> tuple[Curve, ...]:
     """Return a channel and its guidance, the one of least ink in front, so that neither hides the other."""
-    told = {channel: (label, "blue"), f"guidance_{channel}": ("guidance", "orange")}
+    styles = {channel: (label, "blue"), f"guidance_{channel}": ("guidance", "orange")}
     curves = []
-    for name, (x, y) in there.items():
-        words, role = told[name]
+    for name, (x, y) in envelopes.items():
+        words, role = styles[name]
         curves.append(Curve(name=name, label=words, role=role, x=x, y=scale * y, width=0.7))
     return tuple(sorted(curves, key=lambda curve: -float(np.nansum(np.abs(np.diff(curve.y))))))
 
@@ -102,15 +102,17 @@ def acceleration(run: Analysis, noise: Analysis | None) -> Chart:
     run, noise : Analysis
         Of the experiment and of its noise run, if there is one.
     """
-    told = [
+    spectra = [
         ("signal ddo_12", "signal ö₁₂", "blue", run.terms.get("ddo_12"), 0.9),
         ("noise run Delta g", "Δg of the noise run", "grey", noise and noise.asd, 1.4),
         ("residual Delta g", "residual Δg", "orange", run.asd, 0.8),
     ]
-    curves = [_curve(name, label, role, width, found) for name, label, role, found, width in told if found]
+    curves = [
+        _curve(name, label, role, width, binned) for name, label, role, binned, width in spectra if binned
+    ]
     across = _shown(run.fs)
     up = limits(ASD, curves, across)
-    return chart([Panel(FREQUENCY, ASD, (*_beyond(across), *curves), across, up, 2.2)])
+    return chart([Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, up, 2.2)])
 
 
 def breakdown(run: Analysis) -> Chart:
@@ -127,13 +129,20 @@ def breakdown(run: Analysis) -> Chart:
     low, high = limits(ASD, curves, across)
     if run.asd and (level := run.asd.asd[run.asd.f > LOWEST]).any():
         low = float(10 ** np.floor(np.log10(0.03 * level[level > 0].min())))  # far below it nothing matters
-    return chart([Panel(FREQUENCY, ASD, (*_beyond(across), *curves), across, (low, high), 2.35)])
+    return chart([Panel(FREQUENCY, ASD, (*_outside(across), *curves), across, (low, high), 2.35)])
 
 
-def _curve(name: str, label: str, role: str, width: float, found: Binned) -> Curve:
+def _curve(name: str, label: str, role: str, width: float, binned: Binned) -> Curve:
     """Return a spectrum with its band as a curve."""
     return Curve(
-        name=name, label=label, role=role, x=found.f, y=found.asd, low=found.low, high=found.high, width=width
+        name=name,
+        label=label,
+        role=role,
+        x=binned.f,
+        y=binned.asd,
+        low=binned.low,
+        high=binned.high,
+        width=width,
     )
 
 
@@ -142,14 +151,14 @@ def _shown(fs: float) -> Limits:
     return LOWEST, min(HIGHEST, fs / 2)
 
 
-def _beyond(across: Limits) -> tuple[Mark, ...]:
+def _outside(across: Limits) -> tuple[Mark, ...]:
     """Return what marks the frequencies that are not fitted."""
     end = derivatives.F_MAX
     shade = Span(low=end, high=max(end, across[1]), role="grid", opacity=0.6)
     return shade, Note(text="not fitted", x=end)
 
 
-def residual(run: Telemetry, found: Analysis, noise: Analysis | None = None) -> Chart:
+def residual(run: Telemetry, analysed: Analysis, noise: Analysis | None = None) -> Chart:
     """Draw signal and residual Delta g over time, and below, magnified, the residual beside the noise run.
 
     Magnified, it is the residual less its mean: slow part, extremes of the fast one, what is missing.
@@ -158,7 +167,7 @@ def residual(run: Telemetry, found: Analysis, noise: Analysis | None = None) -> 
     ----------
     run : Telemetry
         Of the experiment.
-    found : Analysis
+    analysed : Analysis
         Of the same run.
     noise : Analysis, optional
         Of its noise run, of which the first hours are drawn.
@@ -168,53 +177,55 @@ def residual(run: Telemetry, found: Analysis, noise: Analysis | None = None) -> 
     InputError
         If the parameters leave nothing of the run, such as a delay that is longer.
     """
-    if found.fast is None or found.slow is None:
+    if analysed.fast is None or analysed.slow is None:
         raise InputError(f"{run.path}: nothing is left of the run with the parameters of the results")
     across = (0.0, run.duration / 3600)
-    fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", found.fast, 0.4)
-    mean = _smooth(f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", found.slow, 0.8)
+    fast = _smooth(f"averaged over {FAST:g} s, extremes", f"{FAST:g} s", "grey", analysed.fast, 0.4)
+    mean = _smooth(
+        f"residual averaged over {SLOW:g} s", f"residual, {SLOW:g} s", "orange", analysed.slow, 0.8
+    )
     curves = [fast, mean]
     if noise is not None and noise.slow is not None:
         x, y = noise.slow
-        kept = x <= across[1]
+        is_inside = x <= across[1]
         name = f"noise run averaged over {SLOW:g} s"
-        curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[kept], y[kept]), 0.7))
-    marks: tuple[Mark, ...] = (*curves, *_missing(found))
-    quiet = [_beside(found.fast, found.masked), _beside(found.slow, found.masked)]
+        curves.insert(1, _smooth(name, f"noise run, {SLOW:g} s", "blue", (x[is_inside], y[is_inside]), 0.7))
+    marks: tuple[Mark, ...] = (*curves, *_missing(analysed))
+    unmasked = [_smoothed(analysed.fast, analysed.masked), _smoothed(analysed.slow, analysed.masked)]
     if noise is not None and noise.slow is not None:
-        quiet.append(_beside(noise.slow, noise.masked))
-    below = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, quiet, across), 1.4)
-    return _with_units([*_signal(found, across), below])
+        unmasked.append(_smoothed(noise.slow, noise.masked))
+    time_panel = Panel(TIME, _RESIDUAL, marks, across, limits(_RESIDUAL, unmasked, across), 1.4)
+    return _with_units([*_signal(analysed, across), time_panel])
 
 
-def _beside(series: _Series, hours: Array) -> Curve:
+def _smoothed(series: _Series, hours: Array) -> Curve:
     """Return what a panel has to show of a series: a glitch may be louder by far, and runs out of it."""
     x, y = series
-    before = SLOW / 3600  # from where on averages hold it
-    quiet = np.where(struck(x, hours + np.array([-before, before])), np.nan, y)
-    return Curve(name="", label="", role="", x=x, y=quiet if np.isfinite(quiet).any() else y)
+    half_width = SLOW / 3600  # from where on averages hold it
+    unmasked = np.where(glitch_mask(x, hours + np.array([-half_width, half_width])), np.nan, y)
+    return Curve(name="", label="", role="", x=x, y=unmasked if np.isfinite(unmasked).any() else y)
 
 
 def _with_units(panels: Sequence[Panel]) -> Chart:
     """Return a figure whose panels have units of their own, with a column for them."""
-    found = chart(panels)
+    drawing = chart(panels)
     units = [panel.y.unit for panel in panels for curve in panel.lines for _ in curve.x]
-    return replace(found, columns={**found.columns, "unit": units})
+    return replace(drawing, columns={**drawing.columns, "unit": units})
 
 
-def _signal(found: Analysis, across: Limits) -> list[Panel]:
+def _signal(analysed: Analysis, across: Limits) -> list[Panel]:
     """Return the panel of what was injected, as o_12 has it, with the residual on the same scale."""
-    if found.signal is None or found.fast is None:
+    if analysed.signal is None or analysed.fast is None:
         return []
-    (x, y), (at, residual) = found.signal, found.fast
+    (x, y), (hours, residual) = analysed.signal, analysed.fast
     name = f"ddo_12 averaged over {FAST:g} s"
-    small = _smooth("residual on the same scale", "residual", "orange", (at, 1e-3 * residual), 0.9)
+    small = _smooth("residual on the same scale", "residual", "orange", (hours, 1e-3 * residual), 0.9)
     curves = (
         _smooth(name, f"signal ö₁₂, {FAST:g} s", "blue", (x, 1e-3 * y), 0.6),
-        replace(small, again=True),  # the panel below has it magnified
+        replace(small, is_repeated=True),  # the panel below has it magnified
     )
-    quiet = [_beside(series, found.masked) for series in ((x, 1e-3 * y), (at, 1e-3 * residual))]
-    return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, quiet), 1.15)]
+    unmasked = [_smoothed(series, analysed.masked) for series in ((x, 1e-3 * y), (hours, 1e-3 * residual))]
+    return [Panel(TIME, _SIGNAL, curves, across, limits(_SIGNAL, unmasked), 1.15)]
 
 
 def _smooth(name: str, label: str, role: str, series: _Series, width: float) -> Curve:
@@ -224,11 +235,14 @@ def _smooth(name: str, label: str, role: str, series: _Series, width: float) -> 
     )
 
 
-def _missing(found: Analysis) -> list[Span]:
+def _missing(analysed: Analysis) -> list[Span]:
     """Return what is missing of a run, and what was masked, as shades."""
     spans = []
-    told = (("missing samples", found.missing, "blue"), ("masked, or a glitch", found.masked, "violet"))
-    for label, places, role in told:
+    groups = (
+        ("missing samples", analysed.missing, "blue"),
+        ("masked, or a glitch", analysed.masked, "violet"),
+    )
+    for label, places, role in groups:
         for low, high in places.tolist():
             spans.append(Span(low=low, high=high, role=role, opacity=0.35, label=label, edge=0.6))
             label = ""  # one line of the legend for all

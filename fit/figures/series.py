@@ -27,21 +27,21 @@ def envelope(time: Row, values: Row) -> tuple[Array, Array]:
     x, extremes = np.empty(_BUCKETS), np.empty((_BUCKETS, 2))
     together = max(1, PIECE * _BUCKETS // values.size)  # buckets, lest a long series be there as a whole
     for some in pieces(_BUCKETS, length=together):
-        at = starts[some]
-        piece = slice(int(at[0]), int(starts[some.stop]) if some.stop < _BUCKETS else values.size)
-        part, at = values[piece], at - at[0]
-        x[some], extremes[some, 0] = time[piece][at], np.fmin.reduceat(part, at)
-        extremes[some, 1] = np.fmax.reduceat(part, at)
+        index = starts[some]
+        piece = slice(int(index[0]), int(starts[some.stop]) if some.stop < _BUCKETS else values.size)
+        part, index = values[piece], index - index[0]
+        x[some], extremes[some, 0] = time[piece][index], np.fmin.reduceat(part, index)
+        extremes[some, 1] = np.fmax.reduceat(part, index)
     extremes[1::2] = extremes[1::2, ::-1]  # up in one bucket, down in the next: a slow curve stays one
     return np.repeat(x, 2), extremes.ravel()
 
 
-def struck(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:
+def glitch_mask(time: Array, spans: Iterable[Sequence[float]]) -> NDArray[np.bool_]:
     """Return which samples glitches reach: the loudest take twice as long to fade as their spans tell."""
-    found = np.zeros(time.size, dtype=bool)
+    mask = np.zeros(time.size, dtype=bool)
     for begin, end in spans:
-        found |= (time >= begin) & (time <= 2 * end - begin)
-    return found
+        mask |= (time >= begin) & (time <= 2 * end - begin)
+    return mask
 
 
 def averaged(x: Array, length: float, every: int) -> Array:
@@ -61,5 +61,5 @@ def _thinned(x: Array, w: Array, every: int) -> Array:
     """Return every so many-th sample of `x` under a window of odd length, the first sample first."""
     early = w.size // 2
     padded = np.concatenate([np.zeros(-early % every), x])
-    found = scipy.signal.upfirdn(w, padded, down=every)[-(-early // every) :]
-    return np.asarray(found[: -(-x.size // every)], dtype=np.float64)
+    filtered = scipy.signal.upfirdn(w, padded, down=every)[-(-early // every) :]
+    return np.asarray(filtered[: -(-x.size // every)], dtype=np.float64)

@@ -41,7 +41,7 @@ def _axis(j: int) -> Axis:
 class StiffnessPoint:
     """omega2_j [s-2] of a test mass as an experiment alone found it, at its F_max_j [N] and N_max_j [N m].
 
-    `in_joint` tells whether the experiment took part in the joint fit, `other` is F_max of the other test
+    `in_joint` is whether the experiment took part in the joint fit, `F_max_other` that of the other test
     mass [N].
     """
 
@@ -51,7 +51,7 @@ class StiffnessPoint:
     N_max: float
     omega2: Estimate
     in_joint: bool = True
-    other: float = 0.0
+    F_max_other: float = 0.0
 
 
 def reconstruction(joint: Fit | None, j: int, F_max: float, N_max: float) -> tuple[float, float] | None:
@@ -60,8 +60,8 @@ def reconstruction(joint: Fit | None, j: int, F_max: float, N_max: float) -> tup
     if joint is None:
         return None
     if not joint.parameters.keys() >= terms.keys():
-        told = [s for s in joint.stiffness if (s.j, s.F_max, s.N_max) == (j, F_max, N_max)]
-        return (told[0].value, told[0].sigma) if told else None
+        values = [s for s in joint.stiffness if (s.j, s.F_max, s.N_max) == (j, F_max, N_max)]
+        return (values[0].value, values[0].sigma) if values else None
     order = list(joint.parameters)
     of_terms = [order.index(name) for name in terms]
     factors = np.array(list(terms.values()))
@@ -97,45 +97,45 @@ def against_authority(points: Sequence[StiffnessPoint], joint: Fit | None) -> Ch
     joint : Fit, optional
         The joint fit.
     """
-    own = varies(points)
-    points = sorted(points, key=lambda p: (p.F_max if own else p.other, p.N_max))
+    is_varied = varies(points)
+    points = sorted(points, key=lambda p: (p.F_max if is_varied else p.F_max_other, p.N_max))
     j, names = points[0].j, [p.name for p in points]
-    authority, axis = force(j if own else 3 - j), _axis(j)
-    F = 1e12 * np.array([p.F_max if own else p.other for p in points])
+    authority, axis = force(j if is_varied else 3 - j), _axis(j)
+    F = 1e12 * np.array([p.F_max if is_varied else p.F_max_other for p in points])
     reach = 1.06 * max(*F, 1.0)
-    models = [found for p in points if (found := reconstruction(joint, j, p.F_max, p.N_max))]
-    alone = 1e7 * np.array([(p.omega2.value, p.omega2.sigma) for p in points])
-    marks: list[Mark] = [measured("each experiment alone", F, alone, names)]
-    told: Columns = {
+    models = [reconstructed for p in points if (reconstructed := reconstruction(joint, j, p.F_max, p.N_max))]
+    single = 1e7 * np.array([(p.omega2.value, p.omega2.sigma) for p in points])
+    marks: list[Mark] = [measured("each experiment alone", F, single, names)]
+    columns: Columns = {
         "experiment": names,
         authority.head: F,
         f"N_max_{j} [pN m]": [1e12 * p.N_max for p in points],
-        axis.head: alone[:, 0],
-        "sigma [1e-7 s-2]": alone[:, 1],
+        axis.head: single[:, 0],
+        "sigma [1e-7 s-2]": single[:, 1],
     }
     room = aside(F, _ASIDE * reach)
     across = (min(-0.05 * reach, float((F + room).min()) - 0.02 * reach), reach)
-    below = []
+    residual_panels = []
     if models:
         of_joint = 1e7 * np.array(models)
         pulls = [stiffness_pull(p, joint) for p in points]
         squares = measured("joint fit", F, of_joint, names, mark="square", role="orange")
         marks += [squares, *_model(joint, points, reach)]
-        below = [_pulls(authority, pulls, F, names, across)]
-        told |= {
+        residual_panels = [_pulls(authority, pulls, F, names, across)]
+        columns |= {
             f"joint {axis.head}": of_joint[:, 0],
             "joint sigma [1e-7 s-2]": of_joint[:, 1],
             _PULL.head: [math.nan if pull is None else pull for pull in pulls],
         }
     else:
         marks += _lines(points, reach)
-    above = Panel(authority, axis, tuple(marks), across, limits(axis, marks), 1.85)
-    return Chart((above, *below), told)
+    main_panel = Panel(authority, axis, tuple(marks), across, limits(axis, marks), 1.85)
+    return Chart((main_panel, *residual_panels), columns)
 
 
 def varies(points: Sequence[StiffnessPoint]) -> bool:
     """Return whether F_max_j varies, or nothing does that could be drawn against."""
-    return len({p.F_max for p in points}) > 1 or len({p.other for p in points}) == 1
+    return len({p.F_max for p in points}) > 1 or len({p.F_max_other for p in points}) == 1
 
 
 def _model(joint: Fit | None, points: Sequence[StiffnessPoint], reach: float) -> list[Mark]:
@@ -145,13 +145,13 @@ def _model(joint: Fit | None, points: Sequence[StiffnessPoint], reach: float) ->
     """
     marks: list[Mark] = []
     for N_max in sorted({p.N_max for p in points}):
-        alike = sorted({p.F_max for p in points if p.N_max == N_max})
-        ends = [0.0, 1e-12 * reach] if varies(points) else [alike[0]] * 2
-        found = [reconstruction(joint, points[0].j, F, N_max) for F in ends]
-        if not all(found) and len(alike) > 1:
-            ends = [alike[0], alike[-1]]
-            found = [reconstruction(joint, points[0].j, F, N_max) for F in ends]
-        known = [value for value, _ in filter(None, found)]
+        forces = sorted({p.F_max for p in points if p.N_max == N_max})
+        ends = [0.0, 1e-12 * reach] if varies(points) else [forces[0]] * 2
+        models = [reconstruction(joint, points[0].j, F, N_max) for F in ends]
+        if not all(models) and len(forces) > 1:
+            ends = [forces[0], forces[-1]]
+            models = [reconstruction(joint, points[0].j, F, N_max) for F in ends]
+        known = [value for value, _ in filter(None, models)]
         if len(known) < 2:
             continue
         if ends[0] < ends[1]:
@@ -169,10 +169,10 @@ def _lines(points: Sequence[StiffnessPoint], reach: float) -> list[Mark]:
     """
     marks: list[Mark] = []
     for N_max in sorted({p.N_max for p in points}):
-        own = [p for p in points if p.N_max == N_max]
-        if len({p.F_max for p in own}) > 2:
-            F, y = np.array([(1e12 * p.F_max, 1e7 * p.omega2.value) for p in own]).T
-            line = np.polynomial.Polynomial.fit(F, y, 1, w=[1 / p.omega2.sigma for p in own])
+        members = [p for p in points if p.N_max == N_max]
+        if len({p.F_max for p in members}) > 2:
+            F, y = np.array([(1e12 * p.F_max, 1e7 * p.omega2.value) for p in members]).T
+            line = np.polynomial.Polynomial.fit(F, y, 1, w=[1 / p.omega2.sigma for p in members])
             marks += _line(N_max, reach, np.asarray(line(np.array([0.0, reach]))))
     return marks
 
@@ -192,7 +192,7 @@ def _pulls(
     y = np.array([pulls[i] for i in known], dtype=float)
     room = aside(F[known], _ASIDE * across[1])
     stems = Points(
-        name="pull", label="", role="ink", x=F[known] + room, y=y, beside=room,
+        name="pull", label="", role="ink", x=F[known] + room, y=y, offset=room,
         low=np.minimum(y, 0), high=np.maximum(y, 0), names=[names[i] for i in known], caps=False,
     )  # fmt: skip
     shade = Span(low=-1, high=1, role="grid", opacity=0.7, along="y")

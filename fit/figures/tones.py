@@ -10,9 +10,9 @@ from fit.figures.charts import FREQUENCY, Axis, Chart, Curve, Mark, Panel, Point
 Array = NDArray[np.float64]
 Chosen = tuple[str, float, Mapping[str, float]]
 
-_TOLD = Axis("told by one tone", "", "information, relative to what is wanted", log=True)
+_INFORMATION = Axis("told by one tone", "", "information, relative to what is wanted", log=True)
 _GROWN = Axis("growth without it", "%", "growth of sigma without the tone [%]", log=True)
-_LEAST = 0.1  # %, where tones stand that shape the wave alone
+_SMALLEST = 0.1  # %, where tones stand that shape the wave alone
 _RANGE = 1e-6  # of the largest information, that is shown
 _GROUPS = {  # by the beginning of a parameter's name: words, label, role
     "lambda": ("gains", "λ", "blue"),
@@ -22,37 +22,37 @@ _GROUPS = {  # by the beginning of a parameter's name: words, label, role
 }
 
 
-def tones(frequency: Array, told: Mapping[str, Array], chosen: Sequence[Chosen]) -> Chart:
+def tones(frequency: Array, information: Mapping[str, Array], chosen: Sequence[Chosen]) -> Chart:
     """Draw what tones tell.
 
     Parameters
     ----------
     frequency : ndarray, shape (N,)
         Hz.
-    told : mapping of str to ndarray, shape (N,)
+    information : mapping of str to ndarray, shape (N,)
         By parameter, what a tone at its limits would tell.
     chosen : sequence of tuple
         The tones: where, frequency [Hz], and by parameter how many times as large its sigma would be without,
         the largest first.
     """
     across = (float(frequency[0]), float(frequency[-1]))
-    above: list[Mark] = []
+    marks_above: list[Mark] = []
     for group, (words, label, role) in _GROUPS.items():
-        of_group = [x for name, x in told.items() if _group(name) == group]
+        of_group = [x for name, x in information.items() if _group(name) == group]
         if of_group:
-            best = np.max(of_group, axis=0)
-            above.append(Curve(name=words, label=label, role=role, x=frequency, y=best))
-    below: list[Mark] = []
+            largest = np.max(of_group, axis=0)
+            marks_above.append(Curve(name=words, label=label, role=role, x=frequency, y=largest))
+    marks_below: list[Mark] = []
     for group, (words, _, role) in {**_GROUPS, "none": ("waveform", "", "grey")}.items():
         rows = [(name, f, *_largest(grown)) for name, f, grown in chosen]
         rows = [row for row in rows if row[3] == group]
         if rows:
-            below.append(_points(f"tones for {words}", role, [row[:3] for row in rows]))
-    top = max(float(mark.y.max()) for mark in above if isinstance(mark, Curve))
+            marks_below.append(_points(f"tones for {words}", role, [row[:3] for row in rows]))
+    top = max(float(mark.y.max()) for mark in marks_above if isinstance(mark, Curve))
     up = (top * _RANGE, 2 * top)
     panels = (
-        Panel(FREQUENCY, _TOLD, tuple(above), across, up, 1.9),
-        Panel(FREQUENCY, _GROWN, tuple(below), across, limits(_GROWN, below), 1.6),
+        Panel(FREQUENCY, _INFORMATION, tuple(marks_above), across, up, 1.9),
+        Panel(FREQUENCY, _GROWN, tuple(marks_below), across, limits(_GROWN, marks_below), 1.6),
     )
     return chart(panels)
 
@@ -64,9 +64,9 @@ def _group(name: str) -> str:
 def _largest(grown: Mapping[str, float]) -> tuple[float, str]:
     """Return the largest growth [%] and the group of its parameter."""
     if not grown:
-        return _LEAST, "none"
+        return _SMALLEST, "none"
     name, factor = next(iter(grown.items()))
-    return max(100 * (factor - 1), _LEAST), _group(name)
+    return max(100 * (factor - 1), _SMALLEST), _group(name)
 
 
 def _points(name: str, role: str, rows: Sequence[tuple[str, float, float]]) -> Points:

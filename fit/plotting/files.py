@@ -41,8 +41,8 @@ class Plot:
 def drawn(figure: Figure) -> Plot:
     """Draw a figure in the style of a journal."""
     with mpl.rc_context(STYLE):
-        made = matrix.drawn(figure) if isinstance(figure, Matrix) else panels.drawn(figure)
-    return Plot(made, figure.columns)
+        drawing = matrix.drawn(figure) if isinstance(figure, Matrix) else panels.drawn(figure)
+    return Plot(drawing, figure.columns)
 
 
 def svg(plot: Plot) -> str:

@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from fit.figures import COLOURS, Chart, Curve, Note, Panel, Points, Span
 from fit.plotting.style import WIDE, WIDTH
 
-_LEFT, _RIGHT, _BOTTOM, _LINE = 0.5, 0.12, 0.34, 0.14  # inch: margins of a figure, a line of a legend
+_LEFT_MARGIN, _RIGHT, _BOTTOM, _LINE = 0.5, 0.12, 0.34, 0.14  # inch: margins of a figure, a line of a legend
 _DAY = 86400.0  # s
 _LETTER, _ENTRY = 0.05, 0.3  # inch: the width of a letter, and of a line of a legend besides, about
 _MARKS: dict[str, Any] = {
@@ -29,29 +29,29 @@ def drawn(chart: Chart) -> Figure:
 
     To have the margins measured is what takes longest in drawing.
     """
-    return _grid(chart) if chart.beside > 1 else _column(chart)
+    return _grid(chart) if chart.n_across > 1 else _column(chart)
 
 
 def _column(chart: Chart) -> Figure:
     panels = chart.panels
-    left = _LEFT + _LETTER * max(_digits(panel) for panel in panels)
+    left_margin = _LEFT_MARGIN + _LETTER * max(_digits(panel) for panel in panels)
     right = _RIGHT + (0.38 if any(map(_at_the_end, panels)) else 0.0)
     total = sum(panel.height for panel in panels) + _BOTTOM
     figure = Figure(figsize=(WIDTH, total))
-    first, below = None, total
+    first_axes, height_below = None, total
     for panel in panels:
-        below -= panel.height
+        height_below -= panel.height
         entries = [mark.label for mark in panel.marks if not isinstance(mark, Note) and mark.label]
         across = sum(_LETTER * len(label) + _ENTRY for label in entries) + _LETTER * len(panel.title)
         rows = max(1, math.ceil(across / (WIDTH - right)))
         columns = max(1, math.ceil(len(entries) / rows))
-        width, height = WIDTH - left - right, panel.height - rows * _LINE - 0.1
-        place = (left / WIDTH, below / total, width / WIDTH, height / total)
-        ax = figure.add_axes(place, sharex=first)
-        first = first or ax
+        width, height = WIDTH - left_margin - right, panel.height - rows * _LINE - 0.1
+        place = (left_margin / WIDTH, height_below / total, width / WIDTH, height / total)
+        ax = figure.add_axes(place, sharex=first_axes)
+        first_axes = first_axes or ax
         _draw(ax, panel)
         long = _LETTER * len(panel.y.title) > height
-        ax.yaxis.set_label_coords(((0.24 if long else 0.14) - left) / width, 0.5)
+        ax.yaxis.set_label_coords(((0.24 if long else 0.14) - left_margin) / width, 0.5)
         ax.set_ylabel(panel.y.title.replace("  ", "\n") if long else panel.y.title)
         ax.set_title(panel.title, parse_math=False)
         if panel is panels[-1]:
@@ -90,7 +90,7 @@ def _at_the_end(panel: Panel) -> bool:
 
 
 def _grid(chart: Chart) -> Figure:
-    panels, columns = chart.panels, chart.beside
+    panels, columns = chart.panels, chart.n_across
     rows = math.ceil(len(panels) / columns)
     width = WIDE if columns > 2 else WIDTH
     figure = Figure(figsize=(width, panels[0].height * rows + 0.3), layout="constrained")
@@ -98,8 +98,8 @@ def _grid(chart: Chart) -> Figure:
     for ax, panel in zip(places.flat, panels, strict=False):
         _draw(ax, panel)
         ax.set_title(panel.title, fontsize=7, parse_math=False)
-        last = math.floor(panel.across[1])
-        ax.set_xticks([-last, 0, last], [f"−{last}", "0", f"{last}"])
+        last_tick = math.floor(panel.across[1])
+        ax.set_xticks([-last_tick, 0, last_tick], [f"−{last_tick}", "0", f"{last_tick}"])
     for ax in places.flat[len(panels) :]:
         ax.set_visible(False)
     figure.supxlabel(panels[0].x.title, fontsize=7)

@@ -22,7 +22,7 @@ _BINS = 32
 _SMOOTH = 1.0  # bins
 _SIZE = (WIDE - 0.7) / 14  # inch per panel: 14 parameters fill both columns of a page
 _COLUMNS = 5  # histograms beside each other
-_FAR = 4.5  # sigma, of a histogram
+_HISTOGRAM_LIMIT = 4.5  # sigma, of a histogram
 
 
 def shown(outcome: IRLSResult) -> list[int]:
@@ -48,12 +48,12 @@ def corner_plot(theta: Array, outcome: IRLSResult, truths: Mapping[str, float]) 
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    own = shown(outcome)
-    covariance = outcome.solution.covariance[np.ix_(own, own)]
-    centre, sigma = outcome.solution.theta[own], np.sqrt(np.diag(covariance))
-    names = [outcome.parameters[i].name for i in own]
-    departures = (theta[:, own] - centre) / sigma
-    figure, axes = _contours(departures, [f"${outcome.parameters[i].latex}$" for i in own])
+    samples_of_chain = shown(outcome)
+    covariance = outcome.solution.covariance[np.ix_(samples_of_chain, samples_of_chain)]
+    centre, sigma = outcome.solution.theta[samples_of_chain], np.sqrt(np.diag(covariance))
+    names = [outcome.parameters[i].name for i in samples_of_chain]
+    departures = (theta[:, samples_of_chain] - centre) / sigma
+    figure, axes = _contours(departures, [f"${outcome.parameters[i].latex}$" for i in samples_of_chain])
     _least_squares(axes, covariance / np.outer(sigma, sigma))
     drawn = {"blue": "chain, 1 and 2 σ", "orange": "least squares"}
     known = [(i, (truths[n] - centre[i]) / sigma[i]) for i, n in enumerate(names) if n in truths]
@@ -130,23 +130,23 @@ def _least_squares(axes: NDArray[np.object_], correlation: Array) -> None:
                 axes[i, j].plot(k * along, k * across, **style)
 
 
-def histograms(found: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Sequence[float]]]) -> Plot:
+def histograms(coverage: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Sequence[float]]]) -> Plot:
     """Draw the pulls of every parameter beside the normal distribution they should have.
 
     Parameters
     ----------
-    found : mapping of str to Pulls
+    coverage : mapping of str to Pulls
         Their summary, by parameter.
     drawn : sequence of mapping of str to (pull, sigma)
         One for each calibration.
     """
-    rows = -(-len(found) // _COLUMNS)
+    rows = -(-len(coverage) // _COLUMNS)
     figure = Figure(figsize=(WIDE, 1.3 * rows + 0.25), layout="constrained")
     axes = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True).ravel()
-    x = np.linspace(-_FAR, _FAR, 200)
-    for ax, (name, pulls) in zip(axes, found.items(), strict=False):
-        values = np.clip([one[name][0] for one in drawn if name in one], -_FAR, _FAR)
-        bins = np.linspace(-_FAR, _FAR, 19)
+    x = np.linspace(-_HISTOGRAM_LIMIT, _HISTOGRAM_LIMIT, 200)
+    for ax, (name, pulls) in zip(axes, coverage.items(), strict=False):
+        values = np.clip([one[name][0] for one in drawn if name in one], -_HISTOGRAM_LIMIT, _HISTOGRAM_LIMIT)
+        bins = np.linspace(-_HISTOGRAM_LIMIT, _HISTOGRAM_LIMIT, 19)
         ax.hist(values, bins=list(bins), color=COLOURS["blue"], alpha=0.55, density=True)
         ax.plot(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), color=COLOURS["ink"], lw=0.8)
         ax.set_title(f"${_latex(name)}$", fontsize=7)
@@ -162,11 +162,11 @@ def histograms(found: Mapping[str, Pulls], drawn: Sequence[Mapping[str, Sequence
         )
         ax.set_yticks([])
         ax.set_ylim(0, 0.62)
-        ax.set_xlim(-_FAR, _FAR)
-    for ax in axes[len(found) :]:
+        ax.set_xlim(-_HISTOGRAM_LIMIT, _HISTOGRAM_LIMIT)
+    for ax in axes[len(coverage) :]:
         ax.set_visible(False)
     figure.supxlabel("pull: (estimate − truth) / σ", fontsize=7)
-    pulls_of = [(name, float(one[name][0])) for name in found for one in drawn if name in one]
+    pulls_of = [(name, float(one[name][0])) for name in coverage for one in drawn if name in one]
     return Plot(figure, {"parameter": [name for name, _ in pulls_of], "pull": [pull for _, pull in pulls_of]})
 
 

@@ -36,20 +36,20 @@ def _chart(chart: Chart, description: str) -> Markup:
     """Return a place for a chart, with its numbers for the script, and in a table for readers without."""
     arrays = _Arrays()
     panels = [_panel(panel, arrays) for panel in chart.panels]
-    told = {"beside": chart.beside, "panels": panels, "arrays": arrays.told}
+    document = {"beside": chart.n_across, "panels": panels, "arrays": arrays.told}
     # in a script, only this could end it
-    data = json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     tables = numbers.tables(chart)
     return Markup(
         '<div class="chart{}" role="group" aria-label="{}" style="--shape:{:.3f}">'
         '<script type="application/json">{}</script></div>\n<noscript>{}</noscript>'
-    ).format(" grid-of" if chart.beside > 1 else "", description, _shape(chart), Markup(data), tables)
+    ).format(" grid-of" if chart.n_across > 1 else "", description, _shape(chart), Markup(data), tables)
 
 
 def _shape(chart: Chart) -> float:
     """Return height over width, about, so that nothing moves once the chart is there."""
-    rows = -(-len(chart.panels) // chart.beside)
-    if chart.beside > 1:
+    rows = -(-len(chart.panels) // chart.n_across)
+    if chart.n_across > 1:
         return 0.21 * rows
     return (sum(panel.height for panel in chart.panels) + 0.3) / WIDTH
 
@@ -111,16 +111,16 @@ def _axis(axis: Axis, limits: tuple[float, float], factor: float) -> dict[str, A
 def _mark(mark: Curve | Points | Span | Note, arrays: _Arrays, up: float) -> dict[str, Any]:
     if isinstance(mark, Note):
         return {"kind": "note", "text": mark.text, "x": mark.x, "y": mark.y and mark.y * up}
-    told = {"kind": type(mark).__name__.lower(), "label": html(mark.label), "role": mark.role}
+    document = {"kind": type(mark).__name__.lower(), "label": html(mark.label), "role": mark.role}
     if isinstance(mark, Span):
         factor = up if mark.along == "y" else 1.0
         ends = {"low": mark.low * factor, "high": mark.high * factor}
-        return {**told, **ends, "along": mark.along, "opacity": mark.opacity, "edge": mark.edge}
+        return {**document, **ends, "along": mark.along, "opacity": mark.opacity, "edge": mark.edge}
     places = {"x": arrays.add(mark.x)} | {k: arrays.add(getattr(mark, k), up) for k in ("y", "low", "high")}
     if isinstance(mark, Points):
-        return {**told, **places, "names": list(mark.names), "mark": mark.mark, "caps": mark.caps}
+        return {**document, **places, "names": list(mark.names), "mark": mark.mark, "caps": mark.caps}
     look = {"width": mark.width, "opacity": mark.opacity, "dash": mark.dash, "dots": mark.dots}
-    return {**told, **places, "name": mark.name, **look}
+    return {**document, **places, "name": mark.name, **look}
 
 
 def html(label: str) -> Markup:
@@ -146,11 +146,11 @@ def _matrix(matrix: Matrix) -> Markup:
 
 def _cell(matrix: Matrix, i: int, j: int) -> Markup:
     r = float(matrix.values[i, j])
-    told = f"{r:.4f}".replace("-", "−")
+    text = f"{r:.4f}".replace("-", "−")
     percent = f"{100 * r:.0f}".replace("-", "−")
     return Markup(
         '<td style="--tone:var(--{});--share:{:.0f}%" title="{}, {}: {}">{}</td>'
     ).format(
-        "blue" if r > 0 else "orange", 50 * abs(r), matrix.names[j], matrix.names[i], told,
+        "blue" if r > 0 else "orange", 50 * abs(r), matrix.names[j], matrix.names[i], text,
         "0" if percent == "−0" else percent,
     )  # fmt: skip

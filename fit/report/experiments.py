@@ -99,8 +99,8 @@ def overview(results: Results, telemetries: Sequence[Telemetry]) -> Grid:
         Markup("{} [10⁻⁷ s⁻²]").format(tables.symbol("omega2_2")),
         "Warnings",
     )
-    about = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
-    return Grid(about, head, tuple(lines))
+    caption = "Each experiment fitted on its own; its name leads to its injections, spectra and residual."
+    return Grid(caption, head, tuple(lines))
 
 
 def _chi2(fit: Fit) -> str:
@@ -109,12 +109,12 @@ def _chi2(fit: Fit) -> str:
 
 def _warned(fit: Fit) -> Markup:
     """Return the codes of the warnings with the parameters they name."""
-    told: dict[str, dict[str, None]] = {}
+    names: dict[str, dict[str, None]] = {}
     for w in raised(fit):
-        told.setdefault(w.code, {}).update(dict.fromkeys(w.parameters if w.code == "indeterminable" else ()))
+        names.setdefault(w.code, {}).update(dict.fromkeys(w.parameters if w.code == "indeterminable" else ()))
     return Markup(", ").join(
-        Markup("{} {}").format(_WORDS.get(code, code.replace("_", " ")), _symbols(names)).rstrip()
-        for code, names in told.items()
+        Markup("{} {}").format(_WORDS.get(code, code.replace("_", " ")), _symbols(parameters)).rstrip()
+        for code, parameters in names.items()
     )
 
 
@@ -184,20 +184,23 @@ def drawings(
     found_in = tuple(warnings)
 
     @cache
-    def found() -> analysis.Analysis:
+    def sysid_analysis() -> analysis.Analysis:
         return analysis.analysed(run, parameters, masked_spans(found_in, run.run))
 
     @cache
-    def beside() -> analysis.Analysis | None:
+    def noise_analysis() -> analysis.Analysis | None:
         return analysis.analysed(noise, parameters, masked_spans(found_in, noise.run)) if noise else None
 
-    told: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
+    charts_by_name: dict[str, tuple[tuple[str, str], Callable[[], Chart]]] = {
         "responses": (_RESPONSES, partial(figures.responses, run)),
-        "spectra": (_SPECTRA[noise is not None], lambda: figures.acceleration(found(), beside())),
-        "breakdown": (_BREAKDOWN, lambda: figures.breakdown(found())),
-        "residual": (_RESIDUAL, lambda: figures.residual(run, found(), beside())),
+        "spectra": (
+            _SPECTRA[noise is not None],
+            lambda: figures.acceleration(sysid_analysis(), noise_analysis()),
+        ),
+        "breakdown": (_BREAKDOWN, lambda: figures.breakdown(sysid_analysis())),
+        "residual": (_RESIDUAL, lambda: figures.residual(run, sysid_analysis(), noise_analysis())),
     }
     return tuple(
         Drawing(f"{stem}{letter}-{slug}-{name}", *words, draw)
-        for letter, (name, (words, draw)) in zip("rsbt", told.items(), strict=True)
+        for letter, (name, (words, draw)) in zip("rsbt", charts_by_name.items(), strict=True)
     )

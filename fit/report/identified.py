@@ -14,7 +14,7 @@ from fit.tables import parameters as tables
 NAME = "identified.json"
 
 
-def parts(results: Results, directory: Path) -> list[Part]:
+def sections(results: Results, directory: Path) -> list[Part]:
     """Return a section on ``identified.json``, if `directory` holds one.
 
     Raises
@@ -25,45 +25,45 @@ def parts(results: Results, directory: Path) -> list[Part]:
     path = directory / NAME
     if not path.exists():
         return []
-    found = fit_results.load(path)
-    if found.joint is None:
+    identification = fit_results.load(path)
+    if identification.joint is None:
         return []
-    return [_part(found.joint, found.provenance.more, results)]
+    return [_part(identification.joint, identification.provenance.more, results)]
 
 
-def _part(joint: Fit, more: Mapping[str, object], results: Results) -> Part:
+def _part(joint: Fit, entries: Mapping[str, object], results: Results) -> Part:
     lines = []
     of_fit = results.joint.parameters if results.joint else {}
     for name, e in joint.parameters.items():
         exponent = tables.power_of_ten(e.value)
-        beside = ""
+        comparison = ""
         if name in of_fit:
             shift = (e.value - of_fit[name].value) / of_fit[name].sigma
-            beside = flagged(tables.signed(shift, 3), abs(shift) > LIMIT)
+            comparison = flagged(tables.signed(shift, 3), abs(shift) > LIMIT)
         pull = "" if e.pull is None or joint.unsound else flagged(f"{e.pull:+.2f}", abs(e.pull) > LIMIT)
         truth = "" if e.truth is None else tables.number(e.truth, e.sigma, exponent).value
         head = name_head(tables.symbol(name), name, tables.unit_text(e.unit, exponent))
-        lines.append(Line(head, (tables.of_fit(joint, name, exponent), truth, pull, beside)))
+        lines.append(Line(head, (tables.of_fit(joint, name, exponent), truth, pull, comparison)))
     text = Markup(
         "Parameters of the FMUs, with which the closed loop was simulated. χ² {:.6g} of {}."
     ).format(joint.chi2, joint.dof)
     if joint.unsound:
         text += flagged(f" The sigmas do not hold ({WITHHELD}).", True)
-    text += _commands(more)
+    text += _commands(entries)
     for warning in joint.warnings:
         text += Markup("<br>{}").format(flagged(warning.message, warning.kind.unsound))
-    about = (
+    caption = (
         "Estimate and truth in the unit of the row, pull in σ, and the distance from the fit of the "
         "equation of motion in its σ."
     )
-    grid = Grid(about, ("Parameter", "Estimate", "Truth", "Pull / σ", "From the fit / σ"), tuple(lines))
-    return Part("identified", "Parameters of the FMUs", text, (grid,), below=True)
+    grid = Grid(caption, ("Parameter", "Estimate", "Truth", "Pull / σ", "From the fit / σ"), tuple(lines))
+    return Part("identified", "Parameters of the FMUs", text, (grid,), is_stacked=True)
 
 
-def _commands(more: Mapping[str, object]) -> Markup:
+def _commands(entries: Mapping[str, object]) -> Markup:
     """Say how well the recorded commands are those of the controller."""
-    told = more.get("commands")
-    values = [v for v in told.values() if isinstance(v, float)] if isinstance(told, dict) else []
+    commands = entries.get("commands")
+    values = [v for v in commands.values() if isinstance(v, float)] if isinstance(commands, dict) else []
     if not values:
         return Markup("")
     return Markup(

@@ -17,7 +17,7 @@ from fit.telemetry import Telemetry, XAxis, inertial_period
 _B = ("b_1", "b_2", "b_3", "b_4", "b_5", "b_6")
 
 
-def parts(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
+def sections(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
     """Return the sections."""
 
     def inertial(period: str) -> Part:
@@ -35,7 +35,7 @@ def _runs_of(results: Results, period: str) -> Sequence[str]:
 
 
 def _cross_talk(epoch: str, fit: Fit) -> Part:
-    about = (
+    caption = (
         "Cross-talk of the spacecraft's motion (eq. bump), fitted along with the dynamics. Noise in the "
         "read-outs attenuates what least squares finds, b3 to b6 most of all. That subtracts best, and the "
         "figures are made with it. The table has the couplings, freed of the noise where two sensors read "
@@ -43,7 +43,7 @@ def _cross_talk(epoch: str, fit: Fit) -> Part:
     )
     fit = replace(fit, parameters={**fit.parameters, **_without_pull(fit)})
     table = tables.table(fit, [_scaled(cross_talk_parameter(name), fit) for name in _B])
-    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", about, table=table)
+    return Part(f"b{epoch}", f"Cross-talk, alignment epoch {epoch}", caption, table=table)
 
 
 def _without_pull(fit: Fit) -> dict[str, Estimate]:
@@ -59,18 +59,18 @@ def _scaled(parameter: Parameter, fit: Fit) -> Parameter:
 
 
 def _inertial(period: str, fit: Fit, x_axis: XAxis) -> Part:
-    about = (
+    caption = (
         "Misalignment of the line through the test masses, from the Euler force between 30 µHz and 2 mHz. "
         "Flight: table Eulerfit. A force along x that the torques leak cannot be told from it."
     )
     if fit.centrifugal:
-        found = tables.number(fit.centrifugal.value, fit.centrifugal.sigma)
-        about += (
-            f" The coefficient of the centrifugal term, left free, comes out as {found.value} ± "
-            f"{found.sigma}; 1 is expected with +x {x_axis}, −1 in the other frame."
+        coefficient = tables.number(fit.centrifugal.value, fit.centrifugal.sigma)
+        caption += (
+            f" The coefficient of the centrifugal term, left free, comes out as {coefficient.value} ± "
+            f"{coefficient.sigma}; 1 is expected with +x {x_axis}, −1 in the other frame."
         )
     table = tables.table(fit, parameters(period, fit))
-    return Part(f"p{period}", f"Rotation, inertial period {period}", about, table=table)
+    return Part(f"p{period}", f"Rotation, inertial period {period}", caption, table=table)
 
 
 def parameters(period: str, fit: Fit) -> list[Parameter]:
@@ -84,17 +84,17 @@ def _drawings(
     if results.joint is None or not runs:
         return ()
     terms = parallel_map(products.terms, runs)
-    rates = [each.fs for each in terms]
-    if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in each.channels for each in terms):
+    rates = [term.fs for term in terms]
+    if max(rates) - min(rates) > 1e-6 or any("g_Omega" not in term.channels for term in terms):
         return ()  # no common spectrum, or a frame that is refused
-    found = figures_motion.spectra([each.channels for each in terms], rates[0])
-    ratio, error = figures_motion.gain(found)
+    log_spectra = figures_motion.spectra([term.channels for term in terms], rates[0])
+    ratio, error = figures_motion.gain(log_spectra)
     counted = f"{len(runs)} run{'s' * (len(runs) > 1)}"
     days = sum(run.duration for run in runs) / 86400
-    louder = [run.run for run, each in zip(runs, terms, strict=True) if "louder_bands" in each.attributes]
-    told = (
-        f" In {', '.join(louder)} Δg is louder than Δg_x in some band: lpfcosim deltag names it."
-        if louder
+    loud_runs = [run.run for run, term in zip(runs, terms, strict=True) if "louder_bands" in term.attributes]
+    figures = (
+        f" In {', '.join(loud_runs)} Δg is louder than Δg_x in some band: lpfcosim deltag names it."
+        if loud_runs
         else ""
     )
     return (
@@ -103,14 +103,14 @@ def _drawings(
             "Amplitude spectral densities before and after the correction for rotation",
             f"Correction for rotation, {days:.3g} days in {counted}. The centrifugal and the Euler "
             f"term make up what Δg loses: at 0.1 mHz its spectral density falls by a factor of {ratio:.2f} "
-            f"± {error:.2f}. Bands: ±1 σ of the averages.{told}",
-            partial(figures_motion.rotation, found),
+            f"± {error:.2f}. Bands: ±1 σ of the averages.{figures}",
+            partial(figures_motion.rotation, log_spectra),
         ),
         Drawing(
             f"p{period}b-breakdown",
             "Amplitude spectral densities of the terms that add up to the differential acceleration",
             "Breakdown of Δg in the same runs: second derivative of the read-out, commanded force, the two "
             "stiffness terms and the cross-talk of the spacecraft's motion, and what remains.",
-            partial(figures_motion.breakdown, found),
+            partial(figures_motion.breakdown, log_spectra),
         ),
     )

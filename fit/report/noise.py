@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _HIGHEST = max(high for _, high in figures.BANDS.values())
 _SHORTEST = 14400.0  # s, of a run whose lower band has ordinates enough
 _SURE = 3.0  # sigma, from which a law is shown
-_LEFT = 0.5  # share of a run that glitches must leave for its level to be told
+_UNMASKED_SHARE = 0.5  # share of a run that glitches must leave for its level to be told
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Products:
     def terms(self, run: Telemetry) -> Telemetry:
         """Return Delta g and all of its terms, see `fit.deltag.delta_g`; NaN where a glitch was found."""
         product = deltag.delta_g(run, self._results)
-        struck = series.struck(product.time, masked_spans(self._warnings, run.run))
-        if struck.any():
-            channels = {name: np.where(struck, np.nan, x) for name, x in product.channels.items()}
+        mask = series.glitch_mask(product.time, masked_spans(self._warnings, run.run))
+        if mask.any():
+            channels = {name: np.where(mask, np.nan, x) for name, x in product.channels.items()}
             product = replace(product, channels=channels)
         self._totals[run.run] = Total(product.channels["delta_g"], product.fs)
         return product
@@ -63,13 +63,13 @@ class Products:
         return self._totals[run.run]
 
 
-def parts(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
+def sections(results: Results, telemetries: Sequence[Telemetry], products: Products) -> list[Part]:
     """Return the section, where there are two noise runs or more and a joint fit to calibrate them with."""
     runs = [t for t in telemetries if t.kind == "noise" and t.duration >= 0.995 * _SHORTEST]
     if results.joint is None or results.joint.unsound:
         return []
-    left = parallel_map(lambda run: float(np.mean(np.isfinite(products.total(run).delta_g))), runs)
-    runs = [run for run, share in zip(runs, left, strict=True) if share > _LEFT]
+    unmasked_shares = parallel_map(lambda run: float(np.mean(np.isfinite(products.total(run).delta_g))), runs)
+    runs = [run for run, share in zip(runs, unmasked_shares, strict=True) if share > _UNMASKED_SHARE]
     if len(runs) < 2:
         return []
     points = parallel_map(lambda run: _point(run, products.total(run)), runs)
@@ -96,7 +96,7 @@ def parts(results: Results, telemetries: Sequence[Telemetry], products: Products
             "noise-authority",
             "Level of Delta g in every noise run against the authority of the actuation, in two bands",
             "The same levels against the effective authority, √Σ(F_max + N_max / l)² with l = 11 mm (a "
-            "choice): what a relative noise of each electrode's own is multiplied by." + _told(law),
+            "choice): what a relative noise of each electrode's own is multiplied by." + _law_text(law),
             partial(figures.by_authority, points, law),
         ),
     )
@@ -116,17 +116,17 @@ def _point(run: Telemetry, total: Total) -> figures.NoisePoint:
 def _spectra(runs: Sequence[Telemetry], products: Products) -> Mapping[str, LogSpectrum]:
     """Return the spectrum of the longest run of each year; of several the latest, in the first year not."""
     runs = sorted(runs, key=started)
-    first, longest = runs[0].t0[:4], dict[str, Telemetry]()
+    first_year, longest = runs[0].t0[:4], dict[str, Telemetry]()
     for run in runs:
         year = run.t0[:4]
-        enough = 1.01 if year == first else 0.99
+        enough = 1.01 if year == first_year else 0.99
         if year not in longest or run.duration > enough * longest[year].duration:
             longest[year] = run
-    found = {run.t0[:7]: products.total(run) for run in longest.values()}
-    return {name: log_psd([total.delta_g], total.fs) for name, total in found.items()}
+    totals = {run.t0[:7]: products.total(run) for run in longest.values()}
+    return {name: log_psd([total.delta_g], total.fs) for name, total in totals.items()}
 
 
-def _told(law: figures.Law | None) -> str:
+def _law_text(law: figures.Law | None) -> str:
     if law is None:
         return ""
     root = law.relative**0.5
@@ -141,13 +141,13 @@ def _grid(points: Sequence[figures.NoisePoint]) -> Grid:
         Line(escape(p.name), (str(p.start)[:10], f"{1e12 * p.authority:.0f}", *_levels(p)))
         for p in sorted(points, key=lambda p: p.start)
     ]
-    asked = tuple(f"{1e15 * figures.required(band):.2f}" for band in figures.BANDS.values())
-    lines.append(Line(escape("LISA requirement"), ("", "", *asked)))
-    about = (
+    requirements = tuple(f"{1e15 * figures.required(band):.2f}" for band in figures.BANDS.values())
+    lines.append(Line(escape("LISA requirement"), ("", "", *requirements)))
+    caption = (
         "Level of Δg in each noise run, root of the mean power of the band in fm s⁻²/√Hz, and the effective "
         "authority in pN."
     )
-    return Grid(about, ("Run", "Start", "Authority", *figures.BANDS), tuple(lines))
+    return Grid(caption, ("Run", "Start", "Authority", *figures.BANDS), tuple(lines))
 
 
 def _levels(point: figures.NoisePoint) -> tuple[Cell, ...]:

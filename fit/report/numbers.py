@@ -60,25 +60,25 @@ def tables(chart: Chart) -> Markup:
     A logarithmic axis is told at three places of each decade, any other in ten stretches, of which least and
     largest are told. Panels beside each other have a line each.
     """
-    first = chart.panels[0]
-    if any(line.name == first.title for line in first.lines):
-        return _beside(chart.panels)
+    main_panel = chart.panels[0]
+    if any(line.name == main_panel.title for line in main_panel.lines):
+        return _side_by_side(chart.panels)
     groups = _groups(chart.panels)
-    parts = []
+    blocks = []
     for pointed in (False, True):
-        own = [group for group in groups if bool(group.points) == pointed and group.columns]
-        if own:
-            rows = _points(first.x, own) if pointed else _thinned(first, own)
-            parts.append(_written(first.x, own, rows))
-    return Markup("\n").join(parts)
+        members = [group for group in groups if bool(group.points) == pointed and group.columns]
+        if members:
+            rows = _points(main_panel.x, members) if pointed else _thinned(main_panel, members)
+            blocks.append(_written(main_panel.x, members, rows))
+    return Markup("\n").join(blocks)
 
 
 def _groups(panels: Sequence[Panel]) -> list[_Group]:
-    found: dict[tuple[str, Axis], _Group] = {}
+    groups: dict[tuple[str, Axis], _Group] = {}
     for panel in panels:
-        group = found.setdefault((panel.title, panel.y), _Group(panel.title, panel.y, panel.up, []))
-        group.marks.extend(m for m in panel.marks if not (isinstance(m, Curve | Points) and m.again))
-    return list(found.values())
+        group = groups.setdefault((panel.title, panel.y), _Group(panel.title, panel.y, panel.up, []))
+        group.marks.extend(m for m in panel.marks if not (isinstance(m, Curve | Points) and m.is_repeated))
+    return list(groups.values())
 
 
 def _level(curve: Curve) -> bool:
@@ -88,39 +88,39 @@ def _level(curve: Curve) -> bool:
 def _thinned(panel: Panel, groups: Sequence[_Group]) -> list[_Row]:
     """Return lines of curves, at some places or of some stretches."""
     low, high = panel.across
-    told = [(group, curve) for group in groups for curve in group.curves]
+    curves = [(group, curve) for group in groups for curve in group.curves]
     if panel.x.log:
         places = [m * 10.0**e for e in range(-12, 12) for m in (1, 2, 5)]
         shown = [x for x in places if low * 0.999 <= x <= high * 1.001]
-        return [(_text(x), [_at(group, curve, x) for group, curve in told]) for x in shown]
+        return [(_text(x), [_value_at(group, curve, x) for group, curve in curves]) for x in shown]
     edges = np.linspace(low, high, _ROWS + 1)
     return [
-        (f"{_text(a)} … {_text(b)}", [_extremes(curve, a, b) for _, curve in told])
+        (f"{_text(a)} … {_text(b)}", [_extremes(curve, a, b) for _, curve in curves])
         for a, b in pairwise(edges)
     ]
 
 
-def _at(group: _Group, curve: Curve, x: float) -> str:
+def _value_at(group: _Group, curve: Curve, x: float) -> str:
     """Return the value next to a place, with its band, if there is one within a tenth of a decade."""
-    near = int(np.argmin(np.abs(np.log(curve.x / x)))) if curve.x.size else -1
-    if near < 0 or not 0.8 < curve.x[near] / x < 1.25:
+    nearest = int(np.argmin(np.abs(np.log(curve.x / x)))) if curve.x.size else -1
+    if nearest < 0 or not 0.8 < curve.x[nearest] / x < 1.25:
         return _NONE
-    factor, least = 10.0**-group.power, group.up[0] if group.y.log else -math.inf
-    if curve.y[near] < least:
-        return f"< {_text(least * factor)}"
-    told = _text(float(curve.y[near]) * factor)
+    factor, lowest = 10.0**-group.power, group.up[0] if group.y.log else -math.inf
+    if curve.y[nearest] < lowest:
+        return f"< {_text(lowest * factor)}"
+    text = _text(float(curve.y[nearest]) * factor)
     if curve.low is None or curve.high is None:
-        return told
-    low, high = (_text(float(bound[near]) * factor) for bound in (curve.low, curve.high))
-    return Markup("{} <small>({} to {})</small>").format(told, low, high)
+        return text
+    low, high = (_text(float(bound[nearest]) * factor) for bound in (curve.low, curve.high))
+    return Markup("{} <small>({} to {})</small>").format(text, low, high)
 
 
 def _extremes(curve: Curve, low: float, high: float) -> str:
     inside = curve.y[(curve.x >= low) & (curve.x <= high) & np.isfinite(curve.y)]
     if not inside.size:
         return _NONE
-    least, largest = _text(float(inside.min())), _text(float(inside.max()))
-    return least if least == largest else f"{least} … {largest}"
+    smallest, largest = _text(float(inside.min())), _text(float(inside.max()))
+    return smallest if smallest == largest else f"{smallest} … {largest}"
 
 
 def _points(x: Axis, groups: Sequence[_Group]) -> list[_Row]:
@@ -135,7 +135,7 @@ def _points(x: Axis, groups: Sequence[_Group]) -> list[_Row]:
                 column[head] = _measured(mark, i)
     for (_, mark), column in zip(columns, cells, strict=True):
         if isinstance(mark, Curve):
-            column |= {h: _text(float(np.interp(at, mark.x, mark.y))) for h, at in order.items()}
+            column |= {h: _text(float(np.interp(position, mark.x, mark.y))) for h, position in order.items()}
     heads = sorted(order, key=lambda head: order[head])
     return [(head, [column.get(head, "") for column in cells]) for head in heads]
 
@@ -150,32 +150,34 @@ def _measured(mark: Points, i: int) -> str:
     """Return a point, with the half width of its error bar."""
     if not mark.caps:
         return _text(float(mark.y[i]))
-    found = parameters.number(float(mark.y[i]), float(mark.high[i] - mark.low[i]) / 2)
-    return f"{found.value} ± {found.sigma}"
+    text = parameters.number(float(mark.y[i]), float(mark.high[i] - mark.low[i]) / 2)
+    return f"{text.value} ± {text.sigma}"
 
 
 def _levels(group: _Group) -> dict[str, str]:
     """Return what holds throughout, by label: a value with the sigma shaded about it, limits, or a range."""
     spans = [mark for mark in group.marks if isinstance(mark, Span) and mark.along == "y"]
-    told = {s.label: f"{_text(s.low)} … {_text(s.high)}" for s in spans if s.label}
+    levels = {s.label: f"{_text(s.low)} … {_text(s.high)}" for s in spans if s.label}
     curves = [mark for mark in group.marks if isinstance(mark, Curve) and _level(mark)]
     # of two limits that are drawn alike, the legend names one
-    for _, alike in groupby(curves, key=lambda curve: (curve.role, curve.dash)):
-        first, *others = alike
-        if first.label:
-            told[first.label] = " and ".join(_constant(spans, float(c.y[0])) for c in (first, *others))
-    return told
+    for _, members in groupby(curves, key=lambda curve: (curve.role, curve.dash)):
+        head_curve, *rest = members
+        if head_curve.label:
+            levels[head_curve.label] = " and ".join(
+                _constant(spans, float(c.y[0])) for c in (head_curve, *rest)
+            )
+    return levels
 
 
 def _constant(spans: Sequence[Span], y: float) -> str:
     for span in spans:
         if np.isclose((span.low + span.high) / 2, y, 1e-12, 0):
-            found = parameters.number(y, (span.high - span.low) / 2)
-            return f"{found.value} ± {found.sigma}"
+            text = parameters.number(y, (span.high - span.low) / 2)
+            return f"{text.value} ± {text.sigma}"
     return _text(y)
 
 
-def _beside(panels: Sequence[Panel]) -> Markup:
+def _side_by_side(panels: Sequence[Panel]) -> Markup:
     """Return a table with a line for every panel: values at some places, and half of the band about zero."""
     x = panels[0].lines[0].x
     step = -(-x.size // _PLACES)
@@ -184,7 +186,7 @@ def _beside(panels: Sequence[Panel]) -> Markup:
     for panel in panels:
         curve = next(line for line in panel.lines if line.name == panel.title)
         band = next((c for c in panel.lines if c.name != panel.title and c.low is not None), curve)
-        cells = [_within(float(curve.y[i]), band, i) for i in shown]
+        cells = [_within_band(float(curve.y[i]), band, i) for i in shown]
         lines.append(_line(panel.title, _cells("td", cells)))
     axes = f"{panels[0].y.title}, by {panels[0].x.title}"
     names = [line.name for line in panels[0].lines if line.name != panels[0].title]
@@ -193,11 +195,11 @@ def _beside(panels: Sequence[Panel]) -> Markup:
     return _table(caption, [Markup("<td></td>{}").format(places)], lines)
 
 
-def _within(y: float, band: Curve | Points, i: int) -> str:
+def _within_band(y: float, band: Curve | Points, i: int) -> str:
     if band.low is None or band.high is None:
         return _text(y)
-    found = parameters.number(y, float(band.high[i] - band.low[i]) / 2)
-    return Markup("{} <small>(±{})</small>").format(found.value, found.sigma)
+    text = parameters.number(y, float(band.high[i] - band.low[i]) / 2)
+    return Markup("{} <small>(±{})</small>").format(text.value, text.sigma)
 
 
 def _written(x: Axis, groups: Sequence[_Group], rows: Sequence[_Row]) -> Markup:
@@ -212,9 +214,9 @@ def _written(x: Axis, groups: Sequence[_Group], rows: Sequence[_Row]) -> Markup:
         *heads[1:],
     ]
     levels = [_levels(group) if group.points else {} for group in groups]
-    body = [_line(first, _cells("td", others)) for first, others in rows]
-    for name in dict.fromkeys(name for told in levels for name in told):
-        body.append(_line(name, _cells("td", [told.get(name, "") for told in levels], widths)))
+    body = [_line(head_cell, _cells("td", cells)) for head_cell, cells in rows]
+    for name in dict.fromkeys(name for level_names in levels for name in level_names):
+        body.append(_line(name, _cells("td", [level_names.get(name, "") for level_names in levels], widths)))
     return _table(_titled(groups[0]) if len(groups) == 1 else "", head, body)
 
 
@@ -226,27 +228,27 @@ def _titled(group: _Group) -> str:
     return f"{group.title}: {title}" if group.title else title
 
 
-def _line(first: str, cells: Markup) -> Markup:
-    return Markup('<th scope="row">{}</th>{}').format(first, cells)
+def _line(head_cell: str, cells: Markup) -> Markup:
+    return Markup('<th scope="row">{}</th>{}').format(head_cell, cells)
 
 
 def _cells(tag: str, texts: Sequence[str], widths: Sequence[int] = (), **attributes: str) -> Markup:
     """Return cells, so many columns wide."""
-    found = []
+    cells = []
     for text, width in zip(texts, widths or [1] * len(texts), strict=True):
-        told = attributes | ({"colspan": str(width)} if width > 1 else {})
-        inside = "".join(f' {name}="{escape(value)}"' for name, value in told.items())
-        found.append(f"<{tag}{inside}>{escape(text)}</{tag}>")
-    return Markup("".join(found))
+        cell_attributes = attributes | ({"colspan": str(width)} if width > 1 else {})
+        inside = "".join(f' {name}="{escape(value)}"' for name, value in cell_attributes.items())
+        cells.append(f"<{tag}{inside}>{escape(text)}</{tag}>")
+    return Markup("".join(cells))
 
 
 def _table(caption: str, head: Sequence[Markup], body: Sequence[Markup]) -> Markup:
-    told = Markup("<caption>{}</caption>").format(caption) if caption else ""
+    heading = Markup("<caption>{}</caption>").format(caption) if caption else ""
     head, body = ([Markup("<tr>{}</tr>").format(line) for line in part] for part in (head, body))
     return Markup(
         '<div class="scroll" tabindex="0"><table class="numbers">{}<thead>{}</thead><tbody>\n{}\n</tbody>'
         "</table></div>"
-    ).format(told, Markup().join(head), Markup("\n").join(body))
+    ).format(heading, Markup().join(head), Markup("\n").join(body))
 
 
 def _place(axis: Axis, x: float) -> str:
@@ -262,5 +264,5 @@ def _text(value: float) -> str:
         return _NONE
     text = f"{value:.0f}" if 1e3 <= abs(value) < 1e5 else f"{value:.3g}"
     mantissa, _, exponent = text.partition("e")
-    told = f"{mantissa}·{parameters.unit_text('1', int(exponent))}" if exponent else mantissa
-    return told.replace("-", "−")
+    text = f"{mantissa}·{parameters.unit_text('1', int(exponent))}" if exponent else mantissa
+    return text.replace("-", "−")

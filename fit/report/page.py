@@ -68,9 +68,9 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     sections = _drawn(report_experiments.sections(results, telemetries))
     products = Products(results)
     progress_stage(0.8)
-    motion = _drawn(report_motion.parts(results, telemetries, products))
+    motion = _drawn(report_motion.sections(results, telemetries, products))
     progress_stage(1.0)
-    parts = _drawn(_last(directory, results, telemetries, products))
+    parts = _drawn(_fill_caches(directory, results, telemetries, products))
     page = _template().render(
         title=_title(directory, results, telemetries),
         facts=_summary(results, telemetries),
@@ -94,15 +94,15 @@ def write_report(directory: Path, results: Results, telemetries: Sequence[Teleme
     return path
 
 
-def _last(
+def _fill_caches(
     directory: Path, results: Results, telemetries: Sequence[Telemetry], products: Products
 ) -> list[Part]:
     """Return the sections at the end of the page."""
     return [
-        *report_mission.parts(results, telemetries),
-        *report_noise.parts(results, telemetries, products),
-        *report_identified.parts(results, directory),
-        *report_sampling.parts(results, directory),
+        *report_mission.sections(results, telemetries),
+        *report_noise.sections(results, telemetries, products),
+        *report_identified.sections(results, directory),
+        *report_sampling.sections(results, directory),
     ]
 
 
@@ -111,9 +111,9 @@ def drawings(results: Results, telemetries: Sequence[Telemetry]) -> list[Drawing
     products = Products(results)
     sections: list[report_experiments.Section | Part] = [
         *report_experiments.sections(results, telemetries),
-        *report_motion.parts(results, telemetries, products),
-        *report_mission.parts(results, telemetries),
-        *report_noise.parts(results, telemetries, products),
+        *report_motion.sections(results, telemetries, products),
+        *report_mission.sections(results, telemetries),
+        *report_noise.sections(results, telemetries, products),
     ]
     return [d for section in sections for d in section.drawings if isinstance(d, Drawing)]
 
@@ -122,8 +122,8 @@ def _drawn(sections: Sequence[_Section]) -> list[_Section]:
     """Return sections with their figures as elements of the page; threads share the work."""
 
     def shown(section: _Section) -> _Section:
-        made = [charts.shown(drawing) for drawing in section.drawings if isinstance(drawing, Drawing)]
-        return replace(section, drawings=tuple(made))
+        charts_shown = [charts.shown(drawing) for drawing in section.drawings if isinstance(drawing, Drawing)]
+        return replace(section, drawings=tuple(charts_shown))
 
     return parallel_map(shown, sections)
 
@@ -152,7 +152,7 @@ def _scripts() -> dict[str, object]:
 
 def _title(directory: Path, results: Results, telemetries: Sequence[Telemetry]) -> str:
     """Return the name of the campaign or, without one, that of the folder."""
-    return _text(_said("campaign", results, telemetries)) or directory.resolve().name
+    return _text(_entry("campaign", results, telemetries)) or directory.resolve().name
 
 
 def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
@@ -160,8 +160,8 @@ def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, st
     facts = {
         "Telemetry": _extent(results, telemetries),
         "Software": _software(results, telemetries),
-        "Campaign digest": _text(_said("campaign_digest", results, telemetries))[:_DIGITS],
-        "Seed": _text(_said("seed", results, telemetries)),
+        "Campaign digest": _text(_entry("campaign_digest", results, telemetries))[:_DIGITS],
+        "Seed": _text(_entry("seed", results, telemetries)),
         "Fit": _settings(results),
     }
     return {name: text for name, text in facts.items() if text}
@@ -169,23 +169,23 @@ def _summary(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, st
 
 def _provenance(results: Results, telemetries: Sequence[Telemetry]) -> dict[str, str]:
     """Return all that is recorded of the origin, every fact once."""
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for name, value in results.provenance.entries().items():
-        entries = value if isinstance(value, dict) and name in _SPREAD else {"": value}
-        found |= {f"{name}.{key}" if key else name: _text(item) or "–" for key, item in entries.items()}
-    common = {name: value for name, value in _common(telemetries).items() if found.get(name) != value}
-    return found | {f"telemetry: {name}": value for name, value in common.items()}
+        items = value if isinstance(value, dict) and name in _SPREAD else {"": value}
+        entries |= {f"{name}.{key}" if key else name: _text(item) or "–" for key, item in items.items()}
+    common = {name: value for name, value in _common(telemetries).items() if entries.get(name) != value}
+    return entries | {f"telemetry: {name}": value for name, value in common.items()}
 
 
-def _said(name: str, results: Results, telemetries: Sequence[Telemetry]) -> object:
+def _entry(name: str, results: Results, telemetries: Sequence[Telemetry]) -> object:
     return results.provenance.entries().get(name, _common(telemetries).get(name))
 
 
 def _common(telemetries: Sequence[Telemetry]) -> dict[str, str]:
     """Return the attributes beyond the contract's that all runs share: versions, digests, seed."""
     texts = [{name: str(value) for name, value in t.attributes.items()} for t in telemetries]
-    first = texts[0] if texts else {}
-    return {name: value for name, value in first.items() if all(t.get(name) == value for t in texts)}
+    reference = texts[0] if texts else {}
+    return {name: value for name, value in reference.items() if all(t.get(name) == value for t in texts)}
 
 
 def _text(value: object) -> str:
@@ -220,8 +220,8 @@ def _software(results: Results, telemetries: Sequence[Telemetry]) -> str:
     if versions := results.provenance.versions:
         return ", ".join(f"{name} {version}" for name, version in versions.items())
     recorded = results.provenance.entries().items()
-    found = _common(telemetries) | {name: _text(value) for name, value in recorded}
-    named = [(name.removesuffix("_version"), v) for name, v in found.items() if name.endswith("_version")]
+    versions = _common(telemetries) | {name: _text(value) for name, value in recorded}
+    named = [(name.removesuffix("_version"), v) for name, v in versions.items() if name.endswith("_version")]
     return ", ".join(f"{name} {version}" for name, version in named)
 
 

@@ -45,7 +45,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Part:
-    """A section of the page: words, tables, figures beside or `below` them.
+    """A section of the page: words, tables, and figures at their side, or below if `is_stacked`.
 
     Over a `table` of parameters the text is what describes it.
     """
@@ -55,7 +55,7 @@ class Part:
     text: str = ""
     grids: tuple[Grid, ...] = ()
     drawings: tuple[Drawing | Shown, ...] = ()
-    below: bool = False
+    is_stacked: bool = False
     table: tables.Table | None = None
 
 

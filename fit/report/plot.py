@@ -80,10 +80,10 @@ def _drawn(draw: Callable[..., Figure], *arguments: object) -> Plot:
 
 def _sysid(runs: Sequence[Telemetry], experiment: str) -> Telemetry:
     """Return the run of an experiment, and refuse one that is not there."""
-    found = {run.experiment: run for run in runs if run.kind == "sysid"}
-    if experiment not in found:
-        raise InputError(f"no sysid run of {experiment!r}, expected one of {', '.join(found) or 'none'}")
-    return found[experiment]
+    sysid_runs = {run.experiment: run for run in runs if run.kind == "sysid"}
+    if experiment not in sysid_runs:
+        raise InputError(f"no sysid run of {experiment!r}, expected one of {', '.join(sysid_runs) or 'none'}")
+    return sysid_runs[experiment]
 
 
 def _fitted(results: Results, runs: Sequence[Telemetry], experiment: str) -> Telemetry:
@@ -102,7 +102,7 @@ def _analysed(
     return _analysis(results, run, run), _analysis(results, run, noise) if noise else None
 
 
-def _analysis(results: Results, run: Telemetry, of: Telemetry) -> analysis.Analysis:
+def _analysis(results: Results, run: Telemetry, noise_run: Telemetry) -> analysis.Analysis:
     """Return what the figures of a run, or of its noise run, show."""
-    spans = masked_spans(results.experiments[run.experiment].warnings, of.run)
-    return analysis.analysed(of, parameters(results, run), spans)
+    spans = masked_spans(results.experiments[run.experiment].warnings, noise_run.run)
+    return analysis.analysed(noise_run, parameters(results, run), spans)

@@ -52,7 +52,7 @@ class _Study(BaseModel):
     provenance: _Origin = _Origin()
 
 
-def parts(results: Results, directory: Path) -> list[Part]:
+def sections(results: Results, directory: Path) -> list[Part]:
     """Return a section for each of ``mcmc.json`` and ``montecarlo.json`` that ``directory`` holds.
 
     Raises
@@ -60,14 +60,14 @@ def parts(results: Results, directory: Path) -> list[Part]:
     InputError
         If one of them is not what the command leaves.
     """
-    found = []
+    sections_found = []
     if (path := directory / "mcmc.json").exists():
         chain = documents.from_json(path, "what mcmc leaves", emcee_sampling.SCHEMA, _Chain)
-        found.append(_chain(chain, results, directory / "figures"))
+        sections_found.append(_chain(chain, results, directory / "figures"))
     if (path := directory / "montecarlo.json").exists():
         study = documents.from_json(path, "what montecarlo leaves", coverage.SCHEMA, _Study)
-        found.append(_study(study, directory / "figures"))
-    return found
+        sections_found.append(_study(study, directory / "figures"))
+    return sections_found
 
 
 def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
@@ -103,7 +103,7 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
         text += " As the settings say: {}.".format("; ".join(chain.constraints))
     if not _belongs(chain, results):
         text += flagged(" The chain is of another fit than this one; sample it anew (lpfcosim mcmc).", True)
-    about = (
+    caption = (
         "Posterior of the joint fit, sampled by Markov chain Monte Carlo: mean and standard deviation, their "
         "distance from least squares in its σ and as a ratio, autocorrelation time in steps; each ± the "
         "chain's own error."
@@ -116,7 +116,9 @@ def _chain(chain: _Chain, results: Results, folder: Path) -> Part:
         "Corner plot: contours of the chain hold 39 % and 86 % of it (1 and 2 σ), beside the ellipses of "
         "least squares and, where known, the truth. Axes: departure from least squares in units of its σ.",
     )
-    return Part("mcmc", "Posterior sampled", text, (Grid(about, head, tuple(lines)),), pictures, below=True)
+    return Part(
+        "mcmc", "Posterior sampled", text, (Grid(caption, head, tuple(lines)),), pictures, is_stacked=True
+    )
 
 
 def _belongs(chain: _Chain, results: Results) -> bool:
@@ -151,7 +153,7 @@ def _study(study: _Study, folder: Path) -> Part:
         f"{study.n} calibrations{f' of {origin.campaign}' if origin.campaign else ''} with new noise"
         f"{' and new truths' if origin.redraw else ''}; {len(study.failed)} failed."
     )
-    about = (
+    caption = (
         "Pulls (estimate − truth) / σ of every parameter, each ± the Monte Carlo error: for true sigmas mean "
         f"0, standard deviation 1, and {100 * _COVERAGE:.0f} % within 1 σ."
     )
@@ -163,13 +165,13 @@ def _study(study: _Study, folder: Path) -> Part:
         "Pulls of every parameter, as a density per unit of pull, beside the normal distribution they "
         "should have.",
     )
-    return Part("montecarlo", "Monte Carlo", text, (Grid(about, head, lines),), pictures, below=True)
+    return Part("montecarlo", "Monte Carlo", text, (Grid(caption, head, lines),), pictures, is_stacked=True)
 
 
 def _against(value: float, error: float, expected: float) -> str | tables.Number:
-    found = tables.number(value, error)
+    text = tables.number(value, error)
     off = abs(value - expected) > LIMIT * error > 0
-    return flagged(f"{found.value} ± {found.sigma}", True) if off else found
+    return flagged(f"{text.value} ± {text.sigma}", True) if off else text
 
 
 def _picture(folder: Path, name: str, description: str, caption: str) -> tuple[Drawing, ...]:

@@ -46,27 +46,29 @@ def _grid(
     pulls: Mapping[str, float | None],
     joint: Fit | None,
 ) -> Grid:
-    about = (
+    caption = (
         f"Stiffness of test mass {j} in 10⁻⁷ s⁻² from each experiment alone and from the joint fit, at the "
         "experiment's authority in pN and pN m."
     )
     head = ("Experiment", Markup("F, N<sub>max,{}</sub>").format(j), "Alone", "Joint fit", "Δ / σ")
-    return Grid(about, head, tuple(_line(name, point, pulls[name], joint) for name, point in points.items()))
+    return Grid(
+        caption, head, tuple(_line(name, point, pulls[name], joint) for name, point in points.items())
+    )
 
 
 def _drawing(j: int, points: Mapping[str, figures.StiffnessPoint], joint: Fit | None) -> Drawing:
     figure = "the paper's figure stiffauth" if j == 2 else "as the paper's figure stiffauth"
-    own = figures.varies(list(points.values()))
-    against = "its force authority" if own else f"the force authority of test mass {3 - j}"
+    is_varied = figures.varies(list(points.values()))
+    against = "its force authority" if is_varied else f"the force authority of test mass {3 - j}"
     elsewhere = (
         f"Its own force authority is the same in all of them, so that it is drawn against that of test mass "
         f"{3 - j}, on which it does not depend. "
     )
-    said = "" if own else elsewhere
+    note = "" if is_varied else elsewhere
     return Drawing(
         f"stiffness-{j}",
         f"Stiffness of test mass {j} against {against}, one point per experiment",
-        f"Stiffness of test mass {j}, ±1 σ ({figure}). {said}Dots: each experiment on its own. "
+        f"Stiffness of test mass {j}, ±1 σ ({figure}). {note}Dots: each experiment on its own. "
         "Where the joint fit determines the stiffness (eq. stiff_model), be it the sum and not its parts, "
         "squares show it at the same authority, lines in between, one for each torque authority; the lower "
         "panel gives the differences in units of their σ, the correlation of the two fits included.",
@@ -79,15 +81,20 @@ def stiffness_points(
 ) -> dict[str, figures.StiffnessPoint]:
     """Return omega2_j of every experiment that determines it alone, by name."""
     runs = results.provenance.joint_runs
-    found = {}
+    points = {}
     for run, fit in fitted_for("omega2_2", results, telemetries):
         omega2 = fit.parameters["omega2_2"] if j == 2 else _of_test_mass_1(fit)
         if omega2 is not None:
-            taken = runs is None or run.run in runs
-            found[run.experiment] = figures.StiffnessPoint(
-                run.experiment, j, *run.authority[j - 1], omega2, taken, other=run.authority[2 - j][0]
+            is_included = runs is None or run.run in runs
+            points[run.experiment] = figures.StiffnessPoint(
+                run.experiment,
+                j,
+                *run.authority[j - 1],
+                omega2,
+                is_included,
+                F_max_other=run.authority[2 - j][0],
             )
-    return found
+    return points
 
 
 def _of_test_mass_1(fit: Fit) -> Estimate | None:
@@ -95,18 +102,18 @@ def _of_test_mass_1(fit: Fit) -> Estimate | None:
     names, pair = list(fit.parameters), ("omega2_2", "domega2_12")
     if not fit.parameters.keys() >= set(pair):
         return None
-    own = [names.index(name) for name in pair]
-    (variance, shared), (_, other) = fit.covariance[np.ix_(own, own)]
+    indices = [names.index(name) for name in pair]
+    (variance, shared), (_, variance_2) = fit.covariance[np.ix_(indices, indices)]
     omega2_2, domega2_12 = (fit.parameters[name].value for name in pair)
-    return Estimate(omega2_2 - domega2_12, math.sqrt(variance + other - 2 * shared), "s-2")
+    return Estimate(omega2_2 - domega2_12, math.sqrt(variance + variance_2 - 2 * shared), "s-2")
 
 
 def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: Fit | None) -> Line:
-    found = figures.reconstruction(joint, point.j, point.F_max, point.N_max)
+    reconstructed = figures.reconstruction(joint, point.j, point.F_max, point.N_max)
     cells = (
         f"{1e12 * point.F_max:.4g}, {1e12 * point.N_max:.3g}",
         tables.number(point.omega2.value, point.omega2.sigma, -7),
-        tables.number(*found, -7) if found else None,
+        tables.number(*reconstructed, -7) if reconstructed else None,
         "–" if pull is None else flagged(signed(pull, 1), abs(pull) > LIMIT),
     )
     return Line(escape(name), cells)
@@ -114,8 +121,8 @@ def _line(name: str, point: figures.StiffnessPoint, pull: float | None, joint: F
 
 def prediction(joint: Fit | None) -> Part | None:
     """Return the section on what the stiffness was expected to be."""
-    found = tuple(grid for grid in (_alphas(joint), _budget(joint)) if grid) if joint else ()
-    return Part("prediction", "Predicted stiffness", grids=found) if found else None
+    grids = tuple(grid for grid in (_alphas(joint), _budget(joint)) if grid) if joint else ()
+    return Part("prediction", "Predicted stiffness", grids=grids) if grids else None
 
 
 @dataclass(frozen=True)
@@ -152,13 +159,13 @@ class Prediction:
 def predictions(joint: Fit) -> list[Prediction]:
     """Compare with the prediction each stiffness coefficient that the joint fit determines."""
     gain, gain_sigma = parameters.LAMBDA_V
-    found = []
+    rows = []
     for kind, model in (("alpha_x", parameters.alpha_x), ("alpha_phi", parameters.alpha_phi)):
         for name in (f"{kind}_1", f"{kind}_2"):
             estimate = joint.parameters.get(name)
             if estimate is None:
                 continue
-            found.append(
+            rows.append(
                 Prediction(
                     name=name,
                     value=model(gain),
@@ -168,7 +175,7 @@ def predictions(joint: Fit) -> list[Prediction]:
                     lambda_V=_gain_that_gives(estimate, model(1.0)),
                 )
             )
-    return found
+    return rows
 
 
 def _gain_that_gives(estimate: Estimate, at_one: float) -> Estimate | None:
@@ -196,7 +203,7 @@ def _alphas(joint: Fit) -> Grid | None:
             )
         )
     gain, sigma = parameters.LAMBDA_V
-    about = (
+    caption = (
         "Stiffness per unit of authority, from eqs alphax and alphaphi, with λ_V = "
         f"{gain} ± {sigma} (paper). The derivatives of the capacitance are a choice: "
         f"∂C/∂x {1e12 * parameters.DC_DX:.0f} pF/m, ∂²C/∂x² {1e9 * parameters.D2C_DX2:.0f} nF/m², "
@@ -212,7 +219,7 @@ def _alphas(joint: Fit) -> Grid | None:
         "Fitted / predicted − 1",
         Markup("λ<sub>V</sub> to match"),
     )
-    return Grid(about, over, tuple(lines)) if lines else None
+    return Grid(caption, over, tuple(lines)) if lines else None
 
 
 def _budget(joint: Fit) -> Grid | None:
@@ -236,8 +243,8 @@ def _budget(joint: Fit) -> Grid | None:
             ),
         ),
     ]
-    about = (
+    caption = (
         "Background stiffness in 10⁻⁷ s⁻² by its causes, from the paper's section Results, which calls 10 % "
         "consistent."
     )
-    return Grid(about, ("", tables.symbol("omega2_1_0"), tables.symbol("omega2_2_0")), tuple(lines))
+    return Grid(caption, ("", tables.symbol("omega2_1_0"), tables.symbol("omega2_2_0")), tuple(lines))

@@ -29,16 +29,16 @@ from fit.tables import LIMIT, Cell, Grid, Line, flagged, parameter_head, signed
 from fit.tables import parameters as tables
 from fit.telemetry import Telemetry
 
-_BESIDE = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
+_FLIGHT_HEAD = ("Parameter", "This calibration", "Flight", "σ / σ flight", "Difference / both σ")
 STRONG = 0.9  # correlation that is pointed out
 DOUBTFUL = 1e-3  # p-value below which chance is no explanation
 NAMED = 10  # strongest correlations
 
 
-def parts(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
+def sections(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
     """Return the sections that the results give matter for."""
     sound = _sound(results)
-    found = [
+    sections_found = [
         _gain(sound, telemetries),
         report_stiffness.model(sound, telemetries),
         report_stiffness.prediction(sound.joint),
@@ -47,35 +47,37 @@ def parts(results: Results, telemetries: Sequence[Telemetry]) -> list[Part]:
         _residuals(results),
         _correlation(sound.joint),
     ]
-    return [part for part in found if part]
+    return [part for part in sections_found if part]
 
 
 def _sound(results: Results) -> Results:
     """Return the results without the fits whose sigmas do not hold."""
 
-    def kept(fits: Mapping[str, Fit]) -> dict[str, Fit]:
+    def sound_fits(fits: Mapping[str, Fit]) -> dict[str, Fit]:
         return {name: fit for name, fit in fits.items() if not fit.unsound}
 
     joint = None if results.joint and results.joint.unsound else results.joint
     return replace(
         results,
         joint=joint,
-        experiments=kept(results.experiments),
-        cross_talk=kept(results.cross_talk),
-        inertial=kept(results.inertial),
+        experiments=sound_fits(results.experiments),
+        cross_talk=sound_fits(results.cross_talk),
+        inertial=sound_fits(results.inertial),
     )
 
 
 def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
-    found, text = [], Markup()
+    tables_found, text = [], Markup()
     if results.joint is not None:
         epochs = [t.alignment_epoch for t in telemetries if t.kind == "sysid"]
         names = joint_names(epochs) if epochs else tuple(FLIGHT)
         known = [p for p in map(joint_parameter, names) if p.flown]
-        lines, finer = _beside([(p, "", results.joint) for p in known])
-        found.append(Grid("Table jointfit: the joint fit beside the flight's.", _BESIDE, tuple(lines)))
+        lines, finer = _flight_rows([(p, "", results.joint) for p in known])
+        tables_found.append(
+            Grid("Table jointfit: the joint fit beside the flight's.", _FLIGHT_HEAD, tuple(lines))
+        )
         text = Markup("{} of {} parameters have a σ at or below the flight's. ").format(finer, len(lines))
-    lines, _ = _beside(
+    lines, _ = _flight_rows(
         [
             (p, f" (period {period})", fit)
             for period, fit in results.inertial.items()
@@ -84,24 +86,26 @@ def _side_by_side(results: Results, telemetries: Sequence[Telemetry]) -> Part | 
         ]
     )
     if lines:
-        found.append(Grid("Table Eulerfit: the misalignments beside the flight's.", _BESIDE, tuple(lines)))
-    if not found:
+        tables_found.append(
+            Grid("Table Eulerfit: the misalignments beside the flight's.", _FLIGHT_HEAD, tuple(lines))
+        )
+    if not tables_found:
         return None
-    return Part("paper", "The paper's tables, side by side", text, tuple(found))
+    return Part("paper", "The paper's tables, side by side", text, tuple(tables_found))
 
 
-def _beside(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int]:
+def _flight_rows(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int]:
     """Return a line for every parameter, and how many have no larger sigma than the flight."""
     lines, finer = [], 0
-    for parameter, of, fit in rows:
-        head, exponent = parameter_head(parameter, of)
+    for parameter, suffix, fit in rows:
+        head, exponent = parameter_head(parameter, suffix)
         flight = tables.number(parameter.value, parameter.sigma, exponent)
         estimate = fit.parameters.get(parameter.name)
         if estimate is None or estimate.fixed:
             lines.append(Line(head, (None, flight, FIXED if estimate else "not determined", "")))
             continue
         ratio = estimate.sigma / parameter.sigma
-        apart = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
+        difference = (estimate.value - parameter.value) / math.hypot(estimate.sigma, parameter.sigma)
         finer += ratio <= 1
         lines.append(
             Line(
@@ -110,7 +114,7 @@ def _beside(rows: Sequence[tuple[Parameter, str, Fit]]) -> tuple[list[Line], int
                     tables.number(estimate.value, estimate.sigma, exponent),
                     flight,
                     f"{ratio:.2f}",
-                    flagged(signed(apart, 2), abs(apart) > LIMIT),
+                    flagged(signed(difference, 2), abs(difference) > LIMIT),
                 ),
             )
         )
@@ -162,32 +166,33 @@ def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     estimates = list(residual_tests.independent(results.experiments).values())
     if len(estimates) < 2:
         return None
-    found = residual_tests.about_mean(estimates)
+    heterogeneity = residual_tests.about_mean(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
     of_joint = tables.number(joint.value, joint.sigma) if joint else None
-    scatter = f"{100 * found.scatter / found.mean:.2g} %" if found.scatter else "0"
+    scatter = f"{100 * heterogeneity.scatter / heterogeneity.mean:.2g} %" if heterogeneity.scatter else "0"
     cells: dict[str, tuple[Cell, Cell]] = {
         "weighted mean of the experiments": (
-            tables.number(found.mean, found.sigma),
+            tables.number(heterogeneity.mean, heterogeneity.sigma),
             tables.number(*GAIN_MEAN),
         ),
         "joint fit": (of_joint, tables.number(flown.value, flown.sigma)),
-        "χ² / degrees of freedom about the mean": (f"{found.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
-        "p-value": (_p_value(found.p_value), "< 0.001"),
+        "χ² / degrees of freedom about the mean": (f"{heterogeneity.chi2_red:.2f}", f"≈ {GAIN_CHI2_RED}"),
+        "p-value": (_p_value(heterogeneity.p_value), "< 0.001"),
         "scatter beyond noise that would make it 1": (scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
     }
-    about = f"λ₂ of {found.dof + 1} experiments, each fitted alone; a run of a single tone does not count."
+    count = heterogeneity.dof + 1
+    caption = f"λ₂ of {count} experiments, each fitted alone; a run of a single tone does not count."
     lines = tuple(Line(Markup(head), both) for head, both in cells.items())
-    grid = Grid(about, ("", "This calibration", "Flight"), lines)
+    grid = Grid(caption, ("", "This calibration", "Flight"), lines)
     pictures = _gain_figure(results, telemetries)
-    return Part("gain", "Stationarity of the gain", _gain_verdict(found), (grid,), pictures)
+    return Part("gain", "Stationarity of the gain", _gain_verdict(heterogeneity), (grid,), pictures)
 
 
-def _gain_verdict(found: residual_tests.Stationarity) -> Markup:
-    if found.p_value >= DOUBTFUL:
+def _gain_verdict(heterogeneity: residual_tests.Stationarity) -> Markup:
+    if heterogeneity.p_value >= DOUBTFUL:
         return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
-    mean = tables.number(found.mean, found.sigma_with_scatter)
+    mean = tables.number(heterogeneity.mean, heterogeneity.sigma_with_scatter)
     return Markup(
         "λ<sub>2</sub> is not the same in every experiment. If it scatters, its mean is {} ± {}; "
         "the joint fit can have the scatter as a parameter."
@@ -199,14 +204,14 @@ def _p_value(p: float) -> str:
 
 
 def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Drawing, ...]:
-    alone = residual_tests.independent(results.experiments)
+    single = residual_tests.independent(results.experiments)
     points = [
         figures_gain.GainPoint(
             run.experiment,
             started(run),
             run.F_max_2,
             fit.parameters["lambda_2"],
-            leaning=run.experiment not in alone,
+            leaning=run.experiment not in single,
         )
         for run, fit in fitted_for("lambda_2", results, telemetries)
     ]
@@ -236,15 +241,15 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
         for name, estimate in (results.joint.parameters.items() if results.joint else ())
         if name.startswith("delta_ifo_")
     }
-    alone = [
+    single = [
         (run.experiment, run.alignment_epoch, fit.parameters["delta_ifo"])
         for run, fit in fitted_for("delta_ifo", results, telemetries)
     ]
-    if not joint and len(alone) < 2:
+    if not joint and len(single) < 2:
         return None
     flight = {
         k: Estimate(p.value, p.sigma, p.unit)
-        for k in {epoch for _, epoch, _ in alone} | joint.keys()
+        for k in {epoch for _, epoch, _ in single} | joint.keys()
         if (p := joint_parameter(f"delta_ifo_{k}")).flown
     }
     rms, limit = DELTA_IFO_DESIGN
@@ -255,21 +260,21 @@ def _leakage(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
         "Simulations of "
         f"the optical bench predict {1e5 * rms:g}·10⁻⁵ rms within ±{1e5 * limit:g}·10⁻⁵ (the paper's "
         "section Results).",
-        partial(figures_leakage.leakage, joint, alone, flight),
+        partial(figures_leakage.leakage, joint, single, flight),
     )
     return Part("leakage", "Leakage of the read-out", drawings=(picture,))
 
 
 def _residuals(results: Results) -> Part | None:
-    found = {name: fit.diagnostics for name, fit in results.experiments.items() if fit.diagnostics}
-    if not found:
+    diagnostics = {name: fit.diagnostics for name, fit in results.experiments.items() if fit.diagnostics}
+    if not diagnostics:
         return None
-    lines = [Line(escape(name), _judged(d)) for name, d in found.items()]
-    doubtful = sum(d.whiteness < 0.05 for d in found.values())
+    lines = [Line(escape(name), _judged(d)) for name, d in diagnostics.items()]
+    doubtful = sum(d.whiteness < 0.05 for d in diagnostics.values())
     text = Markup(
         "{} of {} residuals have a whiteness below 0.05; of noise such as the model says, {:.1f} would."
-    ).format(doubtful, len(found), 0.05 * len(found))
-    about = (
+    ).format(doubtful, len(diagnostics), 0.05 * len(diagnostics))
+    caption = (
         "Residual of each experiment on its own, whitened by the model of its noise. Level: χ² per degree of "
         "freedom and, as ±, the scatter to expect of it. Whiteness: p-value of the cumulative periodogram "
         "(Kolmogorov-Smirnov), window and error of the noise model taken into account. Tails: excess "
@@ -283,18 +288,20 @@ def _residuals(results: Results) -> Part | None:
         "Quantiles of the normalised residual (real and imaginary part of each frequency) less those of a "
         "normal variable. The band holds 95 % of normal samples at each quantile. A slope means a wrong "
         "level, ends that bend away from it mean tails.",
-        partial(figures_mission.quantiles, found, {n: results.experiments[n].dof for n in found}),
+        partial(figures_mission.quantiles, diagnostics, {n: results.experiments[n].dof for n in diagnostics}),
     )
-    return Part("residuals", "Residuals", text, (Grid(about, head, tuple(lines)),), (picture,), below=True)
+    return Part(
+        "residuals", "Residuals", text, (Grid(caption, head, tuple(lines)),), (picture,), is_stacked=True
+    )
 
 
 def _judged(d: Diagnostics) -> tuple[Cell, ...]:
-    own = d.chi2_red_sigma < 1e-6  # the level of its own residual
-    pull = 0.0 if own else (d.chi2_red - 1) / d.chi2_red_sigma
+    is_own_level = d.chi2_red_sigma < 1e-6  # the level of its own residual
+    pull = 0.0 if is_own_level else (d.chi2_red - 1) / d.chi2_red_sigma
     excess = d.kurtosis / d.kurtosis_sigma
     return (
-        f"{d.chi2_red:.3f}" if own else tables.number(d.chi2_red, d.chi2_red_sigma),
-        "–" if own else flagged(signed(pull, 1), abs(pull) > LIMIT),
+        f"{d.chi2_red:.3f}" if is_own_level else tables.number(d.chi2_red, d.chi2_red_sigma),
+        "–" if is_own_level else flagged(signed(pull, 1), abs(pull) > LIMIT),
         _p_value(d.whiteness),
         tables.number(d.kurtosis, d.kurtosis_sigma),
         flagged(f"{4 + 6 / d.kurtosis:.0f}", True) if excess > LIMIT else "–",

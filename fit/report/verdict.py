@@ -35,19 +35,19 @@ def fits(results: Results) -> Iterator[tuple[str, Fit]]:
     """Yield every fit of a calibration with its name in words."""
     if results.joint is not None:
         yield "joint fit", results.joint
-    for kind, found in (
+    for kind, members in (
         ("experiment", results.experiments),
         ("cross-talk of epoch", results.cross_talk),
         ("inertial period", results.inertial),
     ):
-        for name, fit in found.items():
+        for name, fit in members.items():
             yield f"{kind} {name}", fit
 
 
 def raised(fit: Fit) -> list[FitWarning]:
     """Return the warnings of a fit; that it did not converge is one, whether it says so or not."""
-    told = any(w.code == NOT_CONVERGED.code for w in fit.warnings)
-    return [*fit.warnings, *([] if fit.converged or told else [NOT_CONVERGED])]
+    is_explained = any(w.code == NOT_CONVERGED.code for w in fit.warnings)
+    return [*fit.warnings, *([] if fit.converged or is_explained else [NOT_CONVERGED])]
 
 
 def biased(fit: Fit) -> set[str]:
@@ -69,19 +69,19 @@ def matters(results: Results) -> list[Matter]:
         Matter(
             code,
             tuple(
-                Notice(_sentence(message), combination, tuple(where))
-                for (message, combination), where in of.items()
+                Notice(_sentence(message), combination, tuple(places))
+                for (message, combination), places in scopes_of.items()
             ),
             _with_code(advice[code]),
         )
-        for code, of in scopes.items()
+        for code, scopes_of in scopes.items()
     ]
 
 
 def _sentence(message: str) -> str:
     """Return a message with a capital, unless a symbol stands there, and a full stop."""
-    first = message.partition(" ")[0]
-    return f"{message if '_' in first else message[:1].upper() + message[1:]}".removesuffix(".") + "."
+    subject = message.partition(" ")[0]
+    return f"{message if '_' in subject else message[:1].upper() + message[1:]}".removesuffix(".") + "."
 
 
 def _with_code(text: str) -> Markup:
@@ -99,7 +99,7 @@ class Verdict:
 
 def failing(fit: Fit) -> list[str]:
     """Return the codes of the warnings that spoil a fit."""
-    return list(_told({"": fit}, Severity.FAILURE))
+    return list(_reasons({"": fit}, Severity.FAILURE))
 
 
 def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
@@ -117,74 +117,78 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     """
     joint = results.joint
     has_truth = any(t.has_truth for t in shown)
-    agreement, beyond = _agreement(shown, has_truth, of="joint" if joint else "single-experiment")
-    alone = {f"experiment {name}": fit for name, fit in results.experiments.items()}
-    judged = {"": joint} if joint else alone
+    agreement, outliers = _agreement(shown, has_truth, kind="joint" if joint else "single-experiment")
+    single = {f"experiment {name}": fit for name, fit in results.experiments.items()}
+    judged = {"": joint} if joint else single
     everything = dict(fits(results))
-    others = {name: fit for name, fit in everything.items() if all(fit is not one for one in judged.values())}
+    other_fits = {
+        name: fit for name, fit in everything.items() if all(fit is not one for one in judged.values())
+    }
     failed = _named(judged, Severity.FAILURE)
-    doubts = [*_named(judged, Severity.DOUBT), *_named(others, Severity.FAILURE), *_outliers(others)]
+    doubts = [*_named(judged, Severity.DOUBT), *_named(other_fits, Severity.FAILURE), *_outliers(other_fits)]
     head = Markup("" if joint else "No joint fit. ") + ("" if has_truth else "No truth in the telemetry. ")
-    lost = joint.undetermined if joint else ()
-    told = [*failed, agreement]
-    if lost:
-        told.append(Markup("Not determined by these data: {}.").format(_listed(map(symbol, lost))))
-    told += doubts
+    undetermined = joint.undetermined if joint else ()
+    sentences = [*failed, agreement]
+    if undetermined:
+        sentences.append(
+            Markup("Not determined by these data: {}.").format(_listed(map(symbol, undetermined)))
+        )
+    sentences += doubts
     # Another spacecraft need not agree with the flight; a simulation has to agree with its truth.
-    bad = bool(failed) or (beyond and has_truth)
+    bad = bool(failed) or (outliers and has_truth)
     state = "bad" if bad else "doubtful" if doubts else "good" if has_truth else "open"
-    return Verdict(state, head + Markup(" ").join(told))
+    return Verdict(state, head + Markup(" ").join(sentences))
 
 
 def _listed(symbols: Iterable[str]) -> Markup:
     return Markup(", ").join(symbols)
 
 
-def _agreement(shown: Sequence[Table], has_truth: bool, of: str) -> tuple[Markup, bool]:
+def _agreement(shown: Sequence[Table], has_truth: bool, kind: str) -> tuple[Markup, bool]:
     """Say how the estimates compare, and whether one is beyond the limit."""
     rows = [row for t in shown for row in t.rows if row.estimate]
     pulls = [(row.symbol, row.pull) for row in rows if row.pull is not None]
     if not pulls:
         return Markup("Nothing to compare the estimates with."), False
-    what = f"{of} parameters{' that have one' * (len(pulls) < len(rows))}"
+    subject = f"{kind} parameters{' that have one' * (len(pulls) < len(rows))}"
     target = f"{LIMIT:g} σ of {'truth' if has_truth else 'the flight values'}"
-    beyond = [name for name, pull in pulls if abs(pull) > LIMIT]
-    if beyond:
+    outliers = [name for name, pull in pulls if abs(pull) > LIMIT]
+    if outliers:
         head = Markup("{} of {} {} lie further than {}: {}").format(
-            len(beyond), len(pulls), what, target, _listed(beyond)
+            len(outliers), len(pulls), subject, target, _listed(outliers)
         )
     else:
-        head = Markup("All {} {} lie within {}").format(len(pulls), what, target)
+        head = Markup("All {} {} lie within {}").format(len(pulls), subject, target)
     worst, largest = max(pulls, key=lambda item: abs(item[1]))
     measure = "pull" if has_truth else "difference / σ"
-    return Markup("{}; largest |{}| {:.1f} ({}).").format(head, measure, abs(largest), worst), bool(beyond)
+    return Markup("{}; largest |{}| {:.1f} ({}).").format(head, measure, abs(largest), worst), bool(outliers)
 
 
-def _told(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
+def _reasons(fits: Mapping[str, Fit], severity: Severity) -> dict[str, list[str]]:
     """Return by code which of some fits raise warnings of a severity, in the order of `WARNING_KINDS`."""
     codes = {name: {w.code for w in raised(fit)} for name, fit in fits.items()}
-    found = {
+    reasons = {
         code: [name for name in fits if code in codes[name]]
         for code, kind in WARNING_KINDS.items()
         if kind.severity is severity
     }
-    return {code: names for code, names in found.items() if names}
+    return {code: names for code, names in reasons.items() if names}
 
 
 def _named(fits: Mapping[str, Fit], severity: Severity) -> list[str]:
     """Say which warnings of a severity were raised, and in which fits; the nameless one goes without."""
     return [
         f"{WARNING_KINDS[code].headline}: {', '.join(names)}.".replace(": .", ".")
-        for code, names in _told(fits, severity).items()
+        for code, names in _reasons(fits, severity).items()
     ]
 
 
 def _outliers(fits: Mapping[str, Fit]) -> list[Markup]:
     """Name the estimates beyond the limit of truth but those that are said to be biased."""
-    found = [
+    outliers = [
         Markup("{} of {}").format(symbol(key), name)
         for name, fit in fits.items()
         for key, e in fit.parameters.items()
         if e.pull is not None and abs(e.pull) > LIMIT and key not in biased(fit)
     ]
-    return [Markup("Further than {:g} σ of truth: {}.").format(LIMIT, _listed(found))] if found else []
+    return [Markup("Further than {:g} σ of truth: {}.").format(LIMIT, _listed(outliers))] if outliers else []

@@ -24,7 +24,7 @@ class Grid:
 
     Attributes
     ----------
-    about : str
+    caption : str
         What it shows.
     head : tuple of str, length C + 1
         Over the heads of the lines, and over their cells.
@@ -32,7 +32,7 @@ class Grid:
         With C cells each.
     """
 
-    about: str
+    caption: str
     head: tuple[str, ...]
     lines: tuple[Line, ...]
 
@@ -44,11 +44,11 @@ class Grid:
         )
 
 
-def parameter_head(parameter: Parameter, of: str = "") -> tuple[Markup, int]:
+def parameter_head(parameter: Parameter, suffix: str = "") -> tuple[Markup, int]:
     """Return the head of a line on a parameter, and the power of ten its numbers share."""
     exponent = power_of_ten(parameter.value)
     unit = unit_text(parameter.unit, exponent)
-    return name_head(Markup("{}{}").format(Markup(parameter.html), of), parameter.name, unit), exponent
+    return name_head(Markup("{}{}").format(Markup(parameter.html), suffix), parameter.name, unit), exponent
 
 
 def name_head(symbol: Markup, name: str, unit: str = "") -> Markup:

@@ -16,7 +16,7 @@ class Lines:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
-    def first(self, columns: int) -> "Lines":
+    def truncate(self, columns: int) -> "Lines":
         """Return the table with its first columns alone."""
         return Lines(self.head[:columns], tuple(row[:columns] for row in self.rows))
 
@@ -52,7 +52,7 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Lines:
         Give every number down to the second digit of its sigma, rather than six digits.
     """
     rows = []
-    for of, fit in fits.items():
+    for suffix, fit in fits.items():
         for name, e in fit.parameters.items():
             numbers = [
                 "" if x is None else digits(x, e.sigma) if fine else f"{x:.6g}" for x in (e.value, e.truth)
@@ -60,7 +60,7 @@ def estimates(fits: Mapping[str, Fit], *, fine: bool = False) -> Lines:
             sigma = WITHHELD if fit.unsound else f"{e.sigma:#.2g}" if fine else f"{e.sigma:.2g}"
             sigma = FIXED if e.fixed else sigma
             pull = "" if e.pull is None or fit.unsound else f"{e.pull:+.2f}"
-            rows.append((name + of, e.unit, numbers[0], sigma, numbers[1], pull))
+            rows.append((name + suffix, e.unit, numbers[0], sigma, numbers[1], pull))
     return Lines(("parameter", "unit", "estimate", "sigma", "truth", "pull"), tuple(rows))
 
 

@@ -28,19 +28,19 @@ def _(estimate: Estimate) -> str:
 @html.register
 def _(estimate: Estimate) -> str:
     exponent = tables.power_of_ten(estimate.value)
-    found = tables.number(estimate.value, estimate.sigma, exponent)
+    text = tables.number(estimate.value, estimate.sigma, exponent)
     unit = tables.unit_text(estimate.unit, exponent)
     known = "" if estimate.truth is None else tables.number(estimate.truth, estimate.sigma, exponent).value
     pull = "" if estimate.pull is None else f", pull {tables.signed(estimate.pull, 2)}"
-    sigma = FIXED if estimate.fixed else f"± {found.sigma}"
+    sigma = FIXED if estimate.fixed else f"± {text.sigma}"
     return Markup("<span>{} {} {}{}</span>").format(
-        found.value, sigma, unit, f" (truth {known}{pull})" if known else ""
+        text.value, sigma, unit, f" (truth {known}{pull})" if known else ""
     )
 
 
 @text.register
 def _(fit: Fit) -> str:
-    return "\n".join([_state(fit), *_columns(fit), *_told(fit)])
+    return "\n".join([_state(fit), *_columns(fit), *_warning_lines(fit)])
 
 
 @html.register
@@ -50,10 +50,10 @@ def _(fit: Fit) -> str:
 
 @text.register
 def _(results: Results) -> str:
-    parts = [f"{name}: {line}" for name, line in _summary(results).items()]
+    lines = [f"{name}: {line}" for name, line in _summary(results).items()]
     if results.joint is not None:
-        parts = [*_columns(results.joint), *parts, *_told(results.joint)]
-    return "\n".join(parts)
+        lines = [*_columns(results.joint), *lines, *_warning_lines(results.joint)]
+    return "\n".join(lines)
 
 
 @html.register
@@ -115,11 +115,11 @@ def _summary(results: Results) -> dict[str, str]:
 
 def _columns(fit: Fit) -> list[str]:
     """Return the estimates as lines of aligned columns."""
-    found = estimates({"": fit}, fine=True)
-    return (found if any(e.truth is not None for e in fit.parameters.values()) else found.first(4)).aligned()
+    rows = estimates({"": fit}, fine=True)
+    return (rows if any(e.truth is not None for e in fit.parameters.values()) else rows.truncate(4)).aligned()
 
 
-def _told(fit: Fit) -> list[str]:
+def _warning_lines(fit: Fit) -> list[str]:
     return [f"warning: {message}" for message in _messages(fit)]
 
 
@@ -129,17 +129,19 @@ def _messages(fit: Fit) -> list[str]:
 
 def _table(fit: Fit) -> Markup:
     shown = tables.table(fit, list(_described([*fit.parameters, *fit.undetermined])))
-    beside = ("truth", "pull") if shown.has_truth else ("flight", "difference / σ")
+    reference_heads = ("truth", "pull") if shown.has_truth else ("flight", "difference / σ")
     rows: list[tuple[str, ...]] = []
     for row in shown.rows:
         estimate = f"{row.estimate.value} ± {row.estimate.sigma}" if row.estimate else "not determined"
-        other = (
+        reference_cells = (
             row.truth if shown.has_truth else f"{row.flight.value} ± {row.flight.sigma}" if row.flight else ""
         )
         pull = "" if row.pull is None else tables.signed(row.pull, 2)
         name = Markup("<code>{}</code>").format(row.name)
-        rows.append((tables.symbol(row.name), name, row.description, row.unit, estimate, other, pull))
-    return Lines(("", "parameter", "", "unit", "estimate ± σ", *beside), tuple(rows)).html("llllrrr")
+        rows.append(
+            (tables.symbol(row.name), name, row.description, row.unit, estimate, reference_cells, pull)
+        )
+    return Lines(("", "parameter", "", "unit", "estimate ± σ", *reference_heads), tuple(rows)).html("llllrrr")
 
 
 def _described(names: Iterable[str]) -> Iterable[Parameter]:

@@ -97,8 +97,8 @@ def table(fit: Fit, parameters: Sequence[Parameter]) -> Table:
     A parameter that was neither estimated nor found indeterminable, a gain never driven say, has no row.
     """
     has_truth = any(e.truth is not None for e in fit.parameters.values())
-    lost = fit.undetermined
-    listed = [p for p in parameters if p.name in fit.parameters or p.name in lost]
+    undetermined = fit.undetermined
+    listed = [p for p in parameters if p.name in fit.parameters or p.name in undetermined]
     names = {p.name for p in listed}
     listed += [_unlisted(name, e) for name, e in fit.parameters.items() if name not in names]
     return Table(tuple(_row(p, fit, has_truth) for p in listed), has_truth)
@@ -125,8 +125,8 @@ def of_fit(fit: Fit, name: str, exponent: int = 0) -> Number | None:
         return Number(
             signed(estimate.value / 10.0**exponent, decimals(estimate.sigma / 10.0**exponent)), FIXED
         )
-    found = number(estimate.value, estimate.sigma, exponent)
-    return replace(found, sigma=WITHHELD) if fit.unsound else found
+    text = number(estimate.value, estimate.sigma, exponent)
+    return replace(text, sigma=WITHHELD) if fit.unsound else text
 
 
 def _row(parameter: Parameter, fit: Fit, has_truth: bool) -> Row:

@@ -59,7 +59,7 @@ def test_the_law_finds_a_relative_noise_that_is_there():
     asd = np.sqrt(rest + relative * (F / M_TM) ** 2)
     found = noise.law(points(zip(F, asd, strict=True)))
     assert (found.rest, found.relative) == pytest.approx((rest, relative), rel=1e-6)
-    assert found.at(3.3e-9) == pytest.approx(asd[3])
+    assert found.level(3.3e-9) == pytest.approx(asd[3])
     assert 0.02 * relative < found.sigma < 0.5 * relative
     assert noise.law(points(zip(F[[0, 0, 1, 1]], asd[[0, 0, 1, 1]], strict=True))) is None
 
@@ -82,4 +82,4 @@ def test_years_stand_apart_and_the_law_is_drawn_where_it_was_found():
     assert [line.label for line in plain.lines] == ["2016", "2017"]
     dotted = low.lines[0]
     assert dotted.y[-1] == pytest.approx(1e15 * 1e-6 * 1e-12 * dotted.x[-1] / M_TM)
-    assert replace(law, rest=-1.0).at(0.0) == 0.0
+    assert replace(law, rest=-1.0).level(0.0) == 0.0

@@ -78,7 +78,7 @@ def test_nothing_ends_the_script_or_becomes_markup():
     panel = Panel(
         TIME, TIME, (line(F, F, name=EVIL, label=EVIL), Note(text=EVIL, x=0.1)), (0, 1), (0, 1), 1.0, EVIL
     )
-    element = shown(Chart((panel, panel), {}, beside=2))
+    element = shown(Chart((panel, panel), {}, n_across=2))
     assert "<script>" not in element
     assert element.count("</script>") == 1
     assert told(element)["panels"][0]["title"] == EVIL
@@ -151,7 +151,7 @@ def test_time_series_share_a_table_of_least_and_largest():
     t = np.linspace(0, 10, 2001)
     other = Axis("o₁", "nm", "value")
     above = Panel(TIME, TIME, (line(t, -t), line(t, 0 * t, label="still")), (0, 10), (-10, 0), 1.0)
-    below = Panel(TIME, other, (line(t, t), line(t, -t, again=True)), (0, 10), (0, 10), 1.0, "loop")
+    below = Panel(TIME, other, (line(t, t), line(t, -t, is_repeated=True)), (0, 10), (0, 10), 1.0, "loop")
     over, head, *rows = cells(numbers.tables(Chart((above, below), {})))
     assert over == ["time since start of run  [h]", "time since start of run  [h]", "loop: o₁  [nm]"]
     assert head == ["Δg x", "still", "Δg x"]
@@ -170,7 +170,7 @@ def test_points_share_a_table_that_has_every_one_once():
     places = [1460808000.0, 1460808000.0 + 86400]
     ends = np.array([1.46e9, 1.47e9])
     marks = (
-        dots("alone", places, [1.0776, 1.0779], ("A1", "B1"), beside=np.array([0.1, -0.1])),
+        dots("alone", places, [1.0776, 1.0779], ("A1", "B1"), offset=np.array([0.1, -0.1])),
         dots("tone", places[:1], [1.0775], ("A1",)),
         Span(low=1.07758, high=1.07762, role="blue", opacity=0.2, along="y"),
         line(ends, np.full(2, 1.0776), label="joint"),
@@ -178,7 +178,7 @@ def test_points_share_a_table_that_has_every_one_once():
         line(ends, np.full(2, 0.5), label="limits", dash="--"),
         line(ends, np.full(2, -0.5), label="", dash="--"),
     )
-    again = tuple(dots("", places, [1.0776, 1.0779], ("A1", "B1"), again=True) for _ in range(2))
+    again = tuple(dots("", places, [1.0776, 1.0779], ("A1", "B1"), is_repeated=True) for _ in range(2))
     panels = (
         Panel(DATES, GAIN, again, (1.46e9, 1.47e9), (0.0, 9.0), 2.0),
         Panel(DATES, GAIN, marks, (1.46e9, 1.47e9), (1.0, 2.0), 2.0),
@@ -200,7 +200,7 @@ def test_panels_beside_each_other_have_a_line_each():
         own = line(x, 0.1 * x, name=name, label="")
         panels.append(Panel(GAIN, TIME, (band, own), (-3.5, 3.5), (-1, 1), 1.0, name))
     for kept in (panels, panels[:1]):
-        table = numbers.tables(Chart(tuple(kept), {}, beside=len(kept)))
+        table = numbers.tables(Chart(tuple(kept), {}, n_across=len(kept)))
         head, *rows = cells(table)
         assert head == ["", "−3", "−2", "−1", "0", "1", "2", "3"]
         assert [row[0] for row in rows] == ["A", "B"][: len(kept)]

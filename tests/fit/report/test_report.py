@@ -365,7 +365,9 @@ def test_a_sum_is_drawn_where_its_parts_are_lost():
     assert curve.y == pytest.approx([-7.0, -7.0 - 3.17 * 2.12])
     assert any(getattr(mark, "name", "") == "pull" for mark in below.marks)
     # the other test mass: nothing of its own varies
-    other = [stiffness.StiffnessPoint("", 1, 0.0, 1e-11, Estimate(-7e-7, 1e-8, "s-2"), other=F) for F in line]
+    other = [
+        stiffness.StiffnessPoint("", 1, 0.0, 1e-11, Estimate(-7e-7, 1e-8, "s-2"), F_max_other=F) for F in line
+    ]
     joint = replace(joint, stiffness=(Stiffness(1, 0.0, 1e-11, -7e-7, 3e-9),))
     above, _ = stiffness.against_authority(other, joint).panels
     assert above.x.head == "F_max_2 [pN]"

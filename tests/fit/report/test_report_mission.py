@@ -65,7 +65,7 @@ def mission():
 
 
 def sections(results, runs):
-    return {part.anchor: part for part in report_mission.parts(results, runs)}
+    return {part.anchor: part for part in report_mission.sections(results, runs)}
 
 
 def cells(grid):
@@ -136,7 +136,7 @@ def test_what_is_not_determined_is_said(mission):
 def test_table_eulerfit_where_a_period_was_flown():
     values = {"delta_phi": -0.4e-3, "delta_eta": -0.03e-3}
     periods = {"2": fit(values, [1e-5, 2e-6]), "7": fit(values, [1e-5, 2e-6])}
-    (part,) = report_mission.parts(Results(None, {}, {}, periods, Provenance()), [])
+    (part,) = report_mission.sections(Results(None, {}, {}, periods, Provenance()), [])
     (grid,) = part.grids
     assert [line.cells[2:] for line in grid.lines] == [
         ("0.33", "0.00"),
@@ -261,7 +261,7 @@ def test_residuals(mission):
 
 
 def test_nothing_to_say():
-    assert report_mission.parts(Results(None, {}, {}, {}, Provenance()), []) == []
+    assert report_mission.sections(Results(None, {}, {}, {}, Provenance()), []) == []
 
 
 def test_the_pulls_stand_side_by_side_over_their_authority(mission):

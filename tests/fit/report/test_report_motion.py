@@ -12,7 +12,7 @@ from fit.figures import motion as figures_motion
 from fit.pipeline import calibrate_inertial
 from fit.report import noise as report_noise
 from fit.report import page as report
-from fit.report.motion import parts
+from fit.report.motion import sections
 from fit.report.noise import Products
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
@@ -46,7 +46,7 @@ def test_page_shows_the_period_with_figures(found, tmp_path):
 
 def test_correction_quietens_what_rotation_made(found):
     results, telemetries = found
-    (section,) = [p for p in parts(results, telemetries, Products(results)) if p.anchor == "p3"]
+    (section,) = [p for p in sections(results, telemetries, Products(results)) if p.anchor == "p3"]
     assert [row.name for row in section.table.rows] == ["delta_phi", "delta_eta"]
     assert section.table.rows[0].flight.value == "−3.9"  # table Eulerfit, 1e-4 rad
     ratio = float(section.drawings[0].caption.split("a factor of ")[1].split()[0])
@@ -56,9 +56,9 @@ def test_correction_quietens_what_rotation_made(found):
 def test_the_levels_of_the_noise_runs_stand_in_a_section(found, monkeypatch):
     results, telemetries = found
     products = Products(results)
-    parts(results, telemetries, products)
+    sections(results, telemetries, products)
     monkeypatch.setattr(report_noise.deltag, "delta_g", None)  # nothing is calibrated twice
-    (section,) = report_noise.parts(results, telemetries, products)
+    (section,) = report_noise.sections(results, telemetries, products)
     assert [drawing.name for drawing in section.drawings] == [
         "noise-spectra",
         "noise-date",
@@ -82,16 +82,16 @@ def test_glitches_are_no_noise(found):
     inside = (product.time >= 1e4) & (product.time <= 3e4)
     for name in ("delta_g", "delta_g_x", "g_dOmega"):
         assert np.array_equal(np.isnan(product.channels[name]), inside)
-    assert report_noise.parts(results, telemetries, products) == []  # of the other too little is left
+    assert report_noise.sections(results, telemetries, products) == []  # of the other too little is left
 
 
 def test_a_calibration_without_a_joint_fit_has_no_levels(found):
     nothing = fit_results.Results(None, {}, {}, {}, fit_results.Provenance())
-    assert report_noise.parts(nothing, found[1], Products(nothing)) == []
+    assert report_noise.sections(nothing, found[1], Products(nothing)) == []
 
 
 def test_without_telemetry_the_table_remains(found):
-    (section,) = [p for p in parts(found[0], [], Products(found[0])) if p.anchor == "p3"]
+    (section,) = [p for p in sections(found[0], [], Products(found[0])) if p.anchor == "p3"]
     assert section.drawings == ()
 
 
@@ -108,7 +108,7 @@ def test_cross_talk_has_a_section(found, tmp_path):
     values = {f"b_{i}": Estimate(1e-5, 1e-7, "1", truth=1e-5, pull=0.0) for i in range(1, 7)}
     cross_talk = {"2": Fit(values, np.eye(6) * 1e-14, 1.0, 1, True, ())}
     results = fit_results.Results(None, {}, cross_talk, {}, fit_results.Provenance())
-    (section,) = parts(results, [], Products(results))
+    (section,) = sections(results, [], Products(results))
     assert section.title == "Cross-talk, alignment epoch 2"
     assert len(section.table.rows) == 6
     assert 'id="b2"' in report.write_report(tmp_path, results, []).read_text()

@@ -8,7 +8,7 @@ import pytest
 from fit.errors import InputError
 from fit.forecasting import coverage
 from fit.report.page import write_report
-from fit.report.sampling import parts
+from fit.report.sampling import sections
 from fit.sampling import emcee_sampling
 from tests.fit.report.test_report import joint_fit, results
 
@@ -40,11 +40,11 @@ def chain(fit, **changes):
 
 def left(folder, name, document):
     (folder / name).write_text(json.dumps(document))
-    return parts(results(joint=joint_fit()), folder)
+    return sections(results(joint=joint_fit()), folder)
 
 
 def test_nothing_was_left(tmp_path):
-    assert parts(results(joint=joint_fit()), tmp_path) == []
+    assert sections(results(joint=joint_fit()), tmp_path) == []
 
 
 def test_a_chain(tmp_path):
@@ -74,7 +74,7 @@ def test_the_figure_another_command_drew_stays_inert(tmp_path):
 
 def test_a_chain_of_another_fit(tmp_path):
     (tmp_path / "mcmc.json").write_text(json.dumps(chain(joint_fit({"C_2": 0.1}))))
-    (part,) = parts(results(joint=joint_fit()), tmp_path)
+    (part,) = sections(results(joint=joint_fit()), tmp_path)
     assert "The chain is of another fit" in part.text
     fewer = chain(joint_fit())
     del fewer["parameters"]["C_2"]
@@ -86,7 +86,7 @@ def test_a_monte_carlo(tmp_path):
     true = coverage.Pulls(200, 0.05, 0.07, 1.01, 0.05, 0.68, 0.033, 3e-5)
     found = {"lambda_2": true, "C_2": replace(true, pull_mean=0.5, coverage_1sigma=0.40)}
     coverage.write(found, 200, {7: "no"}, {"campaign": "<b>", "redraw": True}, tmp_path / "montecarlo.json")
-    (part,) = parts(results(), tmp_path)
+    (part,) = sections(results(), tmp_path)
     assert part.text == "200 calibrations of <b> with new noise and new truths; 1 failed."
     good, bad = ([getattr(c, "value", c) for c in line.cells] for line in part.grids[0].lines)
     assert good == ["200", "0.05", "1.01", "68.0"]
@@ -109,5 +109,5 @@ def test_a_monte_carlo(tmp_path):
 def test_what_is_no_summary_of_a_chain(tmp_path, content, told):
     (tmp_path / "mcmc.json").write_text(content)
     with pytest.raises(InputError, match=r"mcmc\.json: ") as error:
-        parts(results(), tmp_path)
+        sections(results(), tmp_path)
     assert told in str(error.value)
