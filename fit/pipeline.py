@@ -30,6 +30,7 @@ from fit.quality import (
     residual_tests,
     searches,
     stationarity,
+    unit_faults,
 )
 from fit.requirements import TAPER
 from fit.results import Fit, Provenance, Results, check_frame
@@ -177,7 +178,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
     asked, chosen = chosen, chosen.model_copy(update={"parameters": {}})
     ready = _prepared(found, chosen, drawn).without(metadata.mislabelled(found, telemetries))
     progress_stage(0.65)
-    ready = ready.noted(louder.judged(ready.trusted, chosen))
+    ready = ready.with_warnings(louder.judged(ready.usable, chosen))
     alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
@@ -185,7 +186,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
     progress_stage(0.95)
     together = _together(ready, alone, chosen, misfits, drawn, constant, asked.parameters)
     if together:
-        ready = replace(ready.without(together.left_out), left_out=together.left_out)
+        ready = replace(ready.without(together.left_out), exclusions=together.left_out)
     joint, own = _judged(ready, alone, together, asked, drawn)
     joint, cross_talk = _cross_talk(ready, together, joint, chosen)
     return Results(joint, own, cross_talk, {}, _provenance(ready, together, asked))
@@ -206,29 +207,24 @@ def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Exp
     ready = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
     then = metadata.changes(_that_may_change(ready, chosen, drawn))
     ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.left_out)
-    spoilt = [e for e in ready.taking_part if prepared[e.name].spoilt]
-    if len(spoilt) == len(ready.taking_part):
-        return ready  # chi2 will tell
-    return ready.without(
-        [Exclusion(e.name, prepared[e.name].spoilt, "excluded", "", "cause") for e in spoilt]
-    )
+    return ready.without_unusable()
 
 
 def _that_may_change(ready: ExperimentSet, chosen: Settings, drawn: bool) -> tuple[Experiment, ...]:
     """Return the experiments whose parts may obey different equations, all or none."""
-    struck = any(e.sysid.masks or e.sysid.glitches for e in ready.taking_part)
+    struck = any(e.sysid.masks or e.sysid.glitches for e in ready.in_joint_fit)
     searched = searches(chosen)  # else glitches pass for changes
-    return ready.taking_part if searched and (struck or not drawn) else ()
+    return ready.in_joint_fit if searched and (struck or not drawn) else ()
 
 
 def _noises(
     ready: ExperimentSet, alone: dict[str, IRLSResult | FitError], chosen: Settings
 ) -> tuple[ExperimentSet, dict[str, IRLSResult | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
-    of_levels = ready.trusted if chosen.levels == ["auto"] else ready.experiments
-    ready = ready.noted(noise_level.judged(of_levels, alone, chosen))
+    of_levels = ready.usable if chosen.levels == ["auto"] else ready.experiments
+    ready = ready.with_warnings(noise_level.judged(of_levels, alone, chosen))
     alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen)
-    ready = ready.noted(stationarity.judged(ready.trusted, alone))
+    ready = ready.with_warnings(stationarity.judged(ready.usable, alone))
     return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen)
 
 
@@ -257,9 +253,9 @@ def _together(
     parameters: Mapping[str, ParameterSettings],
 ) -> _Together | None:
     """Fit jointly what agrees, then with what the user says of parameters."""
-    if not ready.taking_part:
+    if not ready.in_joint_fit:
         return None
-    agreed = jury.convene(ready.taking_part, alone, chosen, misfits, drawn, constant)
+    agreed = jury.convene(ready.in_joint_fit, alone, chosen, misfits, drawn, constant)
     outcome = agreed.outcome
     if any(said.is_constraint for said in parameters.values()):
         asked = chosen.model_copy(update={"parameters": parameters, "scatter": list(outcome.scatter)})
@@ -271,7 +267,7 @@ def _together(
     more = (*agreed.warnings, *constraint_test.warnings(outcome))
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), more)
     left_out = explained(
-        (*ready.left_out, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
+        (*ready.exclusions, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
     )
     return _Together(outcome, fit, left_out, agreed.statistics)
 
@@ -291,9 +287,9 @@ def _judged(
     for e, found in zip(every, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found
-        elif not ready.said_of(e.name):  # of which is said what is wrong
+        elif not ready.warnings_of(e.name):  # of which is said what is wrong
             of_joint.append(found)
-    of_joint += [*ready.notes, *(f.of_joint for f in ready.left_out)]
+    of_joint += [*ready.notes, *(f.of_joint for f in ready.exclusions)]
     for code, why, left_out in (
         ("short_run", "being shorter than 6 h", ready.short),
         ("excluded", "as the settings say", ready.excluded),
@@ -306,11 +302,11 @@ def _judged(
                 fits[e.name] = _warned(fits[e.name], [warning])
     if not together:
         return None, fits
-    explained = noise_level.explained(ready.taking_part, together.outcome)
-    doubted = [e for e in ready.taking_part if e.name not in explained]
+    explained = noise_level.explained(ready.in_joint_fit, together.outcome)
+    doubted = [e for e in ready.in_joint_fit if e.name not in explained]
     of_joint += [
         w
-        for e in ready.taking_part
+        for e in ready.in_joint_fit
         for w in ready.prepared[e.name].warnings
         if e in doubted or w.code != noise_level.MISMATCH
     ]
@@ -342,10 +338,12 @@ def _of_experiment(
         # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("no_single_fit", (), str(error))
     fit = fit_quality.as_fit(own, [experiment], from_joint=from_joint)
+    untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     more = (
-        *ready.said_of(experiment.name),
+        *ready.warnings_of(experiment.name),
+        *(warning for fault in untested for warning in fault.of_own),
         *ready.prepared[experiment.name].warnings,
-        *fit_quality.of_experiment(experiment, judged, fit_quality.as_fit(judged, [experiment])),
+        *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
         *constraint_test.warnings(own),
     )
     diagnostics = None if drawn else residual_tests.diagnose(experiment, own)
@@ -356,12 +354,12 @@ def _cross_talk(
     ready: ExperimentSet, together: _Together | None, judged: Fit | None, chosen: Settings
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
-    if not (together and judged and any(e.sysid.channels.means for e in ready.taking_part)):
+    if not (together and judged and any(e.sysid.channels.means for e in ready.in_joint_fit)):
         return judged, {}
-    told = crosstalk_fit.unattenuated(together.outcome, ready.taking_part)
+    told = crosstalk_fit.unattenuated(together.outcome, ready.in_joint_fit)
     joint = attenuation.mended(judged, together.outcome, told.freed, told.shift, told.before)
-    found = crosstalk_fit.cross_talk(together.outcome, ready.taking_part, Sharing(chosen.shared), told)
-    if any(rotation.sources(e.sysid.telemetry) for e in ready.taking_part):
+    found = crosstalk_fit.cross_talk(together.outcome, ready.in_joint_fit, Sharing(chosen.shared), told)
+    if any(rotation.sources(e.sysid.telemetry) for e in ready.in_joint_fit):
         found = {epoch: crosstalk_fit.joined(fit) for epoch, fit in found.items()}
     return joint, {epoch: _doubted(fit, judged) for epoch, fit in found.items()}
 
@@ -377,16 +375,16 @@ def _doubted(fit: Fit, joint: Fit | None) -> Fit:
 
 def _provenance(ready: ExperimentSet, together: _Together | None, chosen: Settings) -> Provenance:
     periods: dict[str, set[str]] = {}
-    for run in (e.sysid.telemetry for e in ready.taking_part):
+    for run in (e.sysid.telemetry for e in ready.in_joint_fit):
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
     best = (
-        crosstalk_fit.subtraction(together.outcome, ready.taking_part, Sharing(chosen.shared))
+        crosstalk_fit.subtraction(together.outcome, ready.in_joint_fit, Sharing(chosen.shared))
         if together
         else {}
     )
     return Provenance(
-        joint_runs=[e.sysid.telemetry.run for e in ready.taking_part],
+        joint_runs=[e.sysid.telemetry.run for e in ready.in_joint_fit],
         noise_runs={e.sysid.telemetry.run: e.noise.telemetry.run for e in ready.experiments if e.noise},
         f_max=chosen.f_max,
         window=f"Tukey {TAPER:g}",
@@ -394,7 +392,7 @@ def _provenance(ready: ExperimentSet, together: _Together | None, chosen: Settin
         subtraction=best or None,
         settings=chosen.record(),
         more={"agreement": together.agreement} if together and together.agreement else {},
-        levels=[e.name for e in ready.taking_part if e.levels],
+        levels=[e.name for e in ready.in_joint_fit if e.levels],
         x_axis=ready.experiments[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

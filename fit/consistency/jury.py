@@ -1,6 +1,6 @@
 """The joint fit of those runs that can be fitted together, and what is said of the others.
 
-A run that shows a wrong sign or unit by itself, one that keeps the joint fit from settling, and one that
+A run whose o_1 moves against its guidance, one that keeps the joint fit from settling, and one that
 contradicts the others is left out by name. Only where nothing is left is everything refused.
 """
 
@@ -28,7 +28,7 @@ from fit.errors import FitError, InputError
 from fit.fitting import IRLSResult, fit_joint
 from fit.model import Sharing
 from fit.parallel import parallel_map
-from fit.quality import Exclusion, Tells, fit_quality, told
+from fit.quality import Exclusion, fit_quality, told
 from fit.settings import Settings
 from fit.warnings import FitWarning
 from fit.whitening import Experiment, whitened_run
@@ -64,7 +64,7 @@ def convene(
     Raises
     ------
     InputError
-        If every experiment has a wrong sign or unit.
+        If o_1 of every experiment moves against its guidance.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -73,7 +73,6 @@ def convene(
     outcome, kept, failed = _settled(_without(experiments, left_out), alone, first)
     left_out = (*left_out, *failed)
     if chosen.estimator in UNTOLD:
-        fit_quality.check_gains({e.name: outcome for e in kept}, kept)
         return Agreed(outcome, tuple(kept), left_out, (_unjudged(chosen),))
     return _agreed(outcome, kept, left_out, alone, chosen, drawn)
 
@@ -110,7 +109,6 @@ def _agreed(
         out = of_odd(voices, odd, Court(tuple(kept), blocks, plain, Sharing(chosen.shared)))
         left_out, kept = (*left_out, *out), _without(kept, out)
         outcome = fit_joint(kept, chosen, alone)
-    fit_quality.check_gains({e.name: outcome for e in kept}, kept)  # what determines a gain only together
     return Agreed(outcome, tuple(kept), left_out, _told(voices, outcome, kept, drawn), voices)
 
 
@@ -149,18 +147,16 @@ def _by_themselves(
     Raises
     ------
     InputError
-        If every experiment has a wrong sign or unit.
+        If o_1 of every experiment moves against its guidance.
     """
-    wrong = _wrong(experiments, alone)
+    wrong = _wrong(experiments)
     odd = _misfits(_without(experiments, wrong), misfits)
     late = () if drawn else _late(_without(experiments, (*wrong, *odd)), alone)
     return (*wrong, *odd, *late)
 
 
-def _wrong(
-    experiments: Sequence[Experiment], alone: Mapping[str, IRLSResult | FitError]
-) -> tuple[Exclusion, ...]:
-    """Return the experiments that show a wrong sign or unit by themselves.
+def _wrong(experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
+    """Return the experiments whose o_1 moves against its guidance.
 
     Raises
     ------
@@ -170,14 +166,8 @@ def _wrong(
     found: list[Exclusion] = []
     guided = parallel_map(fit_quality.wrong_guidance, [e.sysid.telemetry for e in experiments])
     for e, why in zip(experiments, guided, strict=True):
-        own, run = alone[e.name], e.sysid.telemetry
         if why:
-            found.append(Exclusion(e.name, f"{run.path}: {why}", tells="cause"))
-        elif isinstance(own, IRLSResult) and (why := fit_quality.wrong_gain(own)):
-            tells: Tells = "misfit" if why.startswith(fit_quality.UNLIKE) else "guess"
-            found.append(
-                Exclusion(e.name, f"{run.path}: {why}", own="", tells=tells)
-            )  # of_experiment says it
+            found.append(Exclusion(e.name, f"{e.sysid.telemetry.path}: {why}", tells="cause"))
     if found and len(found) == len(experiments):
         raise InputError(told(found))
     return tuple(found)

@@ -4,10 +4,11 @@ Files are held against what they say of themselves and against each other, sampl
 against the whole of it; saturation is masked, glitches are masked or taken out.
 """
 
+from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion, Tells, told
+from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.masks import MaskedExperiment, mask_experiments, searches
-from fit.quality.ready import ExperimentSet
 from fit.quality.residual_tests import SCORES
 from fit.quality.stationarity import measure
 
@@ -31,4 +32,5 @@ __all__ = [
     "searches",
     "stationarity",
     "told",
+    "unit_faults",
 ]

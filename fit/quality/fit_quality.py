@@ -1,7 +1,7 @@
 """From the end of an iteration to a `Fit`: what is determined, what is not and why, what else to doubt.
 
-Among the doubts are faults that leave a fit running and its sigmas wrong: signs and units, noise that does
-not match, experiments that contradict each other.
+Among the doubts are faults that leave a fit running and its sigmas wrong: noise that does not match,
+experiments that contradict each other.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import FitError, InputError
+from fit.errors import FitError
 from fit.fitting import IRLSResult, sums
-from fit.parameters import ALONG, M_TM
+from fit.parameters import ALONG
 from fit.results import Estimate, Fit
 from fit.spectra import derivatives, windowing
 from fit.telemetry import Telemetry
@@ -25,9 +25,6 @@ SEEN = 2.0  # sigma, of a width from which a parameter is said to scatter
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
 DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
 OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
-PLAUSIBLE = (0.7, 1.5)  # gains between; a wrong sign or unit, N for m s-2 included, is beyond
-_UNITS = (M_TM, 1 / M_TM, *(10.0**n for n in (-12, -9, -6, -3, 3, 6, 9, 12)))  # by which a gain may be off
-UNLIKE = "the channels do not follow the equation"
 EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
 CERTAIN = 5.0  # sigma
 FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
@@ -269,55 +266,6 @@ def wrong_guidance(telemetry: Telemetry) -> str:
     )
 
 
-def check_gains(outcomes: Mapping[str, IRLSResult], experiments: Sequence[Experiment]) -> None:
-    """Refuse runs that fit, on their own, with a gain that no actuator has.
-
-    Raises
-    ------
-    InputError
-        If there are any; which channel it must be is said where that can be told.
-    """
-    wrong = [e for e in experiments if e.name in outcomes and wrong_gain(outcomes[e.name])]
-    if wrong:
-        paths = ", ".join(str(e.sysid.telemetry.path) for e in wrong)
-        raise InputError(f"{paths}: {wrong_gain(outcomes[wrong[0].name])}")
-
-
-def wrong_gain(outcome: IRLSResult) -> str:
-    """Return what is wrong with a channel, told by a gain that no actuator has; empty if there is none."""
-    gains = _gains(outcome)
-    wrong = [name for name, value in gains.items() if not _plausible(value)]
-    if not wrong:
-        return ""
-    force, value = f"f_x_{wrong[0][-1]}", gains[wrong[0]]
-    culprit = "o_12" if len(wrong) == 2 else force if len(gains) == 2 else f"o_12 or {force}"
-    follows = outcome.solution.chi2 < OFF * outcome.solution.dof
-    if follows and _plausible(-value):
-        what = f"{culprit} has the wrong sign"
-    elif follows and any(_plausible(value * unit) for unit in _UNITS):
-        what = f"{culprit} has the wrong unit"
-    else:
-        what = UNLIKE
-    return (
-        f"{what}: {wrong[0]} comes out as {value:.3g}, expected about 1 with o_12 = x_2 - x_1 in m and "
-        "forces along +x in m s-2"
-    )
-
-
-def _plausible(gain: float) -> bool:
-    return PLAUSIBLE[0] < gain < PLAUSIBLE[1]
-
-
-def _gains(outcome: IRLSResult) -> dict[str, float]:
-    """Return the gains that the data determine."""
-    sigma = outcome.solution.sigma
-    return {
-        p.name: float(outcome.solution.theta[i])
-        for i, p in enumerate(outcome.parameters)
-        if p.name in ("lambda_1", "lambda_2") and not outcome.lost[i] and sigma[i] < 0.1
-    }
-
-
 def acausal(outcome: IRLSResult) -> list[FitWarning]:
     """Doubt a joint fit in which commands act before they are given: some time is wrong in every run."""
     at = {p.name: i for i, p in enumerate(outcome.parameters) if not outcome.lost[i]}
@@ -354,11 +302,8 @@ def is_off(fit: Fit) -> bool:
     return not 1 / OFF < fit.chi2 / max(fit.dof, 1) < OFF
 
 
-def of_experiment(experiment: Experiment, outcome: IRLSResult, fit: Fit) -> list[FitWarning]:
-    """Doubt the signs and units of an experiment that was fitted on its own, and its noise run."""
-    wrong = wrong_gain(outcome)
-    if wrong:
-        return [FitWarning("wrong_sign", (), f"{experiment.name}: {wrong}")]
+def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:
+    """Doubt the noise run of an experiment that was fitted on its own."""
     if experiment.noise is None or not is_off(fit):
         return []
     excess = fit.chi2 / fit.dof

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import scipy
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.quality import authority, constancy, duplicates, following, loop_response, rounding, samples
+from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion
 from fit.spectra import derivatives, welch
 from fit.telemetry import Telemetry, utc
@@ -59,12 +60,14 @@ class Found:
 
 def faults(experiments: Sequence[Experiment]) -> Found:
     """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
-    found = [*_other_settings(experiments), *_other_times(experiments)]
+    units = parallel_map(lambda e: list(unit_faults(e)), experiments, Experiment.samples)
+    found = [*_copied(experiments), *chain.from_iterable(units)]
+    found += [*_other_settings(experiments), *_other_times(experiments)]
     names = [e.name for e in experiments]
     of_each = parallel_map(_of_own, experiments, Experiment.samples)
     beyond, rounded, *oddities = zip(*of_each, strict=True) if names else ((), (), (), (), ())
     found += [Exclusion(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
-    found += [*_copied(experiments), *_noise_with_sines(experiments)]
+    found += _noise_with_sines(experiments)
     seen = loop_response.seen(experiments)
     reasons = {code: dict(zip(names, told, strict=True)) for code, told in zip(ODD, oddities, strict=True)}
     reasons["guidance_scale"] = following.faults(experiments, seen)

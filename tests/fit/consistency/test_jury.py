@@ -154,7 +154,7 @@ def test_an_exchange_of_two_runs_is_named():
     ("counts", "expected"),  # from 1e11 or 1e12 on, rounding leaves nothing of what they say
     [
         (3e9, r"A-sysid.*: o_12 is 3\.?\d*e\+09 .*times what it should be"),
-        (3e13, "A alone does not fit either"),
+        (3e13, "channels do not follow the equation"),
     ],
 )
 def test_counts_of_a_converter_cost_no_other_run_its_fit(counts, expected):

@@ -1,0 +1,186 @@
+"""Units and signs of the channels, from the samples of a run before any prior acts on a gain.
+
+A least-squares fit of the equation of motion gives the gains lambda_j of the commanded forces, which are 1.08
+in flight: a gain far from 1 is a channel with another unit or sign. Which one, the other gain and the noise
+of the read-outs show. From 10 to 60 mHz the second derivative of ``o_1`` is noise of the thrusters, that of
+``o_12`` read-out noise and Delta g, both the same to a factor of two during the mission: a read-out that is
+orders of magnitude louder or quieter is in another unit.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.model import dynamics
+from fit.parameters import M_TM
+from fit.quality.exclusions import Exclusion, Tells
+from fit.quality.first_fit import first, flight_psd
+from fit.whitening import Experiment, Run, whitened_run
+
+Array = NDArray[np.float64]
+
+#: ASD in flight of the second derivatives of the read-outs over `BAND` [m s^-2 Hz^-1/2].
+FLIGHT_LEVELS: Mapping[str, float] = {"o_1": 1.5e-10, "o_12": 6e-15}
+BAND = (0.01, 0.06)  # Hz
+SEGMENT = 1024.0  # s
+DECADES = 0.7  # between the level of a read-out and that of flight in another unit
+TOLERANCE = 0.2  # decades, of a gain in another unit
+#: Gains that are possible, by the relative sigma up to which a run determines them. Without injections the
+#: closed loop makes least-squares gains of 0.9 to 1.9 with a sigma of 0.02 to 0.1.
+PLAUSIBLE_GAINS: Mapping[float, tuple[float, float]] = {0.01: (0.7, 1.5), 0.1: (0.3, 3.0)}
+PLAUSIBLE_STIFFNESS = 3e-6  # s^-2; a single tone does not separate it from the gain
+CONSISTENT = 2.0  # ratio of residual power to that of the noise run, up to which the equation holds
+PLAUSIBLE_LEAKAGE = 1e-3  # delta_ifo; in flight 2e-5
+PREFIXES = {3: "m", 6: "u", 9: "n", 12: "p", 15: "f"}  # of units 10^-n
+
+
+@dataclass(frozen=True)
+class FreeFit:
+    """Least-squares coefficients of the columns of a run with a prior on the stiffness alone.
+
+    Attributes
+    ----------
+    c, sigma : ndarray, shape (P + 1,)
+        Coefficients of the columns, the first of which is 1, and their standard deviations.
+    power : float
+        Power of the residual per degree of freedom, in units of the PSD of `first_fit.flight_psd`.
+    """
+
+    c: Array
+    sigma: Array
+    power: float
+
+    @property
+    def gains(self) -> dict[int, float]:
+        """The gains lambda_j that the run determines, by test mass j."""
+        gains = {}
+        for j, sign in ((1, 1), (2, -1)):  # as the equation of motion has them
+            k = dynamics.COLUMNS.index(f"f_{j}")
+            if 0 < self.sigma[k] < max(PLAUSIBLE_GAINS) * abs(self.c[k]):
+                gains[j] = sign * float(self.c[k])
+        return gains
+
+    @property
+    def implausible_gains(self) -> dict[int, float]:
+        """Those of the `gains` that no actuator has."""
+        wrong = {}
+        for j, gain in self.gains.items():
+            relative = self.sigma[dynamics.COLUMNS.index(f"f_{j}")] / abs(gain)
+            low, high = next(limits for most, limits in PLAUSIBLE_GAINS.items() if relative < most)
+            if not low < gain < high:
+                wrong[j] = gain
+        return wrong
+
+    @property
+    def leaks(self) -> bool:
+        """Whether ``o_1`` leaks into ``o_12`` by more than misalignment makes it."""
+        k = dynamics.COLUMNS.index("ddo_1")
+        return bool(abs(self.c[k]) > max(PLAUSIBLE_LEAKAGE, 5 * self.sigma[k]))
+
+
+def free_fit(run: Run) -> FreeFit:
+    """Fit the columns of a run by least squares, weighted by the PSD that Delta g had in flight."""
+    initial = first(run)
+    spectra = run.spectra(initial.tau)
+    rows = whitened_run.stacked(whitened_run.whiten(spectra, flight_psd(spectra.f))[0])
+    residual = rows @ initial.c
+    power = float(residual @ residual) / max(len(rows) - rows.shape[1] + 1, 1)
+    prior = np.zeros(rows.shape[1])
+    prior[dynamics.COLUMNS.index("o_12")] = np.sqrt(power) / PLAUSIBLE_STIFFNESS
+    used = np.flatnonzero(np.any(rows[:, 1:], axis=0)) + 1
+    columns = np.vstack([rows, prior])[:, [0, *used]]
+    scale = np.linalg.norm(columns, axis=0)
+    R = whitened_run.triangle(columns / scale)
+    inverse = np.linalg.pinv(R[:, 1:])
+    c, sigma = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
+    c[0] = 1.0
+    c[used] = -inverse @ R[:, 0] * scale[0] / scale[1:]
+    sigma[used] = np.sqrt(power) * np.linalg.norm(inverse, axis=1) / scale[1:]
+    return FreeFit(c, sigma, power)
+
+
+def unit_faults(e: Experiment) -> Iterator[Exclusion]:
+    """Yield the channels of an experiment and of its noise run whose unit or sign is wrong."""
+    fit = free_fit(e.sysid)
+    yield from _gain_faults(e, fit)
+    power = readout_decades(e.sysid, "o_1")
+    if power > 0 or (power < 0 and fit.leaks):
+        yield _level_fault(e, e.sysid, "o_1", power)
+    if e.noise:
+        for channel in FLIGHT_LEVELS:
+            power = readout_decades(e.noise, channel)
+            if power > 0:
+                yield _level_fault(e, e.noise, channel, power)
+
+
+def _level_fault(e: Experiment, run: Run, channel: str, power: int) -> Exclusion:
+    reason = (
+        f"{run.telemetry.path}: {_scale_text(channel, power)}: so is its noise from {1e3 * BAND[0]:g} to "
+        f"{1e3 * BAND[1]:g} mHz"
+    )
+    return Exclusion(e.name, reason, tells="cause")
+
+
+def readout_decades(run: Run, channel: str) -> int:
+    """Return the power of ten of the unit that a read-out appears to be in, 0 for metres."""
+    fs = run.channels.fs
+    acceleration = np.diff(getattr(run.channels, channel), 2) * fs**2
+    f, psd = scipy.signal.welch(
+        acceleration, fs, nperseg=min(acceleration.size, int(SEGMENT * fs)), average="median"
+    )
+    level = np.sqrt(np.median(psd[(f > BAND[0]) & (f < BAND[1])]))
+    return _unit_power(level / FLIGHT_LEVELS[channel], DECADES)
+
+
+def _unit_power(factor: float, tolerance: float) -> int:
+    """Return the multiple of three that log10 of a factor is near to, 0 if there is none."""
+    if not factor > 0:
+        return 0
+    decades = float(np.log10(factor))
+    power = 3 * round(decades / 3)
+    return power if abs(decades - power) < tolerance else 0
+
+
+def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
+    """Yield what implausible gains say of signs and units of the commands and of o_12."""
+    wrong = fit.implausible_gains
+    if not wrong:
+        return
+    j, gain = next(iter(wrong.items()))
+    force = f"f_x_{j}"
+    if len(wrong) == 2 or readout_decades(e.sysid, "o_12"):
+        channel, factor = "o_12", gain
+    elif len(fit.gains) == 2 or abs(np.log10(abs(gain))) > 1:
+        channel, factor = force, 1 / gain
+    else:
+        channel, factor = f"o_12 or {force}", gain
+    unit = _unit_power(abs(factor), TOLERANCE)
+    scale = max(abs(gain), 1.0) if channel == "o_12" else 1.0  # of the residual, which is that of o_12''
+    low, high = PLAUSIBLE_GAINS[min(PLAUSIBLE_GAINS)]
+    tells: Tells = "guess"
+    if e.noise and fit.power > CONSISTENT * scale**2 * free_fit(e.noise).power:
+        what, tells = "the channels do not follow the equation", "misfit"
+    elif unit:
+        what, tells = _scale_text(channel, unit) + " and has the wrong sign" * (gain < 0), "cause"
+    elif low < -gain < high:
+        what = f"{channel} has the wrong sign"
+    elif low < gain * M_TM < high:
+        what = f"{force} is in N and not in m s-2"
+    else:
+        what = f"{channel} has the wrong scale"
+    reason = (
+        f"{e.sysid.telemetry.path}: {what}: lambda_{j} comes out as {gain:.3g}, expected about 1 with "
+        "o_12 = x_2 - x_1 in m and forces along +x in m s-2"
+    )
+    yield Exclusion(e.name, reason, own="wrong_sign", tells=tells)
+
+
+def _scale_text(channel: str, power: int) -> str:
+    """Describe a channel that is 10^power times too large."""
+    unit = "m s-2" if channel.startswith("f") else "m"
+    if power in PREFIXES:
+        return f"{channel} is in {PREFIXES[power]}{unit} and not in {unit}"
+    return f"{channel} is {10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
