@@ -54,7 +54,7 @@ SPLIT = (3e-3, 12e-3)  # Hz, where a low-pass of g_dOmega begins to fall and whe
 BEYOND = 1.3  # times the end of the fitted band: where motion has faded out of what is subtracted
 RIPPLE = 60.0  # dB, what the filters leave
 AT_ONCE = 144_000  # samples of the file per stretch: 4 h at 10 Hz, 40 h at 1 Hz
-MARGIN = 400.0  # s, kept on either side for `derivatives.bridge` to see gaps whole and for filters to run in
+MARGIN = 400.0  # s, kept on either side, so that gaps are seen whole and filters can settle
 #: The terms of Delta g_x, by channel of the product.
 TERMS: Mapping[str, dynamics.Term] = {term.channel: term for term in dynamics.DELTA_G_X}
 SUMS: Mapping[str, str] = {

@@ -39,7 +39,7 @@ def voices(
             shifted = run.earlier(name, late)
             terms = shifted.spectra(tau)
             if block.columns.shape[1] > terms.columns.shape[1]:
-                terms = terms.beside(shifted.wander(tau))
+                terms = terms.hstack(shifted.wander(tau))
             columns, _ = whitened_run.whiten(terms, block.noise.expected(terms.f))
             words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
             of_run = replace(experiment, sysid=shifted)

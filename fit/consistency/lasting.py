@@ -304,5 +304,5 @@ def _of_read_outs(run: dynamics.Channels, tau: tuple[float, float]) -> dynamics.
     values = np.empty((curve.size, 3), order="F")
     values[:, 0], values[:, 1], values[:, 2] = run.o_12[inner], run.o_1[inner], curve
     del curve
-    valid = ~derivatives.reached(~run.valid)
+    valid = ~derivatives.dilate_mask(~run.valid)
     return dynamics.Columns(tau, ("o_12", "o_1", "ddo_1"), run.fs, run.time[inner], values, valid)

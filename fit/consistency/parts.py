@@ -124,7 +124,7 @@ def _best(trial: Trial, change: _Change) -> _Part:
     n = seen.found.window.size
     column = trial.column(change.channel, change.unit)
     both = np.stack([of_bins(column), seen.residual], axis=1)
-    d, r = windowing.series(both, seen.found.first, n).T * np.sqrt(n / 2)
+    d, r = windowing.inverse_transform(both, seen.found.first, n).T * np.sqrt(n / 2)
     size = max(round(MINUTE * seen.terms.fs), -(-n // MOST_BLOCKS))
     starts = np.arange(0, n, size)
     A, b = (np.concatenate([[0.0], np.cumsum(np.add.reduceat(x, starts))]) for x in (d * d, d * r))

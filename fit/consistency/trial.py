@@ -277,7 +277,7 @@ class _Seen:
     def blocks(self) -> Array:
         """Power of what is left in every block, in units of its mean under noise."""
         n = self.found.window.size
-        x = windowing.series(self.residual[:, None], self.found.first, n)[:, 0] * np.sqrt(n / 2)
+        x = windowing.inverse_transform(self.residual[:, None], self.found.first, n)[:, 0] * np.sqrt(n / 2)
         size = round(BLOCK * self.terms.fs)
         count = n // size
         w = self.found.window[: count * size].reshape(count, size)

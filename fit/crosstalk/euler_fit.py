@@ -149,7 +149,7 @@ class _Rotation(whitened_run.LinearRun):
         noise = (self.apart.conj().T @ self.apart).real
         power = (self.apart.conj() * (self.apart @ theta[: len(NAMES)])[:, None]).real
         # half: its square has twice the mean that the square of its mean has
-        return noise, windowing.spread(self.window) * power.T @ power / 2
+        return noise, windowing.variance_factor(self.window) * power.T @ power / 2
 
     def calibration_moments(self) -> Array:
         """As that of `torque_noise.NoisyRotation`."""
@@ -222,9 +222,9 @@ class _Turning:
         struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
         seen = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
         check_left(run, seen.window, "missing samples in read-outs, torques or angles")
-        window, fs = windowing.thinned(seen.window, terms.fs, PER_CYCLE * BAND[1])
+        window, fs = windowing.resample_window(seen.window, terms.fs, PER_CYCLE * BAND[1])
         beside = glitch_templates.loose(struck or (), terms.time[0] + np.arange(window.size) / fs, fs)
-        shaped = [windowing.windowed(part, window, fs, seen.bins) for part in beside]
+        shaped = [windowing.windowed_spectra(part, window, fs, seen.bins) for part in beside]
         self._terms = replace(
             seen,
             columns=np.hstack([seen.columns, made.uncertain]),

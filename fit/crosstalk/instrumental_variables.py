@@ -157,7 +157,7 @@ def _moments(
         U @ dynamics.coefficients(theta, w.terms.tau),
         theta,
         to_run,
-        windowing.spread(w.block.window),
+        windowing.variance_factor(w.block.window),
         weights,
     )
 

@@ -95,7 +95,7 @@ def mean(w: Weighed, name: str, theta: Array) -> Mean | None:
     white = omega2**2 * level
     at = tuple(w.experiment.parameters.index(b) for b in OF[name])
     power = np.abs(w.terms.columns[:, at[0] + 1]) ** 2
-    smooth = fit_noise(f, power, np.ones(f.size)).beside(f, power)
+    smooth = fit_noise(f, power, np.ones(f.size)).leave_one_out(f, power)
     T, loud = _causal(f).conj(), 2 * white / w.S
     acceleration, position = w.block.share[list(at)] @ theta
     force = (acceleration - position / omega2)[:, None]
@@ -120,7 +120,7 @@ def _read_out_noise(run: Run, name: str) -> tuple[float, float] | None:
     if angle is None:
         return None
     half = (telemetry.channels[f"grs_{name}_2"] - telemetry.channels[f"grs_{name}_1"]) / 2
-    x, *_ = derivatives.reduced(half, telemetry.fs, *derivatives.low_pass(telemetry.fs))
+    x, *_ = derivatives.preprocess(half, telemetry.fs, *derivatives.low_pass(telemetry.fs))
     found = windowing.transform(np.stack([x, angle], axis=1), run.channels.valid, run.channels.fs)
     over = found.f > COMPARED
     apart, turned = found.columns[over].T
@@ -132,7 +132,7 @@ def _read_out_noise(run: Run, name: str) -> tuple[float, float] | None:
     even = np.mean(power[~upper]) / np.mean(power[upper])
     if not (abs(lever) > LEVER and abs(even - 1) < EVEN):
         return None
-    return float(np.mean(power)), float(np.sqrt(windowing.spread(found.window) / power.size))
+    return float(np.mean(power)), float(np.sqrt(windowing.variance_factor(found.window) / power.size))
 
 
 @dataclass(frozen=True)

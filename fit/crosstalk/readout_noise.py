@@ -37,7 +37,7 @@ def noise(run: Run) -> dict[str, float]:
 
     def prepared(parts: Mapping[str, float]) -> Array:
         x = dynamics.summed(telemetry, parts)
-        return derivatives.decimate(derivatives.bridge(x, telemetry.fs)[0], taps, factor)
+        return derivatives.decimate(derivatives.interpolate_gaps(x, telemetry.fs)[0], taps, factor)
 
     angles = [channels.means[mean] for mean in ("phi", "eta") if mean in channels.means]
     means = [mean for mean in channels.means if mean in DIFFERENCES]

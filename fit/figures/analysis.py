@@ -154,7 +154,7 @@ def analysed(
         del run  # before there is another one
     return Analysis(
         fs,
-        (derivatives.stretches_of(missing) / fs + begin - start) / 3600,
+        (derivatives.chunked_true_runs(missing) / fs + begin - start) / 3600,
         (np.reshape(masked, (-1, 2)) - start) / 3600,
         fast.series(start),
         slow.series(start),

@@ -56,8 +56,8 @@ def measure(experiment: Experiment) -> tuple[float, float]:
     quiet = scipy.ndimage.uniform_filter1d(relative, FLANK, mode="nearest") < LEAKS * _around(relative)
     ratio = float(relative[quiet].mean())
     of_model = model.basis(run.f).summed(quiet / np.count_nonzero(quiet))
-    variance = windowing.spread(run.window) / np.count_nonzero(quiet)
-    variance += windowing.spread(noise.window) * float(of_model @ model.covariance @ of_model)
+    variance = windowing.variance_factor(run.window) / np.count_nonzero(quiet)
+    variance += windowing.variance_factor(noise.window) * float(of_model @ model.covariance @ of_model)
     return ratio, ratio * float(np.sqrt(variance))
 
 

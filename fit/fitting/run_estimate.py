@@ -94,7 +94,7 @@ def moments(block: WhitenedRun) -> tuple[Array, Array]:
         float(np.mean(factors)) for factors in (expected.fit, expected.curvature, expected.score)
     )
     G = block.R[:, 1:].T @ block.R[:, 1:]
-    window = 1.0 if block.window is None else windowing.spread(block.window)
+    window = 1.0 if block.window is None else windowing.variance_factor(block.window)
     return G, G * score * window * fit / curvature**2
 
 

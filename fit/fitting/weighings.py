@@ -86,7 +86,7 @@ class _Smooth:
         if self._experiment.louder:
             terms = louder.at_injections(terms)
         if own < len(share):
-            terms = terms.beside(run.wander(tau))
+            terms = terms.hstack(run.wander(tau))
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
         block = whitened_run.block(terms, self._model, share, likelihood=self._likelihood, c=c)

@@ -180,7 +180,7 @@ class _Turn:
             *euler_fit.BAND
         )
         self.name, self.bins = planned.run.run, self._still.f.size
-        self._spread = windowing.spread(self._still.window)
+        self._spread = windowing.variance_factor(self._still.window)
         self.correlation, self.warnings = of_run.correlation, of_run.warnings
         low, high = euler_fit.BAND
         self._f = np.geomspace(0.99 * low, 1.01 * high, round(GRID * np.log10(high / low)))

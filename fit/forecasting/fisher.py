@@ -189,7 +189,14 @@ def _sight(expectation: Expectation, share: Array) -> ExperimentInformation:
     window = windowing.window(np.ones(n, dtype=bool), run.channels.fs)
     even = expectation.expected_weights(f)
     quality = float(np.mean(even.curvature) ** 2 / np.mean(even.score))
-    told = slope.T @ sums.H @ slope * quality / float(np.mean(even.curvature)) / windowing.spread(window)
+    told = (
+        slope.T
+        @ sums.H
+        @ slope
+        * quality
+        / float(np.mean(even.curvature))
+        / windowing.variance_factor(window)
+    )
     return ExperimentInformation(
         name=expectation.experiment.name,
         told=told,

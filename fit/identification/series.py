@@ -38,7 +38,7 @@ def at_loop_rate(telemetry: Telemetry, channel: str) -> Array:
         raise InputError(
             f"{telemetry.path}: sampled at {telemetry.fs:g} Hz, expected a rate that divides {RATE:g} Hz"
         )
-    x = derivatives.bridge(telemetry.channels[channel], telemetry.fs)[0]
+    x = derivatives.interpolate_gaps(telemetry.channels[channel], telemetry.fs)[0]
     if factor == 1:
         return x
     ends = np.linspace(x[0], x[-1], x.size)  # what is resampled begins and ends at zero
@@ -83,12 +83,12 @@ def reduced(telemetry: Telemetry, of_fit: dynamics.Channels) -> Reduced:
     kept = np.where(inside, of_fit.valid[np.clip(at, 0, of_fit.time.size - 1)], True)
     half = slice(derivatives.HALF, -derivatives.HALF)
     steps = []
-    missing = derivatives.bridge(telemetry.channels["o_12"], telemetry.fs)[1]
-    for begin, end in derivatives.stretches(missing):
+    missing = derivatives.interpolate_gaps(telemetry.channels["o_12"], telemetry.fs)[1]
+    for begin, end in derivatives.true_runs(missing):
         kept &= (time < instants[begin]) | (time > instants[end - 1] + FORGOTTEN)
         steps.append((time > instants[end - 1]).astype(float)[half])
     found = np.stack(steps, axis=1) if steps else np.empty((size - 2 * derivatives.HALF, 0))
-    return Reduced(RATE / factor, time[half], ~derivatives.reached(~kept), found)
+    return Reduced(RATE / factor, time[half], ~derivatives.dilate_mask(~kept), found)
 
 
 def force(o_12: Array, f_x_2: Array, theta: Array) -> Array:

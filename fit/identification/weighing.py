@@ -156,7 +156,7 @@ class Imposed:
         grid = self._grid
         impulses = self._run.impulses(grid.time, grid.fs)
         beside = [*self._beside, self._settling]
-        return windowing.transform(values, grid.valid, grid.fs, beside=beside, impulses=impulses)
+        return windowing.transform(values, grid.valid, grid.fs, nuisance=beside, impulses=impulses)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)

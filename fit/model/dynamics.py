@@ -201,7 +201,7 @@ def _channels(telemetry: Telemetry, taps: Array, factor: int, motion: bool) -> C
     touched = gone = np.zeros(1, dtype=bool)
     # one by one: as archived, all of them fill the memory
     for name, raw in chain(own, means(telemetry) if motion else ()):
-        kept[name], masked, missing = derivatives.reduced(raw, telemetry.fs, taps, factor)
+        kept[name], masked, missing = derivatives.preprocess(raw, telemetry.fs, taps, factor)
         touched, gone = touched | masked, gone | missing
     return Channels(
         fs=telemetry.fs / factor,
@@ -251,7 +251,7 @@ def columns(run: Channels, tau: tuple[float, float]) -> Columns:
 
 def blank(run: Channels, tau: tuple[float, float], values: Array | None = None) -> Columns:
     """Return the columns without their values, shape (N, 0), unless these are given."""
-    valid, names = ~derivatives.reached(~run.valid), (*COLUMNS, *run.parameters[len(PARAMETERS) :])
+    valid, names = ~derivatives.dilate_mask(~run.valid), (*COLUMNS, *run.parameters[len(PARAMETERS) :])
     time, values = axis_part(run, _INNER), np.empty((valid.size, 0)) if values is None else values
     return Columns(tau, names, run.fs, time, values, valid)  # type: ignore[arg-type]  # see TimeAxis
 
@@ -270,7 +270,7 @@ def force(run: Channels, j: int, tau: tuple[float, float]) -> Array:
     curve, x = (LOOP_PERIOD * run.fs) ** 2 / 24, (run.f_x_1, run.f_x_2)[j]
     still, first, second = (derivatives.stencil(tau[j] * run.fs, order) for order in (0, 1, 2))
     # mean over a hold, f + h^2/24 f'': the force that acts is weaker than the command by sinc(f h)
-    return derivatives.apply_each(np.stack([still + curve * second, run.fs * first]), x).T
+    return derivatives.apply_stencils(np.stack([still + curve * second, run.fs * first]), x).T
 
 
 def _moved(series: Mapping[str, Array], name: str, fs: float) -> Array:
@@ -377,14 +377,15 @@ def delta_g_SC(telemetry: Telemetry, cross_talk: Mapping[str, float]) -> tuple[A
     taps, factor = derivatives.low_pass(telemetry.fs)
     names = [name for name in CROSS_TALK if cross_talk.get(name)]
     wanted = {CROSS_TALK[name][0] for name in names}
-    found = {m: derivatives.reduced(summed(telemetry, MEANS[m]), telemetry.fs, taps, factor) for m in wanted}
+    fs = telemetry.fs
+    found = {m: derivatives.preprocess(summed(telemetry, MEANS[m]), fs, taps, factor) for m in wanted}
     series = {mean: x for mean, (x, *_) in found.items()}
     size = (telemetry.size - taps.size) // factor + 1 - 2 * derivatives.HALF
     values, valid = np.zeros(size), np.ones(size, dtype=bool)
     for name in names:
         values += cross_talk[name] * _moved(series, name, telemetry.fs / factor)
     for _, masked, _ in found.values():
-        valid &= ~derivatives.reached(masked)
+        valid &= ~derivatives.dilate_mask(masked)
     return values, valid
 
 

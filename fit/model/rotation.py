@@ -176,9 +176,9 @@ def motion(telemetry: Telemetry, found: Sources, reference: Array | None = None)
     fs = telemetry.fs / factor
 
     def terms(x: Array) -> tuple[Array, Array, Flags]:
-        x, masked, _ = derivatives.reduced(x, telemetry.fs, taps, factor)
+        x, masked, _ = derivatives.preprocess(x, telemetry.fs, taps, factor)
         inner = x[derivatives.HALF : -derivatives.HALF]
-        return inner, derivatives.derivative(x, fs, 2), derivatives.reached(masked)
+        return inner, derivatives.derivative(x, fs, 2), derivatives.dilate_mask(masked)
 
     dOmega, angles, swing, lost = [], [], [], []
     for axis in AXES:
@@ -219,11 +219,11 @@ def apart(telemetry: Telemetry, found: Sources) -> Array:
         both = found.masses[axis] == (1, 2)
         if both:
             x = (telemetry.channels[f"N_{axis}_1"] - telemetry.channels[f"N_{axis}_2"]) / 2
-        torque = derivatives.reduced(x, telemetry.fs, taps, factor)[0]
+        torque = derivatives.preprocess(x, telemetry.fs, taps, factor)[0]
         half = torque[derivatives.HALF : -derivatives.HALF] / found.inertia[axis]
         if both and found.angles[axis]:
             turned = -telemetry.channels[f"o_{axis}_12"] / 2
-            angle = derivatives.reduced(turned, telemetry.fs, taps, factor)[0]
+            angle = derivatives.preprocess(turned, telemetry.fs, taps, factor)[0]
             half = half - found.omega2[axis] * angle[derivatives.HALF : -derivatives.HALF]
             half -= derivatives.derivative(angle, telemetry.fs / factor, 2)
         halves.append(half)

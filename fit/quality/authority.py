@@ -31,7 +31,7 @@ def at_limit(f_x: Array, limit: float) -> NDArray[np.bool_]:
 def limited(run: Telemetry, name: str) -> NDArray[np.intp]:
     """Return first sample and end of every stretch where a command is at its limit, shape (G, 2)."""
     f_x, limit = run.row(name), limit_of(run, name)
-    return derivatives.stretches_of(at_limit(f_x[piece], limit) for piece in pieces(f_x.size))
+    return derivatives.chunked_true_runs(at_limit(f_x[piece], limit) for piece in pieces(f_x.size))
 
 
 def limit_of(run: Telemetry, name: str) -> float:
@@ -94,7 +94,7 @@ def _flat(x: Row) -> int:
         return _flat(there[np.isfinite(there)])
     found, least, most = 0, float(ends.min()), float(ends.max())
     for extreme in (most, least):
-        for begin, end in derivatives.stretches_of(x[piece] == extreme for piece in pieces(x.size)):
+        for begin, end in derivatives.chunked_true_runs(x[piece] == extreme for piece in pieces(x.size)):
             entered = (
                 begin > 0 and end < x.size and abs(x[begin - 1 : begin][0] - extreme) < 0.2 * (most - least)
             )

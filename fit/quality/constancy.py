@@ -136,7 +136,7 @@ def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
     kept = [k for k in range(len(names)) if k == 0 or U[:, k].any()]
     columns = whitened_run.stacked(U[:, kept])
     columns[:, 1:] = np.linalg.qr(columns[:, 1:] / np.linalg.norm(columns[:, 1:], axis=0))[0]
-    series = windowing.series(columns.T.view(np.complex128).T, terms.first, n)
+    series = windowing.inverse_transform(columns.T.view(np.complex128).T, terms.first, n)
     size = max(round(BLOCK * fs), -(-n // MOST_BLOCKS))
     blocks = series.T[:, : n // size * size].reshape(len(kept), -1, size).swapaxes(0, 1)
     return _Blocks(

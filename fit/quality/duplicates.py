@@ -16,7 +16,6 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.parallel import parallel_map
-from fit.spectra import median, windows
 from fit.whitening import Run
 
 Array = NDArray[np.float64]
@@ -104,7 +103,7 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     """Return the print of a read-out of a run, by its number; None where there is no noise to compare."""
     n, run = heard
     x, rate = np.diff(getattr(run.channels, channel)[:LENGTH], 2), run.channels.fs
-    limit = WILD * median(np.abs(x - median(x)))
+    limit = WILD * float(np.median(np.abs(x - np.median(x))))
     if x.size < LEAST or limit == 0:
         return None
     first, end = (math.ceil(edge * LENGTH / rate) for edge in BAND)
@@ -122,13 +121,13 @@ def _print(channel: str, heard: tuple[int, Run]) -> _Print | None:
     size = float(np.linalg.norm(powers))
     if not size > 0:  # simulated without noise
         return None
-    root = math.sqrt(median(level) / x.size)
+    root = math.sqrt(float(np.median(level)) / x.size)
     return _Print(n, rate, x.size, root, bins, (powers / size).astype(np.float32))
 
 
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _window(size: int) -> Array:
-    return windows.tukey(size, 0.1)
+    return np.asarray(scipy.signal.windows.tukey(size, 0.1), dtype=np.float64)
 
 
 def _match(a: _Print, b: _Print, channel: str) -> Match | None:

@@ -245,7 +245,7 @@ def wrong_guidance(telemetry: Telemetry) -> str:
         return ""
     taps, factor = derivatives.low_pass(telemetry.fs)
     guidance, o_1 = (
-        derivatives.decimated(telemetry.row(name), taps, factor) for name in ("guidance_o_1", "o_1")
+        derivatives.decimate_channel(telemetry.row(name), taps, factor) for name in ("guidance_o_1", "o_1")
     )
     if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
         return ""  # constant

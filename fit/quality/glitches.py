@@ -31,7 +31,7 @@ from fit.quality.first_fit import first, flight_psd, least
 from fit.quality.injections import Coincidences, coincidences, injected_cells
 from fit.quality.matching_pursuit import pursue
 from fit.quality.view import View
-from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, median, windowing
+from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, windowing
 from fit.telemetry import axis_part
 from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Experiment, Glitch, Run, whitened_run
@@ -157,9 +157,9 @@ class _Heard:
             widths = np.array(WIDTHS[i : i + _TOGETHER])
             curves = np.exp(-2 * (np.pi * widths[:, None] * f) ** 2) / np.sqrt(self.S)
             curves *= size / np.linalg.norm(curves, axis=1, keepdims=True)
-            for found in windowing.series((self.residual * curves).T, self.terms.first, n).T:
+            for found in windowing.inverse_transform((self.residual * curves).T, self.terms.first, n).T:
                 np.abs(found, out=found)
-                yield found, max(_GAUSSIAN * median(found[seen]), self.least)
+                yield found, max(_GAUSSIAN * float(np.median(found[seen])), self.least)
 
     def ratios(self) -> Iterator[Array]:
         """Yield the ratio that each of the curves finds, shape (N,)."""
@@ -294,7 +294,7 @@ class _Search:
             return False
         self.found = True
         time = self.run.channels.time
-        stretches = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.stretches(self._flags)]
+        stretches = [(float(time[a]), float(time[b - 1])) for a, b in derivatives.true_runs(self._flags)]
         masked = self._original.without(stretches)
         self.hopeless = (
             masked.weight < (1 - MOST_GLITCHES) * self._original.weight or len(self._shapes) > MOST_SHAPES
@@ -319,12 +319,12 @@ class _Search:
     def _mask(self, heard: _Heard) -> None:
         """Flag what stands out."""
         fs, highest = self.run.channels.fs, heard.highest
-        loud = derivatives.stretches(highest > max(THRESHOLD, HIGHEST * float(highest.max())))
+        loud = derivatives.true_runs(highest > max(THRESHOLD, HIGHEST * float(highest.max())))
         peaks = [begin + int(np.argmax(highest[begin:end])) for begin, end in loud]
         for peak, width in zip(peaks, heard.widths(peaks), strict=True):
             reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + derivatives.HALF
             self._flags[max(0, middle - reach) : middle + reach + 1] = True
-        for begin, end in derivatives.stretches(~self._flags):
+        for begin, end in derivatives.true_runs(~self._flags):
             if begin > 0 and end < self._flags.size and end - begin <= 2 * derivatives.HALF:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
 

@@ -85,7 +85,7 @@ def injected_cells(run: Run, tau: tuple[float, float]) -> NDArray[np.bool_]:
         power, BACKGROUND_PERCENTILE, (BACKGROUND_BINS, 1), mode="nearest"
     )
     driven = (power > DRIVEN * background) & (terms.f > F_MIN)[:, None]
-    series = windowing.series(np.where(driven, U, 0), terms.first, terms.window.size)
+    series = windowing.inverse_transform(np.where(driven, U, 0), terms.first, terms.window.size)
     starts = np.arange(n_cells(run)) * round(CELL * fs)
     local = np.add.reduceat(series**2, starts, axis=0) / np.diff(starts, append=len(series))[:, None]
     return np.asarray(np.any(local > STRONG * local.mean(axis=0), axis=1))

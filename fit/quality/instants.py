@@ -40,7 +40,9 @@ class Stretch:
         n, w = terms.window.size, terms.window
         self._scale = np.sqrt(4 / (_rate(terms) * float(w @ w) * S))
         length = samples.stop - samples.start
-        self._kernel = n / 2 * windowing.series((self._scale**2 + 0j)[:, None], terms.first, n)[:length, 0]
+        self._kernel = (
+            n / 2 * windowing.inverse_transform((self._scale**2 + 0j)[:, None], terms.first, n)[:length, 0]
+        )
         self._of_rest = self._seen(rest[:, None])
         self._of_free = self._seen(np.linalg.qr(np.hstack([whitened_run.project_out(terms, S), known]))[0])
 
@@ -67,7 +69,7 @@ class Stretch:
         found = np.empty((self._kernel.size, series.shape[1]))
         for k, column in enumerate(series.T):
             bins = np.ascontiguousarray(column).view(np.complex128) * self._scale
-            found[:, k] = n / 2 * windowing.series(bins[:, None], terms.first, n)[self._samples, 0]
+            found[:, k] = n / 2 * windowing.inverse_transform(bins[:, None], terms.first, n)[self._samples, 0]
         return found
 
     def _products(self, x: Array) -> Array:
@@ -81,7 +83,7 @@ class Stretch:
 
 def whitened(terms: Spectra, S: Array, known: Array, columns: Array) -> Array:
     """Return what columns, shape (C, N), have besides what is free in any case, see `Stretch`: (2 B, C)."""
-    found = windowing.windowed(columns.T, terms.window, _rate(terms), terms.bins)
+    found = windowing.windowed_spectra(columns.T, terms.window, _rate(terms), terms.bins)
     E = whitened_run.stacked(whitened_run.whiten(replace(terms, columns=found), S)[0])
     return np.asarray(E - known @ (known.T @ E))
 

@@ -59,7 +59,7 @@ def glitches(
     found: list[Glitch] = []
     model: NoiseModel | None = None
     for _ in range(ROUNDS):
-        terms = windowing.transform(means, whole, fs, beside=glitch_templates.columns(found, instants, fs))
+        terms = windowing.transform(means, whole, fs, nuisance=glitch_templates.columns(found, instants, fs))
         model = _model(terms.band(*band), model)
         more = pursue(_view(terms, band, model, instants, fs, found))
         if not more:

@@ -69,7 +69,7 @@ def _stretches(telemetry: Telemetry, flags: NDArray[np.bool_]) -> list[tuple[flo
     time = telemetry.time
     return [
         (float(time[begin] - reach), float(time[end - 1] + reach))
-        for begin, end in derivatives.stretches(flags)
+        for begin, end in derivatives.true_runs(flags)
     ]
 
 

@@ -20,7 +20,7 @@ from fit.parallel import parallel_map
 from fit.quality import authority, constancy, duplicates, following, loop_response, rounding, samples
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion
-from fit.spectra import derivatives, welch
+from fit.spectra import derivatives
 from fit.telemetry import Telemetry, utc
 from fit.warnings import FitWarning
 from fit.whitening import Experiment, Run
@@ -239,7 +239,7 @@ def _injected(noise: Sequence[Run], run: Telemetry) -> str:
     """Return the channel of a run that shows injections, by itself or beside noise runs; or nothing."""
     taps, factor = derivatives.low_pass(run.fs)
     for name in (name for name in ("guidance_o_1", "guidance_o_12") if name in run.channels):
-        x = derivatives.reduced(run.row(name), run.fs, taps, factor)[0]
+        x = derivatives.preprocess(run.row(name), run.fs, taps, factor)[0]
         if np.ptp(x) > 0 and _sines(x, run.fs / factor)[2].any():
             return name
     own = dynamics.channels(run, motion=False)
@@ -272,7 +272,8 @@ def _sines(x: Array, fs: float) -> tuple[Array, Array, NDArray[np.bool_]]:
 def _averaged(x: Array, fs: float) -> tuple[Array, Array]:
     """Return frequencies [Hz] and the averaged PSD of the second differences of a series."""
     curve = np.diff(x, 2)
-    return welch(curve, fs, min(curve.size, int(SEGMENT * fs)))
+    f, power = scipy.signal.welch(curve, fs, nperseg=min(curve.size, int(SEGMENT * fs)))
+    return np.asarray(f), np.asarray(power)
 
 
 def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:

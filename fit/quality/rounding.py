@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.quality import samples
 from fit.quality.resolution import VALUES, Resolution, estimate_resolution
-from fit.spectra import derivatives, welch
+from fit.spectra import derivatives
 from fit.telemetry import Telemetry, pieces
 from fit.warnings import FitWarning
 
@@ -122,13 +122,13 @@ def _spectra(run: Telemetry) -> dict[str, tuple[Array, Array]]:
     """Return the PSD, without lines, of the second derivative of o_1 and of the force."""
     taps, factor = derivatives.low_pass(run.fs)
     o_1, o_12, f_x_1, f_x_2 = (
-        derivatives.reduced(run.row(name), run.fs, taps, factor)[0]
+        derivatives.preprocess(run.row(name), run.fs, taps, factor)[0]
         for name in ("o_1", "o_12", "f_x_1", "f_x_2")
     )
     fs = run.fs / factor
     force = np.diff(o_12, 2) * fs**2 - (f_x_2 - f_x_1)[1:-1]
     made = {}
     for name, x in (("o_1", np.diff(o_1, 2) * fs**2), ("force", force)):
-        f, power = welch(x, fs, min(x.size, int(SEGMENT * fs)))
+        f, power = scipy.signal.welch(x, fs, nperseg=min(x.size, int(SEGMENT * fs)))
         made[name] = f, np.asarray(scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest"))
     return made

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.quality import authority, straight
 from fit.quality.resolution import Resolution, chance_of_equality, estimate_resolution
-from fit.spectra import derivatives, median
+from fit.spectra import derivatives
 from fit.telemetry import Row, Telemetry, pieces
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def stuck(x: Row, fs: float, resolution: Resolution | None) -> Iterator[Oddity]:
             yield Oddity(f"comes again every {again / fs:g} s" if again else what, 0.0, x.size / fs)
             return
     typical = np.abs(_bends(x)(slice(0, LOOKED)))
-    usual = median(typical[~np.isnan(typical)])
+    usual = float(np.median(typical[~np.isnan(typical)]))
     if resolution is None and (share := _between(typical, np.nanmax(np.abs(looked)))) > BETWEEN:
         what = f"is interpolated: {100 * share:.0f} % of its samples lie on the line between their neighbours"
         yield Oddity(what, 0.0, x.size / fs)
@@ -151,7 +151,7 @@ def _period(x: Array) -> int:
 def _between(bends: Array, largest: float) -> float:
     """Return the share of samples that lie on the line between their neighbours, a few in a row at most."""
     line = bends <= max(1e-9 * float(np.nanmax(bends)), 4 * float(np.spacing(largest)))
-    length = np.diff(derivatives.stretches(line), axis=1)
+    length = np.diff(derivatives.true_runs(line), axis=1)
     return float(np.sum(length[length < STRAIGHT - 2])) / bends.size
 
 
@@ -186,7 +186,7 @@ def _comb(x: Array) -> int:
 
 def _flat(x: Row, least: float) -> NDArray[np.intp]:
     """Return the stretches in which second differences stay within `least`, shape (number of them, 2)."""
-    found = derivatives.stretches_of(np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2))
+    found = derivatives.chunked_true_runs(np.abs(_bends(x)(piece)) <= least for piece in pieces(x.size - 2))
     return np.asarray(found[found[:, 1] - found[:, 0] >= STRAIGHT - 2] + [0, 2], dtype=np.intp)
 
 
@@ -246,7 +246,7 @@ def jumps(x: Row, fs: float, step: float = 0.0) -> Iterator[Oddity]:
     lost, masked = np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     if any(np.isnan(x[piece]).any() for piece in pieces(x.size)):
         lost = np.isnan(x[:])
-        filled, masked = derivatives.bridge(x[:], fs)
+        filled, masked = derivatives.interpolate_gaps(x[:], fs)
     if _largest(_bends(filled), x.size - 2, SUSPECT, STEPS * step) is None:
         return
     left, bad = _left(half), lost | masked

@@ -51,7 +51,9 @@ def of_block(block: whitened_run.WhitenedRun, theta: Array, f: Array) -> unstead
     residual = block.columns @ block.coefficients(theta) * np.sqrt(block.weights.fit)
     bins = np.stack([(f > low) & (f <= high) for low, high in BANDS], axis=1)
     starts = np.searchsorted(unsteady.parts(block.window, PARTS), np.arange(PARTS))
-    powers = np.add.reduceat(windowing.series(residual[:, None] * bins, block.first, n) ** 2, starts)
+    powers = np.add.reduceat(
+        windowing.inverse_transform(residual[:, None] * bins, block.first, n) ** 2, starts
+    )
     weight, found = np.add.reduceat(block.window**2, starts), []
     for (low, high), power, count in zip(BANDS, powers.T, np.count_nonzero(bins, axis=0), strict=True):
         relative = power / weight / (power.sum() / weight.sum())

@@ -32,7 +32,9 @@ def stretches(x: Row, resolution: Resolution) -> NDArray[np.intp]:
     nor that of others hides it. Where the share is larger than `USUALLY`, longer windows are compared.
     """
     resolution = resolution.upper
-    smooth = derivatives.stretches_of(_bends(x, resolution, piece) <= BEND for piece in pieces(x.size - 2))
+    smooth = derivatives.chunked_true_runs(
+        _bends(x, resolution, piece) <= BEND for piece in pieces(x.size - 2)
+    )
     candidates = smooth[smooth[:, 1] - smooth[:, 0] >= LONG - 2] + np.array([0, 2])
     faults: list[NDArray[np.intp]] = []
     size = SHORTEST
@@ -141,4 +143,4 @@ def _lines(x: Array, resolution: Resolution, least: int) -> NDArray[np.intp]:
         at = every * (start + np.flatnonzero(_on_line(windows[start : start + rows], resolution)))
         np.add.at(covered, at, 1)
         np.add.at(covered, at + least, -1)
-    return derivatives.stretches(np.cumsum(covered[:-1]) > 0)
+    return derivatives.true_runs(np.cumsum(covered[:-1]) > 0)

@@ -120,7 +120,7 @@ class View:
         n, whole = self.window.size, np.empty((len(glitches), 2 * self.f.size))
         for some in pieces(len(glitches), length=max(1, glitch_templates.TOGETHER // n)):
             series = glitch_templates.series(glitches[some], self.time, self.fs)
-            of_bins = windowing.lowest(series, self.window, self.f.size + 1)[:, 1:]
+            of_bins = windowing.lowest_bins(series, self.window, self.f.size + 1)[:, 1:]
             del series  # before there are others
             whole[some] = (of_bins * self._scale).view(np.float64)
         left = whole - (whole @ self.Q) @ self.Q.T
@@ -161,7 +161,7 @@ class View:
             known = np.empty((last - first, 1 + self.Q.shape[1]), order="F")
             for i, column in enumerate([self.residual, *self.Q.T]):
                 whitened = np.ascontiguousarray(column).view(np.complex128) * self._scale
-                known[:, i] = windowing.series(whitened[:, None], 1, n)[first:last, 0]
+                known[:, i] = windowing.inverse_transform(whitened[:, None], 1, n)[first:last, 0]
             known *= (self.window[first:last] * (n / 2))[:, None]
             self._known_answers[""] = first, known
         return known[stretch.start - first : stretch.stop - first]
@@ -175,7 +175,7 @@ class View:
         """Product of whitened impulses, by the samples between them, shape (n,)."""
         n = self.window.size
         squares = np.asarray(1 / self.S, dtype=np.complex128)
-        found = windowing.series(squares[:, None], 1, n)[:, 0]
+        found = windowing.inverse_transform(squares[:, None], 1, n)[:, 0]
         found *= n / 2
         return found
 

@@ -1,11 +1,10 @@
-"""Signals: exact derivatives and delays of sampled channels, windows, transforms, noise PSDs, averages.
+"""Spectra: exact derivatives and delays of sampled channels, windows, transforms, noise PSDs, averages.
 
-Nothing here knows what the channels mean.
+The physical meaning of the channels plays no part here.
 """
 
-from fit.spectra.averaging import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds, welch
+from fit.spectra.averaging import Binned, Estimator, Level, LogSpectrum, log_psd, log_psds
 from fit.spectra.excess import Excess
-from fit.spectra.medians import median
 from fit.spectra.noise_psd import NoiseModel, fit_noise
 from fit.spectra.windowing import Spectra, Spectrum
 
@@ -22,9 +21,6 @@ __all__ = [
     "fit_noise",
     "log_psd",
     "log_psds",
-    "median",
-    "patches",
-    "welch",
+    "masked_segments",
     "windowing",
-    "windows",
 ]

@@ -17,11 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fit.parallel import parallel_map
-from fit.spectra import windows
 from fit.spectra.windowing import window
 
 Array = NDArray[np.float64]
@@ -29,8 +27,8 @@ Array = NDArray[np.float64]
 ONE_SIGMA = (0.8413, 0.1587)
 # of `Estimator`
 BINS_PER_DECADE = 24
-CHANCE = 1e-5  # that noise splits a bin
-BESIDE = 2  # ordinates on either side of a peak that stand alone: the window spreads it over them
+P_SPLIT = 1e-5  # that noise splits a bin
+PEAK_REACH = 2  # ordinates on either side of a peak that stand alone: the window spreads it over them
 CORRELATED = 50  # ordinates apart, beyond which the window correlates none
 # of `log_psd`
 PER_DECADE = 10
@@ -146,14 +144,14 @@ def _starts(f: Array, power: Array) -> NDArray[np.intp]:
     ends = np.append(starts[1:], f.size)
     n = ends - starts
     # noise has exponentially distributed ordinates, whose median knows nothing of a few large ones
-    limits = np.maximum.reduceat(power, starts) * math.log(2) / np.log(n / CHANCE)
+    limits = np.maximum.reduceat(power, starts) * math.log(2) / np.log(n / P_SPLIT)
     small = np.add.reduceat(power < np.repeat(limits, n), starts, dtype=np.intp)
     more: list[int] = []
-    for i in np.flatnonzero((n > 4 * BESIDE) & (2 * small >= n)):
+    for i in np.flatnonzero((n > 4 * PEAK_REACH) & (2 * small >= n)):
         ordinates = power[starts[i] : ends[i]]
         if np.median(ordinates) < limits[i]:
             peak = starts[i] + int(np.argmax(ordinates))
-            more += range(max(starts[i], peak - BESIDE), min(ends[i], peak + BESIDE + 2))
+            more += range(max(starts[i], peak - PEAK_REACH), min(ends[i], peak + PEAK_REACH + 2))
     return np.union1d(starts, np.array([s for s in more if s < f.size], dtype=starts.dtype))
 
 
@@ -221,24 +219,12 @@ def _with_bounds(f: Array, psd: Array, averages: Array) -> LogSpectrum:
     return LogSpectrum(f, psd, low, high, averages)
 
 
-def welch(x: Array, fs: float, size: int) -> tuple[Array, Array]:
-    """Return frequencies [Hz] and the one-sided PSD of a series from segments of `size`, half overlapping.
-
-    But for 0 and the highest frequency that of `scipy.signal.welch`, which takes one segment after the other.
-    """
-    w = windows.hann(size)
-    segments = sliding_window_view(x, size)[:: size - size // 2]
-    found = scipy.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * w, axis=1)
-    power = np.mean(found.real**2 + found.imag**2, axis=0) * (2 / (fs * float(w @ w)))
-    return np.arange(power.size) * fs / size, np.asarray(power, dtype=np.float64)
-
-
 def _kernel(cycles: float, size: int) -> tuple[NDArray[np.complex128], float]:
     """Return what a segment is multiplied by, and the correlation of the power of half-overlapping segments.
 
     To take the straight line out of the kernel is to take it out of every segment.
     """
-    w = windows.hann(size)
+    w = np.asarray(scipy.signal.windows.hann(size, sym=False), dtype=np.float64)
     n = np.arange(size)
     kernel = w * np.exp(-2j * np.pi * cycles * n)
     line = np.linalg.qr(np.stack([np.ones(size), n - n.mean()], axis=1))[0]

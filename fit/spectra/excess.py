@@ -13,8 +13,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.spectra import windows
-
 Array = NDArray[np.float64]
 
 SEGMENT = 40_000.0  # s: four ordinates below 0.1 mHz
@@ -60,7 +58,7 @@ class Excess:
         return self._segments > 0
 
     def _measure(self, series: Array) -> None:
-        window = windows.hann(self._n)
+        window = scipy.signal.windows.hann(self._n, sym=False)
         found = scipy.fft.rfft(scipy.signal.detrend(series, axis=0) * window[:, None], axis=0)
         self._power += np.abs(found) ** 2
 

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 KNOTS_PER_DECADE = 10
 BINS_PER_KNOT = 12
-NEAR = 1.0  # first step in log S, up to which a known PSD is a place to begin at
+MAX_STEP = 1.0  # in log S, up to which a known PSD serves as the initial one
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class Basis:
 
     def summed(self, x: Array) -> Array:
         """Return the product of x, shape (..., B), with the matrix, shape (..., K)."""
-        found = np.tensordot(self._moments(x, 4), self.coefficients, axes=([0, -1], [0, 1]))
-        return np.asarray(found, dtype=np.float64)
+        moments = self._moments(x, 4)
+        return np.asarray(np.tensordot(moments, self.coefficients, axes=([0, -1], [0, 1])), dtype=np.float64)
 
     def products(self, weights: Array) -> Array:
         """Return the weighted products of the columns with each other, shape (K, K)."""
-        of_powers = self._moments(weights, 7)[_SUMS]
-        inner = np.einsum("ijs,jsk->isk", of_powers, self.coefficients)
+        moments = self._moments(weights, 7)[_SUMS]
+        inner = np.einsum("ijs,jsk->isk", moments, self.coefficients)
         return np.asarray(np.tensordot(self.coefficients, inner, axes=([0, 1], [0, 1])), dtype=np.float64)
 
     @cached_property
@@ -61,28 +61,28 @@ class Basis:
 
     def variance(self, covariance: Array) -> Array:
         """Return the variance of log S, shape (B,), for values of some covariance."""
-        of_cubics = self.coefficients.transpose(1, 0, 2)
-        pairs = of_cubics @ covariance @ of_cubics.transpose(0, 2, 1)
-        found = np.zeros((7, len(pairs)))
-        np.add.at(found, _SUMS, pairs.transpose(1, 2, 0))
-        return self._polynomial(found)
+        cubics = self.coefficients.transpose(1, 0, 2)
+        pairs = cubics @ covariance @ cubics.transpose(0, 2, 1)
+        coefficients = np.zeros((7, len(pairs)))
+        np.add.at(coefficients, _SUMS, pairs.transpose(1, 2, 0))
+        return self._polynomial(coefficients)
 
     def _polynomial(self, coefficients: Array) -> Array:
         """Return polynomials in `t`, one for every cubic, shape (B,)."""
         *lower, highest = coefficients
-        found: Array = highest.repeat(self.counts)
-        for of_power in lower[::-1]:
-            found *= self.t
-            found += of_power.repeat(self.counts)
-        return found
+        value: Array = highest.repeat(self.counts)
+        for coefficient in lower[::-1]:
+            value *= self.t
+            value += coefficient.repeat(self.counts)
+        return value
 
     def _moments(self, x: Array, number: int) -> Array:
         """Return for every cubic the sums of x, shape (..., B), times powers of `t`: (number, ..., S)."""
-        found = np.empty((number, *x.shape[:-1], self.starts.size))
-        for moment in found:
+        moments = np.empty((number, *x.shape[:-1], self.starts.size))
+        for moment in moments:
             np.add.reduceat(x, self.starts, axis=-1, out=moment)
             x = x * self.t
-        return found
+        return moments
 
 
 _SUMS = np.add.outer(np.arange(4), np.arange(4))  # of the powers of two cubics
@@ -100,17 +100,17 @@ class NoiseModel:
         log S at the knots.
     covariance : ndarray, shape (K, K)
         Of `values`.
-    below : int
-        How many bins below the first knot took part.
-    dropped : int
+    n_below : int
+        Number of bins below the first knot that took part.
+    n_dropped : int
         How many times in an iteration they took part no longer.
     """
 
     knots: Array
     values: Array
     covariance: Array
-    below: int = 0
-    dropped: int = 0
+    n_below: int = 0
+    n_dropped: int = 0
 
     def __call__(self, f: Array) -> Array:
         """Return S at the frequencies `f`, shape (B,)."""
@@ -129,20 +129,20 @@ class NoiseModel:
         basis = self.basis(f)
         return np.asarray(np.exp(basis @ self.values + basis.variance(self.covariance)), dtype=np.float64)
 
-    def beside(self, f: Array, power: Array) -> Array:
-        """Return S at the frequencies `f` it was fitted at, shape (B,), without what each bin told of itself.
+    def leave_one_out(self, f: Array, power: Array) -> Array:
+        """Return S at the frequencies `f` it was fitted at, shape (B,), each without its own bin.
 
-        To first order, from its leverage in the fit to `power`, shape (B,), with dof 1. What weighs a bin by
-        S would know its noise otherwise.
+        To first order, from its leverage in the fit to `power`, shape (B,), with dof 1. Otherwise
+        the weight of a bin would depend on its noise.
         """
         S, basis = self(f), self.basis(f)
         return np.asarray(S * np.exp(-basis.variance(self.covariance) * (power / S - 1)))
 
 
 @lru_cache(maxsize=12)  # the runs of a campaign have few lengths, and each is asked for again and again
-def _basis(of_knots: bytes, of_f: bytes) -> Basis:
+def _basis(knot_bytes: bytes, f_bytes: bytes) -> Basis:
     """Return the basis of natural splines with these knots, straight beyond them."""
-    knots, u = np.frombuffer(of_knots), np.log(np.frombuffer(of_f))
+    knots, u = np.frombuffer(knot_bytes), np.log(np.frombuffer(f_bytes))
     spline = scipy.interpolate.CubicSpline(knots, np.eye(knots.size), bc_type="natural")
     coefficients = np.zeros((4, knots.size + 1, knots.size))
     coefficients[:, 1:-1] = spline.c[::-1]
@@ -157,9 +157,9 @@ def _basis(of_knots: bytes, of_f: bytes) -> Basis:
 
 
 @lru_cache(maxsize=8)
-def _knots(of_f: bytes) -> Array:
+def _knots(f_bytes: bytes) -> Array:
     """Space the knots evenly in log f, but never closer than BINS_PER_KNOT bins."""
-    f, bins = np.frombuffer(of_f), [0.0]
+    f, bins = np.frombuffer(f_bytes), [0.0]
     while bins[-1] < f.size - 1:
         bins.append(bins[-1] + max(BINS_PER_KNOT, (bins[-1] + 1) * (10 ** (1 / KNOTS_PER_DECADE) - 1)))
     short = f.size - 1 - bins[-2] < 0.5 * (bins[-1] - bins[-2])
@@ -170,7 +170,7 @@ def _knots(of_f: bytes) -> Array:
 
 
 def fit_noise(
-    f: Array, power: Array, dof: Array, below: int = 0, begun: NoiseModel | None = None
+    f: Array, power: Array, dof: Array, n_below: int = 0, initial: NoiseModel | None = None
 ) -> NoiseModel:
     """Fit a noise model to a periodogram by maximum (Whittle) likelihood.
 
@@ -182,9 +182,9 @@ def fit_noise(
         Frequencies [Hz] and periodogram.
     dof : ndarray, shape (B,)
         Expected power over S: 1, less what a fit has already taken out of the bin.
-    below : int
-        How many of the first bins lie below the first knot.
-    begun : NoiseModel, optional
+    n_below : int
+        Number of bins below the first knot.
+    initial : NoiseModel, optional
         Where to begin, if it has the same knots and is not far off.
 
     Raises
@@ -195,7 +195,7 @@ def fit_noise(
     level = float(np.mean(power))
     if not (math.isfinite(level) and level > 0):
         raise FitError("the residual carries no noise whose PSD could weigh the data")
-    knots = _knots(f[below:].tobytes())
+    knots = _knots(f[n_below:].tobytes())
     basis = _basis(knots.tobytes(), f.tobytes())
     covariance = np.asarray(np.linalg.inv(basis.products(dof)), dtype=np.float64)
 
@@ -206,33 +206,32 @@ def fit_noise(
             relative = power * np.exp(-log_S)
             return float(dof @ log_S + np.sum(relative)), relative
 
-    def scored(relative: Array) -> Array:
+    def newton_step(relative: Array) -> Array:
         with np.errstate(invalid="ignore"):
             return np.asarray(covariance @ basis.summed(relative - dof), dtype=np.float64)
 
-    known = begun is not None and np.array_equal(begun.knots, knots)
-    values = begun.values if begun and known else _roughly(basis, power)
-    last, relative = cost(values)
-    step = scored(relative)
-    if known and not np.all(np.abs(step) < NEAR):
-        values = _roughly(basis, power)
-        last, relative = cost(values)
-        step = scored(relative)
+    warm_start = initial is not None and np.array_equal(initial.knots, knots)
+    values = initial.values if initial and warm_start else _log_fit(basis, power)
+    value, relative = cost(values)
+    step = newton_step(relative)
+    if warm_start and not np.all(np.abs(step) < MAX_STEP):
+        values = _log_fit(basis, power)
+        value, relative = cost(values)
+        step = newton_step(relative)
     for _ in range(100):
-        size, previous = 1.0, last
-        last, relative = cost(values + step)
-        while last > previous and size > 1e-6:
+        size, previous = 1.0, value
+        value, relative = cost(values + step)
+        while value > previous and size > 1e-6:
             size /= 2
-            last, relative = cost(values + size * step)
+            value, relative = cost(values + size * step)
         values = values + size * step
-        if abs(previous - last) < 1e-9 * f.size:
-            return NoiseModel(knots, values, covariance, below)
-        step = scored(relative)
+        if abs(previous - value) < 1e-9 * f.size:
+            return NoiseModel(knots, values, covariance, n_below)
+        step = newton_step(relative)
     raise FitError("the smooth PSD of the noise did not converge")
 
 
-def _roughly(basis: Basis, power: Array) -> Array:
+def _log_fit(basis: Basis, power: Array) -> Array:
     """Return the values at the knots that are closest to the logarithm of the power, shape (K,)."""
     log_power = np.log(np.maximum(power, 1e-30 * np.mean(power))) + np.euler_gamma
-    found = np.linalg.solve(basis.squares, basis.summed(log_power))
-    return np.asarray(found, dtype=np.float64)
+    return np.asarray(np.linalg.solve(basis.squares, basis.summed(log_power)), dtype=np.float64)

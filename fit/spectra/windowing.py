@@ -10,8 +10,8 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.requirements import F_MAX, GAP_TAPER, TAPER
-from fit.spectra import patches, windows
-from fit.spectra.derivatives import stretches
+from fit.spectra.derivatives import true_runs
+from fit.spectra.masked_segments import impulse_basis
 from fit.telemetry import pieces
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ def window(valid: NDArray[np.bool_], fs: float) -> Array:
     if valid.all():
         return _tukey(valid.size, TAPER)
     n, w = np.arange(valid.size), _tukey(valid.size, TAPER).copy()
-    for start, stop in stretches(~valid):
+    for start, stop in true_runs(~valid):
         distance = np.maximum(np.maximum(start - n, n - stop + 1), 0) / (GAP_TAPER * fs)
         w *= np.sin(np.pi / 2 * np.minimum(distance, 1)) ** 2
     return w
@@ -31,8 +31,8 @@ def window(valid: NDArray[np.bool_], fs: float) -> Array:
 
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths
 def _tukey(n: int, taper: float) -> Array:
-    w = windows.tukey(n + 2, taper)[1:-1]
-    w.setflags(write=False)  # others get the same one
+    w = np.asarray(scipy.signal.windows.tukey(n + 2, taper)[1:-1], dtype=np.float64)
+    w.setflags(write=False)  # cached
     return w
 
 
@@ -71,15 +71,15 @@ class Spectra:
     def band(self, low: float, high: float) -> "Spectra":
         """Return the bins from `low` to `high` [Hz]."""
         begin = int(np.searchsorted(self.f, low))
-        kept = slice(begin, int(np.searchsorted(self.f, high, side="right")))
-        f, columns, nuisance = self.f[kept], self.columns[kept], self.nuisance[kept]
+        bins = slice(begin, int(np.searchsorted(self.f, high, side="right")))
+        f, columns, nuisance = self.f[bins], self.columns[bins], self.nuisance[bins]
         return replace(self, f=f, columns=columns, nuisance=nuisance, first=self.first + begin)
 
     def summed(self, c: Array) -> "Spectra":
         """Return the same with one column: the sum of the first K with the coefficients c, shape (K,)."""
         return replace(self, columns=(self.columns[:, : c.size] @ c)[:, None])
 
-    def beside(self, other: "Spectra") -> "Spectra":
+    def hstack(self, other: "Spectra") -> "Spectra":
         """Return the columns of both, which must be of one run."""
         return replace(self, columns=np.concatenate([self.columns, other.columns], axis=1))
 
@@ -89,62 +89,81 @@ def transform(
     valid: NDArray[np.bool_],
     fs: float,
     tau: tuple[float, float] = (0.0, 0.0),
-    beside: Iterable[Array] = (),
+    nuisance: Iterable[Array] = (),
     impulses: NDArray[np.intp] | None = None,
     band: tuple[float, float] | None = None,
 ) -> Spectra:
     """Window and transform columns, shape (N, P), of sample rate `fs`, expanded about the delays `tau`.
 
-    Of the end of the run up to 0.5 % is left out, for a length that transforms fast. What is in the parts of
-    `beside`, of shape (N, G) each, is to be projected out along with constant and ramp; so are `impulses` at
-    some of the samples. Parts, as the columns may come too, are asked for one by one, so that no more than
-    one need be there at a time. Of the fitted band only the bins of `band` [Hz] are kept, if it is given.
+    Up to 0.5 % of the end of the run is left out, for a length that transforms fast.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (N, P), or iterable of ndarray
+        The series, whole or in chunks of columns that are requested one by one to save memory.
+    valid : ndarray of bool, shape (N,)
+        False where samples are masked.
+    fs : float
+        Sample rate [Hz].
+    tau : tuple of float
+        Delays [s] about which the columns were expanded.
+    nuisance : iterable of ndarray, shape (N, G) each
+        Series to be projected out along with constant and ramp.
+    impulses : ndarray of int, optional
+        Samples with an impulse to be projected out, see `masked_segments`.
+    band : tuple of float, optional
+        Ends of the part of the fitted band to transform [Hz].
     """
     n = scipy.fft.prev_fast_len(valid.size)
     w, bins = window(valid[:n], fs), _bins(n, fs, band)
-    even = _whole(n, fs, bins.start, bins.stop) if valid[:n].all() else _even(w, fs, bins)
-    nuisance = [even, *(windowed(part, w, fs, bins) for part in beside)]
+    if valid[:n].all():
+        projected = [_unmasked_constant_and_ramp(n, fs, bins.start, bins.stop)]
+    else:
+        projected = [_constant_and_ramp(w, fs, bins)]
+    projected += [windowed_spectra(chunk, w, fs, bins) for chunk in nuisance]
     if impulses is not None:
-        seen = impulses[impulses < n]
-        nuisance.append(patches.columns(seen[w[seen] > 0], n, bins))  # what the window leaves is as good
+        inside = impulses[impulses < n]
+        projected.append(impulse_basis(inside[w[inside] > 0], n, bins))
     f = np.arange(bins.start, bins.stop) * fs / n
-    return Spectra(f, windowed(columns, w, fs, bins), np.hstack(nuisance), w, tau, bins.start)
+    return Spectra(f, windowed_spectra(columns, w, fs, bins), np.hstack(projected), w, tau, bins.start)
 
 
-def _even(w: Array, fs: float, bins: slice) -> Spectrum:
+def _constant_and_ramp(w: Array, fs: float, bins: slice) -> Spectrum:
     """Return constant and ramp under a window, shape (B, 2)."""
-    return windowed(np.stack([np.ones(w.size), np.linspace(-1, 1, w.size)], axis=1), w, fs, bins)
+    return windowed_spectra(np.stack([np.ones(w.size), np.linspace(-1, 1, w.size)], axis=1), w, fs, bins)
 
 
 @lru_cache(maxsize=8)
-def _whole(n: int, fs: float, first: int, end: int) -> Spectrum:
+def _unmasked_constant_and_ramp(n: int, fs: float, first: int, end: int) -> Spectrum:
     """Return the same for a run without masks, at the bins from `first` on."""
-    return _even(_tukey(n, TAPER), fs, slice(first, end))
+    return _constant_and_ramp(_tukey(n, TAPER), fs, slice(first, end))
 
 
-def windowed(columns: Array | Iterable[Array], w: Array, fs: float, bins: slice | None = None) -> Spectrum:
+def windowed_spectra(
+    columns: Array | Iterable[Array], w: Array, fs: float, bins: slice | None = None
+) -> Spectrum:
     """Return the transforms of columns, shape (N or more, P) or in parts, under a window, see `Spectra`."""
     scale, bins = math.sqrt(2 / (fs * float(w @ w))), bins or _bins(w.size, fs)
-    parts = iter([columns] if isinstance(columns, np.ndarray) else columns)
-    found: list[Spectrum] = []
+    chunks = iter([columns] if isinstance(columns, np.ndarray) else columns)
+    spectra: list[Spectrum] = []
     rows, filled = np.empty((2, w.size)), 0  # two at a time are faster, more fill the memory
 
     def transform_rows() -> None:
-        found.append(scipy.fft.rfft(rows[:filled])[:, bins] * scale)
+        spectra.append(scipy.fft.rfft(rows[:filled])[:, bins] * scale)
 
-    for part in parts:
-        for k in range(part.shape[1]):
-            np.multiply(part[: w.size, k], w, out=rows[filled])
+    for chunk in chunks:
+        for k in range(chunk.shape[1]):
+            np.multiply(chunk[: w.size, k], w, out=rows[filled])
             filled += 1
             if filled == len(rows):
                 transform_rows()
                 filled = 0
-        del part  # before there is another one
-    transform_rows()  # none, if they came out even
-    return np.concatenate(found).T
+        del chunk  # free its memory
+    transform_rows()  # the last one, if any
+    return np.concatenate(spectra).T
 
 
-def lowest(series: Array, w: Array, end: int) -> Spectrum:
+def lowest_bins(series: Array, w: Array, end: int) -> Spectrum:
     """Return the bins 0 to `end`, that left out, of transforms of series, shape (K, n), under a window.
 
     The series are overwritten.
@@ -153,7 +172,7 @@ def lowest(series: Array, w: Array, end: int) -> Spectrum:
     return scipy.fft.rfft(series)[:, :end]
 
 
-def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
+def resample_window(w: Array, fs: float, rate: float) -> tuple[Array, float]:
     """Return a window at no fewer instants than make a sample rate, from the same begin on, and theirs [Hz].
 
     Under it the transform of a series that hardly changes between two of them has the bins it has under `w`.
@@ -162,17 +181,17 @@ def thinned(w: Array, fs: float, rate: float) -> tuple[Array, float]:
     return np.interp(np.arange(m) * (w.size / m), np.arange(w.size), w), fs * m / w.size
 
 
-def series(columns: Spectrum, first: int, n: int) -> Array:
+def inverse_transform(columns: Spectrum, first: int, n: int) -> Array:
     """Return the inverse transforms, shape (n, P), of columns that begin at the bin `first`."""
-    found = np.empty((n, columns.shape[1]), order="F")
+    series = np.empty((n, columns.shape[1]), order="F")
     for some in pieces(columns.shape[1], length=2):
         padded = np.zeros((columns[:, some].shape[1], n // 2 + 1), dtype=np.complex128)
         padded[:, first : first + len(columns)] = columns[:, some].T
-        found[:, some] = scipy.fft.irfft(padded, n).T
-    return found
+        series[:, some] = scipy.fft.irfft(padded, n).T
+    return series
 
 
-def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:
+def product_series(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]:
     """Return series whose products, summed with weights, are those of windowed white noise over a run.
 
     Columns of the fitted band change slowly: their products need fewer instants than the run has, and of the
@@ -194,13 +213,13 @@ def squared(columns: Spectrum, first: int, window: Array) -> tuple[Array, Array]
     weights : ndarray, shape (m,)
         Of their products.
     """
-    n, last = window.size, first + len(columns) - 1
-    m = min(scipy.fft.next_fast_len(4 * last + 2, real=True), n)  # to twice the last bin, and none beyond
-    weights = _whole_slow(n, m, TAPER) if window is _tukey(n, TAPER) else _slow(window, m)
-    return series(columns, first, m), weights
+    n, stop = window.size, first + len(columns)
+    m = min(scipy.fft.next_fast_len(4 * stop - 2, real=True), n)  # up to twice the last bin
+    weights = _unmasked_weights(n, m, TAPER) if window is _tukey(n, TAPER) else _product_weights(window, m)
+    return inverse_transform(columns, first, m), weights
 
 
-def _slow(window: Array, m: int) -> Array:
+def _product_weights(window: Array, m: int) -> Array:
     """Return the weights of `squared` for a window of a run, shape (m,)."""
     n, end = window.size, m // 2 + 1
     w2 = window * window
@@ -212,10 +231,10 @@ def _slow(window: Array, m: int) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _whole_slow(n: int, m: int, taper: float) -> Array:
+def _unmasked_weights(n: int, m: int, taper: float) -> Array:
     """Return the same for a run without masks."""
-    weights = _slow(_tukey(n, taper), m)
-    weights.setflags(write=False)  # others get the same ones
+    weights = _product_weights(_tukey(n, taper), m)
+    weights.setflags(write=False)  # cacheds
     return weights
 
 
@@ -228,7 +247,7 @@ def _bins(n: int, fs: float, band: tuple[float, float] | None = None) -> slice:
     return slice(1 + int(np.searchsorted(f, band[0])), 1 + int(np.searchsorted(f, band[1], side="right")))
 
 
-def spread(window: Array) -> float:
-    """Return by how much a window makes sums of products over bins vary more than of independent bins."""
+def variance_factor(window: Array) -> float:
+    """Return the variance of sums over bins under a window, relative to independent bins."""
     w2 = window * window
     return float(window.size * (w2 @ w2) / w2.sum() ** 2)

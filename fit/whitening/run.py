@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.model import dynamics, wander
-from fit.spectra import NoiseModel, Spectra, derivatives, patches, windowing
+from fit.spectra import NoiseModel, Spectra, derivatives, masked_segments, windowing
 from fit.telemetry import Telemetry
 from fit.whitening import glitch_templates
 from fit.whitening.glitch_templates import Glitch
@@ -45,7 +45,7 @@ class Run:
     loose : bool
         Whether their begin and times are free as well.
     patches : tuple of tuple of float
-        Which of the masks leave the window as it is, see `signal.patches`.
+        Which of the masks leave the window as it is, see `spectra.masked_segments`.
     f_max : float
         End of the fitted band [Hz].
     """
@@ -148,7 +148,7 @@ class Run:
 
     def impulses(self, time: Array, fs: float) -> NDArray[np.intp] | None:
         """Return at which of the instants `time` [s] patches have impulses; None without patches."""
-        return patches.impulses(self.patches, time, fs) if self.patches else None
+        return masked_segments.impulse_samples(self.patches, time, fs) if self.patches else None
 
     def _forget(self) -> None:
         self._first = self._last = self._wander = None
@@ -162,7 +162,7 @@ class Run:
     @property
     def weight(self) -> float:
         """What missing samples, masks and the stencils beside them leave of the window, in samples."""
-        reached = derivatives.reached(~self.channels.valid)
+        reached = derivatives.dilate_mask(~self.channels.valid)
         return float(np.sum(windowing.window(~reached, self.channels.fs) ** 2))
 
     def columns(self, tau: tuple[float, float]) -> dynamics.Columns:
@@ -190,7 +190,7 @@ class Run:
             for j in self._far(last, tau, noise):  # of what does not move, the transforms stay
                 columns, of_force = last.columns.copy(order="F"), dynamics.force(self.channels, j, tau)
                 fs, bins = self.channels.fs, last.bins
-                columns[:, dynamics.FORCES[j]] = windowing.windowed(of_force, last.window, fs, bins)
+                columns[:, dynamics.FORCES[j]] = windowing.windowed_spectra(of_force, last.window, fs, bins)
                 moved = (tau[0], last.tau[1]) if j == 0 else (last.tau[0], tau[1])
                 last = replace(last, columns=columns, tau=moved)
         self._last = last
@@ -217,7 +217,7 @@ class Run:
     def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
         if known := self._first:  # window, and what is projected out, are those of the run
-            columns = windowing.windowed(values, known.window, terms.fs, known.bins)
+            columns = windowing.windowed_spectra(values, known.window, terms.fs, known.bins)
             return replace(known, columns=columns, tau=terms.tau)
         beside = self.beside(terms.time, terms.fs)
         impulses = self.impulses(terms.time, terms.fs)

@@ -148,21 +148,21 @@ def smooth_noise(left: Left, previous: NoiseModel | None, longer: Left | None = 
         where that is louder than it seems: what is taken for too quiet there would outweigh everything.
     """
     f, (power, dof) = left.terms.f, left.power(previous)
-    model = fit_noise(f, power, dof, begun=previous)
+    model = fit_noise(f, power, dof, initial=previous)
     slower = longer.terms.f[longer.terms.f < SLOWER * f[0]] if longer else f[:0]
     if longer and slower.size:
         of_slower, told = longer.power(previous, slower.size)
         least = 1.0
-        if previous and not previous.below:
+        if previous and not previous.n_below:
             least = AGAIN
-        elif previous and previous.dropped:  # what is heard a second time stays
+        elif previous and previous.n_dropped:  # what is heard a second time stays
             least = 0.0
         if np.sum(of_slower / model.expected(slower)) > least * np.sum(told):
             power, dof = np.hstack([[of_slower, told], [power, dof]])
             model = fit_noise(np.concatenate([slower, f]), power, dof, slower.size, model)
     if previous is None:
         return smooth_noise(left, model, longer)
-    return replace(model, dropped=previous.dropped + (previous.below > model.below))
+    return replace(model, n_dropped=previous.n_dropped + (previous.n_below > model.n_below))
 
 
 def pair(telemetries: Sequence[Telemetry]) -> list[Experiment]:

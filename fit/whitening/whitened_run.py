@@ -126,7 +126,7 @@ class WhitenedRun:
             return np.asarray(root.T @ root)
         # The window makes neighbouring bins one noise: the scores' covariance is not the information. In the
         # time domain the whitened noise is white, times w, so that the covariance is a plain sum.
-        z, w2 = windowing.squared(self._weighed(self.weights.score), self.first, self.window)
+        z, w2 = windowing.product_series(self._weighed(self.weights.score), self.first, self.window)
         found = np.zeros((z.shape[1], z.shape[1]))
         for at in pieces(w2.size):
             found += z[at].T @ (z[at] * w2[at, None])

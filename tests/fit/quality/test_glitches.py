@@ -292,5 +292,5 @@ def test_injected_cells_are_those_of_the_strongest_tones():
     assert cells[[35, 67, 68]].all()
     assert np.mean(cells) < 0.3
     struck = replace(run.telemetry, channels=dict(run.telemetry.channels))
-    struck.channels["o_12"] = run.telemetry.channels["o_12"] + 1e-8 * (run.telemetry.time > 15000)
+    struck.channels["o_12"] = run.telemetry.channels["o_12"] + 1e-11 * (run.telemetry.time > 15000)
     np.testing.assert_array_equal(injections.injected_cells(Run(struck), (0.15, 0.18)), cells)

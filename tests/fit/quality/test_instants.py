@@ -58,7 +58,7 @@ def test_gains_are_those_of_trial(fs, gap, stretch):
     if gap:
         valid[slice(*gap)] = False
     x, known, glitch = walks(3, 1), walks(2, 2), np.exp(-np.clip(np.arange(N) - 5000, 0, None) / 80)
-    terms = windowing.transform(np.stack([x[0], *known], axis=1), valid, fs, beside=[glitch[:, None]])
+    terms = windowing.transform(np.stack([x[0], *known], axis=1), valid, fs, nuisance=[glitch[:, None]])
     assert terms.window.size == N
     S = Density(terms)
     U = whitened_run.stacked(whitened_run.whiten(terms, S.density)[0])

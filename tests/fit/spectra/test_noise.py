@@ -20,7 +20,7 @@ def test_no_bin_has_a_say_in_the_power_beside_it():
     for i in bins:
         others = np.where(np.arange(F.size) == i, 0.0, 1.0)
         without.append(fit_noise(F, power * others, others)(F)[i])
-    own, beside = (np.std(np.log(S[bins] / without)) for S in (model(F), model.beside(F, power)))
+    own, beside = (np.std(np.log(S[bins] / without)) for S in (model(F), model.leave_one_out(F, power)))
     assert own > 0.1
     assert beside < 0.5 * own  # what is left is of second order
 
@@ -31,7 +31,7 @@ def test_power_beside_a_bin_is_independent_of_its_own():
     for power, model in map(drawn, range(40)):
         excess = power / TRUE - 1
         own.append(np.mean(excess * np.log(model(F) / TRUE)))
-        beside.append(np.mean(excess * np.log(model.beside(F, power) / TRUE)))
+        beside.append(np.mean(excess * np.log(model.leave_one_out(F, power) / TRUE)))
     assert abs(np.mean(own) - 16 / 600) < 0.006
     assert abs(np.mean(beside)) < 0.006
 

@@ -39,7 +39,9 @@ def test_stencil_is_exact_on_parabolas(offset, slope, curvature, shift):
     at = n[derivatives.HALF : -derivatives.HALF] - shift
     expected = (offset + slope * at + curvature * at**2, slope + 2 * curvature * at, 2 * curvature + 0 * at)
     for order, values in enumerate(expected):
-        assert np.allclose(derivatives.apply(derivatives.stencil(shift, order), x), values, rtol=0, atol=1e-9)
+        assert np.allclose(
+            derivatives.apply_stencil(derivatives.stencil(shift, order), x), values, rtol=0, atol=1e-9
+        )
 
 
 def test_second_derivative_lets_no_offset_or_drift_through():
@@ -78,7 +80,7 @@ def test_short_gaps_are_bridged_and_long_ones_masked():
     holed = x.copy()
     for missing in (slice(0, 3), slice(500, 501), slice(800, 810), slice(1500, 1511), slice(2990, 3000)):
         holed[missing] = np.nan
-    filled, masked = derivatives.bridge(holed, 10.0)
+    filled, masked = derivatives.interpolate_gaps(holed, 10.0)
     assert np.flatnonzero(masked).tolist() == list(range(1500, 1511))
     assert np.abs(filled - x)[3:2990][~masked[3:2990]].max() < 1e-4
     assert np.isfinite(filled).all()
@@ -86,7 +88,7 @@ def test_short_gaps_are_bridged_and_long_ones_masked():
 
 def test_nothing_missing_nothing_done():
     x = np.arange(10.0)
-    filled, masked = derivatives.bridge(x, 10.0)
+    filled, masked = derivatives.interpolate_gaps(x, 10.0)
     assert filled is x
     assert not masked.any()
 
@@ -95,7 +97,7 @@ def test_nothing_missing_nothing_done():
 def test_stretches_cover_exactly_what_is_flagged(flags):
     flags = np.array(flags)
     covered = np.zeros_like(flags)
-    for start, stop in derivatives.stretches(flags):
+    for start, stop in derivatives.true_runs(flags):
         assert not covered[start:stop].any()
         covered[start:stop] = True
     assert np.array_equal(covered, flags)
@@ -214,10 +216,10 @@ def test_no_noise_is_an_error(level):
 def test_parts_beside_are_projected_out_together_and_bins_are_those_of_the_band():
     rng = np.random.default_rng(2)
     x, valid = rng.standard_normal((4000, 5)), np.ones(4000, dtype=bool)
-    whole = windowing.transform(x[:, :2], valid, 1.0, beside=[x[:, 2:]])
+    whole = windowing.transform(x[:, :2], valid, 1.0, nuisance=[x[:, 2:]])
     band = whole.band(0.01, 0.03)
     parts = windowing.transform(
-        x[:, :2], valid, 1.0, beside=(x[:, [i]] for i in (2, 3, 4)), band=(0.01, 0.03)
+        x[:, :2], valid, 1.0, nuisance=(x[:, [i]] for i in (2, 3, 4)), band=(0.01, 0.03)
     )
     assert parts.first == band.first
     for name in ("f", "columns", "nuisance"):
@@ -231,7 +233,7 @@ def test_many_series_beside_take_no_more_memory_than_few():
     for some in (found[:4], found):
         tracemalloc.start()
         windowing.transform(
-            time[:, None], valid, 1.0, beside=glitch_templates.loose(some, time, 1.0), band=(3e-5, 2e-3)
+            time[:, None], valid, 1.0, nuisance=glitch_templates.loose(some, time, 1.0), band=(3e-5, 2e-3)
         )
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
@@ -248,7 +250,7 @@ def test_products_of_slow_series_are_those_of_all_samples(n):
     all_of_it = np.zeros((n // 2 + 1, 3), dtype=complex)
     all_of_it[1 : last + 1] = columns
     x = np.fft.irfft(all_of_it, n, axis=0) * (w * (n / 2 * np.sqrt(2 / (w @ w))))[:, None]
-    z, weights = windowing.squared(columns, 1, w)
+    z, weights = windowing.product_series(columns, 1, w)
     assert len(z) < 0.5 * n or n < 100
     assert np.allclose(z.T @ (z * weights[:, None]), x.T @ x, rtol=1e-12)
 
@@ -259,10 +261,10 @@ def test_a_slow_series_has_the_same_bins_at_few_instants(gap):
     valid[30000 : 30000 + gap] = False
     t = np.arange(valid.size) / fs
     whole = windowing.transform(np.exp(-(((t - 31000) / 900) ** 2))[:, None], valid, fs, band=(3e-5, 2e-3))
-    w, few = windowing.thinned(whole.window, fs, 0.1)
+    w, few = windowing.resample_window(whole.window, fs, 0.1)
     assert w.size < valid.size / 9
     there = np.arange(w.size) / few
     x = np.exp(-(((there - 31000) / 900) ** 2))[:, None]
-    found = windowing.windowed(x, w, few, slice(whole.first, whole.first + whole.f.size))
+    found = windowing.windowed_spectra(x, w, few, slice(whole.first, whole.first + whole.f.size))
     assert np.abs(found - whole.columns).max() < 1e-5 * np.abs(whole.columns).max()
-    assert windowing.thinned(w, few, 2 * few)[1] == few  # no more than there are
+    assert windowing.resample_window(w, few, 2 * few)[1] == few  # no more than there are

@@ -22,7 +22,7 @@ def test_slower_noise_that_was_left_alone_is_heard_again_only_when_much_louder()
         return smooth_noise(run(f, np.ones(f.size)), previous, longer)
 
     def heard(times, previous):
-        return bool(weighed(times, previous).below)
+        return bool(weighed(times, previous).n_below)
 
     by_it = weighed(9.0, None)
     assert [heard(times, without) for times in (0.5, 1.5, 3.0)] == [False, False, True]
@@ -41,10 +41,10 @@ def test_slower_noise_that_is_heard_a_second_time_stays():
     without = smooth_noise(quick, None)
 
     def of_slow(previous, first):
-        times = 0.5 if previous and previous.below else 3.0
+        times = 0.5 if previous and previous.n_below else 3.0
         return np.stack([times * without.expected(slow), np.ones(slow.size)])
 
     models, model = [], None
     for _ in range(6):
         models.append(model := smooth_noise(quick, model, run(slow, of_slow)))
-    assert [bool(model.below) for model in models] == [False, True, True, True, True, True]
+    assert [bool(model.n_below) for model in models] == [False, True, True, True, True, True]
