@@ -264,7 +264,7 @@ def _together(
         except FitError as error:
             names = ", ".join(parameters)
             raise FitError(f"{error}; it does without what the settings say of {names}") from error
-    more = (*agreed.warnings, *constraint_test.warnings(outcome))
+    more = (*agreed.warnings, *constraint_test.refit_unconstrained(outcome).warnings())
     fit = _warned(fit_quality.as_fit(outcome, agreed.experiments), more)
     left_out = explained(
         (*ready.exclusions, *agreed.left_out), ready.experiments, alone, agreed, Sharing(chosen.shared)
@@ -344,7 +344,7 @@ def _of_experiment(
         *(warning for fault in untested for warning in fault.of_own),
         *ready.prepared[experiment.name].warnings,
         *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
-        *constraint_test.warnings(own),
+        *constraint_test.refit_unconstrained(own).warnings(),
     )
     diagnostics = None if drawn else residual_tests.diagnose(experiment, own)
     return _warned(replace(fit, diagnostics=diagnostics), more)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from fit.errors import InputError, quote
 from fit.files import Table, closest_match, documents, key, problem, validation_messages
@@ -72,7 +72,16 @@ class ParameterSettings(Table):
     @property
     def is_constraint(self) -> bool:
         """Whether it says more than where a fit starts."""
-        return not self.vary or self.expr is not None or self.prior is not None or self.limits != _UNBOUNDED
+        return not self.is_only_bounded or self.limits != _UNBOUNDED
+
+    @property
+    def is_only_bounded(self) -> bool:
+        """Whether it constrains by bounds at most."""
+        return self.vary and self.expr is None and self.prior is None
+
+    def record(self) -> dict[str, object]:
+        """Return what is not the default, as a table."""
+        return self.model_dump(exclude_defaults=True)
 
 
 class Settings(Table):
@@ -91,6 +100,18 @@ class Settings(Table):
             )
         return raw
 
+    @field_validator("parameters", mode="before")
+    @classmethod
+    def _by_full_name(cls, raw: object) -> object:
+        """Name the parameters of an FMU, in a table of its model, ``Model.parameter``."""
+        if not isinstance(raw, dict):
+            return raw
+        parameters: dict[object, object] = {}
+        for name, entry in raw.items():
+            is_model = isinstance(entry, dict) and entry and all(isinstance(v, dict) for v in entry.values())
+            parameters |= {f"{name}.{key}": v for key, v in entry.items()} if is_model else {name: entry}
+        return parameters
+
     estimator: Estimator
     include_short: bool
     exclude: list[str]
@@ -103,25 +124,20 @@ class Settings(Table):
 
     def record(self) -> dict[str, object]:
         """Return them as `settings` reads them, of parameters what is not the default."""
-        parameters = {name: p.model_dump(exclude_defaults=True) for name, p in self.parameters.items()}
+        parameters = {name: p.record() for name, p in self.parameters.items()}
         return {**self.model_dump(), "parameters": parameters}
 
 
-def refuse_constraints(chosen: Settings, command: str, where: str) -> None:
-    """See that no parameter is constrained, and the band whole, for a command that goes without.
+def refuse_narrow_band(settings: Settings, command: str, where: str) -> None:
+    """Refuse a fitted band that ends below 0.1 Hz, for a command that takes the whole band.
 
     Raises
     ------
     InputError
-        If not.
+        If it does.
     """
-    if chosen.f_max < HIGHEST:
-        raise InputError(f"{where}.f_max: {chosen.f_max:g}, expected {HIGHEST:g} for {command}")
-    for name, said in chosen.parameters.items():
-        if said.is_constraint:
-            raise InputError(
-                f"{where}.parameters.{key(name)}: a constraint, expected none of them for {command}"
-            )
+    if settings.f_max < HIGHEST:
+        raise InputError(f"{where}.f_max: {settings.f_max:g}, expected {HIGHEST:g} for {command}")
 
 
 def settings(chosen: Mapping[str, object] | None = None, where: str = "[fit]") -> Settings:

@@ -151,13 +151,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         headline="The FMUs contradict the equation of motion",
         unsound=True,
     ),
-    "bound_contradicted": WarningKind(
-        "Widen `bounds` in the table [identify], or look for an effect missing from the FMUs; do not use the "
-        "named estimates, which compensate for the bound.",
-        severity=Severity.FAILURE,
-        headline="The data contradict the bounds",
-        unsound=True,
-    ),
     "loop_discrepancy": WarningKind(
         "Find out which of the two lacks an effect: compare their chi2, and look for effects that only the "
         "FMUs have.",
@@ -258,8 +251,8 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         unsound=True,
     ),
     "constraint_contradicted": WarningKind(
-        "Remove the named constraints from the table [fit.parameters], or look for an effect missing from "
-        "the model; do not use the estimates, which compensate for it.",
+        "Remove the named constraints from [fit.parameters], or widen `bounds` in [identify], or look for an "
+        "effect missing from the model; do not use the estimates, which compensate for it.",
         severity=Severity.FAILURE,
         headline="The data contradict constraints on parameters",
         unsound=True,

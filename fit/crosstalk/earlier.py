@@ -115,7 +115,8 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> IR
     FitError
         If no trustworthy estimate comes out.
     """
-    outcome = least_squares(*experiments(results, telemetries, where))
+    prepared, how = experiments(results, telemetries, where)
+    outcome = least_squares(prepared, how)
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     joint = results.joint.parameters if results.joint else {}
     for name, estimate in joint.items():

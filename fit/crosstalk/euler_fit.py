@@ -118,7 +118,7 @@ def fit_period(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([drowned()] if noisy else []),
             *(centrifugal.judged(turning, x_axis)),
-            *constraint_test.warnings(outcome),
+            *constraint_test.refit_unconstrained(outcome).warnings(),
         ),
         masked_samples=sum(w.missing for w in weighings),
         centrifugal=turning,

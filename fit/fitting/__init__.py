@@ -8,7 +8,7 @@ iteration, `irls.iterate`, moves weights, delays and parameters until nothing mo
 from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, IRLSResult, Rule, iterate
 from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint, known_of
-from fit.fitting.joint_model import Prior, delta_chi2, free_directions, parameter_values
+from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
 from fit.fitting.normal import inflations
 from fit.fitting.priors import Known, PriorSet, weak_priors
 from fit.fitting.problem import FREE, Problem
@@ -42,9 +42,9 @@ __all__ = [
     "irls",
     "iterate",
     "known_of",
+    "lmfit_symbol",
     "louder",
     "normal",
-    "parameter_values",
     "priors",
     "score_whitening",
     "sums",

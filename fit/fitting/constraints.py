@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fit.errors import InputError
 from fit.files import closest_match
-from fit.fitting.joint_model import Prior, free_directions, parameter_values
+from fit.fitting.joint_model import Prior, free_directions, lmfit_symbol, parameter_values
 from fit.settings import ParameterSettings
 
 if TYPE_CHECKING:
@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 
 TIGHT = 1e-6  # of the width of its weak prior, that stands for no uncertainty of a parameter
 AT_BOUND = 1e-3  # sigma, from a bound within which an estimate is at it
-FUNCTIONS = ("pi", "sqrt", "exp", "log")  # what expressions may use beside parameters
+FUNCTIONS = ("pi", "sqrt", "exp", "log")  # that expressions may use
+_MODEL = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\.[A-Za-z_]\w*")  # of a parameter of an FMU
+_WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.\w+)*")  # a parameter or a function in an expression
 _NODES = (
     ast.Expression,
     ast.BinOp,
@@ -42,8 +44,10 @@ _NODES = (
 )
 
 
-def check(settings: Mapping[str, ParameterSettings], names: Iterable[str], where: str) -> None:
-    """See that constraints are of parameters that are fitted, and that ties can be followed.
+def check(
+    settings: Mapping[str, ParameterSettings], names: Iterable[str], where: str, *, has_fmus: bool = False
+) -> None:
+    """Refuse constraints of parameters that are not fitted, and ties that cannot be followed.
 
     Parameters
     ----------
@@ -53,21 +57,25 @@ def check(settings: Mapping[str, ParameterSettings], names: Iterable[str], where
         Parameters that are fitted.
     where : str
         The place of the constraints, for messages.
+    has_fmus : bool
+        Whether `names` include those of FMUs; otherwise constraints of such parameters are not checked.
 
     Raises
     ------
     InputError
-        If not.
+        If there are any.
     """
     known = list(names)
+    if not has_fmus:
+        settings = {n: s for n, s in settings.items() if models(f"{n} {s.expr or ''}") <= {*known}}
     for name, constraint in settings.items():
         if name not in known:
             raise InputError(f"{where}.{name}: no parameter of this fit{closest_match(name, known)}")
-        for other in symbols(constraint.expr, f"{where}.{name}.expr") if constraint.expr else ():
+        for other in symbols(constraint.expr, f"{where}.{name}.expr", known) if constraint.expr else ():
             if other not in (*known, *FUNCTIONS):
                 names_known = closest_match(other, [*known, *FUNCTIONS])
                 raise InputError(f"{where}.{name}.expr: {other}: no parameter of this fit{names_known}")
-    ties = {name: symbols(constraint.expr, where) for name, constraint in settings.items() if constraint.expr}
+    ties = {name: symbols(c.expr, where, known) for name, c in settings.items() if c.expr}
     try:
         tuple(TopologicalSorter(ties).static_order())
     except CycleError as error:
@@ -75,16 +83,32 @@ def check(settings: Mapping[str, ParameterSettings], names: Iterable[str], where
         raise InputError(f"{where}: {circle}: a circle of ties, expected one that ends") from None
 
 
-def symbols(expr: str, where: str) -> set[str]:
+def models(text: str) -> set[str]:
+    """Return the models of the parameters of FMUs in a name or an expression."""
+    return set(_MODEL.findall(text))
+
+
+def symbols(expr: str, where: str, names: Collection[str] = ()) -> set[str]:
     """Return the names in an expression.
+
+    Parameters
+    ----------
+    expr : str
+        The expression.
+    where : str
+        Its place, for messages.
+    names : collection of str
+        Parameters, among them those of FMUs, whose names have a dot.
 
     Raises
     ------
     InputError
         If it is anything but sums, products, powers and functions of numbers and parameters.
     """
+    by_symbol = {lmfit_symbol(name): name for name in names}
+    plain = _WORD.sub(lambda word: lmfit_symbol(word[0]) if word[0] in names else word[0], expr)
     try:
-        nodes = list(ast.walk(ast.parse(expr.strip(), mode="eval")))
+        nodes = list(ast.walk(ast.parse(plain.strip(), mode="eval")))
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         nodes = []
     called = [node.func for node in nodes if isinstance(node, ast.Call)]
@@ -99,7 +123,7 @@ def symbols(expr: str, where: str) -> set[str]:
             f"{where}: {expr!r}, expected an expression of numbers and parameters such as 'alpha_phi_2' or "
             f"'0.5 * C_2' (functions: {', '.join(FUNCTIONS[1:])})"
         )
-    return {node.id for node in nodes if isinstance(node, ast.Name)}
+    return {by_symbol.get(node.id, node.id) for node in nodes if isinstance(node, ast.Name)}
 
 
 def of_fit(
@@ -116,11 +140,11 @@ def of_fit(
     """
     in_fit = {}
     for name, constraint in settings.items():
-        others = symbols(constraint.expr, name) - {*FUNCTIONS} if constraint.expr else set()
-        if name not in names or not others <= names.keys():
+        dependencies = set(_WORD.findall(constraint.expr or "")) - {*FUNCTIONS}
+        if name not in names or not dependencies <= names.keys():
             continue
-        expr = constraint.expr and re.sub(
-            r"[A-Za-z_]\w*", lambda word: names.get(word[0], word[0]), constraint.expr
+        expr = constraint.expr and _WORD.sub(
+            lambda word: lmfit_symbol(names.get(word[0], word[0])), constraint.expr
         )
         in_fit[names[name]] = constraint.model_copy(update={"expr": expr})
     return in_fit
@@ -150,13 +174,14 @@ def fixed_or_tied(params: lmfit.Parameters) -> NDArray[np.bool_]:
     return np.array([not p.vary or bool(p.expr) for p in params.values()], dtype=bool)
 
 
-def at_bound(params: lmfit.Parameters, sigma: Array) -> list[int]:
-    """Return which of the P parameters with these sigmas, shape (P,), are at a bound."""
-    places = []
+def at_bound(params: lmfit.Parameters, sigma: Array) -> dict[int, str]:
+    """Return which of the P parameters with these sigmas, shape (P,), are at ``"min"`` or ``"max"``."""
+    bounds = {}
     for i, (p, s) in enumerate(zip(params.values(), sigma.tolist(), strict=True)):
-        if p.vary and not p.expr and min(p.value - p.min, p.max - p.value) < AT_BOUND * s:
-            places.append(i)
-    return places
+        to_min, to_max = p.value - p.min, p.max - p.value
+        if p.vary and not p.expr and min(to_min, to_max) < AT_BOUND * s:
+            bounds[i] = "min" if to_min < to_max else "max"
+    return bounds
 
 
 def constraint_rows(params: lmfit.Parameters, widths: Array) -> tuple[Array, Array]:

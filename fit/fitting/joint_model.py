@@ -250,11 +250,16 @@ def delta_chi2(best: MinimizerResult, new: MinimizerResult) -> float:
     return float(scipy.special.chdtr(max(new.nfree - best.nfree, 1), max(new.chisqr - best.chisqr, 0.0)))
 
 
+def lmfit_symbol(name: str) -> str:
+    """Return the name of a parameter as expressions of lmfit take it, without the dot of an FMU."""
+    return re.sub(r"\W", "_", name)
+
+
 def lmfit_names(names: Iterable[str]) -> list[str]:
     """Return names that lmfit takes, in whose expressions they are symbols; none comes twice."""
     symbols: dict[str, None] = {}
     for name in names:
-        symbol = re.sub(r"\W", "_", name)
+        symbol = lmfit_symbol(name)
         while symbol in symbols:
             symbol += "_"
         symbols[symbol] = None

@@ -1,23 +1,25 @@
-"""The parameters of a joint fit as lmfit has them, for users, and what users say with them as settings."""
+"""The parameters of a joint fit as lmfit has them, for users, and the constraints of theirs as settings."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fit.errors import InputError
-from fit.fitting.joint_model import Prior, lmfit_params
+from fit.fitting.joint_model import Prior
+from fit.fitting.problem import Problem
 from fit.model import Sharing, dynamics
-from fit.settings import Settings
+from fit.parameters import Parameter
+from fit.settings import ParameterSettings, Settings
 from fit.telemetry import Telemetry
 
 if TYPE_CHECKING:
     import lmfit
 
 
-def make_params(runs: Sequence[Telemetry], chosen: Settings) -> lmfit.Parameters:
+def make_params(runs: Sequence[Telemetry], settings: Settings) -> lmfit.Parameters:
     """Return the parameters of the joint fit at the values found in flight.
 
     Raises
@@ -28,12 +30,19 @@ def make_params(runs: Sequence[Telemetry], chosen: Settings) -> lmfit.Parameters
     driven = [(run, dynamics.PARAMETERS) for run in runs if run.kind == "sysid"]
     if not driven:
         raise InputError("make_params: no run of kind 'sysid', expected at least one")
-    parameters = Sharing(chosen.shared).parameters(driven)
-    return lmfit_params([p.name for p in parameters], np.array([p.value for p in parameters]), {})
+    return constrained_params(Sharing(settings.shared).parameters(driven), {})
+
+
+def constrained_params(
+    parameters: Sequence[Parameter], settings: Mapping[str, ParameterSettings]
+) -> lmfit.Parameters:
+    """Return parameters as lmfit has them, with constraints by name."""
+    problem = Problem(parameters, (), settings)
+    return problem.params(problem.start())
 
 
 def as_settings(params: object) -> dict[str, dict[str, object]]:
-    """Return what parameters say, as the table ``[fit.parameters]`` has it.
+    """Return the constraints of parameters, as the table ``[fit.parameters]`` has them.
 
     Raises
     ------
@@ -44,18 +53,18 @@ def as_settings(params: object) -> dict[str, dict[str, object]]:
 
     if not isinstance(params, lmfit.Parameters):
         raise InputError(f"params: {type(params).__name__}, expected lmfit.Parameters (fit.make_params)")
-    settings = {name: _settings(p) for name, p in params.items()}
-    return {name: one for name, one in settings.items() if one}
+    settings = {name: _constraint(p) for name, p in params.items()}
+    return {name: constraint for name, constraint in settings.items() if constraint}
 
 
-def _settings(p: lmfit.Parameter) -> dict[str, object]:
-    """Return what is settings of a parameter; not where it starts, which moves no estimate."""
+def _constraint(p: lmfit.Parameter) -> dict[str, object]:
+    """Return the constraint of a parameter; not where it starts, which moves no estimate."""
     if p.user_data is not None and not isinstance(p.user_data, Prior):
         raise InputError(f"params: {p.name}: user_data: expected fit.Prior(mean, sigma)")
     if p.expr:
         return {"expr": p.expr}
     bounds = {name: value for name, value in (("min", p.min), ("max", p.max)) if np.isfinite(value)}
-    if not p.vary:  # bounds of what does not move say nothing
+    if not p.vary:  # a fixed parameter has no bounds
         return {"value": float(p.value), "vary": False}
     prior = {"prior": [float(x) for x in p.user_data]} if p.user_data else {}
     return {**bounds, **prior}

@@ -6,6 +6,7 @@ knows: it is a `Loop`.
 """
 
 from fit.identification.identify import identify
+from fit.identification.joint import make_params
 from fit.identification.protocol import Free
 
-__all__ = ["Free", "identify"]
+__all__ = ["Free", "identify", "make_params"]

@@ -116,7 +116,7 @@ class Beside:
     Attributes
     ----------
     held : mapping of str to float
-        Parameters of the fit that are held, at a bound too.
+        Parameters of the fit that are not estimated.
     runs : sequence of Telemetry
         The sysid runs, of which the parameters of the loop are compared with those that each shows alone;
         empty where these differ from run to run.
@@ -144,7 +144,9 @@ class _Difference:
         return abs(self.sigmas) > self.explained
 
 
-def apart(found: Fit, calibrated: Results, beside: Beside, *, own: bool) -> list[FitWarning]:
+def apart(
+    found: Fit, calibrated: Results, beside: Beside, bounded: Set[str] = frozenset(), *, own: bool
+) -> list[FitWarning]:
     """Warn of differences that are beyond what the two methods make of the same data.
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
@@ -160,6 +162,8 @@ def apart(found: Fit, calibrated: Results, beside: Beside, *, own: bool) -> list
         run, such as its stiffness, with the fit of that run alone.
     beside : Beside
         What the loop has beside its estimates.
+    bounded : set of str
+        Parameters at a bound, which are not compared.
     own : bool
         Whether the telemetry says that this very loop simulated it.
     """
@@ -167,7 +171,7 @@ def apart(found: Fit, calibrated: Results, beside: Beside, *, own: bool) -> list
     of_joint = [
         _Difference(name, value, _explained(found[name].sigma / joint[name].sigma), (name,))
         for name, value in differences(found, joint).items()
-        if joint is not None
+        if joint is not None and name not in bounded
     ]
     far = [each for each in (*of_joint, *_of_runs(found, calibrated, beside)) if each.is_far]
     if not far:

@@ -1,9 +1,12 @@
 """Parameters of a simulated loop, estimated from telemetry with the weighing and the iteration of the fit."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +14,12 @@ from numpy.typing import NDArray
 from fit.consistency import jury
 from fit.crosstalk import earlier
 from fit.errors import FitError, InputError
-from fit.fitting import Prior, departures, irls, priors
-from fit.identification import bounds, comparison, noise
-from fit.identification.joint import Joint, joint
+from fit.fitting import Prior, Problem, constraint_test, departures, irls, priors
+from fit.identification import comparison, noise
+from fit.identification.joint import Joint, check_constraints, joint, run_dynamics, with_params
 from fit.identification.protocol import Free, Loop, joint_parameters
 from fit.identification.weighing import Reference, Simulated
-from fit.model import Sharing, dynamics
+from fit.model import Sharing
 from fit.parallel import one_blas_thread, parallel_map
 from fit.quality import fit_quality
 from fit.results import Fit, Provenance, Results
@@ -24,12 +27,14 @@ from fit.settings import Settings
 from fit.warnings import FitWarning
 from fit.whitening import Experiment, Likelihood, whitened_run
 
+if TYPE_CHECKING:
+    import lmfit
+
 Array = NDArray[np.float64]
 
 HALVED = 12  # times at most that a step is halved lest the loop be unstable
 STRAYED = 0.01  # of its natural scale, by which a parameter of an FMU may move before the search begins anew
 RESTING = 0.5  # of the variance of a parameter, from which it rests on what another is held at
-AT_BOUND = 1e-6  # of its natural scale, within which a parameter is held that wants beyond its bounds
 
 
 @one_blas_thread
@@ -40,6 +45,7 @@ def identify(
     calibrated: Results,
     chosen: Settings,
     held: Mapping[str, float] = MappingProxyType({}),
+    params: lmfit.Parameters | None = None,
 ) -> Results:
     """Estimate parameters of a simulated loop.
 
@@ -52,9 +58,11 @@ def identify(
     calibrated : Results
         Of the same telemetry, by the equation of motion.
     chosen : Settings
-        Of the fit.
+        Of the fit; constraints of parameters hold here too.
     held : mapping of str to float
         What the loop has of the parameters of the fit that are not sought.
+    params : lmfit.Parameters, optional
+        Constraints in addition to those of the settings, see `make_params`.
 
     Returns
     -------
@@ -64,19 +72,18 @@ def identify(
     Raises
     ------
     InputError
-        If the estimator has no counterpart here, or no loop is where the search was told to begin.
+        If the estimator has no counterpart here, a constraint has no parameter, or a start no loop.
     FitError
         If the loop cannot be simulated, or no trustworthy estimate comes out.
     """
-    if chosen.estimator == "flscov":
-        raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
-    begin = partial(_begun, experiments, free, loop, calibrated, chosen, chosen.estimator)
+    chosen = _constrained(experiments, free, calibrated, chosen, params)
+    begin = partial(_begun, experiments, free, loop, calibrated, chosen, _likelihood(chosen))
     search, outcome, levels = _searched(begin, experiments, chosen)
     outcome, restless = noise.changing(outcome, experiments)
     outcome = _integrated(outcome, chosen)
-    found = _mended(_reported(search, outcome, experiments, free), experiments, calibrated, chosen)
+    found = _mended(_reported(outcome, experiments, free), experiments, calibrated, chosen)
     commands = search.commands(experiments, loop, outcome)
-    limits = search.limits(outcome)
+    constraints = constraint_test.refit_unconstrained(outcome, chosen.parameters)
     more = [
         *comparison.of_data(calibrated),
         *jury.said(experiments, outcome),
@@ -84,13 +91,33 @@ def identify(
         *comparison.misled(commands, list(found)),
         *restless,
         *search.told(),
-        *bounds.warnings(limits, list(found)),
+        *constraints.warnings(),
         *map(noise.marginalised, levels),
-        *_differing(found, calibrated, _beside(experiments, outcome, held, limits, chosen), loop, limits),
+        *_differing(found, calibrated, _beside(experiments, outcome, held, chosen), loop, constraints),
     ]
     found = replace(found, warnings=(*found.warnings, *more))
-    said = _said(found, calibrated, commands, limits)
-    return Results(found, {}, {}, {}, _provenance(calibrated, outcome, said, levels))
+    provenance = _provenance(calibrated, outcome, _said(found, calibrated, commands), levels)
+    return Results(found, {}, {}, {}, provenance)
+
+
+def _constrained(
+    experiments: Sequence[Experiment],
+    free: Sequence[Free],
+    calibrated: Results,
+    settings: Settings,
+    params: lmfit.Parameters | None,
+) -> Settings:
+    """Return the settings with all constraints of identified parameters."""
+    names = [*joint_parameters(free, [e.sysid.telemetry for e in experiments])]
+    constrained = settings if params is None else with_params(settings, params, names)
+    check_constraints(constrained, names, calibrated)
+    return constrained
+
+
+def _likelihood(settings: Settings) -> Likelihood:
+    if settings.estimator == "flscov":
+        raise InputError('fit.estimator: "flscov" takes no simulated loop, expected another estimator')
+    return settings.estimator
 
 
 def _integrated(outcome: irls.IRLSResult, chosen: Settings) -> irls.IRLSResult:
@@ -104,13 +131,11 @@ def _said(
     found: Fit,
     calibrated: Results,
     commands: Mapping[str, comparison.Commands],
-    limits: Sequence[bounds.Limit],
 ) -> dict[str, object]:
     """Return what the provenance has of an identification alone."""
     return {
         "from_fit": comparison.differences(found, calibrated.joint),
         "commands": {run: of_run.mismatch for run, of_run in commands.items()},
-        "at_bound": {limit.name: limit.record for limit in limits},
     }
 
 
@@ -123,23 +148,20 @@ def _begun(
     likelihood: Likelihood,
     levels: Sequence[bool],
     found: Mapping[str, float],
-) -> "_Search":
+) -> _Search:
     """Begin where the fit ended, or an earlier search (`found`); what the fit lets scatter does so here."""
-    references = [_dynamics(e, calibrated, chosen) for e in experiments]
+    references = [run_dynamics(e, calibrated, chosen) for e in experiments]
     values = calibrated.joint.values if calibrated.joint else {}
     scatter = [*(calibrated.provenance.scatter or {})]  # as the settings say, or the data asked for
     parameters = joint(experiments, free, chosen, scatter, (found, values))
     return _Search(experiments, loop, references, parameters, likelihood, levels)
 
 
-def _reported(
-    search: "_Search", outcome: irls.IRLSResult, experiments: Sequence[Experiment], free: Sequence[Free]
-) -> Fit:
+def _reported(outcome: irls.IRLSResult, experiments: Sequence[Experiment], free: Sequence[Free]) -> Fit:
     """Return what is determined of what was sought, and why the rest is not."""
     sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
     names = {p.name: p.name for p in outcome.parameters if p.name in sought}
-    named = {name: name for name in names if name not in search.bound}
-    lost = fit_quality.indeterminable(outcome, experiments, named)
+    lost = fit_quality.indeterminable(outcome, experiments, names)
     doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
     return fit_quality.report(outcome, experiments, names, [*lost, *doubts])
 
@@ -148,25 +170,26 @@ def _beside(
     experiments: Sequence[Experiment],
     outcome: irls.IRLSResult,
     held: Mapping[str, float],
-    limits: Sequence[bounds.Limit],
     chosen: Settings,
 ) -> comparison.Beside:
-    """Return what the loop has beside the estimates, at bounds too."""
-    values = {**held, **{limit.name: limit.bound.value for limit in limits}}
+    """Return what the loop has beside the estimates."""
     runs = [e.sysid.telemetry for e in experiments] if not outcome.departing else []
-    return comparison.Beside(values, runs, Sharing(chosen.shared))
+    return comparison.Beside(held, runs, Sharing(chosen.shared))
 
 
 def _differing(
-    found: Fit, calibrated: Results, beside: comparison.Beside, loop: Loop, limits: Sequence[bounds.Limit]
+    found: Fit,
+    calibrated: Results,
+    beside: comparison.Beside,
+    loop: Loop,
+    constraints: constraint_test.ConstraintTest,
 ) -> list[FitWarning]:
-    """Warn of differences from the fit; a loop that a bound keeps from what flew is not the one that did."""
-    own = loop.own and not any(limit.contradicted for limit in limits)
-    at_bound = {limit.name for limit in limits}  # what there is to say of these is said
-    held = {name: value for name, value in beside.held.items() if name not in at_bound}
+    """Warn of differences from the fit; telemetry that contradicts the constraints is of another loop."""
+    own = loop.own and not constraints.is_contradicted
+    bounded = {c.name for c in constraints.at_bound}  # the test of the constraints reports these
     return [
-        *comparison.apart(found, calibrated, beside, own=own),
-        *comparison.misplaced(held, calibrated.joint),
+        *comparison.apart(found, calibrated, beside, bounded, own=own),
+        *comparison.misplaced(beside.held, calibrated.joint),
     ]
 
 
@@ -180,10 +203,10 @@ def _mended(found: Fit, experiments: Sequence[Experiment], calibrated: Results, 
 
 
 def _searched(
-    begin: Callable[[Sequence[bool], Mapping[str, float]], "_Search"],
+    begin: Callable[[Sequence[bool], Mapping[str, float]], _Search],
     experiments: Sequence[Experiment],
     chosen: Settings,
-) -> tuple["_Search", irls.IRLSResult, list[str]]:
+) -> tuple[_Search, irls.IRLSResult, list[str]]:
     """Search; return also the experiments whose noise levels are marginalised.
 
     Where the data chose them in the fit, the equation may only have lacked what the loop has: they are
@@ -218,8 +241,6 @@ class _Search:
         The parameters.
     weighings : list of Simulated
         One for each experiment.
-    bound : set of str
-        Parameters that the data put beyond their bounds, and that are held there.
     stepped : list of str
         Why steps were taken back.
     """
@@ -234,12 +255,9 @@ class _Search:
         levels: Sequence[bool],
     ) -> None:
         self.joint = joint
-        self.bound: set[str] = set()
         self.stepped: list[str] = []
-        self._low, self._high = joint.bounds
         self._lost = np.zeros(len(joint.parameters), dtype=bool)
-        self._weak: dict[int, Prior] = {}  # what is known beside data and bounds
-        self._start = np.array([p.value for p in joint.parameters])
+        self._start = Problem(joint.parameters, joint.departing, joint.settings).start()
         self._widths = np.array([p.prior_sigma for p in joint.parameters])
         self.weighings = [
             Simulated(
@@ -288,6 +306,7 @@ class _Search:
                 self.priors,
                 departing=joint.departing,
                 admitted=self.admitted,
+                settings=joint.settings,
             )
         except FitError as error:
             raise FitError(f"{error}{f'; the search began at {given}' * bool(given)}") from None
@@ -309,21 +328,14 @@ class _Search:
     def priors(
         self, blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array
     ) -> priors.PriorSet:
-        """Return weak priors of what the data do not determine, and narrow ones at bounds that are reached.
-
-        Rows of chi^2, `more`, hold what departs.
-        """
+        """Return weak priors of what the data and other knowledge, rows `more` of chi^2, do not determine."""
         H = whitened_run.information(blocks, theta) + more.T @ more
         lost, directions = whitened_run.blind(H, self._widths)
         lost |= self._resting(H, lost)
         self._lost = lost
         start, scale = self._start.tolist(), self._widths.tolist()
-        self._weak = {i: Prior(start[i], scale[i]) for i in np.flatnonzero(lost).tolist()}
-        uphill = sum(b.gradient(theta).T @ b.R.T @ (b.R @ b.coefficients(theta)) for b in blocks)
-        beyond = ((theta <= self._low) & (uphill > 0)) | ((theta >= self._high) & (uphill < 0))
-        self.bound = {p.name for p, out in zip(self.joint.parameters, beyond, strict=True) if out}
-        at = {i: Prior(float(theta[i]), AT_BOUND * scale[i]) for i in np.flatnonzero(beyond).tolist()}
-        return priors.PriorSet({**self._weak, **at}, lost | beyond, directions, None)
+        weak = {i: Prior(start[i], scale[i]) for i in np.flatnonzero(lost).tolist()}
+        return priors.PriorSet(weak, lost, directions, None)
 
     def _resting(self, H: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Tell which parameters the data tell only with what `lost` ones are held at."""
@@ -331,12 +343,11 @@ class _Search:
         return np.asarray(np.sum(known[:, lost] ** 2, axis=1) > RESTING * np.diag(known))
 
     def admitted(self, theta: Array, to: Array) -> Array:
-        """Return the next estimate, shape (P,): within its bounds, and with loops that can be simulated.
+        """Return the next estimate, shape (P,), with loops that can be simulated.
 
         Of a step that cannot be, what the data do not tell goes back to its start first: it strays. Then only
         those parameters go half their way that cannot go all of it even alone; without such, all do.
         """
-        to = np.clip(to, self._low, self._high)
         for tried in range(HALVED):
             outcomes = parallel_map(partial(_refused, theta=to), self.weighings)
             refused = [(w, why) for w, why in outcomes if why]
@@ -350,14 +361,6 @@ class _Search:
             alone = weighing.barred(theta, to)
             to = np.where(alone if alone.any() else True, (theta + to) / 2, to)
         raise FitError(f"no step leads on, however short: {self.stepped[-1]}")
-
-    def limits(self, outcome: irls.IRLSResult) -> list[bounds.Limit]:
-        """Return the bounds at which parameters are held, tested against the data."""
-        low, high = self._low, self._high
-        is_low = np.abs(outcome.solution.theta - low) < np.abs(outcome.solution.theta - high)
-        nearest = list(map(bounds.Bound, np.where(is_low, low, high).tolist(), is_low.tolist()))
-        at = {k: nearest[k] for k, p in enumerate(self.joint.parameters) if p.name in self.bound}
-        return bounds.tested(outcome, self._weak, at) if at else []
 
     def told(self) -> list[FitWarning]:
         """Report steps that were taken back."""
@@ -389,12 +392,3 @@ def _provenance(
     gone = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
     widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
     return replace(said, more={**said.more, **more}, levels=levels, scatter=widths, **gone)
-
-
-def _dynamics(experiment: Experiment, calibrated: Results, chosen: Settings) -> Array:
-    """Return what a calibration says of `dynamics.PARAMETERS` of a run, shape (7,), or else the flight."""
-    run, sharing = experiment.sysid.telemetry, Sharing(chosen.shared)
-    known = calibrated.joint.values if calibrated.joint else {}
-    parameters = sharing.parameters([(run, dynamics.PARAMETERS)])
-    values = [known.get(p.name, p.value) for p in parameters]
-    return sharing.matrix(run, dynamics.PARAMETERS, [p.name for p in parameters]) @ values

@@ -4,18 +4,26 @@ Those of the loop come first, then cross-talk, which is estimated along, then wh
 where the fit lets gains or delays scatter.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import departures, hierarchy
+from fit.fitting import constraints, departures, hierarchy, lmfit_symbol, user_params
 from fit.identification.protocol import Free, joint_parameters, share
-from fit.model import dynamics
+from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
-from fit.settings import Settings
+from fit.results import Results
+from fit.settings import ParameterSettings, Settings
+from fit.telemetry import Telemetry
 from fit.whitening import Experiment
+
+if TYPE_CHECKING:
+    import lmfit
 
 Array = NDArray[np.float64]
 
@@ -46,8 +54,8 @@ class Joint:
         The P parameters, with where the search begins.
     given : tuple of str
         Those of which it was told where.
-    bounds : tuple of ndarray, each of shape (P,)
-        Least and largest values that are tried.
+    settings : dict of str to ParameterSettings
+        Constraints and bounds, by name.
     names : tuple of str
         The parameters of the loop, by the names that it knows.
     scales : tuple of ndarray, each of shape (len(names),)
@@ -60,7 +68,7 @@ class Joint:
 
     parameters: tuple[Parameter, ...]
     given: tuple[str, ...]
-    bounds: tuple[Array, Array]
+    settings: dict[str, ParameterSettings]
     names: tuple[str, ...]
     scales: tuple[Array, Array, Array]
     departing: tuple[hierarchy.ScaleParameter, ...]
@@ -107,11 +115,15 @@ def joint(
     known = {name for e in experiments for name in e.parameters}
     beside = [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
     found = joint_parameters((*free, *beside), runs)
-    low, high = np.array([each.bounds for _, each in found.values()]).T
-    given = {p.name: p.value for p, each in found.values() if each.start is not None}
+    stated = constraints.of_fit(chosen.parameters, dict(zip(found, found, strict=True)))
+    limits = {name: bounded(stated.get(name), *each.bounds) for name, (_, each) in found.items()}
+    values = {name: s.value for name, s in limits.items() if s is not None and s.value is not None}
+    default = {p.name: p.value for p, _ in found.values()}
+    given = {p.name: p.value for p, each in found.values() if each.start is not None} | values
     before, fitted = begin
-    where = {**{p.name: p.value for p, _ in found.values()}, **fitted, **given, **before}
-    start = np.clip([where[name] for name in found], low, high).tolist()
+    where = {**default, **fitted, **given, **before}
+    where |= {n: values.get(n, default[n]) for n, s in limits.items() if s is not None and not s.vary}
+    start = [float(np.clip(where[n], *s.limits)) if s else where[n] for n, s in limits.items()]
     more, widths = departures.parameters(departing, [e.name for e in experiments], len(found))
     first = [each.of(runs[0]).prior_sigma for each in free]
     views = []
@@ -119,16 +131,81 @@ def joint(
         own = [each for each in beside if each.name in e.parameters]
         plain = share((*free, *own), runs[n], list(found))
         views.append(_view(plain, [each.name for each in free], [each.name for each in own], departing, n, N))
-    no_bound = np.full(len(more), np.inf)
     return Joint(
         parameters=(*(replace(p, value=x) for (p, _), x in zip(found.values(), start, strict=True)), *more),
         given=tuple(given),
-        bounds=(np.append(low, -no_bound), np.append(high, no_bound)),
+        settings={n: s.model_copy(update={"value": None}) for n, s in limits.items() if s is not None},
         names=tuple(each.name for each in free),
         scales=(np.array(first), *np.array([each.bounds for each in free]).T),
         departing=tuple(widths),
         views=tuple(views),
     )
+
+
+def make_params(free: Sequence[Free], runs: Sequence[Telemetry]) -> lmfit.Parameters:
+    """Return the parameters of an identification, for `identify`: start values and bounds.
+
+    Fix them, give them other bounds or ties as lmfit has them, or a `fit.Prior` as ``user_data``. Those of
+    FMUs have an underscore for the dot: ``SuspensionControl_f_p``.
+
+    Parameters
+    ----------
+    free : sequence of Free
+        The parameters.
+    runs : sequence of Telemetry
+        With injections, one of each experiment.
+    """
+    parameters = joint_parameters(free, runs)
+    settings = {name: bounded(None, *p.bounds) for name, (_, p) in parameters.items()}
+    return user_params.constrained_params(
+        [parameter for parameter, _ in parameters.values()],
+        {name: setting for name, setting in settings.items() if setting},
+    )
+
+
+def with_params(settings: Settings, params: lmfit.Parameters, names: Iterable[str]) -> Settings:
+    """Return settings with the constraints of `params`, which may be of the parameters `names`.
+
+    Raises
+    ------
+    InputError
+        If `params` are no lmfit.Parameters, or a prior is no `Prior`.
+    """
+    by_symbol = {lmfit_symbol(name): name for name in names}
+    stated = {
+        by_symbol.get(name, name): ParameterSettings.model_validate(constraint)
+        for name, constraint in user_params.as_settings(params).items()
+    }
+    return settings.model_copy(update={"parameters": {**settings.parameters, **stated}})
+
+
+def check_constraints(settings: Settings, names: Iterable[str], calibrated: Results) -> None:
+    """Refuse constraints of parameters that are neither identified nor were constrained in the fit.
+
+    Raises
+    ------
+    InputError
+        If there are any, or a tie cannot be followed.
+    """
+    fitted = (calibrated.provenance.settings or {}).get("parameters", {})
+    known = fitted if isinstance(fitted, Mapping) else {}
+    stated = {n: s for n, s in settings.parameters.items() if "." in n or known.get(n) != s.record()}
+    fitted_names = [name for name in known if "." not in name]
+    constraints.check(stated, [*names, *fitted_names], "fit.parameters", has_fmus=True)
+
+
+def bounded(stated: ParameterSettings | None, low: float, high: float) -> ParameterSettings | None:
+    """Return what a user states of a parameter, within the bounds of the search where it states none."""
+    setting = stated or ParameterSettings()
+    if setting.expr or not setting.vary:
+        return setting
+    lower, upper = (None if np.isinf(bound) else float(bound) for bound in (low, high))
+    limits = {
+        "min": lower if setting.min is None else setting.min,
+        "max": upper if setting.max is None else setting.max,
+    }
+    setting = setting.model_copy(update=limits)
+    return setting if setting.is_constraint or setting.value is not None else None
 
 
 def _view(
@@ -146,3 +223,12 @@ def _view(
     share[[of_run.index(name) for name in (*sought, *cross_talk)]] = plain
     more = departures.entering(of_run, departing, n, N, following)
     return View(tuple(of_run[len(sought) :]), np.hstack([share, more]))
+
+
+def run_dynamics(experiment: Experiment, calibrated: Results, settings: Settings) -> Array:
+    """Return what a calibration says of `dynamics.PARAMETERS` of a run, shape (7,), or else the flight."""
+    run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
+    known = calibrated.joint.values if calibrated.joint else {}
+    parameters = sharing.parameters([(run, dynamics.PARAMETERS)])
+    values = [known.get(p.name, p.value) for p in parameters]
+    return sharing.matrix(run, dynamics.PARAMETERS, [p.name for p in parameters]) @ values

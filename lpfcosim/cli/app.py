@@ -8,13 +8,16 @@ import typer
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli import planners, results
 from lpfcosim.cli.common import (
+    Bound,
     CampaignFile,
+    Fix,
+    GaussianPrior,
     Jobs,
-    Many,
     Out,
     Paths,
     Quiet,
     Scheduler,
+    Tie,
     Trust,
     duration,
     examples,
@@ -189,16 +192,10 @@ def fit(
             "runs only.",
         ),
     ] = None,
-    fix: Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter, SI.")] = None,
-    tie: Annotated[
-        Many, typer.Option("--tie", metavar="NAME=EXPR", help="Tie a parameter to others.")
-    ] = None,
-    prior: Annotated[
-        Many, typer.Option("--prior", metavar="NAME=MEAN,SIGMA", help="Prior of a parameter, SI.")
-    ] = None,
-    bound: Annotated[
-        Many, typer.Option("--bound", metavar="NAME=MIN:MAX", help="Bounds of a parameter, SI.")
-    ] = None,
+    fix: Fix = None,
+    tie: Tie = None,
+    prior: GaussianPrior = None,
+    bound: Bound = None,
     f_max: Annotated[
         float | None, typer.Option("--f-max", metavar="HZ", help="End of the fitted band (0.02 to 0.1).")
     ] = None,

@@ -42,6 +42,12 @@ Trust = Annotated[
     ),
 ]
 Many = list[str] | None  # an option that may be repeated
+Fix = Annotated[Many, typer.Option("--fix", metavar="NAME[=VALUE]", help="Fix a parameter, SI.")]
+Tie = Annotated[Many, typer.Option("--tie", metavar="NAME=EXPR", help="Tie a parameter to others.")]
+GaussianPrior = Annotated[
+    Many, typer.Option("--prior", metavar="NAME=MEAN,SIGMA", help="Prior of a parameter, SI.")
+]
+Bound = Annotated[Many, typer.Option("--bound", metavar="NAME=MIN:MAX", help="Bounds of a parameter, SI.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors, and JSON if asked for.")]
 
 

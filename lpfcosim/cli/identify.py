@@ -14,7 +14,7 @@ from fit.identification import Free, identify
 from fit.parallel import serial
 from fit.report import page as fit_report
 from fit.results import Results, write
-from fit.settings import Group, Settings, refuse_constraints, settings
+from fit.settings import Group, Settings, refuse_narrow_band, settings
 from fit.telemetry import Telemetry, read_truth
 from fit.warnings import FitWarning
 from fit.whitening import Experiment
@@ -22,6 +22,7 @@ from lpfcosim.campaign import Campaign, loading
 from lpfcosim.cli import fmu as cli_fmu
 from lpfcosim.cli.common import about, check_folder
 from lpfcosim.cli.console import Console
+from lpfcosim.cli.constraints import Constraints
 from lpfcosim.cli.fit import calibrated, telemetry
 from lpfcosim.cosim import Where, interfaces_of_runs, warnings
 from lpfcosim.errors import InputError, LpfcosimError, RunError, ours
@@ -36,7 +37,13 @@ ROUNDS, BLOWS = 3, 2  # of a search, as a rule: simulations of every run, and ho
 
 
 def identify_files(
-    campaign: Path, paths: Sequence[Path], out: Path | None, console: Console, *, trusted: bool
+    campaign: Path,
+    paths: Sequence[Path],
+    out: Path | None,
+    console: Console,
+    *,
+    trusted: bool,
+    constraints: Constraints,
 ) -> None:
     """Estimate the parameters that a campaign seeks from telemetry, and report.
 
@@ -47,9 +54,9 @@ def identify_files(
     """
     plan = loading.load(campaign)
     if not any(run.kind == "sysid" for run in plan.runs):
-        raise InputError(
-            f"{campaign}: experiments: noise runs alone, expected one with a duration, whose injections tell"
-        )
+        raise InputError(f"{campaign}: experiments: only noise runs, expected one with injections")
+    chosen = constraints.on(settings(plan.fit, f"{campaign}: fit"))
+    refuse_narrow_band(chosen, "identify", f"{campaign}: fit")
     directory = out or Path(f"{campaign.stem}-identified" if paths else campaign.stem)
     check_folder(directory, "telemetry")
     with about(campaign):
@@ -64,7 +71,7 @@ def identify_files(
     for line in warnings(placed):
         console.note(f"warning: {line}")
     if paths:
-        _fitted(campaign, plan, paths, directory, console)
+        _fitted(plan, paths, directory, console, chosen)
     elif not (directory / "results.json").is_file():
         raise InputError(
             f"{directory / 'results.json'}: no such file, expected what lpfcosim run leaves, or telemetry: "
@@ -73,30 +80,35 @@ def identify_files(
     with console.stage("reading"):
         results, telemetries = earlier.load(directory)
     place = f"{directory / 'results.json'}: provenance.settings"
-    refuse_constraints(settings(results.provenance.settings, place), "identify", place)
+    refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
     check(plan, telemetries)
     with folder.held(directory, "--out"), ExitStack() as stack:
         with about(campaign):
             held = stack.enter_context(archives.held(plan, fmus, directory, trusted=trusted))
-        found = _identified(plan, campaign, held, results, telemetries, directory, console)
+        found = _identified(plan, campaign, held, results, telemetries, directory, console, chosen)
         document = write(found, directory / RESULTS)
         with console.stage("report"):
             page = fit_report.write_report(directory, results, telemetries)
     console.table(found)
     console.document(document)
     console.say(f"identified: {directory / RESULTS}, report: {page}")
-    for place, warning in found.unsound:
-        raise fit.errors.FitError(f"{directory / RESULTS}: {place}: {warning.message}")
-    if found.joint is not None and not found.joint.parameters:
+    _check_sound(found, directory / RESULTS)
+
+
+def _check_sound(results: Results, path: Path) -> None:
+    """Raise FitError if sigmas do not hold, or nothing is determined."""
+    for place, warning in results.unsound:
+        raise fit.errors.FitError(f"{path}: {place}: {warning.message}")
+    if results.joint is not None and not results.joint.parameters:
         raise fit.errors.FitError(
-            f"{directory / RESULTS}: joint: nothing that is sought is determined; the warnings say why"
+            f"{path}: joint: nothing that is sought is determined; the warnings say why"
         )
 
 
-def _fitted(campaign: Path, plan: Campaign, paths: Sequence[Path], directory: Path, console: Console) -> None:
+def _fitted(
+    plan: Campaign, paths: Sequence[Path], directory: Path, console: Console, chosen: Settings
+) -> None:
     """Fit telemetry by the equation of motion; that this is unsound must not keep from a better model."""
-    chosen = settings(plan.fit, f"{campaign}: fit")
-    refuse_constraints(chosen, "identify", f"{campaign}: fit")
     found = telemetry(console, paths, directory, any_gaps=False)
 
     def admitted(telemetries: Sequence[Telemetry]) -> None:
@@ -119,11 +131,12 @@ def _identified(
     telemetries: Sequence[Telemetry],
     directory: Path,
     console: Console,
+    chosen: Settings,
 ) -> Results:
     if plan.replacements:
-        return _apart(plan, campaign, fmus, directory, console)
+        return _apart(plan, campaign, fmus, directory, console, chosen)
     with console.stage("preparation"):
-        prepared = earlier.experiments(results, telemetries, directory / "results.json")
+        prepared = _prepared(results, telemetries, directory, chosen)
     with ExitStack() as stack, about(campaign):
         with console.stage("loading"):
             loop = _simulation(stack, plan, prepared[0], fmus)
@@ -133,14 +146,27 @@ def _identified(
             return _found(plan, loop, prepared, results, telemetries)
 
 
+def _prepared(
+    results: Results, telemetries: Sequence[Telemetry], directory: Path, chosen: Settings
+) -> tuple[Sequence[Experiment], Settings]:
+    """Return the experiments of the fit and its settings, with the constraints of the command on top."""
+    experiments, fitted = earlier.experiments(results, telemetries, directory / "results.json")
+    return experiments, fitted.model_copy(update={"parameters": {**fitted.parameters, **chosen.parameters}})
+
+
 def _apart(
-    plan: Campaign, campaign: Path, fmus: Mapping[str, Path], directory: Path, console: Console
+    plan: Campaign,
+    campaign: Path,
+    fmus: Mapping[str, Path],
+    directory: Path,
+    console: Console,
+    chosen: Settings,
 ) -> Results:
     """Identify in a process of its own, that FMUs of other origin may crash."""
     name = "identification"
     setting = workers.Setting(_alone, directory, directory / "logs", "{}")
     with console.stage(name):
-        ((_, outcome),) = workers.results(setting, {name: (plan, campaign, dict(fmus), directory)}, 1)
+        ((_, outcome),) = workers.results(setting, {name: (plan, campaign, dict(fmus), directory, chosen)}, 1)
     if isinstance(outcome, workers.Lost):
         raise RunError(f"{name}: {runner.culprit(plan.runs[0], outcome)} {outcome.how}")
     if isinstance(outcome, LpfcosimError):
@@ -150,12 +176,17 @@ def _apart(
 
 
 def _alone(
-    plan: Campaign, campaign: Path, fmus: Mapping[str, Path], directory: Path, where: Where
+    plan: Campaign,
+    campaign: Path,
+    fmus: Mapping[str, Path],
+    directory: Path,
+    chosen: Settings,
+    where: Where,
 ) -> Results:
     """Do that, in a worker: one thread, so that it is known which FMU is at work."""
     with ours(), serial(), ExitStack() as stack, about(campaign):
         results, telemetries = earlier.load(directory)
-        prepared = earlier.experiments(results, telemetries, directory / "results.json")
+        prepared = _prepared(results, telemetries, directory, chosen)
         loop = _simulation(stack, plan, prepared[0], fmus, where)
         return _found(plan, loop, prepared, results, telemetries)
 

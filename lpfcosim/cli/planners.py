@@ -5,7 +5,18 @@ from typing import Annotated
 
 import typer
 
-from lpfcosim.cli.common import CampaignFile, Jobs, Out, Quiet, Trust, examples
+from lpfcosim.cli.common import (
+    Bound,
+    CampaignFile,
+    Fix,
+    GaussianPrior,
+    Jobs,
+    Out,
+    Quiet,
+    Tie,
+    Trust,
+    examples,
+)
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -78,6 +89,10 @@ def identify(
     ] = None,
     out: Out = None,
     trusted: Trust = False,
+    fix: Fix = None,
+    tie: Tie = None,
+    prior: GaussianPrior = None,
+    bound: Bound = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print identified.json instead of a table.")
     ] = False,
@@ -89,10 +104,13 @@ def identify(
     shares it. Without the table, they are those of `lpfcosim fit`. The closed loop is simulated through the
     FMUs with trial values. o_1 and f_x_1 are imposed as measured, o_12 is compared. All else is as the
     campaign says, the controllers too. The folder holds identified.json, and report.html has a section on
-    it, with the differences from `lpfcosim fit`.
+    it, with the differences from `lpfcosim fit`. Constraints of parameters, those of FMUs too
+    (SuspensionControl.f_p, in the unit of the FMU), are those of `lpfcosim fit`.
     """
     from lpfcosim.cli import identify as cli_identify
     from lpfcosim.cli.console import Console
+    from lpfcosim.cli.constraints import Constraints
 
     console = Console(quiet=quiet, as_json=as_json)
-    cli_identify.identify_files(campaign, paths or [], out, console, trusted=trusted)
+    constraints = Constraints(fix or (), tie or (), prior or (), bound or ())
+    cli_identify.identify_files(campaign, paths or [], out, console, trusted=trusted, constraints=constraints)

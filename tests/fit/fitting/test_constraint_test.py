@@ -1,0 +1,179 @@
+"""Bounds of a linear model with known noise, tested against the data.
+
+The oracles are the normal equations, SciPy's bounded least squares and the Wald statistic of the bounds.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy
+
+from fit import false_alarms
+from fit.fitting import irls
+from fit.fitting.constraint_test import SHIFT_SIGMA, refit_unconstrained
+from fit.fitting.priors import PriorSet
+from fit.parameters import Parameter
+from fit.settings import ParameterSettings
+
+N = 400
+
+
+@dataclass(frozen=True)
+class Data:
+    """Data linear in the parameters, of unit variance; a whitened run without a window."""
+
+    R: np.ndarray
+    tone = None
+    weights = SimpleNamespace(likelihood="gaussian")
+
+    @property
+    def share(self):
+        return np.eye(self.R.shape[1] - 1)
+
+    @property
+    def plain(self):
+        return self.R
+
+    @property
+    def size(self):
+        return len(self.R)
+
+    @property
+    def H(self):
+        return self.R.T @ self.R
+
+    M = H
+
+    def coefficients(self, theta):
+        return np.concatenate([np.ones_like(theta[:1]), -theta])
+
+    def of_run(self, _theta):
+        return -np.eye(self.R.shape[1], self.R.shape[1] - 1, k=-1)
+
+    gradient = of_run
+
+    def without_data(self):
+        return self
+
+
+def linear_data(names, correlation=0.6):
+    """Return a design matrix, data whose least-squares estimate is 1 for every parameter, and its sigmas."""
+    rng = np.random.default_rng(5)
+    P = len(names)
+    mixing = np.linalg.cholesky(np.full((P, P), correlation) + (1 - correlation) * np.eye(P))
+    X = rng.standard_normal((N, P)) @ mixing.T
+    noise = rng.standard_normal(N)
+    noise -= X @ np.linalg.lstsq(X, noise, rcond=None)[0]
+    y = X @ np.ones(P) + noise
+    return X, y, np.sqrt(np.diag(np.linalg.inv(X.T @ X)))
+
+
+def bounded_fit(names, low, high, start=1.0, scales=1.0):
+    """Fit within bounds, in units of `scales`; return the estimate and the test of the bounds."""
+    X, y, _ = linear_data(names)
+    scales = np.broadcast_to(scales, len(names))
+    data = Data(np.column_stack([y, X / scales]))
+    weighing = SimpleNamespace(name="A", settled=True, block=lambda *_: data)
+    values = np.clip(start, low, high) * scales
+    parameters = [
+        Parameter(name, value, 100.0 * scale, "1", 100.0 * scale, "", name, name, name, False)
+        for name, value, scale in zip(names, values, scales, strict=True)
+    ]
+    limits = {
+        name: ParameterSettings(
+            min=None if np.isinf(lower) else float(lower), max=None if np.isinf(upper) else float(upper)
+        )
+        for name, lower, upper in zip(names, low * scales, high * scales, strict=True)
+    }
+    none = PriorSet({}, np.zeros(len(names), dtype=bool), np.empty((0, len(names))), None)
+    outcome = irls.iterate([weighing], parameters, lambda *_: none, settings=limits)
+    return outcome, refit_unconstrained(outcome, declared=())
+
+
+@pytest.mark.parametrize("side", [-1, 1], ids=["upper", "lower"])
+@pytest.mark.parametrize(
+    ("names", "n_bounds"),
+    [(("lambda_2", "omega2_2_0"), 1), (("SuspensionControl.f_u", "omega2_2_0", "C_2"), 2)],
+    ids=["one", "two"],
+)
+@pytest.mark.parametrize("sigmas", [0.5, 3.0, 30.0])
+def test_bounds_are_tested_against_the_data(names, n_bounds, sigmas, side):
+    X, y, sigma = linear_data(names)
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    (low if side > 0 else high)[:n_bounds] = 1 + side * sigmas * sigma[:n_bounds]
+    outcome, test = bounded_fit(names, low, high)
+    expected = scipy.optimize.lsq_linear(X, y, (low, high), tol=1e-14)
+    active = np.flatnonzero(expected.active_mask)
+    np.testing.assert_allclose(outcome.solution.theta, expected.x, atol=2e-3 * sigma.min())
+    assert [c.name for c in test.at_bound] == [names[k] for k in active]
+    beyond = expected.x[active] - 1
+    statistic = beyond @ np.linalg.solve(np.linalg.inv(X.T @ X)[np.ix_(active, active)], beyond)
+    p_value = max(scipy.stats.chi2.sf(statistic, active.size), 1e-300)
+    assert test.p_value == pytest.approx(p_value, rel=0.05)
+    assert test.is_contradicted == (p_value < false_alarms.p_limit("consistency"))
+    for constraint, k in zip(test.at_bound, active, strict=True):
+        assert constraint.bound == ("min" if side > 0 else "max")
+        assert constraint.unconstrained == pytest.approx(1.0, abs=1e-3 * sigma[k])
+        assert constraint.sigma == pytest.approx(sigma[k], rel=1e-4)
+        assert constraint.excess == pytest.approx(sigmas, rel=3e-3)
+    at_bound, *contradiction = test.warnings()
+    assert at_bound.code == "at_bound"
+    which = "lower" if side > 0 else "upper"
+    assert f"{names[0]} is at its {which} bound {1 + side * sigmas * sigma[0]:.6g}" in at_bound.message
+    assert f"{sigmas:.2g} sigma beyond" in at_bound.message
+    assert [w.code for w in contradiction] == ["constraint_contradicted"] * test.is_contradicted
+    shifts = np.abs(expected.x - 1) / sigma > SHIFT_SIGMA
+    assert set(test.shifts) == {names[k] for k in np.flatnonzero(shifts) if k >= n_bounds}
+    for warning in contradiction:
+        assert set(warning.parameters) == {*(names[k] for k in active), *test.shifts}
+
+
+def test_estimates_within_bounds_are_not_reported():
+    names = ("lambda_2", "omega2_2_0")
+    _, _, sigma = linear_data(names)
+    outcome, test = bounded_fit(names, 1 - 3 * sigma, 1 + 3 * sigma, start=1 + 2 * sigma[0])
+    np.testing.assert_allclose(outcome.solution.theta, 1.0, atol=1e-3 * sigma.min())
+    assert not test.warnings()
+
+
+def test_the_scales_of_parameters_do_not_matter():
+    names, scales = ("lambda_2", "alpha_phi_1", "C_2"), np.array([1e-5, 1e3, 1.0])
+    _, _, sigma = linear_data(names)
+    low, high = np.array([1 + 30 * sigma[0], 1 + sigma[1], -np.inf]), np.full(3, np.inf)
+    (_, test), (_, scaled) = bounded_fit(names, low, high), bounded_fit(names, low, high, scales=scales)
+    assert [c.name for c in scaled.at_bound] == [c.name for c in test.at_bound]
+    assert scaled.is_contradicted
+    assert scaled.delta_chi2 == pytest.approx(test.delta_chi2, rel=1e-3)
+    for ours, theirs, scale in zip(scaled.constraints, test.constraints, scales, strict=False):
+        assert ours.excess == pytest.approx(theirs.excess, rel=3e-3)
+        assert ours.sigma == pytest.approx(theirs.sigma * scale, rel=1e-4)
+
+
+def test_a_parameter_at_its_bound_because_of_another_is_within_it():
+    """At the upper bound of the first, the second is at its own; without bounds it is below that."""
+    names = ("lambda_2", "C_2")
+    _, _, sigma = linear_data(names)
+    high = np.array([1 - 30 * sigma[0], 1 + 2 * sigma[1]])
+    _, test = bounded_fit(names, np.full(2, -np.inf), high)
+    assert [(c.name, c.bound, c.excess > 0) for c in test.at_bound] == [
+        ("lambda_2", "max", True),
+        ("C_2", "max", False),
+    ]
+    _, message = test.warnings()[0].message.split("; ", 1)
+    assert message.startswith(f"C_2 is at its upper bound {high[1]:.6g}, the data put it at 1")
+    assert ", within it" in message
+
+
+def test_bounds_on_either_side_are_reported_together():
+    names = ("lambda_2", "C_2", "omega2_2_0")
+    _, _, sigma = linear_data(names)
+    low, high = np.full(3, -np.inf), np.full(3, np.inf)
+    low[0], high[1] = 1 + 8 * sigma[0], 1 - 8 * sigma[1]
+    _, test = bounded_fit(names, low, high)
+    assert [(c.name, c.bound) for c in test.at_bound] == [("lambda_2", "min"), ("C_2", "max")]
+    at_bound, contradiction = test.warnings()
+    assert "lambda_2 is at its lower bound" in at_bound.message
+    assert "C_2 is at its upper bound" in at_bound.message
+    assert contradiction.code == "constraint_contradicted"

@@ -1,0 +1,89 @@
+"""Constraints of an identification, against conditional Gaussian distributions of a run without any."""
+
+import numpy as np
+import pytest
+
+import fit
+from fit.errors import InputError
+from fit.identification import make_params
+from fit.settings import settings
+from tests.fit.identification.test_identification import CHOSEN, FREE, flown, found, identified  # noqa: F401
+
+
+def constrained(flight, constraints=None, params=None):
+    chosen = settings({**CHOSEN.record(), "parameters": constraints or {}})
+    return identified(flight, chosen=chosen, params=params).joint
+
+
+def conditional(free, row, value, sigma=0.0):
+    """Estimates and sigmas once the combination `row` of the parameters is known to be `value` ± `sigma`."""
+    theta, C = np.array(list(free.values.values())), free.covariance
+    gain = C @ row / (row @ C @ row + sigma**2)
+    return theta + gain * (value - row @ theta), np.sqrt(np.diag(C - np.outer(gain, row @ C)))
+
+
+def assert_conditional(estimates, free, expected, fixed=()):
+    for i, name in enumerate(free):
+        if name not in fixed:
+            assert estimates[name].value == pytest.approx(expected[0][i], abs=0.02 * free[name].sigma), name
+            assert estimates[name].sigma == pytest.approx(expected[1][i], rel=0.01), name
+
+
+def row_of(free, **coefficients):
+    return np.array([coefficients.get(name, 0.0) for name in free])
+
+
+def test_a_fixed_parameter(flown, found):  # noqa: F811
+    free = found.joint
+    value = free["C_2"].value + free["C_2"].sigma
+    fixed = constrained(flown, {"C_2": {"value": value, "vary": False}})
+    assert_conditional(fixed, free, conditional(free, row_of(free, C_2=1.0), value), fixed=["C_2"])
+    assert fixed["C_2"].value == value and fixed["C_2"].fixed
+    (constraint,) = [w for w in fixed.warnings if w.code == "constrained"]
+    assert f"C_2 fixed at {value:.9g} (without: {free['C_2'].value:.4g}"[:-1] in constraint.message
+    assert not fixed.unsound
+
+
+def test_a_tie_and_a_prior(flown, found):  # noqa: F811
+    free = found.joint
+    ratio = free["omega2_1_0"].value / free["omega2_2_0"].value
+    params = make_params(FREE, [flown[1][0]])
+    assert list(params) == list(free)
+    params["omega2_1_0"].set(expr=f"{ratio!r} * omega2_2_0")
+    mean, sigma = free["lambda_2"].value + free["lambda_2"].sigma, free["lambda_2"].sigma
+    params["lambda_2"].user_data = fit.Prior(mean, sigma)
+    tied = constrained(flown, params=params)
+    row = row_of(free, omega2_1_0=1.0, omega2_2_0=-ratio)
+    first = conditional(free, row, 0.0)
+    C = free.covariance
+    gain = C @ row / (row @ C @ row)
+    C = C - np.outer(gain, row @ C)
+    prior = row_of(free, lambda_2=1.0)
+    gain = C @ prior / (prior @ C @ prior + sigma**2)
+    values = first[0] + gain * (mean - prior @ first[0])
+    assert_conditional(tied, free, (values, np.sqrt(np.diag(C - np.outer(gain, prior @ C)))))
+    assert tied["omega2_1_0"].value == pytest.approx(ratio * tied["omega2_2_0"].value, rel=1e-9)
+    assert not tied.unsound
+
+
+@pytest.mark.slow
+def test_a_fixed_value_that_the_data_contradict_is_not_sound(flown, found):  # noqa: F811
+    free = found.joint
+    value = free["lambda_2"].value + 30 * free["lambda_2"].sigma
+    fixed = constrained(flown, {"lambda_2": {"value": value, "vary": False}})
+    (contradiction,) = [w for w in fixed.unsound if w.code == "constraint_contradicted"]
+    assert {"lambda_2", "omega2_2_0"} <= set(contradiction.parameters)
+    assert f"(without: {free['lambda_2'].value:.4g}"[:-1] in contradiction.message
+
+
+@pytest.mark.parametrize(
+    ("constraints", "message"),
+    [
+        ({"alpha_x_2": {"vary": False}}, "alpha_x_2: no parameter of this fit"),
+        ({"Controller": {"f_q": {"vary": False}}}, "Controller.f_q: no parameter of this fit"),
+        ({"C_2": {"expr": "lambda_3"}}, "C_2.expr: lambda_3: no parameter of this fit"),
+    ],
+)
+def test_constraints_of_parameters_that_are_not_identified_are_refused(flown, constraints, message):  # noqa: F811
+    with pytest.raises(InputError, match=message):
+        constrained(flown, constraints)
