@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from fit.consistency import explained, jury
+from fit.consistency import explained, fit_consistent_runs
 from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.fitting import (
@@ -43,13 +43,7 @@ PARAMETERS = "fit.parameters"
 
 
 @one_blas_thread
-def calibrate(
-    telemetries: Sequence[Telemetry],
-    chosen: Settings | None = None,
-    *,
-    drawn: bool = False,
-    constant: bool = False,
-) -> Results:
+def calibrate(telemetries: Sequence[Telemetry], chosen: Settings | None = None) -> Results:
     """Calibrate the dynamics and, where there are long noise runs with torques, the inertial forces.
 
     Parameters
@@ -58,10 +52,6 @@ def calibrate(
         Runs of any sample rates, a sysid run and a noise run for each experiment.
     chosen : Settings, optional
         What the user chose, the default otherwise.
-    drawn : bool
-        Whether for a Monte Carlo: faults that only archives have are not looked for then.
-    constant : bool
-        Whether gains are known to be constant.
 
     Raises
     ------
@@ -71,7 +61,7 @@ def calibrate(
         If no trustworthy estimate comes out.
     """
     chosen = chosen or settings()
-    return _with_inertial(_dynamics(telemetries, chosen, drawn, constant), telemetries, chosen.parameters)
+    return _with_inertial(_dynamics(telemetries, chosen), telemetries, chosen.parameters)
 
 
 @one_blas_thread
@@ -160,7 +150,7 @@ class _Together:
     agreement: dict[str, dict[str, float]] | None
 
 
-def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, constant: bool) -> Results:
+def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     """Fit the experiments, each on its own and jointly, and the cross-talk that was fitted along."""
     progress_stage(0.1)
     found = [experiment.up_to(chosen.f_max) for experiment in pair(telemetries)]
@@ -176,7 +166,7 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
         constraints.check(chosen.parameters, [*names, *euler_fit.names(telemetries)], PARAMETERS)
     # what the data are like is judged without what the user says of parameters: that may be wrong
     asked, chosen = chosen, chosen.model_copy(update={"parameters": {}})
-    ready = _prepared(found, chosen, drawn).without(metadata.mislabelled(found, telemetries))
+    ready = _prepared(found, chosen).without(metadata.mislabelled(found, telemetries))
     progress_stage(0.65)
     ready = ready.with_warnings(louder.judged(ready.usable, chosen))
     alone = _each_alone(ready.experiments, chosen)
@@ -184,18 +174,18 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings, drawn: bool, c
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
     misfits = {name: w.message for name, w in warned if w.code == noise_level.MISMATCH}
     progress_stage(0.95)
-    together = _together(ready, alone, chosen, misfits, drawn, constant, asked.parameters)
+    together = _together(ready, alone, chosen, misfits, asked.parameters)
     if together:
         ready = replace(ready.without(together.left_out), exclusions=together.left_out)
-    joint, own = _judged(ready, alone, together, asked, drawn)
+    joint, own = _judged(ready, alone, together, asked)
     joint, cross_talk = _cross_talk(ready, together, joint, chosen)
     return Results(joint, own, cross_talk, {}, _provenance(ready, together, asked))
 
 
-def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> ExperimentSet:
+def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     progress_stage(0.25)
-    first = metadata.faults([e for e in found if not drawn and e.name not in chosen.exclude])
+    first = metadata.faults([e for e in found if e.name not in chosen.exclude])
     left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
     progress_stage(0.45)
     made = mask_experiments(found, chosen, faulty)
@@ -205,16 +195,9 @@ def _prepared(found: Sequence[Experiment], chosen: Settings, drawn: bool) -> Exp
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
     ready = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
-    then = metadata.changes(_that_may_change(ready, chosen, drawn))
+    then = metadata.changes(ready.in_joint_fit if searches(chosen) else ())  # else glitches pass for changes
     ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.left_out)
     return ready.without_unusable()
-
-
-def _that_may_change(ready: ExperimentSet, chosen: Settings, drawn: bool) -> tuple[Experiment, ...]:
-    """Return the experiments whose parts may obey different equations, all or none."""
-    struck = any(e.sysid.masks or e.sysid.glitches for e in ready.in_joint_fit)
-    searched = searches(chosen)  # else glitches pass for changes
-    return ready.in_joint_fit if searched and (struck or not drawn) else ()
 
 
 def _noises(
@@ -248,14 +231,12 @@ def _together(
     alone: Mapping[str, IRLSResult | FitError],
     chosen: Settings,
     misfits: Mapping[str, str],
-    drawn: bool,
-    constant: bool,
     parameters: Mapping[str, ParameterSettings],
 ) -> _Together | None:
     """Fit jointly what agrees, then with what the user says of parameters."""
     if not ready.in_joint_fit:
         return None
-    agreed = jury.convene(ready.in_joint_fit, alone, chosen, misfits, drawn, constant)
+    agreed = fit_consistent_runs(ready.in_joint_fit, alone, chosen, misfits)
     outcome = agreed.outcome
     if any(said.is_constraint for said in parameters.values()):
         asked = chosen.model_copy(update={"parameters": parameters, "scatter": list(outcome.scatter)})
@@ -277,13 +258,12 @@ def _judged(
     alone: Mapping[str, IRLSResult | FitError],
     together: _Together | None,
     chosen: Settings,
-    drawn: bool,
 ) -> tuple[Fit | None, dict[str, Fit]]:
     """Return the joint fit and those of the experiments, with what keeps them from being trusted."""
     fits: dict[str, Fit] = {}
     of_joint: list[FitWarning] = []
     every = ready.experiments
-    own = parallel_map(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen, drawn), every)
+    own = parallel_map(lambda e: _of_experiment(e, ready, alone[e.name], together, chosen), every)
     for e, found in zip(every, own, strict=True):
         if isinstance(found, Fit):
             fits[e.name] = found
@@ -322,13 +302,12 @@ def _of_experiment(
     own: IRLSResult | FitError,
     together: _Together | None,
     chosen: Settings,
-    drawn: bool,
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
     known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared)) if together else None
-    if known and (isinstance(own, FitError) or (own.tone and not drawn)):
+    if known and (isinstance(own, FitError) or own.tone):
         own = _alone(experiment, chosen, known, own)
-    from_joint, judged = bool(known and isinstance(own, IRLSResult) and own.tone and not drawn), own
+    from_joint, judged = bool(known and isinstance(own, IRLSResult) and own.tone), own
     if not from_joint and constraints_of(experiment, chosen.parameters):  # these may be wrong
         own = _alone(experiment, chosen, None, own)
     if isinstance(own, FitError) or isinstance(judged, FitError):
@@ -346,7 +325,7 @@ def _of_experiment(
         *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
         *constraint_test.refit_unconstrained(own).warnings(),
     )
-    diagnostics = None if drawn else residual_tests.diagnose(experiment, own)
+    diagnostics = residual_tests.diagnose(experiment, own)
     return _warned(replace(fit, diagnostics=diagnostics), more)
 
 

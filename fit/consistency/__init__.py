@@ -1,9 +1,6 @@
-"""Judgement: what experiments say beside each other, which of them contradict the others, and why.
+"""Consistency: which runs agree with each other, their joint fit, what is wrong with the others."""
 
-The jury fits those experiments jointly that agree, and leaves out the others by name with the likeliest
-cause.
-"""
-
+from fit.consistency.consistent_fit import consistency_warnings, fit_consistent_runs
 from fit.consistency.explanation import explained
 
-__all__ = ["explained", "jury"]
+__all__ = ["consistency_warnings", "explained", "fit_consistent_runs"]

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.consistency import lags
-from fit.consistency.consistency import Regression, Squares, Voice
+from fit.consistency.consistency_test import ChiSquare, ConsistencyTest
+from fit.consistency.run_scores import RunScore
 from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics
 from fit.telemetry import Telemetry
@@ -35,21 +36,21 @@ class Case:
 
     Attributes
     ----------
-    voices : Regression
+    test : ConsistencyTest
         Of this run and those that agree without it.
     at : int
         Its number there.
     experiments : tuple of Experiment
-        All of them, in the order of the voices.
+        All of them, in the order of the test.
     blocks : tuple of whitened_run.WhitenedRun
         As they were weighed.
     sharing : Sharing
         What they share.
     outcome : IRLSResult
-        Of the joint fit, where the voices were taken.
+        Of the joint fit, where the test was made.
     """
 
-    voices: Regression
+    test: ConsistencyTest
     at: int
     experiments: tuple[Experiment, ...]
     blocks: tuple[whitened_run.WhitenedRun, ...]
@@ -63,13 +64,13 @@ class Case:
 
     @property
     def theta(self) -> Array:
-        """Where the voices were taken, shape (P,)."""
+        """Where the test was made, shape (P,)."""
         return self.outcome.solution.theta
 
     @property
-    def voice(self) -> Voice:
+    def score(self) -> RunScore:
         """What the run says."""
-        return self.voices.voices[self.at]
+        return self.test.runs[self.at]
 
     @property
     def run(self) -> Telemetry:
@@ -79,16 +80,16 @@ class Case:
     @cached_property
     def agrees(self) -> bool:
         """Whether the run says what those others say: then nothing in it need be wrong."""
-        return self.voice.level == 1 and self.voices.of_run(self.at).p > POSSIBLE
+        return self.score.noise_level == 1 and self.test.of_runs([self.at]).p > POSSIBLE
 
     @cached_property
     def expected(self) -> Array:
         """Parameters of the run as the others have them, shape (Q,)."""
-        return np.asarray(self.voice.theta + self.voice.share @ self._moved)
+        return np.asarray(self.score.run_theta + self.score.equation.share @ self._moved)
 
     @cached_property
     def _moved(self) -> Array:
-        return self.voices.without((self.at,)).estimate()
+        return self.test.without((self.at,)).step()
 
     def of_others(self, name: str) -> float | None:
         """Return a fitted parameter as the others have it; None if there is none."""
@@ -102,7 +103,7 @@ class _Cause:
     """What may be wrong with a run, to follow "perhaps", and what then is left of the contradiction."""
 
     words: str
-    left: Squares
+    left: ChiSquare
 
     @property
     def excess(self) -> float:
@@ -163,10 +164,10 @@ def exchanged(case: Case, i: int) -> str:
 def _causes(case: Case) -> Iterator[_Cause]:
     """Try all causes; where the run does not follow the equation, only those that make it follow."""
     experiment, tau = case.experiments[case.at], dynamics.delays(case.expected)
-    for words, other in lags.voices(experiment, case.blocks[case.at], case.outcome, tau):
-        if other.level == 1:
+    for words, other in lags.scores(experiment, case.blocks[case.at], case.outcome, tau):
+        if other.noise_level == 1:
             yield _Cause(words, _left(case, {case.at: other}))
-    if case.voice.level == 1:
+    if case.score.noise_level == 1:
         yield from _of_directions(case)
         yield from _of_epoch(case)
         yield from _of_test_masses(case)
@@ -176,14 +177,14 @@ def _causes(case: Case) -> Iterator[_Cause]:
 
 def _of_directions(case: Case) -> Iterator[_Cause]:
     """Try what moves parameters of the run."""
-    voice, whole = case.voice, case.voices.of_run(case.at)
+    score, whole = case.score, case.test.of_runs([case.at])
     for direction in DIRECTIONS:
-        moved = direction.of(case.expected, voice.names)
-        column = case.voices.column(case.at, voice.answer @ voice.gradient @ moved)
-        test = case.voices.of_columns(column)
+        moved = direction.of(case.expected, score.equation.names)
+        column = case.test.column(case.at, score.run_jacobian @ moved)
+        test = case.test.score_test(column)
         if test.dof:
-            left = Squares(whole.value - test.value, whole.dof - test.dof, whole.of_noise)
-            yield _Cause(direction.words(*case.voices.amount(column), case), left)
+            left = ChiSquare(whole.value - test.value, whole.dof - test.dof, whole.noise_dof)
+            yield _Cause(direction.words(*case.test.amount(column), case), left)
 
 
 def _of_epoch(case: Case) -> Iterator[_Cause]:
@@ -227,30 +228,26 @@ def _as(run: Telemetry, other: Telemetry) -> Telemetry:
     )
 
 
-def _otherwise(case: Case, runs: Mapping[int, Telemetry]) -> Squares:
+def _otherwise(case: Case, runs: Mapping[int, Telemetry]) -> ChiSquare:
     """Return what is left of the contradiction if these runs, by number, had other attributes."""
-    voices = {}
+    scores = {}
     for i, run in runs.items():
-        voice, experiment = case.voices.voices[i], case.experiments[i]
+        score, experiment = case.test.runs[i], case.experiments[i]
         before, after = (
             case.sharing.matrix(t, experiment.parameters, case.names)
             for t in (experiment.sysid.telemetry, run)
         )
-        share = voice.share.copy()
+        share = score.equation.share.copy()
         share[: len(after)] += after - before  # what gains do within the run comes after
-        theta = share @ case.theta
-        move = dynamics.coefficients(theta, voice.tau) - dynamics.coefficients(voice.theta, voice.tau)
-        gradient = dynamics.gradient(theta, voice.tau)
-        z = voice.z + voice.answer @ move
-        voices[i] = replace(voice, z=z, share=share, theta=theta, gradient=gradient)
-    return _left(case, voices)
+        scores[i] = score.with_equation(replace(score.equation, share=share))
+    return _left(case, scores)
 
 
-def _left(case: Case, voices: Mapping[int, Voice]) -> Squares:
+def _left(case: Case, scores: Mapping[int, RunScore]) -> ChiSquare:
     """Return what is left of the contradiction if runs, by number, said something else."""
-    said = tuple(voices.get(i, v) for i, v in enumerate(case.voices.voices))
-    whole, rest = replace(case.voices, voices=said).whole, case.voices.without(voices).whole
-    return Squares(whole.value - rest.value, whole.dof - rest.dof, case.voices.whole.of_noise)
+    runs = tuple(scores.get(i, run) for i, run in enumerate(case.test.runs))
+    whole, rest = replace(case.test, runs=runs).total, case.test.without(scores).total
+    return ChiSquare(whole.value - rest.value, whole.dof - rest.dof, case.test.total.noise_dof)
 
 
 def _scaled(channel: str, factor: float, sigma: float) -> str:

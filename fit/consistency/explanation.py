@@ -9,13 +9,12 @@ named too.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
-from fit.consistency.agreement import ALARM, Agreed, Odd
 from fit.consistency.causes import ALIKE, TOLD, Case, exchanged, named
-from fit.consistency.consistency import Regression, voiced
-from fit.consistency.groups import named_alike
+from fit.consistency.consistency_test import ConsistencyTest, consistency_test
 from fit.consistency.hypotheses import Hypothesis, of_all
 from fit.consistency.parts import parts
 from fit.consistency.trial import Trial
@@ -28,9 +27,20 @@ from fit.quality import Exclusion, Tells, samples
 from fit.whitening import Experiment, whitened_run
 
 MENDED = "so mended, the run says what the others say"
+ALARM = 1e-4  # p-value below which a run contradicts the others
 UNTOLD = "no single cause that was tried explains it"
 PLAIN = ("sign", "unit", "scale", "lag", "exchange", "jump")  # kinds that others contain
 OF_GAIN = ("sign", "unit", "scale")  # kinds of hypotheses that a gain alone suggests
+
+
+class _Agreement(Protocol):
+    """The joint fit of the runs that agree."""
+
+    @property
+    def outcome(self) -> IRLSResult: ...
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]: ...
 
 
 def likeliest(trial: Trial, others: Sequence[Experiment], most: float = np.inf) -> list[Hypothesis]:
@@ -75,7 +85,7 @@ def explained(
     left_out: Iterable[Exclusion],
     experiments: Sequence[Experiment],
     alone: Mapping[str, IRLSResult | FitError],
-    agreed: Agreed,
+    agreed: _Agreement,
     sharing: Sharing,
 ) -> tuple[Exclusion, ...]:
     """Return what was left out for its own sake with what would make it say what the others say.
@@ -88,7 +98,7 @@ def explained(
         All that could be prepared.
     alone : mapping of str to IRLSResult or FitError
         What each of them yields by itself.
-    agreed : Agreed
+    agreed : ConsistentFit
         The joint fit of the others.
     sharing : Sharing
         What experiments share.
@@ -134,7 +144,7 @@ def _either(alike: Sequence[Hypothesis]) -> str:
 def _of_samples(
     experiment: Experiment,
     experiments: Sequence[Experiment],
-    agreed: Agreed,
+    agreed: _Agreement,
     sharing: Sharing,
     *,
     beyond: bool = False,
@@ -153,7 +163,7 @@ def _of_samples(
 
 
 def _of_parameters(
-    experiment: Experiment, block: whitened_run.WhitenedRun, agreed: Agreed, sharing: Sharing
+    experiment: Experiment, block: whitened_run.WhitenedRun, agreed: _Agreement, sharing: Sharing
 ) -> str:
     """Return what would make an experiment say what the others say; empty if it does, or nothing would."""
     outcome = agreed.outcome
@@ -164,10 +174,10 @@ def _of_parameters(
     court = Court(
         (*agreed.experiments, experiment), (*outcome.blocks, replace(block, share=share)), outcome, sharing
     )
-    voices, last = voiced(court.experiments, court.blocks, outcome), len(agreed.experiments)
-    if voices.of_run(last).p > ALARM and voices.voices[last].level == 1:
+    test, last = consistency_test(court.experiments, outcome, court.blocks), len(agreed.experiments)
+    if test.of_runs([last]).p > ALARM and test.runs[last].noise_level == 1:
         return ""
-    return named(court.case(voices, last))
+    return named(court.case(test, last))
 
 
 @dataclass(frozen=True)
@@ -179,11 +189,11 @@ class Court:
     outcome: IRLSResult
     sharing: Sharing
 
-    def case(self, voices: Regression, i: int, gone: Iterable[int] = ()) -> Case:
+    def case(self, test: ConsistencyTest, i: int, gone: Iterable[int] = ()) -> Case:
         """Return the case of one of them, by number, without some others."""
         kept = [k for k in range(len(self.experiments)) if k not in gone]
         return Case(
-            voices=voices.without(gone),
+            test=test.without(tuple(gone)),
             at=kept.index(i),
             experiments=tuple(self.experiments[k] for k in kept),
             blocks=tuple(self.blocks[k] for k in kept),
@@ -192,36 +202,27 @@ class Court:
         )
 
 
-def of_odd(voices: Regression, odd: Odd, court: Court) -> tuple[Exclusion, ...]:
-    """Say of the odd ones why they are left out."""
-    rest = voices.without(odd.left_out)
-    names = [court.experiments[i].name for i in odd.left_out]
+def of_odd(test: ConsistencyTest, outliers: Sequence[int], court: Court) -> tuple[Exclusion, ...]:
+    """Say of the outliers, by number, why they are left out."""
+    rest, total = test.without(outliers).total, test.total
+    names = [court.experiments[i].name for i in outliers]
     who, them = " and ".join(names), "them" if len(names) > 1 else "it"
     said = (
         f"{who} contradict{'s' * (len(names) == 1)} the others, which agree without {them}: chi2 among all "
-        f"is {voices.whole.value:.4g} for {voices.whole.dof} degrees of freedom, among the others "
-        f"{rest.whole.value:.4g} for {rest.whole.dof}"
+        f"is {total.value:.4g} for {total.dof} degrees of freedom, among the others {rest.value:.4g} for "
+        f"{rest.dof}"
     )
-    if odd.fewest < len(names):
-        said += f"; {odd.fewest} of {who} may be wrong and the rest right, the data do not tell which"
-    found, shared = [], ""
-    if odd.alike:
-        first, *more = odd.left_out
-        authorities = {court.experiments[i].sysid.telemetry.authority for i in odd.left_out}
-        case = court.case(voices, first, more)
-        shared = named_alike(voices, odd.left_out, case, one_authority=len(authorities) == 1)
-    for i, name in zip(odd.left_out, names, strict=True):
-        others = [k for k in odd.left_out if k != i]
-        case = court.case(voices, i, others)
+    found = []
+    for i, name in zip(outliers, names, strict=True):
+        others = [k for k in outliers if k != i]
+        case = court.case(test, i, others)
         perhaps = ""
-        if len(others) == 1 and (labels := exchanged(court.case(voices, i), others[0])):
+        if len(others) == 1 and (labels := exchanged(court.case(test, i), others[0])):
             cause = f"{who}: each fits with the {labels} of the other, their data look exchanged"
-        elif shared:
-            cause = perhaps = f"{who} alike: perhaps {shared}"
         else:
             likely = "" if case.agrees else named(case)
             cause = perhaps = f"{name}: perhaps {likely}" if likely else ""
-        apart = _apart(court.case(voices, i) if case.agrees else case)  # from the other odd ones, or from all
+        apart = _apart(court.case(test, i) if case.agrees else case)  # from the other outliers, or from all
         reason = f"{cause}; " * bool(cause) + f"{said}; {name} {apart}"
         untold = "" if cause else f"; {UNTOLD}"
         tells: Tells = "cause" if cause else "sign"
@@ -231,14 +232,14 @@ def of_odd(voices: Regression, odd: Odd, court: Court) -> tuple[Exclusion, ...]:
 
 def _apart(case: Case) -> str:
     """Say which parameter of a run is farthest from where the others put it."""
-    voice, rest = case.voice, case.voices.without((case.at,))
-    moved, covariance = rest.estimate(), rest.covariance()
-    alone, sigmas = voice.alone()
+    score, rest = case.score, case.test.without((case.at,))
+    moved, covariance = rest.step(), rest.covariance()
+    alone, sigmas = score.single_fit()
     best, said = 0.0, ""
     units = {p.name: p.unit for p in experiment_parameters(case.run.authority, 1).values()}
     for k, name in enumerate(dynamics.PARAMETERS):
-        row = voice.share[k] * rest.width
-        of_rest = voice.theta[k] + float(voice.share[k] @ moved)
+        row = score.equation.share[k] * rest.width
+        of_rest = score.run_theta[k] + float(score.equation.share[k] @ moved)
         sigma = float(np.sqrt(row @ covariance @ row))
         pull = abs(alone[k] - of_rest) / np.hypot(sigmas[k], sigma)
         if np.isfinite(pull) and pull > best:

@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from fit.consistency.consistency import Voice, voice
-from fit.fitting import IRLSResult
+from fit.consistency.run_scores import RunScore, run_score
+from fit.fitting import IRLSResult, run_estimate
 from fit.model import dynamics
 from fit.whitening import Experiment, whitened_run
 
 SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
 
 
-def voices(
+def scores(
     experiment: Experiment, block: whitened_run.WhitenedRun, outcome: IRLSResult, tau: tuple[float, float]
-) -> Iterator[tuple[str, Voice]]:
+) -> Iterator[tuple[str, RunScore]]:
     """Yield in words which channel is late by how much, and what the run then says.
 
     Parameters
@@ -25,7 +25,7 @@ def voices(
     block : whitened_run.WhitenedRun
         The sysid run as it was weighed.
     outcome : IRLSResult
-        Of the joint fit: where the voices of the others were taken.
+        Of the joint fit: where the scores of the others were taken.
     tau : tuple of float
         The delays [s] that the others have.
     """
@@ -42,9 +42,13 @@ def voices(
                 terms = terms.hstack(shifted.wander(tau))
             columns, _ = whitened_run.whiten(terms, block.noise.expected(terms.f))
             words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
-            of_run = replace(experiment, sysid=shifted)
             shown = replace(block, columns=columns, tau=terms.tau)
-            yield words, voice(of_run, shown, outcome.solution.theta, outcome.solution.covariance)
+            yield (
+                words,
+                run_score(
+                    experiment.name, shown, run_estimate(experiment.name, shown), outcome.solution.theta
+                ),
+            )
 
 
 def _lags(fs: float) -> Iterator[tuple[float, str]]:

@@ -12,7 +12,8 @@ from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_sy
 from fit.fitting.normal import inflations
 from fit.fitting.priors import Known, PriorSet, weak_priors
 from fit.fitting.problem import FREE, Problem
-from fit.fitting.run_estimate import RunEstimate, score_whitening
+from fit.fitting.random_effects import estimate_widths
+from fit.fitting.run_estimate import RunEstimate, column_scale, moments, run_estimate, score_whitening
 
 __all__ = [
     "FREE",
@@ -27,12 +28,14 @@ __all__ = [
     "Rule",
     "RunEstimate",
     "ScaleParameter",
+    "column_scale",
     "constraint_test",
     "constraints",
     "constraints_of",
     "delta_chi2",
     "departures",
     "drift",
+    "estimate_widths",
     "fit_experiment",
     "fit_joint",
     "flscov",
@@ -44,8 +47,10 @@ __all__ = [
     "known_of",
     "lmfit_symbol",
     "louder",
+    "moments",
     "normal",
     "priors",
+    "run_estimate",
     "score_whitening",
     "sums",
     "unsteady",

@@ -1,12 +1,11 @@
 """The two fits: each experiment by itself (eq. deltaglinear) and all of them jointly (eq. deltagjointfit)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from fit.errors import FitError, InputError
-from fit.fitting import choice, constraints, departures
+from fit.fitting import constraints, departures
 from fit.fitting.irls import IRLSResult, reweight
 from fit.fitting.priors import Known
 from fit.model import Sharing, dynamics
@@ -77,7 +76,7 @@ def fit_joint(
     experiments : sequence of Experiment
         To be fitted.
     chosen : Settings
-        With ``scatter = "auto"`` the data choose what departs.
+        With ``scatter = "auto"`` nothing scatters here, see `fit.consistency`.
     alone : mapping of str to IRLSResult or FitError, optional
         What experiments yield by themselves: the iteration begins with them as they were weighed there.
 
@@ -90,9 +89,7 @@ def fit_joint(
     """
     begun = _weighed(alone or {})
     if chosen.scatter == ["auto"]:
-        plain = _fitted(experiments, chosen, (), begun)
-        asked = choice.departing(plain, experiments, Sharing(chosen.shared))
-        return replace(_fitted(experiments, chosen, asked, begun), by_data=True) if asked else plain
+        return _fitted(experiments, chosen, (), begun)
     if chosen.scatter and len(experiments) < 2:
         raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
     return _fitted(experiments, chosen, chosen.scatter, begun)

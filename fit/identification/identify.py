@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.consistency import jury
+from fit.consistency import consistency_warnings
 from fit.crosstalk import earlier
 from fit.errors import FitError, InputError
 from fit.fitting import Prior, Problem, constraint_test, departures, irls, priors
@@ -86,7 +86,7 @@ def identify(
     constraints = constraint_test.refit_unconstrained(outcome, chosen.parameters)
     more = [
         *comparison.of_data(calibrated),
-        *jury.said(experiments, outcome),
+        *consistency_warnings(experiments, outcome),
         *noise.misfits(experiments, outcome),
         *comparison.misled(commands, list(found)),
         *restless,

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from fit.fitting.joint_fit import fit_experiment
-from fit.pipeline import calibrate
 from fit.quality.fit_quality import as_fit
 from fit.quality.residual_tests import SCORES, Residual, diagnose, judge, residual
 from fit.results.provenance import Provenance
 from fit.results.results import Results, load, write
-from fit.settings import settings
 from fit.spectra import windowing
 from fit.spectra.noise_psd import fit_noise
 from fit.whitening import whitened_run
@@ -143,16 +141,6 @@ def test_a_run_without_noise_run():
     assert found.chi2_red == pytest.approx(1, abs=0.01)
     assert found.chi2_red_sigma == pytest.approx(0, abs=1e-6)
     assert found.whiteness > 1e-3
-
-
-def test_no_estimate_needs_them(tmp_path):
-    runs, chosen = pair(World(), seed=9, duration=7200.0), settings({"include_short": True})
-    judged, plain = (calibrate(runs, chosen, drawn=drawn) for drawn in (False, True))
-    (own,) = judged.experiments.values()
-    assert own.diagnostics is not None
-    bare = replace(judged, experiments={"A": replace(own, diagnostics=None)})
-    texts = {write(results, tmp_path / "results.json") for results in (bare, plain)}
-    assert len(texts) == 1
 
 
 def test_diagnostics_survive_the_file(tmp_path):

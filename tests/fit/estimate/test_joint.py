@@ -77,45 +77,6 @@ def test_a_drive_of_test_mass_1_completes_the_list():
     assert np.linalg.eigvalsh(joint.covariance / np.outer(sigma, sigma)).min() > 0
 
 
-@pytest.mark.parametrize("struck", [False, True])
-def test_of_what_is_drawn_the_joint_fit_is_the_same(struck):
-    runs = campaign_of(OFF)
-    if struck:  # a glitch of 20 s, so that changes are looked for as well
-        o_12 = runs[0].channels["o_12"].copy()
-        o_12[9000:9020] += 2e-12
-        runs[0] = replace(runs[0], channels={**runs[0].channels, "o_12": o_12})
-    told, drawn = calibrate(runs), calibrate(runs, drawn=True)
-    assert any(w.code == "glitches" for w in told.experiments["A"].warnings) == struck
-    for name, of in told.joint.parameters.items():
-        assert drawn.joint.parameters[name].value == pytest.approx(of.value, abs=1e-3 * of.sigma)
-        assert drawn.joint.parameters[name].sigma == pytest.approx(of.sigma, rel=1e-6)
-    assert drawn.joint.warnings == told.joint.warnings
-
-
-def test_of_constant_gains_which_depart_is_not_asked(monkeypatch):
-    runs = campaign_of(OFF)
-    told = calibrate(runs, drawn=True)
-    monkeypatch.setattr("fit.fitting.choice.departing", lambda *_: pytest.fail("asked"))
-    found = calibrate(runs, drawn=True, constant=True)
-    assert found.joint.parameters == told.joint.parameters
-    assert found.joint.warnings == told.joint.warnings
-
-
-def test_gains_that_are_not_as_constant_as_they_should_be_depart_once_experiments_disagree():
-    worlds = [replace(OFF, lambda_2=OFF.lambda_2 * (1 + by)) for by in (-2e-3, 1e-3, 3e-3, -1e-3)]
-    runs = [
-        run
-        for world, (name, epoch) in zip(worlds, SETS, strict=True)
-        for run in pair(world, name, epoch=epoch)
-    ]
-    asked, constant = (calibrate(runs, drawn=True, constant=constant) for constant in (False, True))
-    assert "lambda_2" in asked.provenance.scatter
-    assert constant.provenance.scatter.keys() == asked.provenance.scatter.keys()
-    for name, of in asked.joint.parameters.items():
-        assert constant.joint.parameters[name].value == pytest.approx(of.value, abs=1e-3 * of.sigma)
-        assert constant.joint.parameters[name].sigma == pytest.approx(of.sigma, rel=1e-3)
-
-
 def test_order_of_the_files_does_not_matter():
     runs = campaign_of(World())
     forth, back = calibrate(runs).joint, calibrate(runs[::-1]).joint

@@ -1,0 +1,357 @@
+"""The joint fit of those runs that agree with each other.
+
+A run whose o_1 moves against its guidance, that does not obey the equation of motion or does not settle by
+itself is left out beforehand. The others are compared by their single fits: either some of them are bad
+(`outlier_runs`), or gains and delays scatter from run to run (`scatter`); the larger gain in log likelihood
+is the cause.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fit.consistency.consistency_test import ConsistencyTest, consistency_test
+from fit.consistency.explanation import Court, of_odd
+from fit.consistency.lasting import in_common, own_lag
+from fit.consistency.outlier_runs import (
+    LEVERAGE,
+    OutlierRuns,
+    find_outlier_runs,
+    is_contradicted,
+    leverage,
+    n_tests,
+)
+from fit.consistency.run_scores import RunScore, run_score
+from fit.consistency.scatter import estimate_scatter
+from fit.errors import FitError, InputError
+from fit.false_alarms import p_limit
+from fit.fitting import IRLSResult, fit_joint, run_estimate
+from fit.model import Sharing
+from fit.parallel import parallel_map
+from fit.quality import Exclusion, fit_quality, told
+from fit.settings import Settings
+from fit.warnings import FitWarning
+from fit.whitening import Experiment, WhitenedRun
+
+UNTESTED = ("flscov",)  # estimators whose sigmas are too small by far for a test
+
+SingleFits = Mapping[str, IRLSResult | FitError]
+
+
+@dataclass(frozen=True)
+class ConsistentFit:
+    """The joint fit of runs that agree.
+
+    Attributes
+    ----------
+    outcome : IRLSResult
+        The joint fit.
+    experiments : tuple of Experiment
+        Those in it.
+    left_out : tuple of Exclusion
+        The others, and why.
+    warnings : tuple of FitWarning
+        About the runs as a whole.
+    test : ConsistencyTest or None
+        Of the runs in the fit; None where nothing was tested.
+    probabilities : dict of str to float
+        By run, that it contradicts the others.
+    """
+
+    outcome: IRLSResult
+    experiments: tuple[Experiment, ...]
+    left_out: tuple[Exclusion, ...]
+    warnings: tuple[FitWarning, ...]
+    test: ConsistencyTest | None = None
+    probabilities: Mapping[str, float] | None = None
+
+    @property
+    def statistics(self) -> dict[str, dict[str, float]] | None:
+        """T of all runs under an empty name, of each run, and the probability that it is an outlier."""
+        if self.test is None:
+            return None
+        tests = {run.name: self.test.of_runs([i]) for i, run in enumerate(self.test.runs)}
+        tests[""] = self.test.total
+        found = {name: {"chi2": t.value, "dof": t.dof, "p": t.p} for name, t in tests.items()}
+        for name, p in (self.probabilities or {}).items():
+            found.setdefault(name, {})["p_outlier"] = p
+        return found
+
+
+@dataclass(frozen=True)
+class _Selection:
+    """The runs that agree, what scatters among them, and what the search for outliers came to."""
+
+    experiments: list[Experiment]
+    scatter: list[str]
+    outliers: dict[str, OutlierRuns]
+    probabilities: dict[str, float]
+
+
+def fit_consistent_runs(
+    experiments: Sequence[Experiment], single_fits: SingleFits, settings: Settings, misfits: Mapping[str, str]
+) -> ConsistentFit:
+    """Fit those experiments jointly that agree.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Those that are to take part.
+    single_fits : mapping of str to IRLSResult or FitError
+        The fit of each of them by itself.
+    settings : Settings
+        Of the fit.
+    misfits : mapping of str to str
+        Experiments that do not obey the equation of motion, and the message about each.
+
+    Raises
+    ------
+    InputError
+        If o_1 of every experiment moves against its guidance.
+    FitError
+        If no trustworthy estimate comes out.
+    """
+    unusable = _unusable(experiments, single_fits, misfits)
+    usable = _without(experiments, unusable)
+    if settings.estimator in UNTESTED:
+        joint = fit_joint(usable, settings, single_fits)
+        return ConsistentFit(joint, tuple(usable), unusable, (_untested(settings),))
+    selection = _select(usable, single_fits, settings)
+    chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
+    joint = fit_joint(selection.experiments, chosen, single_fits)
+    if settings.scatter == ["auto"] and selection.scatter:
+        joint = replace(joint, by_data=True)
+    contradicting = _contradicting(usable, selection, joint, single_fits, settings)
+    consistent = selection.experiments
+    test = consistency_test(consistent, joint)
+    left_out = (*unusable, *contradicting)
+    warnings = [
+        *_warnings(test, joint, consistent),
+        *fit_quality.acausal(joint),
+        *in_common(consistent, joint),
+    ]
+    if 2 * len(left_out) > len(experiments):
+        warnings.append(_majority(left_out, experiments))
+    return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)
+
+
+def consistency_warnings(experiments: Sequence[Experiment], joint: IRLSResult) -> list[FitWarning]:
+    """Return the warnings about a fit that leaves none of its experiments out."""
+    if len(experiments) == 1:
+        return []
+    return _warnings(consistency_test(experiments, joint), joint, experiments)
+
+
+def _select(experiments: list[Experiment], single_fits: SingleFits, settings: Settings) -> _Selection:
+    """Leave out outliers, or have gains and delays scatter, until nothing but noise is between the runs."""
+    automatic = settings.scatter == ["auto"]
+    scatter: list[str] = [] if automatic else [*settings.scatter]
+    outliers: dict[str, OutlierRuns] = {}
+    probabilities: dict[str, float] = {}
+    campaign_wide = [name for name, group in settings.shared.items() if group == "campaign"]
+    while len(experiments) > 1:
+        if scatter:
+            chosen = settings.model_copy(update={"scatter": scatter})
+            test = consistency_test(experiments, fit_joint(experiments, chosen, single_fits))
+        else:
+            test = single_fit_test(experiments, single_fits, settings)
+        groups = _groups(experiments)
+        bad = find_outlier_runs(test, groups)
+        if automatic and not scatter:
+            found = estimate_scatter(test, campaign_wide)
+            significant = found is not None and found.p < p_limit("consistency", n_tests(test, groups))
+            if found and significant and (not bad.runs or found.log_likelihood > bad.log_odds):
+                scatter = found.parameters
+                continue
+        probabilities |= bad.probabilities
+        if not bad.runs:
+            break
+        outliers |= dict.fromkeys(bad.runs, bad)
+        experiments = [e for e in experiments if e.name not in bad.runs]
+    return _Selection(experiments, scatter, outliers, probabilities)
+
+
+def single_fit_test(
+    experiments: Sequence[Experiment], single_fits: SingleFits, settings: Settings
+) -> ConsistencyTest:
+    """Return the test of experiments by their single fits, at their joint estimate.
+
+    Each run is expanded about delays of its own: one that is far off would move common ones.
+    """
+    sharing = Sharing(settings.shared)
+    parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
+    names = [p.name for p in parameters]
+    theta, width = (np.array([getattr(p, key) for p in parameters]) for key in ("value", "prior_sigma"))
+
+    def score(e: Experiment, block: WhitenedRun) -> RunScore:
+        share = sharing.matrix(e.sysid.telemetry, e.parameters, names)
+        own = replace(block, share=share)
+        return run_score(e.name, own, run_estimate(e.name, own), theta)
+
+    fits = [(e, fit.blocks[0]) for e in experiments if isinstance(fit := single_fits[e.name], IRLSResult)]
+    runs = tuple(parallel_map(lambda one: score(*one), fits))
+    test = ConsistencyTest(runs, width, np.zeros((0, theta.size)), np.zeros(0))
+    for _ in range(2):  # coefficients are nearly linear in the parameters
+        moved = test.runs[0].theta + test.step()
+        test = replace(test, runs=tuple(replace(run, theta=moved) for run in test.runs))
+    return test
+
+
+def _contradicting(
+    experiments: Sequence[Experiment],
+    selection: _Selection,
+    joint: IRLSResult,
+    single_fits: SingleFits,
+    settings: Settings,
+) -> tuple[Exclusion, ...]:
+    """Return the outliers with what is known of each."""
+    outliers = [e for e in experiments if e.name in selection.outliers]
+    if not outliers:
+        return ()
+    sharing, names = Sharing(settings.shared), [p.name for p in joint.parameters]
+    blocks = [
+        replace(fit.blocks[0], share=sharing.matrix(e.sysid.telemetry, e.parameters, names))
+        for e in outliers
+        if isinstance(fit := single_fits[e.name], IRLSResult)
+    ]
+    court = Court((*selection.experiments, *outliers), (*joint.blocks, *blocks), joint, sharing)
+    test = consistency_test(court.experiments, joint, court.blocks)
+    first = len(selection.experiments)
+    return of_odd(test, range(first, first + len(outliers)), court)
+
+
+def _untested(settings: Settings) -> FitWarning:
+    message = (
+        f"the sigmas of {settings.estimator} are too small to test by: whether the experiments contradict "
+        "each other is not known"
+    )
+    return FitWarning("consistency_untested", (), message)
+
+
+def _without(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -> list[Experiment]:
+    names = {exclusion.experiment for exclusion in left_out}
+    return [e for e in experiments if e.name not in names]
+
+
+def _unusable(
+    experiments: Sequence[Experiment], single_fits: SingleFits, misfits: Mapping[str, str]
+) -> tuple[Exclusion, ...]:
+    """Return the experiments that are left out for what each is by itself.
+
+    Raises
+    ------
+    InputError
+        If o_1 of every experiment moves against its guidance.
+    """
+    wrong = _against_guidance(experiments)
+    rest = _without(experiments, wrong)
+    unfit = _minority([_misfit(e, misfits[e.name]) for e in rest if e.name in misfits], rest)
+    rest = _without(rest, unfit)
+    late = _minority(_late(rest, single_fits, len(experiments)), rest)
+    rest = _without(rest, late)
+    failures = {e.name: fit for e in rest if isinstance(fit := single_fits[e.name], FitError)}
+    unsettled = [
+        Exclusion(name, words, tells="misfit") for name, words in fit_quality.suspects(failures).items()
+    ]
+    if failures and len(failures) == len(rest):
+        raise next(iter(failures.values()))
+    return (*wrong, *unfit, *late, *unsettled)
+
+
+def _against_guidance(experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
+    """Return the experiments whose o_1 moves against its guidance.
+
+    Raises
+    ------
+    InputError
+        If all of them do.
+    """
+    messages = parallel_map(fit_quality.wrong_guidance, [e.sysid.telemetry for e in experiments])
+    exclusions = [
+        Exclusion(e.name, f"{e.sysid.telemetry.path}: {message}", tells="cause")
+        for e, message in zip(experiments, messages, strict=True)
+        if message
+    ]
+    if exclusions and len(exclusions) == len(experiments):
+        raise InputError(told(exclusions))
+    return tuple(exclusions)
+
+
+def _misfit(experiment: Experiment, message: str) -> Exclusion:
+    return Exclusion(experiment.name, message, own="", tells="misfit")
+
+
+def _late(experiments: Sequence[Experiment], single_fits: SingleFits, among: int) -> list[Exclusion]:
+    """Return the experiments whose o_1 is late by themselves."""
+
+    def lag(e: Experiment) -> str:
+        single = single_fits[e.name]
+        return own_lag(e, single, among) if isinstance(single, IRLSResult) else ""
+
+    lags = zip(experiments, parallel_map(lag, experiments), strict=True)
+    return [
+        Exclusion(e.name, f"{e.sysid.telemetry.path}: {words}", tells="guess") for e, words in lags if words
+    ]
+
+
+def _minority(exclusions: Sequence[Exclusion], experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
+    """Return them if they are half of the experiments at most, and not all.
+
+    What most have in common is a matter of the equation, or of how all were archived.
+    """
+    n = len(exclusions)
+    return tuple(exclusions) if 2 * n <= len(experiments) and n < len(experiments) else ()
+
+
+def _groups(experiments: Sequence[Experiment]) -> list[frozenset[str]]:
+    """Return the runs of each authority and of each alignment epoch, by name."""
+    members: dict[object, list[str]] = {}
+    for e in experiments:
+        run = e.sysid.telemetry
+        for key in (run.authority, run.alignment_epoch):
+            members.setdefault(key, []).append(e.name)
+    return list(dict.fromkeys(map(frozenset, members.values())))
+
+
+def _warnings(
+    test: ConsistencyTest, joint: IRLSResult, experiments: Sequence[Experiment]
+) -> list[FitWarning]:
+    """Return a warning that the runs contradict each other, or of what rests on a single one."""
+    groups = _groups(experiments)
+    if not is_contradicted(test, groups):
+        return _leverage(test, joint)
+    outliers = find_outlier_runs(test, groups)
+    # of equal ones the first: the last digits depend on the machine
+    p = {name: float(f"{value:.3g}") for name, value in outliers.probabilities.items()}
+    suspects = outliers.undecided or sorted(p, key=lambda name: -p[name])[:2]
+    message = (
+        f"the experiments contradict each other: chi2 between them is {test.total.value:.4g} for "
+        f"{test.total.dof} degrees of freedom; which of them is wrong the data do not show, "
+        f"{' or '.join(suspects)} most likely; the sigmas do not hold"
+    )
+    return [FitWarning("contradiction", (), message)]
+
+
+def _majority(left_out: Sequence[Exclusion], experiments: Sequence[Experiment]) -> FitWarning:
+    names = ", ".join(exclusion.experiment for exclusion in left_out)
+    message = (
+        f"{len(left_out)} of {len(experiments)} experiments contradict the rest or the equation ({names}): "
+        "more than half; the sigmas do not hold"
+    )
+    return FitWarning("contradiction", (), message)
+
+
+def _leverage(test: ConsistencyTest, joint: IRLSResult) -> list[FitWarning]:
+    """Return warnings of what rests on a single run."""
+    warnings = []
+    for run, growth in leverage(test, joint.lost).items():
+        names = tuple(joint.parameters[k].name for k in growth if k < joint.shared)
+        if names:
+            verb = "rests" if len(names) == 1 else "rest"
+            message = (
+                f"{', '.join(names)} {verb} on {run}: sigma grows more than {LEVERAGE:g} times without it, "
+                "and no other run can show that it is wrong"
+            )
+            warnings.append(FitWarning("high_leverage", names, message))
+    return warnings

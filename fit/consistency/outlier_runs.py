@@ -1,0 +1,188 @@
+"""Runs that contradict the others: a mixture of good and bad runs, exact over subsets.
+
+A good run obeys the joint model; a bad one is off by anything. With S the bad runs (Box and Tiao 1968; Press
+1997),
+
+    log p(S) = n(S) log(prior odds) - T(without S) / 2 - d(S) / 2 log(slab) + const,
+
+where T is the chisqr of the joint model without S, d(S) by how much its degrees of freedom fall and `SLAB`
+the variance of a bad run in units of that of the noise. The runs of one authority or one alignment epoch may
+all be bad for one reason and count as one. The probability that a run is bad is the sum of p over all subsets
+that hold it. Above one half the run is left out, if the contradiction itself is beyond the budget of false
+alarms; of two that may about as well be bad, both are.
+"""
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.consistency.consistency_test import ChiSquare, ConsistencyTest
+from fit.false_alarms import p_limit
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+PRIOR_ODDS = 1 / 50  # of a run, or of a group of runs, to be bad
+MARGIN = 6.0  # of log p: noise in rows that are good makes it differ by some 2.5 between two runs
+MAX_INNOCENT = 1  # runs that are left out together with a bad one in whose place they may be bad
+SLAB = 30.0  # variance of what a bad run says, in units of its noise
+MAX_SUBSETS = 10_000  # that are enumerated; larger ones grow from the most probable of these
+N_EFFECTS = 3  # tests of scatter from run to run that share the budget
+LEVERAGE = 3.0  # factor by which a sigma grows without a run, from which it rests on that run
+
+#: Names of the runs of each group that may be bad for one reason.
+Groups = Collection[frozenset[str]]
+
+
+@dataclass(frozen=True)
+class OutlierRuns:
+    """Which runs contradict the others.
+
+    Attributes
+    ----------
+    probabilities : dict of str to float
+        By run, that it is bad.
+    runs : tuple of str
+        Those that are to be left out.
+    undecided : tuple of str
+        Those that may be bad, where several subsets are about as probable.
+    log_odds : float
+        Of the most probable subset of bad runs to none.
+    total, rest : ChiSquare
+        T of all runs, and without those that are left out.
+    """
+
+    probabilities: dict[str, float]
+    runs: tuple[str, ...]
+    undecided: tuple[str, ...]
+    log_odds: float
+    total: ChiSquare
+    rest: ChiSquare
+
+
+def n_tests(test: ConsistencyTest, groups: Groups = ()) -> int:
+    """Return the number of tests of consistency: of all runs, of each run, of each group, of scatter."""
+    return 1 + len(test.runs) + len(_members(test, groups)) + N_EFFECTS
+
+
+def is_contradicted(test: ConsistencyTest, groups: Groups = ()) -> bool:
+    """Return whether the runs disagree by more than the budget of false alarms allows."""
+    limit = p_limit("consistency", n_tests(test, groups))
+    if test.total.p < limit:
+        return True
+    sets = [*([i] for i in range(len(test.runs))), *_members(test, groups)]
+    return any(test.of_runs(sorted(numbers)).p < limit for numbers in sets)
+
+
+def find_outlier_runs(test: ConsistencyTest, groups: Groups = ()) -> OutlierRuns:
+    """Return the probability of each run to be bad, and which are to be left out.
+
+    Parameters
+    ----------
+    test : ConsistencyTest
+        All runs.
+    groups : collection of frozenset of str
+        Runs, by name, that may be bad for one reason.
+    """
+    good = np.array(list(_good_runs(test, groups)))
+    log_p = _log_probabilities(test, good, groups)
+    while (grown := _grown(good[np.argmax(log_p)], good)).size:
+        good, log_p = np.vstack([good, grown]), np.append(log_p, _log_probabilities(test, grown, groups))
+    p = np.exp(log_p - log_p.max())
+    bad = (p / p.sum()) @ ~good
+    names = [run.name for run in test.runs]
+    size = np.count_nonzero(~good, axis=1)
+    near = good[(log_p > log_p.max() - MARGIN) & (size <= size[np.argmax(log_p)])]
+    outliers, undecided = _decide(test, bad, near, groups)
+    return OutlierRuns(
+        dict(zip(names, bad.tolist(), strict=True)),
+        tuple(names[i] for i in outliers),
+        tuple(names[i] for i in undecided),
+        float(log_p.max() - log_p[0]),
+        test.total,
+        test.without(outliers).total,
+    )
+
+
+def _decide(test: ConsistencyTest, bad: Array, near: Flags, groups: Groups) -> tuple[list[int], list[int]]:
+    """Return the runs to leave out, or where that is not decided those that may be bad, by number.
+
+    Parameters
+    ----------
+    test : ConsistencyTest
+        All runs.
+    bad : ndarray, shape (R,)
+        Probability of each run to be bad.
+    near : ndarray of bool, shape (M, R)
+        Good runs of the subsets that are about as probable as the most probable one, and no larger.
+    groups : collection of frozenset of str
+        Runs, by name, that may be bad for one reason.
+    """
+    if not is_contradicted(test, groups):
+        return [], []
+    outliers = np.flatnonzero(bad > 0.5).tolist()
+    in_place = near[near[:, outliers].any(axis=1)]
+    doubtful = sorted({*outliers, *np.flatnonzero((~in_place).any(axis=0)).tolist()})
+    decided = len(doubtful) <= len(outliers) + MAX_INNOCENT and 2 * len(doubtful) < len(bad)
+    return (doubtful, []) if decided else ([], doubtful)
+
+
+def _members(test: ConsistencyTest, groups: Groups) -> list[frozenset[int]]:
+    """Return the runs of each group of two to less than half of them, by number."""
+    numbers = {run.name: i for i, run in enumerate(test.runs)}
+    members = (frozenset(numbers[name] for name in group if name in numbers) for group in groups)
+    return [m for m in dict.fromkeys(members) if 1 < len(m) <= (len(test.runs) - 1) // 2]
+
+
+def _good_runs(test: ConsistencyTest, groups: Groups) -> Iterator[Flags]:
+    """Yield which runs are good, shape (R,): all, then all but every subset and group that may be bad."""
+    n, count = len(test.runs), 0
+    subsets: dict[frozenset[int], None] = {}
+    for size in range((n - 1) // 2 + 1):
+        count += math.comb(n, size)
+        if count > MAX_SUBSETS:
+            break
+        subsets |= dict.fromkeys(map(frozenset, combinations(range(n), size)))
+    subsets |= dict.fromkeys(_members(test, groups))
+    for subset in subsets:
+        good = np.ones(n, dtype=bool)
+        good[list(subset)] = False
+        yield good
+
+
+def _grown(good: Flags, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return subsets with one more bad run than the most probable, those that are not known."""
+    if 2 * (np.count_nonzero(~good) + 1) >= good.size:
+        return np.empty((0, good.size), dtype=bool)
+    seen = {row.tobytes() for row in known}
+    grown = np.array([good & (np.arange(good.size) != i) for i in np.flatnonzero(good)])
+    return grown[[row.tobytes() not in seen for row in grown]]
+
+
+def _log_probabilities(test: ConsistencyTest, good: Flags, groups: Groups) -> NDArray[np.float64]:
+    """Return log p of every subset, good runs of shape (M, R), but for a constant, shape (M,)."""
+    chi2, dof = test.chi2_of_subsets(good)
+    members = {_key(m, good.shape[1]) for m in _members(test, groups)}
+    reasons = np.array([1 if row.tobytes() in members else np.count_nonzero(~row) for row in good])
+    return np.asarray(reasons * math.log(PRIOR_ODDS) - chi2 / 2 + dof / 2 * math.log(SLAB))
+
+
+def _key(bad: Collection[int], n: int) -> bytes:
+    """Return what identifies the good runs among n where some are bad."""
+    return bytes(0 if i in bad else 1 for i in range(n))
+
+
+def leverage(test: ConsistencyTest, undetermined: Flags) -> dict[str, dict[int, float]]:
+    """Return the parameters that rest on a single run: by run and place, how much sigma grows without it."""
+    sigma = np.sqrt(np.diag(test.covariance()))
+    found: dict[str, dict[int, float]] = {}
+    for i, run in enumerate(test.runs):
+        growth = np.sqrt(np.diag(test.without((i,)).covariance())) / sigma
+        places = np.flatnonzero((growth > LEVERAGE) & ~undetermined)
+        if places.size:
+            found[run.name] = {int(k): float(growth[k]) for k in places}
+    return found

@@ -1,0 +1,95 @@
+"""Gains and delays that scatter from run to run, as an explanation of runs that disagree.
+
+Both test masses share a width, relative to the flight values. The likelihood is that of
+`fit.fitting.random_effects`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.consistency.consistency_test import ChiSquare, ConsistencyTest
+from fit.fitting import departures, estimate_widths
+from fit.parameters import FLIGHT
+
+Array = NDArray[np.float64]
+
+SENSITIVITY = 1e-3  # inverse sigma, of itself and relative to the most sensitive run, from which a run counts
+FEWEST = 3  # runs that must be sensitive to a deviation
+GAIN, DELAY = (next(kind for kind in departures.KINDS if kind.name == name) for name in ("gain", "delay"))
+CANDIDATES = ((GAIN,), (DELAY,), (GAIN, DELAY))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Parameters that scatter from run to run.
+
+    Attributes
+    ----------
+    kinds : tuple of Kind
+        What scatters.
+    widths : tuple of float
+        Standard deviations among the runs, relative to the flight values.
+    log_likelihood : float
+        Logarithm of the likelihood ratio to no scatter.
+    p : float
+        Probability of as large a ratio without scatter.
+    rest : ChiSquare
+        What is left of T.
+    """
+
+    kinds: tuple[departures.Kind, ...]
+    widths: tuple[float, ...]
+    log_likelihood: float
+    p: float
+    rest: ChiSquare
+
+    @property
+    def parameters(self) -> list[str]:
+        """Names of the parameters."""
+        return [name for kind in self.kinds for name in kind.parameters]
+
+
+def estimate_scatter(test: ConsistencyTest, names: Sequence[str]) -> Scatter | None:
+    """Return the most likely scatter among the candidates; None if no run is sensitive to any.
+
+    Parameters
+    ----------
+    test : ConsistencyTest
+        The runs.
+    names : sequence of str
+        Parameters that have one value in all runs, and may scatter.
+    """
+    candidates = [c for c in CANDIDATES if all({*kind.parameters} <= {*names} for kind in c)]
+    estimates = [e for kinds in candidates if (e := _estimate(test, kinds))]
+    return max(estimates, key=lambda e: e.log_likelihood - len(e.kinds), default=None)
+
+
+def _estimate(test: ConsistencyTest, kinds: Sequence[departures.Kind]) -> Scatter | None:
+    columns = []
+    for kind in kinds:
+        Z = test.residual_maker @ _deviations(test, kind)
+        norms = np.linalg.norm(Z, axis=0)
+        sensitive = norms > max(SENSITIVITY * norms.max(initial=0.0), SENSITIVITY)
+        if np.unique(np.flatnonzero(sensitive) % len(test.runs)).size < FEWEST:
+            return None
+        columns.append(Z[:, sensitive])
+    found = estimate_widths(test.residual_maker @ test.residual, columns)
+    total = test.total
+    rest = ChiSquare(total.value - found.explained, total.dof - len(kinds), total.noise_dof)
+    return Scatter(tuple(kinds), found.widths, found.log_likelihood, found.p, rest)
+
+
+def _deviations(test: ConsistencyTest, kind: departures.Kind) -> Array:
+    """Return the effect of unit deviations of every run, test mass by test mass, in flight values."""
+    columns = []
+    for name, unit in zip(kind.parameters, kind.units, strict=True):
+        for i, run in enumerate(test.runs):
+            column = run.derivative(name) * FLIGHT[unit].value
+            if name in departures.DELAYS:  # the delay stays
+                C = departures.DELAYS[name]
+                column = column + run.derivative(C) * FLIGHT[C].value
+            columns.append(test.column(i, column))
+    return np.hstack(columns)
