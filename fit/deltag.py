@@ -6,7 +6,7 @@
 Above some 10 mHz the test masses no longer follow the spacecraft: phi'' = -dOmega_phi. The Euler term is then
 d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 
-* If the calibration has told the two apart (`bump.is_separated`), both terms count at all frequencies.
+* If the calibration has separated the two (`crosstalk_fit.is_separated`), both terms count at any frequency.
 * If not, b_1 and b_2 contain the Euler term, and delta_g_SC is taken above `SPLIT` alone, where b_1 to b_6
   were fitted: below, phi'' is no longer -dOmega_phi, and such a b_1 would add noise. g_dOmega is then taken
   below `SPLIT`, if the calibration has the angles. The two filters add up to one. This leaves out the true
@@ -151,8 +151,8 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     path, out : Path
         Telemetry file, and the file to write, at 1 to 2 Hz.
     results : Results
-        A calibration with a sound joint fit. What subtracts best in the run's epoch (`bump.beside_euler`)
-        and the `inertial` of the run's period are used if it has them and they are sound.
+        A calibration with a sound joint fit. The coefficients of the run's epoch
+        (`crosstalk_fit.without_euler`) and the `inertial` of its period are used if they are sound.
     provenance : mapping
         Further root attributes.
 
@@ -196,8 +196,8 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     run : Telemetry
         As read from a file.
     results : Results
-        A calibration with a sound joint fit. What subtracts best in the run's epoch (`bump.beside_euler`)
-        and the `inertial` of the run's period are used if it has them and they are sound.
+        A calibration with a sound joint fit. The coefficients of the run's epoch
+        (`crosstalk_fit.without_euler`) and the `inertial` of its period are used if they are sound.
 
     Returns
     -------
@@ -282,7 +282,7 @@ def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
     notes = [warning.message for warning in known.warnings]
     epoch, period = str(head.alignment_epoch), inertial_period(head)
     fitted = results.cross_talk.get(epoch)
-    cross_talk = crosstalk_fit.beside_euler(results, epoch) if fitted and not fitted.unsound else {}
+    cross_talk = crosstalk_fit.without_euler(results, epoch) if fitted and not fitted.unsound else {}
     if not cross_talk:
         notes.append(f"delta_g_SC is left out: {_without(fitted, f'cross_talk of alignment epoch {epoch}')}")
     elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):

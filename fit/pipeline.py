@@ -136,7 +136,7 @@ def _separated(results: Results, fits: Mapping[str, Fit]) -> dict[str, Fit]:
     for epoch, period in (results.provenance.cross_talk_periods or {}).items():
         told = period in fits and not centrifugal.contradicts(fits[period].warnings)
         if told and epoch in found and not crosstalk_fit.is_separated(found[epoch]):
-            found[epoch] = crosstalk_fit.separate(found[epoch], fits[period], period, apart)
+            found[epoch] = crosstalk_fit.subtract_euler_force(found[epoch], fits[period], period, apart)
     return found
 
 
@@ -335,11 +335,11 @@ def _cross_talk(
     """Return the joint fit and the cross-talk of every epoch; where runs turn, that holds the Euler force."""
     if not (together and judged and any(e.sysid.channels.means for e in ready.in_joint_fit)):
         return judged, {}
-    told = crosstalk_fit.unattenuated(together.outcome, ready.in_joint_fit)
-    joint = attenuation.mended(judged, together.outcome, told.freed, told.shift, told.before)
-    found = crosstalk_fit.cross_talk(together.outcome, ready.in_joint_fit, Sharing(chosen.shared), told)
+    correction = attenuation.correct_attenuation(together.outcome, ready.in_joint_fit)
+    joint = attenuation.apply_iv(judged, together.outcome, correction)
+    found = crosstalk_fit.cross_talk(together.outcome, ready.in_joint_fit, Sharing(chosen.shared), correction)
     if any(rotation.sources(e.sysid.telemetry) for e in ready.in_joint_fit):
-        found = {epoch: crosstalk_fit.joined(fit) for epoch, fit in found.items()}
+        found = {epoch: crosstalk_fit.with_euler_warning(fit) for epoch, fit in found.items()}
     return joint, {epoch: _doubted(fit, judged) for epoch, fit in found.items()}
 
 

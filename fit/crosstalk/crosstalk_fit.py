@@ -4,8 +4,8 @@ The coefficients b_1 to b_6 are fitted along with the dynamics. Their regressors
 of their own, the capacitive y and z most of all. Least squares then finds what subtracts best: coefficients
 smaller than the couplings, the more so the higher the frequency. There are two sets of them for that reason:
 
-* the couplings, which are reported: b_3 to b_6 are freed of the noise by instruments, see `couplings`, where
-  there is a second sensor of the same motion. Where there is none they stay attenuated, and that is said;
+* the couplings, which are reported: b_3 to b_6 by `instrumental_variables`, unattenuated, where there is a
+  second sensor of the same motion. Where there is none they stay attenuated, and a warning reports that;
 * those that subtract best (`subtraction`), which Delta g is corrected with.
 
 Above some 10 mHz the test masses no longer follow the spacecraft, phi'' = -dOmega_phi, and the Euler force
@@ -17,72 +17,31 @@ Where the misalignment of the same period is known from low frequencies (`inerti
 with its sigma. Where it is not, the sums stay, and that is said.
 """
 
-from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import attenuation, instrumental_variables, readout_noise
-from fit.crosstalk.instruments import Weighed
+from fit.crosstalk import attenuation
+from fit.crosstalk.attenuation import AttenuationCorrected
+from fit.crosstalk.instrumental_variables import IVResult
 from fit.fitting import IRLSResult, drift
 from fit.model import Sharing, dynamics, inertial
-from fit.parallel import parallel_map
 from fit.quality import indeterminable, report
 from fit.results import Fit, Results
 from fit.warnings import FitWarning
-from fit.whitening import Experiment, noise_model, whitened_run
+from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
 
-NEGLIGIBLE = 0.1  # sigma, expected shift up to which least squares is kept
-NOTABLE = 1.0  # sigma, expected shift that is warned of
 COEFFICIENTS = tuple(name for name in dynamics.CROSS_TALK if name.startswith("b_"))
-DOUBTFUL = 0.5  # share of noise in some combination of the regressors, from which no shift is told
-SEPARATED, JOINED = "euler_separated", "euler_included"
+SEPARATED, INCLUDED = "euler_separated", "euler_included"
 _TURNED = inertial.along(inertial.BASELINE).keys()
 
 
-@dataclass(frozen=True)
-class Unattenuated:
-    """A joint fit freed, as far as instruments allow, of what noise in the read-outs of motion does to it.
-
-    Attributes
-    ----------
-    freed : Freed
-        The fit, and which parameters have instruments.
-    shift : ndarray, shape (P,)
-        By how much such noise is expected to shift it still, see `expected_shift`.
-    before : ndarray, shape (P,)
-        By how much it is expected to shift least squares.
-    """
-
-    freed: instrumental_variables.Freed
-    shift: Array
-    before: Array
-
-
-def unattenuated(outcome: IRLSResult, experiments: Sequence[Experiment]) -> Unattenuated:
-    """Free the joint fit of the noise of the read-outs of spacecraft motion.
-
-    Raises
-    ------
-    FitError
-        If a noise PSD cannot be fitted.
-    """
-    weighed = weigh(outcome, experiments)
-    floors = parallel_map(readout_noise.noise, [w.experiment.sysid for w in weighed])
-    before = shift = expected_shift(outcome, weighed, floors)
-    told = zip(outcome.parameters, (before / outcome.solution.sigma).tolist(), strict=True)
-    off = {p.name: by for p, by in told if not abs(by) < NEGLIGIBLE}
-    freed = instrumental_variables.free(outcome, weighed, off)
-    if freed.names:
-        shift = expected_shift(freed.outcome, weighed, floors, freed.names)
-    return Unattenuated(freed, shift, before)
-
-
 def cross_talk(
-    outcome: IRLSResult, experiments: Sequence[Experiment], sharing: Sharing, found: Unattenuated
+    outcome: IRLSResult, experiments: Sequence[Experiment], sharing: Sharing, correction: AttenuationCorrected
 ) -> dict[str, Fit]:
     """Return the couplings of eq. bump by alignment epoch.
 
@@ -102,7 +61,7 @@ def cross_talk(
         What was fitted.
     sharing : Sharing
         What they share.
-    found : Unattenuated
+    correction : AttenuationCorrected
         Of the same fit.
 
     Raises
@@ -111,22 +70,22 @@ def cross_talk(
         If a sigma is no positive number.
     """
     of_epoch, delta_ifo = _names(experiments, sharing)
-    freed, shift, fits = found.freed, found.shift, {}
+    iv, shift, fits = correction.iv, correction.shift, {}
     for epoch, names in of_epoch.items():
-        told = report(
-            freed.outcome,
+        fit = report(
+            iv.outcome,
             experiments,
             names,
             [
                 *indeterminable(outcome, experiments, names),
-                *_attenuated(freed.outcome, shift, names, delta_ifo[epoch]),
-                *_freed(outcome, freed, names),
+                *_attenuated(iv.outcome, shift, names, delta_ifo[epoch]),
+                *_corrected(outcome, iv, names),
                 _correlation(outcome, names, delta_ifo[epoch]),
             ],
         )
-        off = {own: shift[i] for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, ""))}
+        shifts = {own: shift[i] for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, ""))}
         drifts = drift.measured(outcome, experiments, names, epoch)
-        fits[str(epoch)] = drift.held(attenuation.widened(told, off), drifts)
+        fits[str(epoch)] = drift.held(attenuation.inflate_sigma(fit, shifts), drifts)
     return fits
 
 
@@ -134,33 +93,33 @@ def subtraction(
     outcome: IRLSResult, experiments: Sequence[Experiment], sharing: Sharing
 ) -> dict[str, dict[str, float]]:
     """Return the coefficients of eq. bump by alignment epoch that subtract best: those of least squares."""
-    found = [p.name for p in outcome.parameters]
-    values = dict(zip(found, outcome.solution.theta.tolist(), strict=True))
-    lost = dict(zip(found, outcome.lost, strict=True))
+    fitted = [p.name for p in outcome.parameters]
+    values = dict(zip(fitted, outcome.solution.theta.tolist(), strict=True))
+    lost = dict(zip(fitted, outcome.lost, strict=True))
     return {
         str(epoch): {own: values[name] for name, own in names.items() if not lost[name]}
         for epoch, names in _names(experiments, sharing)[0].items()
     }
 
 
-def subtracting(results: Results, epoch: str) -> dict[str, float]:
+def subtraction_coefficients(results: Results, epoch: str) -> dict[str, float]:
     """Return the coefficients that subtract best from runs of an epoch, the Euler force in them included."""
     fit = results.cross_talk.get(epoch)
     if fit is None:
         return {}
-    best = (results.provenance.subtraction or {}).get(epoch)
-    if best is not None:
-        return {name: best[name] for name in COEFFICIENTS if name in best}
-    return sums(fit.values, *_euler_of(results, epoch)) if is_separated(fit) else fit.values
+    stored = (results.provenance.subtraction or {}).get(epoch)
+    if stored is not None:
+        return {name: stored[name] for name in COEFFICIENTS if name in stored}
+    return add_euler_force(fit.values, *_euler_of(results, epoch)) if is_separated(fit) else fit.values
 
 
-def beside_euler(results: Results, epoch: str) -> dict[str, float]:
-    """Return those of `subtracting` without the Euler force, where that has been told apart."""
-    best, fit = subtracting(results, epoch), results.cross_talk.get(epoch)
+def without_euler(results: Results, epoch: str) -> dict[str, float]:
+    """Return those of `subtraction_coefficients` without the Euler force, where that has been told apart."""
+    coefficients, fit = subtraction_coefficients(results, epoch), results.cross_talk.get(epoch)
     if fit is None or not is_separated(fit):
-        return best
-    euler = sums(dict.fromkeys(best, 0.0), *_euler_of(results, epoch))
-    return {name: value - euler[name] for name, value in best.items()}
+        return coefficients
+    euler = add_euler_force(dict.fromkeys(coefficients, 0.0), *_euler_of(results, epoch))
+    return {name: value - euler[name] for name, value in coefficients.items()}
 
 
 def _euler_of(results: Results, epoch: str) -> tuple[Mapping[str, float], float]:
@@ -183,64 +142,50 @@ def _names(
     return dict(sorted(of_epoch.items())), delta_ifo
 
 
-def weigh(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[Weighed]:
-    """Return the sysid runs as the last iteration left them."""
-    theta, covariance = outcome.solution.theta, outcome.solution.covariance
-    found = []
-    for experiment, block in zip(experiments, outcome.blocks, strict=True):
-        of_run, share = block.share @ theta, block.share
-        noise = noise_model(experiment, of_run, share @ covariance @ share.T, None)
-        terms = experiment.sysid.spectra(dynamics.delays(of_run))
-        found.append(Weighed(experiment, terms, noise, block))
-    return found
-
-
 def _attenuated(
     outcome: IRLSResult, shift: Array, names: Mapping[str, str], delta_ifo: str
 ) -> list[FitWarning]:
     """Name the coefficients that noise in their regressors is expected to shift notably."""
     sigma = outcome.solution.sigma
-    told = {}
+    biased = {}
     for i, p in enumerate(outcome.parameters):
-        if p.name in names and not outcome.lost[i] and not abs(shift[i]) < NOTABLE * sigma[i]:
+        if p.name in names and not outcome.lost[i] and not abs(shift[i]) < attenuation.REPORTED * sigma[i]:
             value = float(outcome.solution.theta[i])
             free = f"{value:.4g} instead of {value - shift[i]:.4g} {p.unit}".removesuffix(" 1")
-            told[names[p.name]] = (
+            biased[names[p.name]] = (
                 f"{free} expected" if np.isfinite(shift[i]) else "by how much cannot be told"
             )
-    if not told:
+    if not biased:
         return []
     row = [p.name for p in outcome.parameters].index(delta_ifo)
     message = (
         "the noise of the read-outs of spacecraft motion attenuates "
-        + ", ".join(f"{name} ({what})" for name, what in told.items())
+        + ", ".join(f"{name} ({what})" for name, what in biased.items())
         + "; these coefficients subtract best but are no unbiased couplings: their sigmas hold the shift to "
         "expect, and where that cannot be told none is given"
     )
     if np.isfinite(shift[row]):
         message += f"; {delta_ifo} moves by {shift[row] / sigma[row]:+.2f} sigma"
-    return [FitWarning("attenuation_bias", tuple(told), message)]
+    return [FitWarning("attenuation_bias", tuple(biased), message)]
 
 
-def _freed(
-    outcome: IRLSResult, freed: instrumental_variables.Freed, names: Mapping[str, str]
-) -> list[FitWarning]:
-    """Say which coefficients instruments tell, and what that costs."""
-    cost = freed.outcome.solution.sigma / outcome.solution.sigma
-    of = {
+def _corrected(outcome: IRLSResult, iv: IVResult, names: Mapping[str, str]) -> list[FitWarning]:
+    """Report which coefficients instrumental variables estimate, and at what cost in sigma."""
+    cost = iv.outcome.solution.sigma / outcome.solution.sigma
+    cost_of = {
         names[p.name]: float(cost[i])
         for i, p in enumerate(outcome.parameters)
-        if p.name in names and p.name in freed.names and not outcome.lost[i]
+        if p.name in names and p.name in iv.names and not outcome.lost[i]
     }
-    if not of:
+    if not cost_of:
         return []
-    told = ", ".join(f"{name} ({factor:.2g})" for name, factor in of.items())
+    ratios = ", ".join(f"{name} ({factor:.2g})" for name, factor in cost_of.items())
     message = (
         "the two inertial sensors, each the instrument for the other, free these of the noise of the "
-        f"read-outs, at so many times the sigma of least squares: {told}; the motion is subtracted with the "
+        f"read-outs, at so many times the sigma of least squares: {ratios}; motion is subtracted with the "
         "coefficients of least squares, which subtract better"
     )
-    return [FitWarning("instrumental_variables", tuple(of), message)]
+    return [FitWarning("instrumental_variables", tuple(cost_of), message)]
 
 
 def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) -> FitWarning:
@@ -249,94 +194,42 @@ def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) 
     sigma = outcome.solution.sigma
     row = all_names.index(delta_ifo)
     correlation = outcome.solution.covariance[row] / (sigma[row] * sigma)
-    found = {own: float(correlation[all_names.index(name)]) for name, own in names.items()}
-    told = ", ".join(f"{value:+.2f} ({own})" for own, value in found.items())
-    return FitWarning("correlation", (delta_ifo, *found), f"correlation of {delta_ifo} with b_i: {told}")
-
-
-def expected_shift(
-    outcome: IRLSResult,
-    weighed: Sequence[Weighed],
-    floors: Sequence[Mapping[str, float]],
-    freed: Container[str] = (),
-) -> Array:
-    """Return by how much noise in the read-outs of spacecraft motion is expected to shift a fit.
-
-    Noise of PSD S_n in a regressor adds to the normal equations what stands for no signal, so that
-    ``E[theta] = (1 - G) truth`` with ``G = (H + prior)^-1 H_n``; the eigenvalues of G are the share of noise
-    in what the data say of a combination. S_n is measured, see `read_outs.noise`; that the spacecraft answers
-    to the noise of its own sensors is left out: right above the band of the loops, where the cross-talk is
-    large.
-
-    Parameters
-    ----------
-    outcome : IRLSResult
-        Of the fit.
-    weighed : sequence of Weighed
-        What was fitted.
-    floors : sequence of mapping
-        What `read_outs.noise` tells of their runs.
-    freed : container of str
-        Parameters whose regressors count as free of noise.
-
-    Returns
-    -------
-    ndarray, shape (P,)
-        Expected error of the parameters, SI; NaN where the regressors hold too much noise to tell.
-    """
-    theta = outcome.solution.theta
-    width = np.array([p.prior_sigma for p in outcome.parameters])
-    known = outcome.held.rows
-    H, H_n = known.T @ known, np.zeros((theta.size, theta.size))
-    clean = np.array([p.name in freed for p in outcome.parameters])
-    for w, floor in zip(weighed, floors, strict=True):
-        terms, to_run = w.terms, w.block.share
-        H += whitened_run.information([whitened_run.block(terms, w.noise, to_run)], theta)
-        weight = 2 / w.noise.expected(terms.f)
-        for mean, S_n in floor.items():
-            rows = np.zeros((terms.f.size, len(to_run)))
-            for i, name in enumerate(w.experiment.parameters):
-                if dynamics.CROSS_TALK.get(name, ("", 0))[0] == mean and not to_run[i, clean].any():
-                    rows[:, i] = (-((2 * np.pi * terms.f) ** 2)) ** (dynamics.CROSS_TALK[name][1] // 2)
-            H_n += to_run.T @ (rows.T * (S_n * weight)) @ rows @ to_run
-    root = np.linalg.inv(np.linalg.cholesky(width[:, None] * H * width))
-    share_of_noise, V = np.linalg.eigh(root @ (width[:, None] * H_n * width) @ root.T)
-    parts = width[:, None] * (root.T @ V) * np.linalg.solve(V, np.linalg.solve(root.T, theta / width))
-    doubtful = share_of_noise > DOUBTFUL
-    shift = -parts[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
-    unknown = np.abs(parts[:, doubtful]).sum(axis=1) > NOTABLE * outcome.solution.sigma
-    return np.where(unknown, np.nan, shift)
+    with_couplings = {own: float(correlation[all_names.index(name)]) for name, own in names.items()}
+    values = ", ".join(f"{value:+.2f} ({own})" for own, value in with_couplings.items())
+    return FitWarning(
+        "correlation", (delta_ifo, *with_couplings), f"correlation of {delta_ifo} with b_i: {values}"
+    )
 
 
 def is_separated(cross_talk: Fit) -> bool:
-    """Tell whether the Euler force has been taken off."""
+    """Return whether the Euler force has been subtracted."""
     return any(warning.code == SEPARATED for warning in cross_talk.warnings)
 
 
-def is_joined(cross_talk: Fit) -> bool:
-    """Tell whether b_1 and b_2 hold the Euler force."""
-    return any(warning.code == JOINED for warning in cross_talk.warnings)
+def includes_euler(cross_talk: Fit) -> bool:
+    """Return whether b_1 and b_2 include the Euler force."""
+    return any(warning.code == INCLUDED for warning in cross_talk.warnings)
 
 
-def sums(values: Mapping[str, float], deltas: Mapping[str, float], d: float) -> dict[str, float]:
-    """Put back what `separate` took off: the coefficients that correct Delta g_x of runs of that period."""
+def add_euler_force(values: Mapping[str, float], deltas: Mapping[str, float], d: float) -> dict[str, float]:
+    """Undo `subtract_euler_force`: return the coefficients that correct Delta g_x of runs of that period."""
     parts = {
         name: factor * deltas[delta] for name, (delta, factor) in inertial.along(d).items() if delta in deltas
     }
     return {name: value + parts.get(name, 0.0) for name, value in values.items()}
 
 
-def joined(cross_talk: Fit) -> Fit:
-    """Say that b_1 and b_2 hold the Euler force of the runs they were fitted to."""
+def with_euler_warning(cross_talk: Fit) -> Fit:
+    """Warn that b_1 and b_2 include the Euler force of the runs they were fitted to."""
     names = tuple(name for name in _TURNED if name in cross_talk.parameters)
     message = (
         "b_1 and b_2 include d delta_phi and -d delta_eta, the Euler force above 10 mHz: without an inertial "
         "fit of the same period these cannot be told apart"
     )
-    return replace(cross_talk, warnings=(*cross_talk.warnings, FitWarning(JOINED, names, message)))
+    return replace(cross_talk, warnings=(*cross_talk.warnings, FitWarning(INCLUDED, names, message)))
 
 
-def separate(cross_talk: Fit, misaligned: Fit, period: str, d: float) -> Fit:
+def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float) -> Fit:
     """Take the Euler force off b_1 and b_2.
 
     Parameters
@@ -367,6 +260,6 @@ def separate(cross_talk: Fit, misaligned: Fit, period: str, d: float) -> Fit:
         f"the Euler force of period {period}, which above 10 mHz has the shape of b_1 and b_2, has been "
         "taken off them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
     )
-    kept = [warning for warning in cross_talk.warnings if warning.code != JOINED]
-    warnings = (*kept, FitWarning(SEPARATED, tuple(parts), message))
+    others = [warning for warning in cross_talk.warnings if warning.code != INCLUDED]
+    warnings = (*others, FitWarning(SEPARATED, tuple(parts), message))
     return replace(cross_talk, parameters=parameters, covariance=covariance, warnings=warnings)

@@ -25,53 +25,226 @@ What is subtracted from Delta g_x stays least squares: that subtracts best, atte
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import instruments
-from fit.crosstalk.instruments import OF, ORDER, Mean, Moments, Weighed
+from fit.crosstalk import readout_noise
+from fit.crosstalk.fitted_run import FittedRun
 from fit.fitting import IRLSResult, normal
 from fit.model import dynamics
-from fit.spectra import Spectrum, windowing
+from fit.spectra import Spectrum, fit_noise, windowing
 from fit.whitening import whitened_run
 
 Array = NDArray[np.float64]
 
-FREE = 30.0  # width of the weak prior of t_k, about zero: the largest T is some 2
-WEAK = 10.0  # times the sigma of least squares: instruments that tell less are none, unless it is off by more
-DROWNED = 0.7  # share of noise in what the data say, from which instruments tell nothing
+LOOP_PRIOR_SIGMA = 30.0  # width of the weak prior of t_k, about zero: the largest T is some 2
+MAX_SIGMA_RATIO = (
+    10.0  # to that of least squares, from which instruments are of no use unless it is off by more
+)
+MAX_NOISE_FRACTION = 0.7  # share of noise in what the data say, from which instruments are of no use
+LOOP_ORDER = 8  # of the loop; for unity gains of 15 to 80 mHz it leaves 0.1 sigma of 13 runs, 4 would leave 3
+LOOP_POLE = 2 * np.pi * 40e-3  # rad/s, where the functions turn
+LOOP_DELAY = 0.3  # s, of thrusters
+#: The coefficients of each mean, those of its acceleration and of its position.
+COEFFICIENTS_OF: Mapping[str, tuple[str, str]] = {"y": ("b_3", "b_5"), "z": ("b_4", "b_6")}
 
 
 @dataclass(frozen=True)
-class Freed:
-    """What instruments make of a fit.
+class NoisyRegressor:
+    """One of the means y and z in one run; everything whitened.
+
+    Attributes
+    ----------
+    label : tuple of int and str
+        Its alignment epoch, its name.
+    indices : tuple of int
+        Where the parameters of the run have its coefficients, those of acceleration and position.
+    noise_power : ndarray, shape (B,)
+        Power of the noise of the acceleration.
+    uncertainty : float
+        Of that power, relative.
+    loop : ndarray of complex, shape (B, LOOP_ORDER)
+        What T_k adds to the product of acceleration and residual: T_k* times the smooth power of the noise of
+        the acceleration, times the force per acceleration.
+    filters : ndarray of complex, shape (B, 2 + LOOP_ORDER)
+        What makes its instruments of the acceleration: 1, that of the position, those of the loop.
+    """
+
+    label: tuple[int, str]
+    indices: tuple[int, int]
+    noise_power: Array
+    uncertainty: float
+    loop: Spectrum
+    filters: Spectrum
+
+
+def noisy_regressor(w: FittedRun, name: str, theta: Array) -> NoisyRegressor | None:
+    """Return what the instruments of a mean need; None where the read-outs differ by more than noise.
+
+    `theta`, shape (P,), is the estimate of least squares.
+    """
+    run, f = w.experiment.sysid, w.terms.f
+    noise = readout_noise.mean_psd(run, name)
+    if noise is None:
+        return None
+    level, uncertainty = noise
+    omega2 = (2 * np.pi * f) ** 2
+    white = omega2**2 * level
+    indices = tuple(w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name])
+    power = np.abs(w.terms.columns[:, indices[0] + 1]) ** 2
+    smooth = fit_noise(f, power, np.ones(f.size)).leave_one_out(f, power)
+    T, noise_power = _causal(f).conj(), 2 * white / w.S
+    acceleration, position = w.block.share[list(indices)] @ theta
+    force = (acceleration - position / omega2)[:, None]
+    shapes = force * np.minimum(white / smooth, 1.0)[:, None] * T
+    filters = np.column_stack([np.ones(f.size), -1 / omega2, shapes])
+    label = (run.telemetry.alignment_epoch, name)
+    return NoisyRegressor(
+        label, (indices[0], indices[1]), noise_power, uncertainty, force * noise_power[:, None] * T, filters
+    )
+
+
+def _causal(f: Array) -> Spectrum:
+    """Return the Laguerre functions at the frequencies f, shape (B, LOOP_ORDER), 1 at f = 0."""
+    s = 2j * np.pi * f[:, None]
+    return np.asarray(
+        LOOP_POLE
+        / (s + LOOP_POLE)
+        * ((LOOP_POLE - s) / (s + LOOP_POLE)) ** np.arange(LOOP_ORDER)
+        * np.exp(-LOOP_DELAY * s)
+    )
+
+
+@dataclass(frozen=True)
+class MomentEquations:
+    """One run: K parameters of its own, then LOOP_ORDER of the loop for each of its M means.
+
+    Attributes
+    ----------
+    means : tuple of NoisyRegressor
+        Those with instruments.
+    regressors : ndarray of complex, shape (B, K)
+        Whitened.
+    instruments : ndarray of complex, shape (B, K + LOOP_ORDER M)
+        Whitened and weighed.
+    residual : ndarray of complex, shape (B,)
+        Of least squares.
+    b : ndarray, shape (K,)
+        Its estimate.
+    map : ndarray, shape (K + LOOP_ORDER M, P + U)
+        From what is fitted to what the run has.
+    spread : float
+        What the window adds to the scatter of sums over bins.
+    weights : ndarray, shape (B,)
+        Of the bins.
+    """
+
+    means: tuple[NoisyRegressor, ...]
+    regressors: Spectrum
+    instruments: Spectrum
+    residual: Spectrum
+    b: Array
+    map: Array
+    spread: float
+    weights: Array
+
+    @property
+    def corrected(self) -> list[int]:
+        """Where what is fitted has the coefficients of its means."""
+        indices = [i for mean in self.means for i in mean.indices]
+        return [int(j) for j in np.flatnonzero(self.map[indices].any(axis=0))]
+
+    @property
+    def accelerations(self) -> list[int]:
+        """Where what is fitted has the coefficient of the acceleration of each mean."""
+        return [int(np.argmax(self.map[mean.indices[0]] != 0)) for mean in self.means]
+
+    def _rows(self) -> list[tuple[NoisyRegressor, list[int], slice]]:
+        """Return each mean with the rows of its instruments, and where its loop is among the columns."""
+        K = self.regressors.shape[1]
+        loops = [slice(K + i * LOOP_ORDER, K + (i + 1) * LOOP_ORDER) for i in range(len(self.means))]
+        return [
+            (mean, [*mean.indices, *range(loop.start, loop.stop)], loop)
+            for mean, loop in zip(self.means, loops, strict=True)
+        ]
+
+    @cached_property
+    def noise(self) -> list[Array]:
+        """What each mean's noise adds to the products of instruments and regressors, of the shape of `A`."""
+        size, products = self.instruments.shape[1], []
+        for mean, rows, _ in self._rows():
+            C = np.zeros((size, size))
+            weights = (self.weights * mean.noise_power)[:, None]
+            C[np.ix_(rows, mean.indices)] = (mean.filters.conj().T @ (mean.filters[:, :2] * weights)).real
+            products.append(C)
+        return products
+
+    @cached_property
+    def A(self) -> Array:
+        """Expected change of the moments with what is fitted, shape (K + LOOP_ORDER M, K + LOOP_ORDER M)."""
+        K = self.regressors.shape[1]
+        A = np.zeros(2 * self.instruments.shape[1:])
+        A[:, :K] = (self.instruments.conj().T @ self.regressors).real
+        A -= np.sum(self.noise, axis=0)
+        for mean, rows, loop in self._rows():
+            A[rows, loop] = (mean.filters.conj().T @ (mean.loop * self.weights[:, None])).real
+        return A
+
+    def bin_moments(self, change: Array) -> Array:
+        """Return the moments of each bin, (B, K + LOOP_ORDER M), at a change of what is fitted."""
+        K = self.regressors.shape[1]
+        b = self.b + change[:K]
+        residual = self.residual + self.regressors @ change[:K]
+        moments = (self.instruments.conj() * residual[:, None]).real
+        for mean, rows, loop in self._rows():
+            noise = mean.filters[:, :2] @ b[list(mean.indices)] * mean.noise_power - mean.loop @ change[loop]
+            expected_noise = mean.filters.conj() * noise[:, None]
+            moments[:, rows] -= expected_noise.real * self.weights[:, None]
+        return moments
+
+    def covariance(self, change: Array) -> Array:
+        """Return the covariance of the moments at a change of what is fitted, shape (P + U, P + U)."""
+        per_bin = self.bin_moments(change) @ self.map
+        covariance = self.spread * per_bin.T @ per_bin
+        b = np.zeros(len(change))
+        b[: self.b.size] = self.b + change[: self.b.size]
+        for mean, C in zip(self.means, self.noise, strict=True):
+            level_error = mean.uncertainty * (C @ b) @ self.map
+            covariance += np.outer(level_error, level_error)
+        return np.asarray(covariance)
+
+
+@dataclass(frozen=True)
+class IVResult:
+    """A fit with instrumental variables.
 
     Attributes
     ----------
     outcome : IRLSResult
-        The fit, with their estimate as its solution.
+        The fit, with the estimate of instrumental variables as its solution.
     names : frozenset of str
-        The parameters they free of attenuation.
+        The parameters that are estimated without attenuation.
     """
 
     outcome: IRLSResult
     names: frozenset[str]
 
 
-def free(outcome: IRLSResult, weighed: Sequence[Weighed], off: Mapping[str, float]) -> Freed:
-    """Free b_3 to b_6 of attenuation, wherever all runs of an alignment epoch have the instruments for it.
+def estimate(outcome: IRLSResult, fitted_runs: Sequence[FittedRun], shifts: Mapping[str, float]) -> IVResult:
+    """Estimate b_3 to b_6 without attenuation, where all runs of an alignment epoch have instruments.
 
-    All else is solved along, so that nothing is held at what attenuated coefficients made of it.
+    All other parameters are estimated together with them, so that attenuation is removed from these as well.
 
     Parameters
     ----------
     outcome : IRLSResult
         Of the joint fit.
-    weighed : sequence of Weighed
+    fitted_runs : sequence of FittedRun
         Its runs.
-    off : mapping of str to float
-        Parameters that read-out noise shifts, and by how many sigma; NaN where that cannot be told. A mean of
+    shifts : mapping of str to float
+        Parameters that read-out noise shifts, and by how many sigma; NaN where that is unknown. A mean of
         which none is among them keeps least squares and its smaller sigma.
 
     Raises
@@ -79,59 +252,69 @@ def free(outcome: IRLSResult, weighed: Sequence[Weighed], off: Mapping[str, floa
     FitError
         If a noise PSD cannot be fitted.
     """
-    if any(w.block.window is None for w in weighed):
-        return Freed(outcome, frozenset())
+    if any(w.block.window is None for w in fitted_runs):
+        return IVResult(outcome, frozenset())
     theta = outcome.solution.theta
-    found = [
-        {name: instruments.mean(w, name, theta) for name in OF if name in w.experiment.sysid.channels.means}
-        for w in weighed
+    means_of_runs = [_noisy_regressors(w, theta) for w in fitted_runs]
+    candidates = [
+        (w, name, mean)
+        for w, means in zip(fitted_runs, means_of_runs, strict=True)
+        for name, mean in means.items()
     ]
-    every = [(w, name, mean) for w, means in zip(weighed, found, strict=True) for name, mean in means.items()]
-    places = {(_epoch(w), name) for w, name, _ in every if _is_off(outcome, w, name, off)}
-    places -= {(_epoch(w), name) for w, name, mean in every if mean is None}
-
-    def moments(kept: Sequence[tuple[int, str]]) -> list[Moments]:
-        return [
-            _moments(w, outcome, [m for m in means.values() if m and m.place in kept], kept)
-            for w, means in zip(weighed, found, strict=True)
+    labels = {(_epoch(w), name) for w, name, _ in candidates if _is_shifted(outcome, w, name, shifts)}
+    labels -= {(_epoch(w), name) for w, name, mean in candidates if mean is None}
+    while labels:
+        runs = [
+            _moment_equations(w, outcome, means, sorted(labels))
+            for w, means in zip(fitted_runs, means_of_runs, strict=True)
         ]
-
-    while places:
-        runs = moments(sorted(places))
-        useless = _drowned(outcome, runs)
-        if not useless:
-            solution = _solved(outcome, runs)
+        rejected = _noise_dominated(outcome, runs)
+        if not rejected:
+            solution = _solution(outcome, runs)
             cost = solution.sigma / outcome.solution.sigma
-            worth = [np.fmax(WEAK, abs(off.get(p.name, 0.0))) for p in outcome.parameters]
-            useless = {
-                mean.place
+            max_cost = [np.fmax(MAX_SIGMA_RATIO, abs(shifts.get(p.name, 0.0))) for p in outcome.parameters]
+            rejected = {
+                mean.label
                 for run in runs
                 for mean, j in zip(run.means, run.accelerations, strict=True)
-                if cost[j] > worth[j]
+                if cost[j] > max_cost[j]
             }
-        if not useless:
-            names = frozenset(outcome.parameters[j].name for run in runs for j in run.freed)
-            return Freed(replace(outcome, solution=solution), names)
-        places -= useless
-    return Freed(outcome, frozenset())
+        if not rejected:
+            names = frozenset(outcome.parameters[j].name for run in runs for j in run.corrected)
+            return IVResult(replace(outcome, solution=solution), names)
+        labels -= rejected
+    return IVResult(outcome, frozenset())
 
 
-def _epoch(w: Weighed) -> int:
+def _noisy_regressors(w: FittedRun, theta: Array) -> dict[str, NoisyRegressor | None]:
+    """Return what the instruments of the means of a run need, by mean."""
+    names = [name for name in COEFFICIENTS_OF if name in w.experiment.sysid.channels.means]
+    return {name: noisy_regressor(w, name, theta) for name in names}
+
+
+def _epoch(w: FittedRun) -> int:
     return w.experiment.sysid.telemetry.alignment_epoch
 
 
-def _is_off(outcome: IRLSResult, w: Weighed, name: str, off: Container[str]) -> bool:
+def _is_shifted(outcome: IRLSResult, w: FittedRun, name: str, shifts: Container[str]) -> bool:
     """Tell whether a coefficient of a mean is off; none is, if that of its acceleration is lost."""
-    rows = w.block.share[[w.experiment.parameters.index(b) for b in OF[name]]]
-    made_of = [
+    rows = w.block.share[[w.experiment.parameters.index(b) for b in COEFFICIENTS_OF[name]]]
+    parameters_of_mean = [
         p.name for p, used in zip(outcome.parameters, np.any(rows, axis=0).tolist(), strict=True) if used
     ]
-    return not outcome.lost[rows[0] != 0].any() and any(parameter in off for parameter in made_of)
+    return not outcome.lost[rows[0] != 0].any() and any(
+        parameter in shifts for parameter in parameters_of_mean
+    )
 
 
-def _moments(
-    w: Weighed, outcome: IRLSResult, means: Sequence[Mean], places: Sequence[tuple[int, str]]
-) -> Moments:
+def _moment_equations(
+    w: FittedRun,
+    outcome: IRLSResult,
+    means_of_run: Mapping[str, NoisyRegressor | None],
+    labels: Sequence[tuple[int, str]],
+) -> MomentEquations:
+    """Return the equations of a run for those of its means that have a label among `labels`."""
+    means = [mean for mean in means_of_run.values() if mean and mean.label in labels]
     theta, K, P = w.block.share @ outcome.solution.theta, *w.block.share.shape
     U, _ = whitened_run.whiten(w.terms, w.S)
     regressors: Spectrum = U @ dynamics.gradient(theta, w.terms.tau)
@@ -140,17 +323,19 @@ def _moments(
     # there, but far above it in the lowest, which the filters of a slow force weigh most.
     loops: list[Spectrum] = [
         whitened_run.whiten(
-            replace(w.terms, columns=mean.filters[:, 2:] * w.terms.columns[:, [mean.at[0] + 1]]), w.S
+            replace(w.terms, columns=mean.filters[:, 2:] * w.terms.columns[:, [mean.indices[0] + 1]]), w.S
         )[0]
         for mean in means
     ]
-    to_run = np.zeros((K + ORDER * len(means), P + ORDER * len(places)))
+    to_run = np.zeros((K + LOOP_ORDER * len(means), P + LOOP_ORDER * len(labels)))
     to_run[:K, :P] = w.block.share
     for i, mean in enumerate(means):
-        first = P + ORDER * places.index(mean.place)
-        to_run[K + i * ORDER : K + (i + 1) * ORDER, first : first + ORDER] = np.eye(ORDER)
+        column = P + LOOP_ORDER * labels.index(mean.label)
+        to_run[K + i * LOOP_ORDER : K + (i + 1) * LOOP_ORDER, column : column + LOOP_ORDER] = np.eye(
+            LOOP_ORDER
+        )
     assert w.block.window is not None
-    return Moments(
+    return MomentEquations(
         tuple(means),
         regressors,
         np.asarray(np.concatenate([regressors, *loops], axis=1) * weights[:, None], dtype=np.complex128),
@@ -162,38 +347,42 @@ def _moments(
     )
 
 
-def _drowned(outcome: IRLSResult, runs: Sequence[Moments]) -> set[tuple[int, str]]:
+def _noise_dominated(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> set[tuple[int, str]]:
     """Return the means whose noise is nearly all that the data say in some direction."""
     P = outcome.solution.theta.size
     width = np.array([p.prior_sigma for p in outcome.parameters])
-    held = outcome.held.rows
-    H = whitened_run.information(outcome.blocks, outcome.solution.theta) + held.T @ held
+    prior = outcome.held.rows
+    H = whitened_run.information(outcome.blocks, outcome.solution.theta) + prior.T @ prior
     root = np.linalg.inv(np.linalg.cholesky(H * np.outer(width, width))) * width
-    of_place: dict[tuple[int, str], Array] = {}
+    noise_of_label: dict[tuple[int, str], Array] = {}
     for run in runs:
         for mean, C in zip(run.means, run.noise, strict=True):
-            total = of_place.setdefault(mean.place, np.zeros((P, P)))
+            total = noise_of_label.setdefault(mean.label, np.zeros((P, P)))
             total += (run.map.T @ C @ run.map)[:P, :P]
-    return {place for place, C in of_place.items() if np.linalg.eigvalsh(root @ C @ root.T)[-1] > DROWNED}
+    return {
+        label
+        for label, C in noise_of_label.items()
+        if np.linalg.eigvalsh(root @ C @ root.T)[-1] > MAX_NOISE_FRACTION
+    }
 
 
-def _solved(outcome: IRLSResult, runs: Sequence[Moments]) -> whitened_run.Solution:
+def _solution(outcome: IRLSResult, runs: Sequence[MomentEquations]) -> whitened_run.Solution:
     """Solve the moments of all runs for what changes least squares."""
-    theta, held = outcome.solution.theta, outcome.held
+    theta, prior = outcome.solution.theta, outcome.held
     extra = runs[0].map.shape[1] - theta.size
-    rows = np.zeros((len(held.rows) + extra, theta.size + extra))
-    rows[: len(held.rows), : theta.size] = held.rows
-    rows[len(held.rows) :, theta.size :] = np.eye(extra) / FREE
-    away = np.concatenate([theta - held.centre, np.zeros(extra)])
+    rows = np.zeros((len(prior.rows) + extra, theta.size + extra))
+    rows[: len(prior.rows), : theta.size] = prior.rows
+    rows[len(prior.rows) :, theta.size :] = np.eye(extra) / LOOP_PRIOR_SIGMA
+    offset = np.concatenate([theta - prior.centre, np.zeros(extra)])
     A = rows.T @ rows + np.sum([run.map.T @ run.A @ run.map for run in runs], axis=0)
-    here = rows.T @ (rows @ away)
+    score = rows.T @ (rows @ offset)
     for run in runs:
-        here += run.map.T @ run.bins(np.zeros(len(run.map))).sum(axis=0)
+        score += run.map.T @ run.bin_moments(np.zeros(len(run.map))).sum(axis=0)
     inverse = normal.inverse(A)
-    change = -inverse @ here
+    change = -inverse @ score
     scores = rows.T @ rows
     for run in runs:
-        scores += run.scores(run.map @ change)
+        scores += run.covariance(run.map @ change)
     covariance = (inverse @ scores @ inverse.T)[: theta.size, : theta.size]
     symmetric = (covariance + covariance.T) / 2
     return replace(outcome.solution, theta=theta + change[: theta.size], covariance=symmetric)

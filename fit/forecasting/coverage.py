@@ -95,7 +95,7 @@ def _over_time(fit: Fit, epoch: str, driven: _Truths, d: float) -> dict[str, flo
 
 def _told(fit: Fit, truth: dict[str, float], d: float) -> dict[str, float]:
     """Return what is true of what a fit tells: where its b_1 and b_2 hold the Euler force, of these sums."""
-    return crosstalk_fit.sums(truth, truth, d) if crosstalk_fit.is_joined(fit) else truth
+    return crosstalk_fit.add_euler_force(truth, truth, d) if crosstalk_fit.includes_euler(fit) else truth
 
 
 def _derived_truth(truth: Mapping[str, float], telemetry: Telemetry) -> dict[str, float]:

@@ -70,7 +70,7 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: IRLS
     """Return an identification moved and widened as instruments do it to the fit.
 
     The loop takes its cross-talk from the same noisy read-outs and has no instruments, so that what noise in
-    them shifts is off in both alike, see `attenuation.mended`.
+    them shifts is off in both alike, see `attenuation.apply_iv`.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: IRLS
         return found
     names, parameters, told = list(found.parameters), dict(found.parameters), []
     scale = np.ones(len(names))
-    for name, (shift, wider) in attenuation.moves(given, least).items():
+    for name, (shift, wider) in attenuation.iv_correction(given, least).items():
         was = parameters[name]
         parameters[name] = replace(was, value=was.value + shift, sigma=was.sigma * wider)
         scale[names.index(name)] = wider

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.consistency import consistency_warnings
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.errors import FitError, InputError
 from fit.fitting import Prior, Problem, constraint_test, departures, irls, priors
 from fit.identification import comparison, noise
@@ -195,10 +195,10 @@ def _differing(
 
 def _mended(found: Fit, experiments: Sequence[Experiment], calibrated: Results, chosen: Settings) -> Fit:
     """Return what was found with what instruments move in the fit moved likewise."""
-    moved = earlier.beside_instruments(calibrated)
+    moved = refit.iv_corrected_parameters(calibrated)
     if calibrated.joint is None or not moved & set(found):
         return found
-    least = earlier.least_squares(experiments, chosen)
+    least = refit.least_squares(experiments, chosen)
     return comparison.beside_instruments(found, calibrated.joint, moved, least)
 
 

@@ -156,7 +156,7 @@ def parameters(results: Results, run: Telemetry) -> dict[str, float]:
     return (
         values
         | results.experiments[run.experiment].values
-        | crosstalk_fit.subtracting(results, str(run.alignment_epoch))
+        | crosstalk_fit.subtraction_coefficients(results, str(run.alignment_epoch))
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from markupsafe import Markup
 from pydantic import BaseModel
 
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.files import documents
 from fit.forecasting import Pulls, coverage
 from fit.report.parts import Drawing, Part
@@ -127,7 +127,7 @@ def _belongs(chain: _Chain, results: Results) -> bool:
     return (
         all(
             abs((chain.parameters[name].mean - e.value) / e.sigma - chain.parameters[name].shift_in_sigma)
-            < earlier.SAME
+            < refit.MAX_CHANGE
             for name, e in joint.items()
             if name in chain.parameters
         )

@@ -26,7 +26,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.crosstalk import moves
+from fit.crosstalk import attenuation
 from fit.errors import FitError, InputError
 from fit.files import atomic
 from fit.fitting import IRLSResult, constraint_test
@@ -298,7 +298,7 @@ def apply_iv_correction(
     """
     solution, names = result.solution, [p.name for p in result.parameters]
     centre, scale = solution.theta.copy(), np.ones(len(names))
-    for name, (shift, ratio) in moves(corrected, result).items():
+    for name, (shift, ratio) in attenuation.iv_correction(corrected, result).items():
         i = names.index(name)
         centre[i], scale[i] = centre[i] + shift, ratio
     shared = slice(result.shared)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.errors import InputError
 from fit.figures import Figure
 from fit.parallel import processors
@@ -20,7 +20,7 @@ def figures(directory: Path, names: Sequence[str], console: Console, *, jobs: in
     """Draw the figures whose names contain one of `names`, all of them without any, on several processes."""
     check_folder(directory, "figures", option="")
     with console.stage("reading"):
-        results, telemetries = earlier.load(directory)
+        results, telemetries = refit.load(directory)
     place = directory / "figures"
     with console.stage("preparation"):
         known = {drawing.name: drawing for drawing in page.drawings(results, telemetries)}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import fit.errors
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.forecasting import coverage
 from fit.identification import Free, identify
 from fit.parallel import serial
@@ -78,7 +78,7 @@ def identify_files(
             f"give the command lpfcosim run {campaign}, or add files to this one"
         )
     with console.stage("reading"):
-        results, telemetries = earlier.load(directory)
+        results, telemetries = refit.load(directory)
     place = f"{directory / 'results.json'}: provenance.settings"
     refuse_narrow_band(settings(results.provenance.settings, place), "identify", place)
     check(plan, telemetries)
@@ -150,7 +150,7 @@ def _prepared(
     results: Results, telemetries: Sequence[Telemetry], directory: Path, chosen: Settings
 ) -> tuple[Sequence[Experiment], Settings]:
     """Return the experiments of the fit and its settings, with the constraints of the command on top."""
-    experiments, fitted = earlier.experiments(results, telemetries, directory / "results.json")
+    experiments, fitted = refit.experiments(results, telemetries, directory / "results.json")
     return experiments, fitted.model_copy(update={"parameters": {**fitted.parameters, **chosen.parameters}})
 
 
@@ -185,7 +185,7 @@ def _alone(
 ) -> Results:
     """Do that, in a worker: one thread, so that it is known which FMU is at work."""
     with ours(), serial(), ExitStack() as stack, about(campaign):
-        results, telemetries = earlier.load(directory)
+        results, telemetries = refit.load(directory)
         prepared = _prepared(results, telemetries, directory, chosen)
         loop = _simulation(stack, plan, prepared[0], fmus, where)
         return _found(plan, loop, prepared, results, telemetries)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.files import atomic
 from fit.report import page as fit_report
 from fit.results import Results
@@ -17,7 +17,7 @@ from lpfcosim.running import folder
 def mcmc(directory: Path, console: Console, *, steps: int, seed: int) -> None:
     """Sample the posterior of the joint fit in a folder; continue what is there."""
     with console.stage("reading"):
-        results, telemetries = earlier.load(directory)
+        results, telemetries = refit.load(directory)
     with folder.held(directory):
         _sample(directory, results, telemetries, console, steps=steps, seed=seed)
 
@@ -34,7 +34,7 @@ def _sample(
     for warning in results.joint.unsound if results.joint else ():
         console.note(f"warning: {directory / 'results.json'}: joint: {warning.message}")
     joint = results.joint.parameters if results.joint else {}
-    others = earlier.beside_instruments(results)
+    others = refit.iv_corrected_parameters(results)
     given = {name: e for name, e in joint.items() if name in others}
     if given:
         told = ", ".join(given)
@@ -42,7 +42,7 @@ def _sample(
             f"sampled as least squares has it, then moved and widened as instruments have it: {told}"
         )
     with console.stage("fit"):
-        outcome = earlier.refit(results, telemetries, directory / "results.json")
+        outcome = refit.refit(results, telemetries, directory / "results.json")
     posterior = Posterior(outcome)
     with console.counted("steps", steps) as progress:
         path, identity = directory / "mcmc.h5", chains.digest(results)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.report import page as fit_report
 from lpfcosim.cli.console import Console
 from lpfcosim.running import folder
@@ -11,7 +11,7 @@ from lpfcosim.running import folder
 def report(directory: Path, console: Console) -> None:
     """Rebuild the report from what a folder holds."""
     with console.stage("reading"):
-        results, telemetries = earlier.load(directory)
+        results, telemetries = refit.load(directory)
     with folder.held(directory), console.stage("report"):
         page = fit_report.write_report(directory, results, telemetries)
     console.say(f"report: {page}")

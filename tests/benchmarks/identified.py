@@ -24,7 +24,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.errors import CalibrationError
 from fit.forecasting import coverage
 from fit.identification.identify import identify
@@ -70,7 +70,7 @@ def trial(plan: Campaign, number: int) -> Line:
         with serial(), ExitStack() as stack:
             results = calibrate(runs, chosen)
             between = cpu()
-            experiments, how = earlier.experiments(results, runs, Path("results.json"))
+            experiments, how = refit.experiments(results, runs, Path("results.json"))
             flown = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
             loop = Simulation(stack, plan, flown, build.build())
             free = [_free(target) for target in loop.targets]

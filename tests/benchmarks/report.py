@@ -25,10 +25,10 @@ def stage(name):
     now = [time.perf_counter(), time.process_time()]
     told[name + "_s"], told[name + "_cpu_s"] = (a - b for a, b in zip(now, last))
     last[:] = now
-from fit.estimate import earlier
+from fit.crosstalk import refit
 from fit.report import page
 stage("import")
-results, telemetries = earlier.load(Path(sys.argv[1]))
+results, telemetries = refit.load(Path(sys.argv[1]))
 stage("load")
 with tempfile.TemporaryDirectory() as folder:
     path = page.write_report(Path(folder), results, telemetries)

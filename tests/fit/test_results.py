@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit.crosstalk.crosstalk_fit import joined
+from fit.crosstalk.crosstalk_fit import with_euler_warning
 from fit.errors import FitError, InputError
 from fit.forecasting.coverage import with_truth
 from fit.results.estimates import Estimate, Stiffness
@@ -286,7 +286,11 @@ def test_truth_of_lengths_that_hold_the_euler_force_is_that_of_the_sums(tmp_path
     truth = {"b_1": 1.887e-4, "b_2": -3.38e-5, "delta_phi": -0.47e-3, "delta_eta": -0.066e-3}
     run = telemetry(tmp_path, "A1", truth)
     lengths = make_fit(b_1=1.2e-5, b_2=-0.9e-5)
-    told = with_truth(make_results(cross_talk={"1": joined(lengths)}), [run]).cross_talk["1"].parameters
+    told = (
+        with_truth(make_results(cross_talk={"1": with_euler_warning(lengths)}), [run])
+        .cross_talk["1"]
+        .parameters
+    )
     assert told["b_1"].truth == pytest.approx(1.887e-4 - 0.376 * 0.47e-3)
     assert told["b_2"].truth == pytest.approx(-3.38e-5 + 0.376 * 0.066e-3)
     apart = with_truth(make_results(cross_talk={"1": lengths}), [run]).cross_talk["1"].parameters

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fit import results as fit_results
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.report import page as report
@@ -63,7 +63,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made") / "out"
     (folder / "telemetry").mkdir(parents=True)
     runs = [
-        earlier.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
+        refit.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
     ]
     results = calibrate(runs)
     names = [f"telemetry/{r.run}.h5" for r in runs]
@@ -79,7 +79,7 @@ def copied(made, tmp_path):
 
 def rebuild(folder):
     """Do as ``lpfcosim report``; the drawings are those of other tests."""
-    results, runs = earlier.load(folder)
+    results, runs = refit.load(folder)
     report.write_report(folder, results, runs)
 
 
@@ -111,7 +111,7 @@ def test_names_of_experiments(tmp_path, name):
     names = []
 
     def work():
-        runs = earlier.read_all(paths, own=True)
+        runs = refit.read_all(paths, own=True)
         results = calibrate(runs)
         report.write_report(folder, results, runs)
         names.extend(drawing.name for drawing in report.drawings(results, runs))
@@ -170,8 +170,8 @@ def test_chains(copied, cases, monkeypatch):
     """Chains of another length, kind or place of their numbers, and damaged ones."""
     monkeypatch.setattr(probe, "PATIENCE", 20.0)
     monkeypatch.setattr(emcee_sampling, "CHECK_INTERVAL", 10)
-    results, runs = earlier.load(copied)
-    posterior = Posterior(earlier.refit(results, runs, copied / "results.json"))
+    results, runs = refit.load(copied)
+    posterior = Posterior(refit.refit(results, runs, copied / "results.json"))
     path = copied / "mcmc.h5"
 
     def sample():

@@ -6,8 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fit.crosstalk import crosstalk_fit, instruments, readout_noise
+from fit.crosstalk import attenuation, crosstalk_fit, instrumental_variables, readout_noise
 from fit.crosstalk.crosstalk_fit import cross_talk
+from fit.crosstalk.fitted_run import fitted_runs
 from fit.fitting.joint_fit import fit_experiment, fit_joint, known_of
 from fit.model import dynamics
 from fit.model.sharing import Sharing
@@ -42,7 +43,7 @@ def two_epochs(motion, other=None, **options):
 
 def fitted(runs):
     outcome = fit_joint(runs, settings())
-    return outcome, cross_talk(outcome, runs, SHARING, crosstalk_fit.unattenuated(outcome, runs))
+    return outcome, cross_talk(outcome, runs, SHARING, attenuation.correct_attenuation(outcome, runs))
 
 
 @pytest.fixture(scope="module")
@@ -138,8 +139,8 @@ def test_noisy_read_outs_attenuate_what_subtracts_best(noisy):
     # The PSDs of true motion and read-out noise are known here: so is the least-squares limit, but for the
     # weights, that depend little on frequency where the bump is large.
     runs, outcome, _ = noisy
-    floors = [readout_noise.noise(e.sysid) for e in runs]
-    shift = crosstalk_fit.expected_shift(outcome, crosstalk_fit.weigh(outcome, runs), floors)
+    floors = [readout_noise.noise_psd(e.sysid) for e in runs]
+    shift = attenuation.expected_shift(outcome, fitted_runs(outcome, runs), floors)
     shift = dict(zip([p.name for p in outcome.parameters], shift, strict=True))
     for epoch, best in crosstalk_fit.subtraction(outcome, runs, SHARING).items():
         assert list(best) == NAMES
@@ -167,12 +168,14 @@ def test_two_sensors_of_the_same_motion_free_the_couplings(noisy):
 def test_no_bin_has_a_say_in_its_own_instruments(noisy):
     # louder by a tenth, it moves those of its neighbours; tied to its own noise, instruments would attenuate
     runs, outcome, _ = noisy
-    w, theta = crosstalk_fit.weigh(outcome, runs)[0], outcome.solution.theta
-    before = instruments.mean(w, "y", theta).filters
+    w, theta = fitted_runs(outcome, runs)[0], outcome.solution.theta
+    before = instrumental_variables.noisy_regressor(w, "y", theta).filters
     for i in (400, 600, 800, 1000):
         columns = w.terms.columns.copy()
         columns[i, w.experiment.parameters.index("b_3") + 1] *= 1.05
-        after = instruments.mean(replace(w, terms=replace(w.terms, columns=columns)), "y", theta).filters
+        after = instrumental_variables.noisy_regressor(
+            replace(w, terms=replace(w.terms, columns=columns)), "y", theta
+        ).filters
         moved = np.abs(after[:, 2] / before[:, 2] - 1)
         assert moved[i] < 0.2 * moved[i + 1]
 
@@ -197,7 +200,7 @@ def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
     """A gain of each experiment's own and one for all are told apart by the width that the data gave."""
     runs, _, plain = noisy
     outcome = fit_joint(runs, settings({"scatter": ["lambda_2"]}))
-    found = cross_talk(outcome, runs, SHARING, crosstalk_fit.unattenuated(outcome, runs))
+    found = cross_talk(outcome, runs, SHARING, attenuation.correct_attenuation(outcome, runs))
     for epoch, fit in plain.items():
         assert found[epoch].parameters.keys() == fit.parameters.keys()
         for name, e in fit.parameters.items():
@@ -239,7 +242,7 @@ def test_without_angles_there_is_no_second_sensor():
 
 
 def test_read_out_noise_is_measured(noisy):
-    floor = readout_noise.noise(noisy[0][0].sysid)
+    floor = readout_noise.noise_psd(noisy[0][0].sysid)
     expected = {"phi": 1.25 * 150e-12**2, "y": 2e-9**2 / 2}
     for mean, other in (("phi", "eta"), ("y", "z")):
         assert floor[mean] == pytest.approx(expected[mean], rel=0.15)

@@ -91,7 +91,7 @@ def test_a_frame_that_is_refused_reaches_no_product(half_a_day, refused, tmp_pat
         "g_Omega and g_dOmega are left out: the inertial period 0 is not sound" in product.attributes["notes"]
     )
     html = page.write_report(tmp_path, refused, [run]).read_text()
-    assert "The telemetry is not in the frame it states" in html
+    assert "The telemetry is not in the frame that it states" in html
 
 
 def test_results_remember_frame_and_coefficient(half_a_day, refused, tmp_path):

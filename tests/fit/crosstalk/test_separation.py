@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from fit.crosstalk import crosstalk_fit
+from fit.crosstalk.crosstalk_fit import (
+    INCLUDED,
+    SEPARATED,
+    is_separated,
+    subtract_euler_force,
+    subtraction_coefficients,
+    with_euler_warning,
+    without_euler,
+)
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
 from fit.results.results import Fit, Results
@@ -23,26 +31,26 @@ MISALIGNED = fit({"delta_phi": -4e-4, "delta_eta": -1e-4}, [2e-5, 4e-6], 0.3)
 
 def test_by_hand():
     sums = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_2": -0.9e-5 + 0.376 * 1e-4, "b_5": 1e-7}, [1e-7, 2e-7, 5e-9])
-    found = crosstalk_fit.separate(sums, MISALIGNED, "3", 0.376)
+    found = subtract_euler_force(sums, MISALIGNED, "3", 0.376)
     assert found.parameters["b_1"].value == pytest.approx(1.2e-5)
     assert found.parameters["b_2"].value == pytest.approx(-0.9e-5)
     assert found.parameters["b_5"] == sums.parameters["b_5"]
     assert found.parameters["b_1"].sigma == pytest.approx(np.hypot(1e-7, 0.376 * 2e-5))
     assert found.covariance[0, 1] == pytest.approx(-(0.376**2) * 0.3 * 2e-5 * 4e-6)
-    assert crosstalk_fit.is_separated(found)
-    assert not crosstalk_fit.is_separated(sums)
+    assert is_separated(found)
+    assert not is_separated(sums)
 
 
 def test_what_was_not_determined_stays_away():
-    found = crosstalk_fit.separate(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376)
+    found = subtract_euler_force(fit({"b_1": 1e-5, "b_3": 2e-5}, [1e-7, 1e-7]), MISALIGNED, "1", 0.376)
     assert set(found.parameters) == {"b_1", "b_3"}
 
 
 def test_the_sums_are_called_sums():
-    sums = crosstalk_fit.joined(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
-    assert [w.code for w in sums.warnings] == [crosstalk_fit.JOINED]
-    found = crosstalk_fit.separate(sums, MISALIGNED, "1", 0.376)
-    assert [w.code for w in found.warnings] == [crosstalk_fit.SEPARATED]
+    sums = with_euler_warning(fit({"b_1": 1e-5, "b_2": 2e-5}, [1e-7, 1e-7]))
+    assert [w.code for w in sums.warnings] == [INCLUDED]
+    found = subtract_euler_force(sums, MISALIGNED, "1", 0.376)
+    assert [w.code for w in found.warnings] == [SEPARATED]
 
 
 def test_what_subtracts_best_is_kept_apart_from_the_couplings():
@@ -50,23 +58,23 @@ def test_what_subtracts_best_is_kept_apart_from_the_couplings():
     best = {"b_1": 1.1e-5 - 0.376 * 4e-4, "b_3": 1.8e-5}
     provenance = Provenance(cross_talk_periods={"1": "3"}, subtraction={"1": best})
     joined = Results(None, {}, {"1": couplings}, {"3": MISALIGNED}, provenance)
-    assert crosstalk_fit.subtracting(joined, "1") == crosstalk_fit.beside_euler(joined, "1") == best
-    assert crosstalk_fit.subtracting(joined, "2") == crosstalk_fit.beside_euler(joined, "2") == {}
+    assert subtraction_coefficients(joined, "1") == without_euler(joined, "1") == best
+    assert subtraction_coefficients(joined, "2") == without_euler(joined, "2") == {}
     apart = Results(
         None,
         {},
-        {"1": crosstalk_fit.separate(couplings, MISALIGNED, "3", 0.376)},
+        {"1": subtract_euler_force(couplings, MISALIGNED, "3", 0.376)},
         {"3": MISALIGNED},
         provenance,
     )
-    assert crosstalk_fit.subtracting(apart, "1") == best
-    assert crosstalk_fit.beside_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
+    assert subtraction_coefficients(apart, "1") == best
+    assert without_euler(apart, "1") == pytest.approx({"b_1": 1.1e-5, "b_3": 1.8e-5})
 
 
 def test_results_of_before_have_one_set_of_coefficients():
     couplings = fit({"b_1": 1.2e-5 - 0.376 * 4e-4, "b_3": 2.2e-5}, [1e-7, 1e-7])
-    separated = crosstalk_fit.separate(couplings, MISALIGNED, "3", 0.376)
+    separated = subtract_euler_force(couplings, MISALIGNED, "3", 0.376)
     provenance = Provenance(cross_talk_periods={"1": "3"})
     earlier = Results(None, {}, {"1": separated}, {"3": MISALIGNED}, provenance)
-    assert crosstalk_fit.subtracting(earlier, "1") == pytest.approx(couplings.values)
-    assert crosstalk_fit.beside_euler(earlier, "1") == pytest.approx(separated.values)
+    assert subtraction_coefficients(earlier, "1") == pytest.approx(couplings.values)
+    assert without_euler(earlier, "1") == pytest.approx(separated.values)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.crosstalk import crosstalk_fit
+from fit.crosstalk import attenuation, crosstalk_fit
 from fit.fitting import drift
 from fit.fitting.joint_fit import fit_joint
 from fit.model.sharing import Sharing
@@ -27,7 +27,7 @@ def told(by):
         for own, authority in zip(b, "ABC", strict=True)
     ]
     outcome = fit_joint(runs, settings({"scatter": []}))
-    free = crosstalk_fit.unattenuated(outcome, runs)
+    free = attenuation.correct_attenuation(outcome, runs)
     return crosstalk_fit.cross_talk(outcome, runs, Sharing(settings().shared), free)["1"], float(np.mean(b))
 
 

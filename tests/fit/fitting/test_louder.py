@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fit.crosstalk.earlier import refit
+from fit.crosstalk.refit import refit
 from fit.fitting import louder
 from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate

@@ -120,6 +120,8 @@ def test_what_was_separated_is_put_back_for_the_correction(found):
         {"b_1": Estimate(1e-5, 1e-7, "m rad-1"), "b_2": Estimate(2e-5, 1e-7, "m rad-1")},
         np.eye(2) * 1e-14, 1.0, 1, True, (),
     )  # fmt: skip
-    apart = crosstalk_fit.separate(sums, inertial, "3", 0.376)
-    back = crosstalk_fit.sums({name: e.value for name, e in apart.parameters.items()}, inertial.values, 0.376)
+    apart = crosstalk_fit.subtract_euler_force(sums, inertial, "3", 0.376)
+    back = crosstalk_fit.add_euler_force(
+        {name: e.value for name, e in apart.parameters.items()}, inertial.values, 0.376
+    )
     assert back == pytest.approx({"b_1": 1e-5, "b_2": 2e-5})

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fit.crosstalk import earlier
+from fit.crosstalk import refit
 from fit.files import atomic
 from fit.report import page
 from lpfcosim.cli import common
@@ -76,7 +76,7 @@ def test_the_second_is_told_who_is_first_and_touches_nothing(other, tmp_path):
     ids=["report", "figures", "mcmc"],
 )
 def test_a_command_without_a_folder_to_choose_is_told_to_wait(command, other, tmp_path, monkeypatch):
-    monkeypatch.setattr(earlier, "load", lambda _: (None, []))
+    monkeypatch.setattr(refit, "load", lambda _: (None, []))
     monkeypatch.setattr(page, "drawings", lambda *_: [])
     with pytest.raises(InputError, match=rf"\(process {other.pid} on .*\); wait for it$"):
         command(tmp_path / "out", console=Console(quiet=True))

@@ -1,4 +1,4 @@
-"""An earlier calibration once more: its telemetry, and the joint fit with all that JSON does not hold."""
+"""The joint fit of stored results, repeated: its telemetry, and all of the fit that JSON does not hold."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
 from fit.whitening import Experiment, Run
 
-SAME = 0.05  # sigma: a fit that moves by more is of something else
+MAX_CHANGE = 0.05  # sigma: a fit that moves by more is of something else
 
 
 def load(directory: Path) -> tuple[Results, list[Telemetry]]:
@@ -63,8 +63,8 @@ def experiments(
     return [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared], how
 
 
-def beside_instruments(results: Results) -> set[str]:
-    """Return the joint parameters that are not those of least squares, see `attenuation.mended`."""
+def iv_corrected_parameters(results: Results) -> set[str]:
+    """Return the joint parameters that are not those of least squares, see `attenuation.apply_iv`."""
     warnings = results.joint.warnings if results.joint else ()
     return {
         name
@@ -120,9 +120,9 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> IR
     found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     joint = results.joint.parameters if results.joint else {}
     for name, estimate in joint.items():
-        if name in beside_instruments(results):
+        if name in iv_corrected_parameters(results):
             continue
-        if name not in found or abs(found[name] - estimate.value) > SAME * estimate.sigma:
+        if name not in found or abs(found[name] - estimate.value) > MAX_CHANGE * estimate.sigma:
             raise InputError(
                 f"{where}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
                 f"gives, {found.get(name, 'none')}; fit once more"
