@@ -338,12 +338,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
     "high_leverage": WarningKind(
         "The estimate is as reliable as that run; a second run of its kind would be a check.",
     ),
-    "guidance_response": WarningKind(
-        "Check that guidance and read-outs belong to the same run; the fit does not use the guidance, but "
-        "read-outs of another run would be fitted under the wrong name.",
-        severity=Severity.DOUBT,
-        headline="Read-outs do not respond to the guidance",
-    ),
     "quantisation": WarningKind(
         "Nothing while estimates move by less than you need; otherwise archive the channel with more digits.",
     ),

@@ -1,9 +1,8 @@
 """The joint fit of those runs that agree with each other.
 
-A run whose o_1 moves against its guidance, that does not obey the equation of motion or does not settle by
-itself is left out beforehand. The others are compared by their single fits: either some of them are bad
-(`outlier_runs`), or gains and delays scatter from run to run (`scatter`); the larger gain in log likelihood
-is the cause.
+A run that does not obey the equation of motion or does not settle by itself is left out beforehand. The
+others are compared by their single fits: either some of them are bad (`outlier_runs`), or gains and delays
+scatter from run to run (`scatter`); the larger gain in log likelihood is the cause.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,12 +23,12 @@ from fit.consistency.outlier_runs import (
 )
 from fit.consistency.run_scores import RunScore, run_score
 from fit.consistency.scatter import estimate_scatter
-from fit.errors import FitError, InputError
+from fit.errors import FitError
 from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.parallel import parallel_map
-from fit.quality import Exclusion, fit_quality, told
+from fit.quality import Exclusion, fit_quality
 from fit.settings import Settings
 from fit.warnings import FitWarning
 from fit.whitening import Experiment, WhitenedRun
@@ -107,8 +106,6 @@ def fit_consistent_runs(
 
     Raises
     ------
-    InputError
-        If o_1 of every experiment moves against its guidance.
     FitError
         If no trustworthy estimate comes out.
     """
@@ -237,17 +234,9 @@ def _without(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -
 def _unusable(
     experiments: Sequence[Experiment], single_fits: SingleFits, misfits: Mapping[str, str]
 ) -> tuple[Exclusion, ...]:
-    """Return the experiments that are left out for what each is by itself.
-
-    Raises
-    ------
-    InputError
-        If o_1 of every experiment moves against its guidance.
-    """
-    wrong = _against_guidance(experiments)
-    rest = _without(experiments, wrong)
-    unfit = _minority([_misfit(e, misfits[e.name]) for e in rest if e.name in misfits], rest)
-    rest = _without(rest, unfit)
+    """Return the experiments that are left out for what each is by itself."""
+    unfit = _minority([_misfit(e, misfits[e.name]) for e in experiments if e.name in misfits], experiments)
+    rest = _without(experiments, unfit)
     late = _minority(_late(rest, single_fits, len(experiments)), rest)
     rest = _without(rest, late)
     failures = {e.name: fit for e in rest if isinstance(fit := single_fits[e.name], FitError)}
@@ -256,26 +245,7 @@ def _unusable(
     ]
     if failures and len(failures) == len(rest):
         raise next(iter(failures.values()))
-    return (*wrong, *unfit, *late, *unsettled)
-
-
-def _against_guidance(experiments: Sequence[Experiment]) -> tuple[Exclusion, ...]:
-    """Return the experiments whose o_1 moves against its guidance.
-
-    Raises
-    ------
-    InputError
-        If all of them do.
-    """
-    messages = parallel_map(fit_quality.wrong_guidance, [e.sysid.telemetry for e in experiments])
-    exclusions = [
-        Exclusion(e.name, f"{e.sysid.telemetry.path}: {message}", tells="cause")
-        for e, message in zip(experiments, messages, strict=True)
-        if message
-    ]
-    if exclusions and len(exclusions) == len(experiments):
-        raise InputError(told(exclusions))
-    return tuple(exclusions)
+    return (*unfit, *late, *unsettled)
 
 
 def _misfit(experiment: Experiment, message: str) -> Exclusion:

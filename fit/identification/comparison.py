@@ -44,7 +44,6 @@ OF_DATA = (
         "missing_run",
         "suspect_samples",
         "interpolated",
-        "guidance_response",
         "guidance_scale",
         "same_time",
     ),

@@ -5,7 +5,7 @@ against the whole of it; saturation is masked, glitches are masked or taken out.
 """
 
 from fit.quality.channel_units import unit_faults
-from fit.quality.exclusions import Exclusion, Tells, told
+from fit.quality.exclusions import Exclusion, Tells
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.masks import MaskedExperiment, mask_experiments, searches
@@ -31,6 +31,5 @@ __all__ = [
     "samples",
     "searches",
     "stationarity",
-    "told",
     "unit_faults",
 ]

@@ -56,19 +56,24 @@ class FreeFit:
     @property
     def gains(self) -> dict[int, float]:
         """The gains lambda_j that the run determines, by test mass j."""
-        gains = {}
-        for j, sign in ((1, 1), (2, -1)):  # as the equation of motion has them
-            k = dynamics.COLUMNS.index(f"f_{j}")
-            if 0 < self.sigma[k] < max(PLAUSIBLE_GAINS) * abs(self.c[k]):
-                gains[j] = sign * float(self.c[k])
-        return gains
+        signs = {1: 1, 2: -1}  # as the equation of motion has them
+        return {
+            j: sign * float(self.c[dynamics.COLUMNS.index(f"f_{j}")])
+            for j, sign in signs.items()
+            if 0 < self.relative_sigma(j) < max(PLAUSIBLE_GAINS)
+        }
+
+    def relative_sigma(self, j: int) -> float:
+        """Return the relative standard deviation of the gain lambda_j, 0 without a command."""
+        k = dynamics.COLUMNS.index(f"f_{j}")
+        return float(self.sigma[k] / abs(self.c[k])) if self.c[k] else 0.0
 
     @property
     def implausible_gains(self) -> dict[int, float]:
         """Those of the `gains` that no actuator has."""
         wrong = {}
         for j, gain in self.gains.items():
-            relative = self.sigma[dynamics.COLUMNS.index(f"f_{j}")] / abs(gain)
+            relative = self.relative_sigma(j)
             low, high = next(limits for most, limits in PLAUSIBLE_GAINS.items() if relative < most)
             if not low < gain < high:
                 wrong[j] = gain
@@ -149,7 +154,7 @@ def _gain_faults(e: Experiment, fit: FreeFit) -> Iterator[Exclusion]:
     wrong = fit.implausible_gains
     if not wrong:
         return
-    j, gain = next(iter(wrong.items()))
+    j, gain = min(wrong.items(), key=lambda item: fit.relative_sigma(item[0]))
     force = f"f_x_{j}"
     if len(wrong) == 2 or readout_decades(e.sysid, "o_12"):
         channel, factor = "o_12", gain
@@ -183,4 +188,6 @@ def _scale_text(channel: str, power: int) -> str:
     unit = "m s-2" if channel.startswith("f") else "m"
     if power in PREFIXES:
         return f"{channel} is in {PREFIXES[power]}{unit} and not in {unit}"
-    return f"{channel} is {10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
+    return (
+        f"{channel} is in another unit, {10.0 ** abs(power):g} times too {'large' if power > 0 else 'small'}"
+    )

@@ -14,7 +14,6 @@ from fit.errors import FitError
 from fit.fitting import IRLSResult, sums
 from fit.parameters import ALONG
 from fit.results import Estimate, Fit
-from fit.spectra import derivatives, windowing
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
 from fit.whitening import Experiment
@@ -27,7 +26,6 @@ DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
 OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
 EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
 CERTAIN = 5.0  # sigma
-FOLLOWED = (5e-4, 0.02)  # Hz: here the drag-free loop makes o_1 follow its guidance
 
 
 def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment], *, from_joint: bool = False) -> Fit:
@@ -237,33 +235,6 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
         message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
         found.append(FitWarning("chi2", (), message))
     return found
-
-
-def wrong_guidance(telemetry: Telemetry) -> str:
-    """Return what is wrong with a run whose o_1 moves against the guidance that it follows, or nothing."""
-    if not {"o_1", "guidance_o_1"} <= telemetry.channels.keys():
-        return ""
-    taps, factor = derivatives.low_pass(telemetry.fs)
-    guidance, o_1 = (
-        derivatives.decimate_channel(telemetry.row(name), taps, factor) for name in ("guidance_o_1", "o_1")
-    )
-    if np.ptp(guidance) <= 1e-9 * np.max(np.abs(guidance)):
-        return ""  # constant
-    every = np.ones(o_1.size, dtype=bool)
-    pair = np.stack([guidance - guidance.mean(), o_1 - o_1.mean()], axis=1)
-    found = windowing.transform(pair, every, telemetry.fs / factor)
-    tones = np.abs(found.columns[:, 0]) > 0.1 * np.max(np.abs(found.columns[:, 0]))
-    G, answer = found.columns[tones & (found.f > FOLLOWED[0]) & (found.f < FOLLOWED[1])].T
-    power, answered = np.vdot(G, G).real, np.vdot(answer, answer).real
-    if not power or abs(np.vdot(G, answer)) ** 2 < 0.9 * power * answered:
-        return ""  # no tone there, or none that o_1 answers
-    gain = np.vdot(G, answer).real / power
-    if gain >= -0.5:
-        return ""
-    return (
-        f"o_1 moves against guidance_o_1, by {gain:.2f} times; expected it to follow: one of the two has the "
-        "wrong sign"
-    )
 
 
 def acausal(outcome: IRLSResult) -> list[FitWarning]:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from fit.model import dynamics
 from fit.parallel import parallel_map
-from fit.quality import authority, constancy, duplicates, following, loop_response, rounding, samples
+from fit.quality import authority, constancy, duplicates, rounding, samples
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion
+from fit.quality.loop_response import response_faults
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry, utc
 from fit.warnings import FitWarning
@@ -68,14 +69,13 @@ def faults(experiments: Sequence[Experiment]) -> Found:
     beyond, rounded, *oddities = zip(*of_each, strict=True) if names else ((), (), (), (), ())
     found += [Exclusion(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
     found += _noise_with_sines(experiments)
-    seen = loop_response.seen(experiments)
     reasons = {code: dict(zip(names, told, strict=True)) for code, told in zip(ODD, oddities, strict=True)}
-    reasons["guidance_scale"] = following.faults(experiments, seen)
+    reasons["guidance_scale"] = {f.experiment: [f.reason] for f in response_faults(experiments)}
     odd = [_unless_usual(experiments, told, code) for code, told in reasons.items()]
     found += [fault for of in odd for fault in of.left_out]
     notes = [note for of in odd for note in of.notes]
     notes += [note for of_own in rounded for note in of_own]
-    return Found(_first(found), [*notes, *_at_once(experiments), *loop_response.odd(seen)])
+    return Found(_first(found), [*notes, *_at_once(experiments)])
 
 
 def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemetry]) -> list[Exclusion]:

@@ -16,8 +16,6 @@ def test_clean_campaigns_give_no_alarm_and_a_wrong_gain_does(quickstart):
     runs = [alarms.drawn(run, 0) for run in plan.runs]
     assert runs[0].channels.keys() > {"o_12", "f_x_2", "guidance_o_12"}
     B = next(run for run in runs if run.run == "B")
-    doubled = replace(B, channels=B.channels | {"guidance_o_12": 2 * B.channels["guidance_o_12"]})
     scaled = replace(B, channels=B.channels | {"f_x_2": 1.01 * B.channels["f_x_2"]})
-    for wrong, code in ((doubled, "guidance_response"), (scaled, "random_effects")):
-        said = list(alarms.alarms(calibrate([wrong if run is B else run for run in runs])))
-        assert code in {told for _, told, _ in said}
+    said = list(alarms.alarms(calibrate([scaled if run is B else run for run in runs])))
+    assert "random_effects" in {told for _, told, _ in said}

@@ -26,10 +26,10 @@ def reasons(runs):
     ("factors", "reason"),
     [
         ({"o_12": 1e9}, "o_12 is in nm and not in m"),
-        ({"o_12": 1e-3}, "o_12 is 1000 times too small"),
+        ({"o_12": 1e-3}, "o_12 is in another unit, 1000 times too small"),
         ({"o_1": 1e3}, "o_1 is in mm and not in m"),
-        ({"o_1": 1e-3}, "o_1 is 1000 times too small"),
-        ({"f_x_2": 1e-3}, "f_x_2 is 1000 times too small"),
+        ({"o_1": 1e-3}, "o_1 is in another unit, 1000 times too small"),
+        ({"f_x_2": 1e-3}, "f_x_2 is in another unit, 1000 times too small"),
         ({"f_x_2": -1e12}, "f_x_2 is in pm s-2 and not in m s-2 and has the wrong sign"),
         ({"f_x_2": thirteen.MASS}, "f_x_2 is in N and not in m s-2"),
         ({"f_x_2": -1}, "f_x_2 has the wrong sign"),
