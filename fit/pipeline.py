@@ -8,13 +8,11 @@ from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.fitting import (
     IRLSResult,
-    Known,
     constraint_test,
     constraints,
     constraints_of,
     fit_experiment,
     fit_joint,
-    known_of,
     louder,
 )
 from fit.model import Sharing, rotation, separation
@@ -217,11 +215,11 @@ def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str
 
 
 def _alone(
-    e: Experiment, chosen: Settings, known: Known | None = None, begun: IRLSResult | FitError | None = None
+    e: Experiment, chosen: Settings, begun: IRLSResult | FitError | None = None
 ) -> IRLSResult | FitError:
-    """Fit one experiment; if it holds a single tone, on what the joint fit knows from others."""
+    """Fit one experiment."""
     try:
-        return fit_experiment(e, known, chosen.estimator, begun, chosen.parameters)
+        return fit_experiment(e, chosen.estimator, begun, chosen.parameters)
     except FitError as error:
         return error
 
@@ -304,19 +302,16 @@ def _of_experiment(
     chosen: Settings,
 ) -> Fit | FitWarning:
     """Return the fit of an experiment by itself, or a warning of the joint fit that there is none."""
-    known = known_of(together.outcome, experiment.sysid, Sharing(chosen.shared)) if together else None
-    if known and (isinstance(own, FitError) or own.tone):
-        own = _alone(experiment, chosen, known, own)
-    from_joint, judged = bool(known and isinstance(own, IRLSResult) and own.tone), own
-    if not from_joint and constraints_of(experiment, chosen.parameters):  # these may be wrong
-        own = _alone(experiment, chosen, None, own)
+    judged = own
+    if constraints_of(experiment, chosen.parameters):  # these may be wrong
+        own = _alone(experiment, chosen, own)
     if isinstance(own, FitError) or isinstance(judged, FitError):
         error = next(e for e in (judged, own) if isinstance(e, FitError))
         if together is None:
             raise error
         # what one experiment by itself does not yield must not cost the joint fit
         return FitWarning("no_single_fit", (), str(error))
-    fit = fit_quality.as_fit(own, [experiment], from_joint=from_joint)
+    fit = fit_quality.as_fit(own, [experiment])
     untested = unit_faults(experiment) if experiment.name in chosen.exclude else ()
     more = (
         *ready.warnings_of(experiment.name),

@@ -358,10 +358,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "Extend the run to 6 h or more, or include it by `include_short = true` in the table [fit] "
         "(`lpfcosim fit --include-short`).",
     ),
-    "single_tone": WarningKind(
-        "Nothing if the other experiments determine the rest; otherwise inject a second frequency at "
-        "least three times lower or higher.",
-    ),
     "step_halved": WarningKind("Nothing if it converged; start values closer to the result avoid it."),
     "star_tracker_reversed": WarningKind(
         "Check the convention of the archive: quaternions rotate J2000 to the body frame, scalar last.",

@@ -107,7 +107,7 @@ def explained(
 
     def anew(f: Exclusion) -> Exclusion:
         experiment, own = known.get(f.experiment), alone.get(f.experiment)
-        if experiment is None or agreed.outcome.tone is not None or (f.tells == "cause" and not f.perhaps):
+        if experiment is None or (f.tells == "cause" and not f.perhaps):
             return f
         if f.perhaps:
             alike = _of_samples(experiment, experiments, agreed, sharing, beyond=True)

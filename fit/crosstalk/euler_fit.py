@@ -246,7 +246,7 @@ class _Turning:
         U, _left = whitened_run.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
         apart, uncertain = np.split(U[:, LAST + 1 :], [len(NAMES)], axis=1)
-        placed = (terms.tau, fitted, even, terms.window, None, share, terms.first)
+        placed = (terms.tau, fitted, even, terms.window, share, terms.first)
         return _Rotation(*placed, uncertain=uncertain, apart=apart)
 
 
@@ -259,7 +259,7 @@ def weak_priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, _: Arr
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
     priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(others, len(NAMES))}
-    return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)), None)
+    return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)))
 
 
 def _widths(parameters: Sequence[Parameter]) -> Array:

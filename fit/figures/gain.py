@@ -16,7 +16,6 @@ from fit.figures.charts import (
     Limits,
     Mark,
     Panel,
-    Shape,
     Span,
     aside,
     force,
@@ -35,16 +34,12 @@ _GAIN = Axis("λ₂", "", "lambda_2 [1]")
 
 @dataclass(frozen=True)
 class GainPoint:
-    """A gain as an experiment alone found it, when, and at which F_max_2 [N].
-
-    `leaning` tells whether it took the joint fit's help, as a single tone does.
-    """
+    """The gain of a single experiment, its date, and its F_max_2 [N]."""
 
     name: str
     start: np.datetime64
     F_max_2: float
     gain: Estimate
-    leaning: bool
 
 
 def gain_evolution(points: Sequence[GainPoint], joint: Estimate | None) -> Chart:
@@ -71,19 +66,13 @@ def _gains(
     offset: Array,
 ) -> Chart:
     single_marks: list[Mark] = []
-    kinds: tuple[tuple[bool, Shape, str], ...] = (
-        (False, "dot", "each experiment alone"),
-        (True, "ring", "single tone"),
-    )
-    for leaning, mark, label in kinds:
-        members = [i for i, p in enumerate(points) if p.leaning == leaning]
-        if members:
-            values = np.array([(points[i].gain.value, points[i].gain.sigma) for i in members])
-            names = [points[i].name for i in members]
-            single_marks.append(measured(label, x[members], values, names, mark=mark, offset=offset[members]))
+    gains = [p.gain for p in points]
+    if gains:
+        values = np.array([(gain.value, gain.sigma) for gain in gains])
+        names = [p.name for p in points]
+        single_marks.append(measured("each experiment alone", x, values, names, offset=offset))
     across = limits(axis, single_marks, key="x")
     marks: list[Mark] = []
-    gains = [p.gain for p in points if not p.leaning]
     if len(gains) > 1:
         heterogeneity = residual_tests.about_mean(gains)
         label = f"their mean (χ²/ν = {heterogeneity.chi2_red:.3g})"
@@ -97,7 +86,6 @@ def _gains(
         force(2).head: [1e12 * p.F_max_2 for p in points],
         _GAIN.head: [p.gain.value for p in points],
         "sigma [1]": [p.gain.sigma for p in points],
-        "single tone": [str(p.leaning).lower() for p in points],
     }
     return Chart((Panel(axis, _GAIN, tuple(marks), across, limits(_GAIN, marks), 2.0),), columns)
 

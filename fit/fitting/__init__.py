@@ -7,10 +7,10 @@ iteration, `irls.iterate`, moves weights, delays and parameters until nothing mo
 
 from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, IRLSResult, Rule, iterate
-from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint, known_of
+from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint
 from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
 from fit.fitting.normal import inflations
-from fit.fitting.priors import Known, PriorSet, weak_priors
+from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.problem import FREE, Problem
 from fit.fitting.random_effects import estimate_widths
 from fit.fitting.run_estimate import RunEstimate, column_scale, moments, run_estimate, score_whitening
@@ -21,7 +21,6 @@ __all__ = [
     "MAX_ITERATIONS",
     "TOLERANCE",
     "IRLSResult",
-    "Known",
     "Prior",
     "PriorSet",
     "Problem",
@@ -44,7 +43,6 @@ __all__ = [
     "inflations",
     "irls",
     "iterate",
-    "known_of",
     "lmfit_symbol",
     "louder",
     "moments",

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from fit.model import Columns
 from fit.spectra import Spectrum, derivatives
-from fit.whitening import Weights, WhitenedRun, drives, single_tone, whitened_run
+from fit.whitening import Weights, WhitenedRun, whitened_run
 
 Array = NDArray[np.float64]
 
@@ -66,9 +66,8 @@ def block(terms: Columns, share: Array, c: Array | None) -> tuple[WhitenedRun, f
     f, columns = transform(terms)
     S = np.ones(f.size) if c is None else np.mean(np.abs(columns @ c) ** 2, axis=0)
     U = (columns * np.sqrt(2 / S)[:, None]).reshape(-1, columns.shape[2])
-    tone = single_tone(f, np.mean(drives(columns), axis=0) * (2 / S)[:, None])
     one = np.ones(len(U))
-    return WhitenedRun(terms.tau, U, Weights(one, one, one), None, tone, share), float(np.sum(S))
+    return WhitenedRun(terms.tau, U, Weights(one, one, one), None, share), float(np.sum(S))
 
 
 def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share: Array) -> WhitenedRun:
@@ -99,11 +98,9 @@ def expected(terms: Columns, told: Callable[[Array], tuple[Array, Array]], share
     rows = np.einsum("sk,sb,sbp->kbp", vectors, turned, U, optimize=True)
     jitter = whitened_run.rooted(np.sum(power * (2 / S)[:, None, None], axis=0))
     rows = np.concatenate([rows, np.sqrt(values)[:, None, None] * jitter], axis=1)
-    of_noise = np.einsum("bkk->bk", power) * (2 / S)[:, None]
-    tone = single_tone(f, np.mean(drives(U), axis=0) + drives(np.sqrt(np.maximum(of_noise, 0))))
     fit, curvature, score = (np.repeat(factor, rows.shape[1]) for factor in _expected_weights(values))
     even = Weights(fit, curvature, score)
-    return WhitenedRun(terms.tau, rows.reshape(-1, U.shape[2]), even, None, tone, share)
+    return WhitenedRun(terms.tau, rows.reshape(-1, U.shape[2]), even, None, share)
 
 
 def _modes(w: Array, starts: NDArray[np.int64]) -> tuple[Array, Array]:

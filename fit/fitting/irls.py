@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError
 from fit.fitting.hierarchy import ScaleParameter
-from fit.fitting.joint_model import JointModel, LinearEquation, Prior, SolvedModel, parameter_values
-from fit.fitting.priors import Known, PriorSet, all_but_lambda_2, weak_priors
+from fit.fitting.joint_model import JointModel, Prior, SolvedModel, parameter_values
+from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.problem import Problem
 from fit.fitting.run_estimate import RunEstimate, run_estimate
 from fit.fitting.weighings import WARM_UP, Weighing, weighing
@@ -58,8 +59,8 @@ class Rule:
     """
 
     most: int
-    tolerance: float
-    harmless: float
+    tolerance: float = TOLERANCE
+    harmless: float = HARMLESS
     warm_up: int = WARM_UP
     moving: str = "parameters still move"
 
@@ -78,8 +79,6 @@ class IRLSResult:
         True for indeterminable parameters.
     directions : ndarray, shape (K, P)
         See `linear.blind`.
-    tone : float or None
-        Frequency [Hz] of the only signal, if all runs hold the same single tone; 0 if none holds a signal.
     converged : bool
         Whether the last move was within TOLERANCE.
     blocks : tuple of whitened_run.WhitenedRun
@@ -106,7 +105,6 @@ class IRLSResult:
     solution: whitened_run.Solution
     lost: NDArray[np.bool_]
     directions: Array
-    tone: float | None
     converged: bool
     blocks: tuple[whitened_run.WhitenedRun, ...]
     prior: whitened_run.Prior
@@ -150,7 +148,6 @@ def reweight(
     experiments: Sequence[Experiment],
     shares: Sequence[Array],
     parameters: Sequence[Parameter],
-    known: Known | None = None,
     *,
     estimator: Estimator = "gaussian",
     departing: Sequence[ScaleParameter] = (),
@@ -167,8 +164,6 @@ def reweight(
         For each experiment, see `linear.WhitenedRun`.
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their flight values.
-    known : Known, optional
-        Used if the runs hold a single tone: then of all parameters of a run only lambda_2 is fitted.
     estimator : str
         ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
     departing : sequence of ScaleParameter
@@ -188,17 +183,8 @@ def reweight(
         weighing(e, share, estimator, first.get(e.name)) for e, share in zip(experiments, shares, strict=True)
     ]
 
-    constrained = Problem(parameters, (), settings).constrained
-
-    def priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array) -> PriorSet:
-        found = weak_priors(blocks, theta, parameters, shares[0], more, constrained)
-        if not (found.tone and known):
-            return found
-        correlated, lost = all_but_lambda_2(known, shares[0])
-        return replace(found, priors={}, correlated=correlated, lost=lost)
-
     try:
-        return iterate(weighings, parameters, priors, departing=departing, settings=settings)
+        return iterate(weighings, parameters, departing=departing, settings=settings)
     except FitError as error:
         names = ", ".join(experiment.name for experiment in experiments)
         raise FitError(f"{names}: {error}") from error
@@ -207,7 +193,7 @@ def reweight(
 def iterate(
     weighings: Sequence[Weighing],
     parameters: Sequence[Parameter],
-    priors: Callable[[Sequence[whitened_run.WhitenedRun], Array, Array], PriorSet],
+    priors: Callable[[Sequence[whitened_run.WhitenedRun], Array, Array], PriorSet] | None = None,
     rule: Rule | None = None,
     departing: Sequence[ScaleParameter] = (),
     admitted: Callable[[Array, Array], Array] = lambda _, to: to,
@@ -221,8 +207,8 @@ def iterate(
         Of the runs.
     parameters : sequence of Parameter
         The P parameters; the iteration starts at their values.
-    priors : callable
-        Returns what is known beside the data, from blocks, theta and what holds the departures.
+    priors : callable, optional
+        See `weak_priors`, the default about the values of `parameters`.
     rule : Rule, optional
         When to stop.
     departing : sequence of ScaleParameter
@@ -237,7 +223,8 @@ def iterate(
     FitError
         If it does not settle, or a step of it fails.
     """
-    rule = rule or Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS)
+    rule = rule or Rule(MAX_ITERATIONS)
+    priors = priors or partial(weak_priors, parameters)
     problem = Problem(parameters, departing, settings)
     theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
@@ -247,42 +234,42 @@ def iterate(
         if iteration < SETTLED:
             known = priors(blocks, theta, problem.known(theta))
         determined = ~known.lost
-        model = JointModel([*estimates, *_correlated(known)])
+        model = JointModel(estimates)
         result = model.fit(problem.params(theta, known.priors))
         found, covariance = parameter_values(result.params), problem.covariance(model, result.params)
         move = (found - theta) / np.sqrt(np.diag(covariance))
         moved = float(np.max(np.abs(move[determined]), initial=0.0))
         settled = moved < rule.tolerance and all(w.settled for w in weighings)
-        put_up_with = iteration == rule.most - 1 and moved < rule.harmless
-        if iteration > rule.warm_up and (settled or put_up_with):
+        ended = settled or (iteration == rule.most - 1 and moved < rule.harmless)
+        if ended and iteration > rule.warm_up:
+            solution = _solution(blocks, model, result, covariance)
             prior = problem.prior(result.params, known)
-            state = (known.lost, known.directions, known.tone, settled, blocks, prior, model, result)
-            solution = _solution(blocks, JointModel(estimates), result, covariance)
+            state = (known.lost, known.directions, settled, blocks, prior, model, result)
             return IRLSResult(tuple(parameters), solution, *state, problem, departing=tuple(departing))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= SETTLED and swings else step, move
         theta = admitted(theta, theta + step * (found - theta))
-    most = parameters[int(np.argmax(np.where(determined, np.abs(move), 0.0)))].name
-    raise FitError(f"{rule.moving} by {moved:.2g} sigma after {rule.most} iterations, {most} most")
+    raise _unsettled(rule, parameters, np.where(determined, np.abs(move), 0.0))
+
+
+def _unsettled(rule: Rule, parameters: Sequence[Parameter], move: Array) -> FitError:
+    """Return the error of an iteration whose last step moved the parameters by `move` [sigma], shape (P,)."""
+    most = parameters[int(np.argmax(move))].name
+    return FitError(f"{rule.moving} by {move.max():.2g} sigma after {rule.most} iterations, {most} most")
 
 
 def _weighed(
     weighings: Sequence[Weighing], theta: Array, covariance: Array, iteration: int
 ) -> tuple[tuple[whitened_run.WhitenedRun, ...], tuple[RunEstimate, ...]]:
     """Return the runs weighed at theta, and what each of them then says by itself."""
+    single = len(weighings) == 1
 
     def weighed(weighing: Weighing) -> tuple[whitened_run.WhitenedRun, RunEstimate]:
         block = weighing.block(theta, covariance, iteration)
-        return block, run_estimate(weighing.name, block)
+        return block, run_estimate(weighing.name, block, psd_error=single)
 
     blocks, estimates = zip(*parallel_map(weighed, weighings), strict=True)
     return blocks, estimates
-
-
-def _correlated(known: PriorSet) -> list[RunEstimate]:
-    """Return what is known of several parameters at once, which is as good as one more run."""
-    prior = known.correlated
-    return [] if prior is None else [RunEstimate("", prior.centre, prior.rows, LinearEquation())]
 
 
 def _solution(
@@ -299,12 +286,9 @@ def _solution(
 def refit(outcome: IRLSResult, blocks: Sequence[whitened_run.WhitenedRun]) -> IRLSResult:
     """Return the outcome with its runs weighed anew, all else known being what it was."""
     assert outcome.model and outcome.result and outcome.problem
-    estimates = [
-        run_estimate(run.name, block) for run, block in zip(outcome.model.runs, blocks, strict=False)
-    ]
-    model = JointModel([*estimates, *outcome.model.runs[len(blocks) :]])
+    named = zip(outcome.model.runs, blocks, strict=True)
+    single = len(blocks) == 1
+    model = JointModel([run_estimate(run.name, block, psd_error=single) for run, block in named])
     result = model.fit(outcome.result.params)
-    solution = _solution(
-        blocks, JointModel(estimates), result, outcome.problem.covariance(model, result.params)
-    )
+    solution = _solution(blocks, model, result, outcome.problem.covariance(model, result.params))
     return replace(outcome, solution=solution, blocks=tuple(blocks), model=model, result=result)

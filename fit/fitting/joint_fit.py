@@ -7,18 +7,16 @@ import numpy as np
 from fit.errors import FitError, InputError
 from fit.fitting import constraints, departures
 from fit.fitting.irls import IRLSResult, reweight
-from fit.fitting.priors import Known
 from fit.model import Sharing, dynamics
 from fit.parameters import cross_talk_parameter, experiment_parameters
 from fit.settings import Estimator, ParameterSettings, Settings
-from fit.whitening import Experiment, Run, whitened_run
+from fit.whitening import Experiment, whitened_run
 
 OF_EPOCH = ("delta_ifo", *dynamics.CROSS_TALK)  # parameters whose names in the joint fit end with the epoch
 
 
 def fit_experiment(
     experiment: Experiment,
-    known: Known | None = None,
     estimator: Estimator = "gaussian",
     alone: IRLSResult | FitError | None = None,
     settings: Mapping[str, ParameterSettings] | None = None,
@@ -29,12 +27,10 @@ def fit_experiment(
     ----------
     experiment : Experiment
         The runs.
-    known : Known, optional
-        Of the joint fit, for a run that holds a single tone.
     estimator : str
         See `irls.reweight`.
     alone : IRLSResult or FitError, optional
-        What it yields without what is known, as for `fit_joint`.
+        What it yields otherwise, as for `fit_joint`.
     settings : mapping of str to ParameterSettings, optional
         Constraints of joint parameters; they hold for those that an experiment has by itself.
 
@@ -50,9 +46,7 @@ def fit_experiment(
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
     begun = _weighed({experiment.name: alone})
     of_run = constraints_of(experiment, settings or {})
-    return reweight(
-        [experiment], [share], parameters, known, estimator=estimator, begun=begun, settings=of_run
-    )
+    return reweight([experiment], [share], parameters, estimator=estimator, begun=begun, settings=of_run)
 
 
 def constraints_of(
@@ -124,12 +118,3 @@ def _fitted(
         settings=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
     )
     return departures.integrated(outcome) if widths else outcome
-
-
-def known_of(outcome: IRLSResult, run: Run, sharing: Sharing) -> Known | None:
-    """Return what the joint fit says of the parameters of one run; None where it cannot say."""
-    names = [p.name for p in outcome.parameters]
-    to_run = sharing.matrix(run.telemetry, run.channels.parameters, names)
-    if outcome.tone is not None or not to_run.any(axis=1).all():
-        return None
-    return Known(to_run @ outcome.solution.theta, to_run @ outcome.solution.covariance @ to_run.T)

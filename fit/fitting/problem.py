@@ -108,7 +108,7 @@ class Problem:
         """Return all that is known beside the data but for the departures."""
         theta, known = parameter_values(params), weak.rows(self._priors)
         rows = constraints.constraint_rows(params, self._widths)[0]
-        if weak.correlated is not None or not len(rows):
+        if not len(rows):
             return known
         follows = rows * (constraints.TIGHT * self._widths[constraints.fixed_or_tied(params), None])
         centre = known.centre.copy()

@@ -61,7 +61,7 @@ class RunEstimate:
         return np.asarray(self.root @ self.equation.gradient(theta)[1:])
 
 
-def run_estimate(name: str, block: WhitenedRun) -> RunEstimate:
+def run_estimate(name: str, block: WhitenedRun, *, psd_error: bool = False) -> RunEstimate:
     """Compress a whitened run.
 
     Parameters
@@ -70,10 +70,13 @@ def run_estimate(name: str, block: WhitenedRun) -> RunEstimate:
         Of the experiment.
     block : WhitenedRun
         The run.
+    psd_error : bool
+        Whether its covariance includes the error of the PSD. It does where a run is fitted by itself: what
+        noise alone determines there has no other run to correct it, nor does the estimate depend on it.
     """
     R = block.R
     H, M = moments(block)
-    W = score_whitening(H, M)
+    W = score_whitening(H, M + block.psd_scores[1:, 1:] if psd_error else M)
     scores = W @ R[:, 1:].T @ R  # in units of their noise, by column
     scale = column_scale(H)
     c = scale * np.linalg.lstsq(scores[:, 1:] * scale, -scores[:, 0], rcond=None)[0]

@@ -39,9 +39,7 @@ class Unsteady(whitened_run.WhitenedRun):
 
     def _of_band(self, bins: NDArray[np.bool_], window: Array) -> Array:
         weights = replace(self.weights, score=self.weights.score * bins)
-        return whitened_run.WhitenedRun(
-            self.tau, self.columns, weights, window, self.tone, self.share, self.first
-        ).M
+        return whitened_run.WhitenedRun(self.tau, self.columns, weights, window, self.share, self.first).M
 
 
 def parts(window: Array, count: int) -> NDArray[np.intp]:

@@ -210,7 +210,6 @@ class _Turn:
             columns=np.zeros((0, c.size), np.complex128),
             weights=none,
             window=None,
-            tone=None,
             share=np.eye(theta.size),
             sums=(whitened_run.triangle(whitened_run.rooted(H)), H, H * self._spread),
             bins=self.bins,

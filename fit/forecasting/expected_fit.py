@@ -11,6 +11,7 @@ is kept of it is a few kilobytes.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit
 from fit.errors import InputError
-from fit.fitting import FREE, PriorSet, Rule, constraints, departures, flscov, iterate, weak_priors
+from fit.fitting import FREE, Rule, constraints, departures, flscov, iterate, weak_priors
 from fit.forecasting.expected_run import CompressedRun, ExpectedRun, compress
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
@@ -33,9 +34,7 @@ from fit.whitening import (
     Run,
     Weights,
     divide,
-    drives,
     expected_weights,
-    single_tone,
     whitened_run,
 )
 
@@ -130,12 +129,9 @@ def expected_fit(
     known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
     begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
-    def priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array) -> PriorSet:
-        return weak_priors(blocks, theta, parameters, taking_part[0].share, more)
-
     with progress_range(0.2, 1.0):
         of_fit = constraints_of_joint(chosen, parameters)
-        found = iterate(taking_part, begun, priors, RULE, widths, settings=of_fit)
+        found = iterate(taking_part, begun, partial(weak_priors, parameters), RULE, widths, settings=of_fit)
     outcome = replace(found, parameters=tuple(parameters))
     return as_fit(outcome, [e.experiment for e in taking_part])
 
@@ -273,9 +269,8 @@ class Expectation:
         power, S = self._told(run, terms.tau, theta)(terms.f)
         U, left = whitened_run.whiten(terms, S)
         of_bin = power * (2 * left / S)[:, None, None]
-        u = drives(U) + drives(np.sqrt(np.maximum(np.einsum("bkk->bk", of_bin), 0)))
-        tone, even = single_tone(terms.f, u), self.expected_weights(terms.f)
-        return ExpectedRun(terms.tau, U, even, terms.window, tone, share, jitter=of_bin.sum(axis=0))
+        even = self.expected_weights(terms.f)
+        return ExpectedRun(terms.tau, U, even, terms.window, share, jitter=of_bin.sum(axis=0))
 
     def _told(
         self, run: Run, tau: tuple[float, float], theta: Array

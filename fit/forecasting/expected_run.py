@@ -90,4 +90,4 @@ def compress(block: whitened_run.WhitenedRun) -> CompressedRun:
     """Return what is left of a run without its bins."""
     columns, even = np.zeros((0, len(block.R)), np.complex128), weights("gaussian", np.zeros(0), np.zeros(0))
     sums, bins = (block.R, block.H, block.M), len(block.columns)
-    return CompressedRun(block.tau, columns, even, None, block.tone, block.share, sums=sums, bins=bins)
+    return CompressedRun(block.tau, columns, even, None, block.share, sums=sums, bins=bins)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.fitting import PriorSet, Problem, constraints, free_directions, iterate, weak_priors
+from fit.fitting import Problem, constraints, free_directions, iterate
 from fit.forecasting.expected_fit import (
     RULE,
     Expectation,
@@ -27,7 +27,7 @@ from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
 from fit.settings import Settings
 from fit.spectra import windowing
-from fit.whitening import divide, whitened_run
+from fit.whitening import divide
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -154,11 +154,8 @@ def found(planned: Sequence[Planned], chosen: Settings) -> dict[str, float]:
         return {}
     begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
 
-    def priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, more: Array) -> PriorSet:
-        return weak_priors(blocks, theta, begun, taking_part[0].share, more)
-
     settings = constraints_of_joint(chosen, parameters)
-    theta = iterate(taking_part, begun, priors, RULE, settings=settings).solution.theta
+    theta = iterate(taking_part, begun, rule=RULE, settings=settings).solution.theta
     return {p.name: float(x) for p, x in zip(parameters, theta, strict=False) if p.name not in known}
 
 

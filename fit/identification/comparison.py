@@ -200,7 +200,7 @@ def _of_runs(found: Fit, calibrated: Results, beside: Beside) -> Iterator[_Diffe
     known = calibrated.joint.parameters if calibrated.joint else {}
     for run in beside.runs:
         alone = calibrated.experiments.get(run.experiment)
-        if alone is None or alone.unsound or any(w.code == "single_tone" for w in alone.warnings):
+        if alone is None or alone.unsound:
             continue
         needed = [p.name for p in beside.sharing.parameters([(run, dynamics.PARAMETERS)])]
         of_all = beside.sharing.matrix(run, dynamics.PARAMETERS, needed)

@@ -335,7 +335,7 @@ class _Search:
         self._lost = lost
         start, scale = self._start.tolist(), self._widths.tolist()
         weak = {i: Prior(start[i], scale[i]) for i in np.flatnonzero(lost).tolist()}
-        return priors.PriorSet(weak, lost, directions, None)
+        return priors.PriorSet(weak, lost, directions)
 
     def _resting(self, H: Array, lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Tell which parameters the data tell only with what `lost` ones are held at."""

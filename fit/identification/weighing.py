@@ -262,7 +262,6 @@ class Simulated:
             columns=U,
             weights=weights(self._likelihood, terms.f, u),
             window=terms.window,
-            tone=None,
             share=self._share,
             noise=self._model,
             taken=terms.nuisance.shape[1],

@@ -28,7 +28,7 @@ EARLY = 0.05  # s, half a control step: by so much a time may be a matter of con
 CERTAIN = 5.0  # sigma
 
 
-def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment], *, from_joint: bool = False) -> Fit:
+def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment]) -> Fit:
     """Report the determinable parameters of the dynamics; everything else becomes warnings.
 
     Cross-talk (eq. bump) was fitted along but is not reported, see `fit.crosstalk.crosstalk_fit`.
@@ -39,8 +39,6 @@ def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment], *, from_joint
         Of the fit.
     experiments : sequence of Experiment
         What was fitted.
-    from_joint : bool
-        Whether all but lambda_2 were taken from the joint fit.
 
     Raises
     ------
@@ -48,7 +46,7 @@ def as_fit(outcome: IRLSResult, experiments: Sequence[Experiment], *, from_joint
         If a sigma is no positive number.
     """
     names = {p.name: p.name for p in outcome.parameters if p.equation not in ALONG}
-    lost = [_taken_over(outcome)] if from_joint else indeterminable(outcome, experiments, names)
+    lost = indeterminable(outcome, experiments, names)
     found = report(outcome, experiments, names, [*lost, *doubts(outcome, experiments), *scattered(outcome)])
     stiffness = sums.stiffnesses(outcome, [e.sysid.telemetry for e in experiments])
     return replace(found, stiffness=stiffness, solved=outcome.solved)
@@ -102,15 +100,6 @@ def report(
     )
 
 
-def _taken_over(outcome: IRLSResult) -> FitWarning:
-    names = tuple(p.name for p, lost in zip(outcome.parameters, outcome.lost, strict=True) if lost)
-    message = (
-        f"a single tone at {1e3 * (outcome.tone or 0):.3g} mHz does not tell lambda_2 from omega2_2; "
-        f"{', '.join(names)} are taken from the joint fit"
-    )
-    return FitWarning("single_tone", names, message)
-
-
 def indeterminable(
     outcome: IRLSResult, experiments: Sequence[Experiment], reported: Mapping[str, str]
 ) -> list[FitWarning]:
@@ -133,7 +122,7 @@ def indeterminable(
             if p.name in names
         )
         what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} apart"
-        message = f"the data do not determine {what}: {_reason(names, runs, outcome.tone)}; held at {held}"
+        message = f"the data do not determine {what}: {_reason(names, runs)}; held at {held}"
         pair = [int(i) for i in np.flatnonzero(part & outcome.lost)]
         if len(pair) == 2:
             message += _other_direction(outcome, pair, natural)
@@ -155,7 +144,7 @@ def _other_direction(outcome: IRLSResult, pair: Sequence[int], blind: Array) -> 
     )
 
 
-def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None) -> str:
+def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
     """Say in plain words why a combination is blind and what would determine it."""
     if all(name.startswith("b_") for name in names):
         return "what the spacecraft's motion adds through it drowns in the noise"
@@ -176,10 +165,6 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry], tone: float | None)
         return f"{' and '.join(same)} {verb} in every run, a run with another value is needed"
     if keys:
         return f"the runs vary {' and '.join(keys)} too little or only together, others are needed"
-    if tone == 0 and {"lambda_2", "C_2", "omega2_2", "omega2_2_0"} & set(names):
-        return "no injection stands out of the noise"
-    if tone and {"lambda_2", "omega2_2", "omega2_2_0"} & set(names):
-        return f"the only signal is a tone at {1e3 * tone:.3g} mHz, one at another frequency is needed"
     return "the injections are too weak, too short or of too few frequencies"
 
 

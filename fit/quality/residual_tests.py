@@ -213,14 +213,9 @@ class Stationarity:
 
 
 def independent(experiments: Mapping[str, Fit], name: str = "lambda_2") -> dict[str, Estimate]:
-    """Return the estimates of a parameter that lean on no other experiment.
-
-    A run that holds a single tone takes its stiffness from the joint fit, so it does not count.
-    """
+    """Return the estimates of a parameter by the experiments that determine it."""
     return {
-        experiment: fit.parameters[name]
-        for experiment, fit in experiments.items()
-        if name in fit.parameters and not any(w.code == "single_tone" for w in fit.warnings)
+        experiment: fit.parameters[name] for experiment, fit in experiments.items() if name in fit.parameters
     }
 
 

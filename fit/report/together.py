@@ -182,7 +182,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
         "scatter beyond noise that would make it 1": (scatter, f"≈ {100 * GAIN_SCATTER:g} %"),
     }
     count = heterogeneity.dof + 1
-    caption = f"λ₂ of {count} experiments, each fitted alone; a run of a single tone does not count."
+    caption = f"λ₂ of {count} experiments, each fitted alone."
     lines = tuple(Line(Markup(head), both) for head, both in cells.items())
     grid = Grid(caption, ("", "This calibration", "Flight"), lines)
     pictures = _gain_figure(results, telemetries)
@@ -204,15 +204,8 @@ def _p_value(p: float) -> str:
 
 
 def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Drawing, ...]:
-    single = residual_tests.independent(results.experiments)
     points = [
-        figures_gain.GainPoint(
-            run.experiment,
-            started(run),
-            run.F_max_2,
-            fit.parameters["lambda_2"],
-            leaning=run.experiment not in single,
-        )
+        figures_gain.GainPoint(run.experiment, started(run), run.F_max_2, fit.parameters["lambda_2"])
         for run, fit in fitted_for("lambda_2", results, telemetries)
     ]
     if len(points) < 2:
@@ -223,7 +216,7 @@ def _gain_figure(results: Results, telemetries: Sequence[Telemetry]) -> tuple[Dr
             "gain",
             "Gain of test mass 2 against date, one point per experiment",
             "λ₂ of each experiment on its own, ±1 σ, against the value common to all (the paper's figure "
-            "gainevolution) and their weighted mean. An open dot takes its stiffness from the joint fit.",
+            "gainevolution) and their weighted mean.",
             partial(figures_gain.gain_evolution, points, joint),
         ),
         Drawing(

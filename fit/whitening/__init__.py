@@ -8,7 +8,6 @@ from fit.whitening.glitch_templates import Glitch, Shape
 from fit.whitening.likelihoods import NU, Likelihood, Weights, expected_weights, weights
 from fit.whitening.run import Run, check_left
 from fit.whitening.runs import Experiment, Left, divide, noise_model, pair, smooth_noise
-from fit.whitening.tones import drives, single_tone
 from fit.whitening.whitened_run import WhitenedRun
 
 __all__ = [
@@ -23,12 +22,10 @@ __all__ = [
     "WhitenedRun",
     "check_left",
     "divide",
-    "drives",
     "expected_weights",
     "glitch_templates",
     "noise_model",
     "pair",
-    "single_tone",
     "smooth_noise",
     "weights",
     "whitened_run",

@@ -22,7 +22,6 @@ from fit.model import dynamics
 from fit.spectra import NoiseModel, Spectra, Spectrum, windowing
 from fit.telemetry import pieces
 from fit.whitening.likelihoods import Likelihood, Weights, weights
-from fit.whitening.tones import drives, single_tone
 
 Array = NDArray[np.float64]
 
@@ -43,8 +42,6 @@ class WhitenedRun:
         Of the bins.
     window : ndarray, shape (N,), or None
         The window of the run, which makes neighbouring bins one noise; None to take bins as independent.
-    tone : float or None
-        Frequency [Hz] of the signal in ``o_12''`` where there is just one, 0 without any, else None.
     share : ndarray, shape (K - 1, P)
         Linear map from the fitted parameters to those of the run.
     first : int
@@ -63,7 +60,6 @@ class WhitenedRun:
     columns: Spectrum
     weights: Weights
     window: Array | None
-    tone: float | None
     share: Array
     first: int = 1
     noise: NoiseModel | None = None
@@ -131,6 +127,30 @@ class WhitenedRun:
         for at in pieces(w2.size):
             found += z[at].T @ (z[at] * w2[at, None])
         return np.asarray((found + found.T) / 2)
+
+    @cached_property
+    def psd_scores(self) -> Array:
+        """Covariance of the scores that the error of the PSD adds, shape (K, K).
+
+        Commands that respond to the noise correlate with the residual in every bin; only the sum of the
+        scores over the band vanishes, and only if every bin has its right weight. To first order an error of
+        log S at the knots changes that sum by the scores of the bins about each knot. Where a signal stands
+        above the noise this is small; without one, a run is known no better than its PSD.
+        """
+        if self.noise is None or self.f is None:
+            return np.zeros(self.R.shape)
+        residual = self.columns @ self.free_coefficients * self.weights.fit
+        scores = np.real(self.columns.T.conj() * residual)
+        at_knots = self.noise.basis(self.f).summed(scores)
+        return np.asarray(at_knots @ self.noise.covariance @ at_knots.T)
+
+    @property
+    def free_coefficients(self) -> Array:
+        """Coefficients that fit the run best, shape (K,), the first of them 1."""
+        scale = np.linalg.norm(self.R[:, 1:], axis=0)
+        scale[scale == 0] = 1.0  # a constant channel
+        c = np.linalg.lstsq(self.R[:, 1:] / scale, -self.R[:, 0])[0] / scale
+        return np.concatenate([[1.0], c])
 
     def root(self, bins: slice) -> Array:
         """Return the same as `plain` for some of the bins."""
@@ -232,11 +252,8 @@ def block(
     """
     U, _ = whiten(spectra, noise.expected(spectra.f))
     u = np.full(len(U), 2.0) if c is None else np.abs(U @ c) ** 2
-    tone = single_tone(spectra.f, drives(U))
     of_bins, taken = weights(likelihood, spectra.f, u), spectra.nuisance.shape[1]
-    return WhitenedRun(
-        spectra.tau, U, of_bins, spectra.window, tone, share, noise=noise, taken=taken, f=spectra.f
-    )
+    return WhitenedRun(spectra.tau, U, of_bins, spectra.window, share, noise=noise, taken=taken, f=spectra.f)
 
 
 def information(blocks: Sequence[WhitenedRun], theta: Array) -> Array:

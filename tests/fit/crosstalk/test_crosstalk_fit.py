@@ -9,7 +9,7 @@ import pytest
 from fit.crosstalk import attenuation, crosstalk_fit, instrumental_variables, readout_noise
 from fit.crosstalk.crosstalk_fit import cross_talk
 from fit.crosstalk.fitted_run import fitted_runs
-from fit.fitting.joint_fit import fit_experiment, fit_joint, known_of
+from fit.fitting.joint_fit import fit_experiment, fit_joint
 from fit.model import dynamics
 from fit.model.sharing import Sharing
 from fit.pipeline import calibrate
@@ -346,15 +346,6 @@ def test_runs_with_and_without_channels_fit_together():
     }
     joint = as_fit(outcome, runs)
     assert max(abs(p) for p in pulls(joint, vars(LATE) | {"delta_ifo_3": LATE.delta_ifo_2}).values()) < 4.5
-
-
-def test_a_fit_without_cross_talk_does_not_know_a_run_that_has_it(noisy):
-    runs, outcome, _ = noisy
-    with_channels = runs[0].sysid.telemetry
-    without = experiments([blind(r) for r in (with_channels, runs[0].noise.telemetry)])
-    assert known_of(fit_joint(without, settings()), Run(with_channels), SHARING) is None
-    assert known_of(outcome, Run(with_channels), SHARING).theta.size == 13
-    assert known_of(outcome, Run(blind(with_channels)), SHARING).theta.size == 7
 
 
 def test_jitter_below_the_noise_determines_nothing():

@@ -125,17 +125,6 @@ def test_what_is_blind_biases_nothing_else():
     assert max(abs(p) for p in pulls(joint, vars(OFF)).values()) < 4.5
 
 
-def test_single_tone_run_takes_the_rest_from_the_joint_fit():
-    runs = campaign_of(OFF) + pair(OFF, "D", epoch=2, experiment="tone", tones_12=(3.333e-3,), tones_1=())
-    results = calibrate(runs)
-    tone = results.experiments["tone"]
-    assert list(tone.parameters) == ["lambda_2"]
-    assert abs(pulls(tone, vars(OFF))["lambda_2"]) < 4.5
-    (warning,) = (w for w in tone.warnings if w.code == "single_tone")
-    assert set(warning.parameters) == {"C_2", "omega2_2", "domega2_12", "delta_ifo", "lambda_1", "C_1"}
-    assert "taken from the joint fit" in warning.message
-
-
 def test_runs_of_different_rates_fit_together():
     runs = campaign_of(OFF, (("A", 1), ("B", 1)))
     runs += campaign_of(OFF, (("C", 2), ("D", 2)), fs=4.0)

@@ -7,7 +7,6 @@ from scipy import stats
 from fit.quality.residual_tests import about_mean, independent
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
-from fit.warnings import FitWarning
 
 
 def estimates(values, sigmas):
@@ -72,10 +71,9 @@ def test_p_values_of_noise_are_uniform():
     assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 
-def test_what_leans_on_the_joint_fit_does_not_count():
-    def fit(*codes, name="lambda_2"):
-        warnings = tuple(FitWarning(code, (), "") for code in codes)
-        return Fit({name: Estimate(1.0, 0.1, "1")}, np.eye(1), 1.0, 1, True, warnings)
-
-    fits = {"A": fit(), "tone": fit("single_tone"), "B": fit("indeterminable"), "none": fit(name="C_2")}
+def test_an_experiment_counts_that_determines_the_parameter():
+    fits = {
+        experiment: Fit({name: Estimate(1.0, 0.1, "1")}, np.eye(1), 1.0, 1, True, ())
+        for experiment, name in (("A", "lambda_2"), ("B", "lambda_2"), ("none", "C_2"))
+    }
     assert list(independent(fits)) == ["A", "B"]

@@ -25,7 +25,6 @@ class Data:
     """Data linear in the parameters, of unit variance; a whitened run without a window."""
 
     R: np.ndarray
-    tone = None
     weights = SimpleNamespace(likelihood="gaussian")
 
     @property
@@ -45,6 +44,10 @@ class Data:
         return self.R.T @ self.R
 
     M = H
+
+    @property
+    def psd_scores(self):
+        return np.zeros_like(self.H)
 
     def coefficients(self, theta):
         return np.concatenate([np.ones_like(theta[:1]), -theta])

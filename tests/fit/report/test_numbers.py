@@ -19,7 +19,7 @@ def rows(chart):
 
 def drawn(joint=None):
     points = [
-        GainPoint(name, np.datetime64(f"2016-04-{i:02}"), F, Estimate(1.0771 + 1e-4 * i, 1.3e-4, "1"), False)
+        GainPoint(name, np.datetime64(f"2016-04-{i:02}"), F, Estimate(1.0771 + 1e-4 * i, 1.3e-4, "1"))
         for i, (name, F) in enumerate(AUTHORITIES.items(), 1)
     ]
     return gain_against_authority(points, joint)

@@ -52,15 +52,14 @@ def quiet(**changes):
 
 @pytest.fixture
 def mission():
-    """Four experiments with telemetry, the last one a single tone and not what its noise model says."""
+    """Four experiments with telemetry, the last one not what its noise model says."""
     runs, fits = [], {}
     for k, name in enumerate("ABCD"):
         run = telemetry(WORLD, name, duration=1800.0, noisy=False)
         runs.append(replace(run, t0=f"2016-0{k + 4}-16T00:00:00Z"))
-        tone = [FitWarning("single_tone", (), "a tone")] if name == "D" else []
         bad = quiet(whiteness=2e-4, kurtosis=3.0, chi2_red=1.5) if name == "D" else quiet()
         F, N = 1e-12 * AUTHORITIES[name][1], 1e-12 * AUTHORITIES[name][3]
-        fits[name] = experiment(1.0776 + 4e-5 * k, F, N, bad, tone)
+        fits[name] = experiment(1.0776 + 4e-5 * k, F, N, bad)
     return Results(joint(), fits, {}, {}, Provenance(joint_runs=[run.run for run in runs])), runs
 
 
@@ -172,7 +171,7 @@ def test_stationarity(mission):
 
 def test_gains_of_the_same_date_stand_side_by_side(mission):
     estimate = Estimate(1.0776, 1e-4, "1")
-    points = [figures_gain.GainPoint(n, np.datetime64("2016-04-16"), 5e-11, estimate, False) for n in "ABC"]
+    points = [figures_gain.GainPoint(n, np.datetime64("2016-04-16"), 5e-11, estimate) for n in "ABC"]
     (panel,) = figures_gain.gain_evolution(points, None).panels
     assert panel.x.title == "experiment"
     assert panel.lines[-1].x.tolist() == [1, 2, 3]
@@ -184,7 +183,7 @@ def test_gains_of_the_same_date_stand_side_by_side(mission):
 def test_the_mean_of_the_gains_says_how_they_scatter():
     when = np.array(["2016-04-16", "2016-05-16", "2016-06-16"], dtype="datetime64[D]")
     gains = [Estimate(1.07 + 0.01 * k, 0.01, "1") for k in range(3)]
-    points = [figures_gain.GainPoint(n, t, 0.0, e, False) for n, t, e in zip("ABC", when, gains, strict=True)]
+    points = [figures_gain.GainPoint(n, t, 0.0, e) for n, t, e in zip("ABC", when, gains, strict=True)]
     (panel,) = figures_gain.gain_evolution(points, Estimate(1.0776, 1e-4, "1")).panels
     mean, joint = panel.lines[:2]
     assert mean.label == "their mean (χ²/ν = 1)"  # (1 + 0 + 1) / 2

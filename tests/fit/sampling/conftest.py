@@ -46,7 +46,6 @@ def linear_case():
             solution=solution,
             lost=np.zeros(3, dtype=bool),
             directions=np.empty((0, 3)),
-            tone=None,
             converged=True,
             blocks=(block,),
             prior=whitened_run.Prior(centre, rows),
