@@ -43,6 +43,11 @@ def p_limit(family: str, n_tests: int = 1) -> float:
     return BUDGET / len(FAMILIES) / max(n_tests, 1)
 
 
+def budget_by_family() -> dict[str, float]:
+    """Return the probability of a false alarm that each family of tests may raise in a clean campaign."""
+    return {family: p_limit(family) for family in FAMILIES}
+
+
 def chi2_limit(family: str, dof: int = 1, n_tests: int = 1) -> float:
     """Return the Delta chi^2 of `dof` parameters from which one of several tests of a family is an alarm."""
     from scipy import stats

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from fit.consistency import explained, fit_consistent_runs
 from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
+from fit.false_alarms import budget_by_family
 from fit.fitting import (
     IRLSResult,
     constraint_test,
@@ -280,17 +281,12 @@ def _judged(
                 fits[e.name] = _warned(fits[e.name], [warning])
     if not together:
         return None, fits
-    explained = noise_level.explained(ready.in_joint_fit, together.outcome)
-    doubted = [e for e in ready.in_joint_fit if e.name not in explained]
-    of_joint += [
-        w
-        for e in ready.in_joint_fit
-        for w in ready.prepared[e.name].warnings
-        if e in doubted or w.code != noise_level.MISMATCH
-    ]
+    of_joint += [w for e in ready.in_joint_fit for w in ready.prepared[e.name].warnings]
     said = {w.code for w in together.fit.warnings}
     if "constraint_contradicted" not in said:
-        of_joint += [w for w in fit_quality.of_joint(together.fit, fits, doubted) if w.code not in said]
+        of_joint += [
+            w for w in fit_quality.of_joint(together.fit, fits, ready.in_joint_fit) if w.code not in said
+        ]
     return _warned(together.fit, of_joint), fits
 
 
@@ -352,6 +348,7 @@ def _provenance(ready: ExperimentSet, together: _Together | None, chosen: Settin
     for run in (e.sysid.telemetry for e in ready.in_joint_fit):
         periods.setdefault(str(run.alignment_epoch), set()).add(inertial_period(run))
     scatter = together.outcome.scatter if together else {}
+    agreement = {"agreement": together.agreement} if together and together.agreement else {}
     best = (
         crosstalk_fit.subtraction(together.outcome, ready.in_joint_fit, Sharing(chosen.shared))
         if together
@@ -365,7 +362,7 @@ def _provenance(ready: ExperimentSet, together: _Together | None, chosen: Settin
         cross_talk_periods={epoch: next(iter(names)) for epoch, names in periods.items() if len(names) == 1},
         subtraction=best or None,
         settings=chosen.record(),
-        more={"agreement": together.agreement} if together and together.agreement else {},
+        more={"false_alarms": budget_by_family(), **agreement},
         levels=[e.name for e in ready.in_joint_fit if e.levels],
         x_axis=ready.experiments[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},

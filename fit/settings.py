@@ -13,7 +13,7 @@ from fit.files import Table, closest_match, documents, key, problem, validation_
 Estimator = Literal["gaussian", "student_t", "marginalised", "flscov"]  # of the likelihood, or LTPDA's
 Group = Literal["campaign", "alignment_epoch", "experiment"]  # over which a parameter has one value
 #: What may depart from experiment to experiment; "auto" stands alone: what the data ask for.
-_Scattering = Literal["auto", "lambda_1", "lambda_2", "C_1", "C_2", "slope_1", "slope_2", "bend_1", "bend_2"]
+_Scattering = Literal["auto", "lambda_1", "lambda_2", "C_1", "C_2"]
 LOWEST, HIGHEST = (
     0.02,
     0.1,

@@ -38,8 +38,6 @@ def scores(
         for late, told in _lags(run.telemetry.fs):
             shifted = run.earlier(name, late)
             terms = shifted.spectra(tau)
-            if block.columns.shape[1] > terms.columns.shape[1]:
-                terms = terms.hstack(shifted.wander(tau))
             columns, _ = whitened_run.whiten(terms, block.noise.expected(terms.f))
             words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
             shown = replace(block, columns=columns, tau=terms.tau)

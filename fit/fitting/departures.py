@@ -1,31 +1,29 @@
-"""What differs from experiment to experiment, or within one, more than noise makes it.
+"""What differs from experiment to experiment more than noise makes it.
 
-A gain or a delay departs from its common value, and a gain may wander within a run (`fit.model.wander`): in
-every experiment by an unknown amount, drawn from a Gaussian about zero. Its width is not known either. The
-two test masses share it, relative to the flight values: their actuators are alike. So a gain that a single
-experiment tells gets the sigma that the scatter of the other implies.
+A gain or a delay departs from its common value: in every experiment by an unknown amount, drawn from a
+Gaussian about zero. Its width is not known either. The two test masses share it, relative to the flight
+values: their actuators are alike. So a gain that a single experiment determines gets the sigma that the
+scatter of the other implies.
 
 A gain that departs leaves the force as late as it was: C = lambda tau departs along.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.errors import FitError
 from fit.fitting import hierarchy, normal
 from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.irls import IRLSResult
 from fit.fitting.joint_model import Prior
 from fit.fitting.problem import FREE
-from fit.model import dynamics, wander
+from fit.model import dynamics
 from fit.parameters import FLIGHT, Parameter
-from fit.spectra import Spectra
 from fit.whitening import whitened_run
 
 if TYPE_CHECKING:
@@ -58,19 +56,11 @@ class Kind:
 
 GAINS = ("lambda_1", "lambda_2")
 DELAYS = {"lambda_1": "C_1", "lambda_2": "C_2"}  # C = lambda tau, by its gain
-#: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02; that gains wander
-#: within a run was not seen.
+#: The scales are a choice: in flight lambda_2 scattered by 0.005, and C had sigmas of 0.02.
 KINDS = (
     Kind("gain", GAINS, GAINS, 0.005),
     Kind("delay", ("C_1", "C_2"), ("C_1", "C_2"), 0.02),
-    Kind("slope", ("slope_1", "slope_2"), GAINS, 0.001),
-    Kind("bend", ("bend_1", "bend_2"), GAINS, 0.001),
 )
-
-
-def wanders(names: Iterable[str]) -> bool:
-    """Return whether any of these departures is within a run."""
-    return any(name in wander.NAMES for name in names)
 
 
 def parameters(
@@ -116,10 +106,9 @@ def share(plain: Array, names: Sequence[str], experiment: int, experiments: int)
     experiment, experiments : int
         Number of the run, and how many there are.
     """
-    more = wander.NAMES if wanders(names) else ()
     others = len(plain) - len(dynamics.PARAMETERS)  # of cross-talk, which does not depart
-    own = entering((*dynamics.PARAMETERS, *[""] * others, *more), names, experiment, experiments)
-    return np.hstack([np.vstack([plain, np.zeros((len(more), plain.shape[1]))]), own])
+    own = entering((*dynamics.PARAMETERS, *[""] * others), names, experiment, experiments)
+    return np.hstack([plain, own])
 
 
 def entering(
@@ -151,17 +140,6 @@ def entering(
         if delay in following:
             own[of_run.index(delay), column] = FLIGHT[delay].value / FLIGHT[name].value
     return own
-
-
-def extended(block: whitened_run.WhitenedRun, spectra: Spectra) -> whitened_run.WhitenedRun:
-    """Return a block with the columns of `wander` beside its own; nothing multiplies them yet."""
-    if block.noise is None:
-        raise FitError("not weighed by a PSD, expected another estimator than 'flscov' where gains wander")
-    U, _ = whitened_run.whiten(spectra, block.noise.expected(spectra.f))
-    more = np.zeros((len(wander.NAMES), block.share.shape[1]))
-    return replace(
-        block, columns=np.concatenate([block.columns, U], axis=1), share=np.vstack([block.share, more])
-    )
 
 
 def integrated(outcome: IRLSResult) -> IRLSResult:

@@ -68,8 +68,7 @@ class _Smooth:
     ) -> None:
         self._experiment, self._share, self._likelihood = experiment, share, likelihood
         self.name = experiment.name
-        self._own = len(experiment.parameters)  # what the gains do within the run comes after
-        self._begun = begun if self._own == len(share) else None
+        self._begun = begun
         self._model = begun.noise if begun else None
         self._moved: Array | None = None
         self.settled = True
@@ -77,16 +76,13 @@ class _Smooth:
     def block(self, theta: Array, covariance: Array, iteration: int) -> whitened_run.WhitenedRun:
         if self._begun and iteration == 0:
             return replace(self._begun, share=self._share)
-        share, of_run, run, own = self._share, self._share @ theta, self._experiment.sysid, self._own
-        spread = (share @ covariance @ share.T)[:own, :own]
-        model = noise_model(self._experiment, of_run[:own], spread, self._model)
+        share, of_run, run = self._share, self._share @ theta, self._experiment.sysid
+        model = noise_model(self._experiment, of_run, share @ covariance @ share.T, self._model)
         self._model = self._hastened(model) if iteration >= LATE else model
         tau = dynamics.delays(of_run)
         terms = run.spectra(tau, self._model)
         if self._experiment.louder:
             terms = louder.at_injections(terms)
-        if own < len(share):
-            terms = terms.hstack(run.wander(tau))
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
         block = whitened_run.block(terms, self._model, share, likelihood=self._likelihood, c=c)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import departures, louder, unsteady
+from fit.fitting import louder, unsteady
 from fit.identification import series
 from fit.identification.protocol import FORCE_1, THRUST, Loop
-from fit.model import dynamics, wander
+from fit.model import dynamics
 from fit.spectra import NoiseModel, Spectra, windowing
 from fit.whitening import Experiment, Left, Likelihood, Run, smooth_noise, weights, whitened_run
 
@@ -91,8 +91,7 @@ class Imposed:
         """Return the derivatives of the residual by parameters of the equation, shape (names, N).
 
         From what was measured, as in the fit, and zero where the run has nothing of it: of motion that the
-        loop is not asked to predict, of gains and delays that are not sought but differ between experiments,
-        and of gains within the run (`wander`).
+        loop is not asked to predict, and of gains and delays that are not sought but differ between runs.
         """
         theta, run = self._reference.dynamics, self._run
         tau = dynamics.delays(theta)
@@ -104,11 +103,6 @@ class Imposed:
         for row, name in zip(values, names, strict=True):
             if name in known:
                 row[:] = (found.values @ known[name])[at]
-        if departures.wanders(names) and run.telemetry.kind == "sysid":
-            within = wander.columns(wander.commanded(run.channels, tau))[at].T
-            for name, column in zip(wander.NAMES, within, strict=True):
-                if name in names:
-                    values[names.index(name)] = column
         return values
 
     def motion(self) -> Array:

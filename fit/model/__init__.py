@@ -19,5 +19,4 @@ __all__ = [
     "rate",
     "rotation",
     "separation",
-    "wander",
 ]

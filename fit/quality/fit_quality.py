@@ -169,23 +169,14 @@ def _reason(names: Sequence[str], runs: Sequence[Telemetry]) -> str:
 
 
 def scattered(outcome: IRLSResult) -> list[FitWarning]:
-    """Say by how much parameters differ between the experiments, or within them."""
+    """Say by how much parameters differ between the experiments."""
     chosen = ", as the data ask for" if outcome.by_data else ""
-    told = {
-        "slope": "lambda_{} changes within the runs by {:.2g} ± {:.1g} from start to end{}",
-        "bend": "lambda_{} changes with the force, by {:.2g} ± {:.1g} at the largest of a run{}",
-    }
     found = []
     for name, (width, sigma) in outcome.scatter.items():
-        kind, j = name.split("_")
         seen = "scatters" if width > SEEN * sigma else "may scatter"
         text = (
-            told[kind].format(j, width, sigma, chosen)
-            if kind in told
-            else (
-                f"{name} {seen} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
-                "its sigma is that of the mean over such experiments"
-            )
+            f"{name} {seen} between the experiments by {width:.2g} ± {sigma:.1g} beyond noise{chosen}; "
+            "its sigma is that of the mean over such experiments"
         )
         found.append(FitWarning("random_effects", (name,), text))
     return found

@@ -184,20 +184,6 @@ def judged(
     return found
 
 
-def explained(experiments: Sequence[Experiment], outcome: IRLSResult) -> set[str]:
-    """Return the experiments whose noise is that of the noise run where gains may wander within a run.
-
-    An experiment by itself does not know that they do: what they make of its forces is no noise.
-    """
-    if not any(width.name in ("slope", "bend") for width in outcome.departing):
-        return set()
-    found = set()
-    for at, (e, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
-        if block.noise and not measure(e, outcome, block.noise, at).off.any():
-            found.add(e.name)
-    return found
-
-
 def is_noise(experiment: Experiment, outcome: IRLSResult, levels: Levels) -> bool:
     """Return whether what is off is noise that has changed, and no signal that the equation lacks."""
     if np.any(np.abs(levels.log_ratio) > np.log(FAR)):

@@ -102,6 +102,13 @@ def failing(fit: Fit) -> list[str]:
     return list(_reasons({"": fit}, Severity.FAILURE))
 
 
+def _false_alarms(budget: Mapping[str, float]) -> Markup:
+    """Return the sentence on the budget of false alarms of the tests of the data."""
+    return Markup(
+        "In clean data the tests raise any alarm with a probability of at most {:.1g}, shared by {} families."
+    ).format(sum(budget.values()), len(budget))
+
+
 def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
     """Say in one line whether the fits found the truth or, without one, agree with the flight.
 
@@ -134,6 +141,8 @@ def verdict(results: Results, shown: Sequence[Table]) -> Verdict:
             Markup("Not determined by these data: {}.").format(_listed(map(symbol, undetermined)))
         )
     sentences += doubts
+    if isinstance(budget := results.provenance.more.get("false_alarms"), Mapping):
+        sentences.append(_false_alarms(budget))
     # Another spacecraft need not agree with the flight; a simulation has to agree with its truth.
     bad = bool(failed) or (outliers and has_truth)
     state = "bad" if bad else "doubtful" if doubts else "good" if has_truth else "open"

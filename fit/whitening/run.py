@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import InputError
-from fit.model import dynamics, wander
+from fit.model import dynamics
 from fit.spectra import NoiseModel, Spectra, derivatives, masked_segments, windowing
 from fit.telemetry import Telemetry
 from fit.whitening import glitch_templates
@@ -60,7 +60,6 @@ class Run:
         self.patches: tuple[tuple[float, float], ...] = ()
         self._first: Spectra | None = None
         self._last: Spectra | None = None
-        self._wander: Spectra | None = None
 
     def up_to(self, f_max: float) -> "Run":
         """Return the run with another end of the fitted band [Hz], `derivatives.F_MAX` at most."""
@@ -151,7 +150,7 @@ class Run:
         return masked_segments.impulse_samples(self.patches, time, fs) if self.patches else None
 
     def _forget(self) -> None:
-        self._first = self._last = self._wander = None
+        self._first = self._last = None
 
     @property
     def masked(self) -> int:
@@ -205,14 +204,6 @@ class Run:
         unheard = UNHEARD * np.sqrt(noise(last.f)) / (2 * np.pi * last.f) ** 2
         sizes = {j: np.abs(last.columns[:, dynamics.FORCES[j].start]) for j in far}
         return [j for j in far if np.any(sizes[j] * ((tau[j] - last.tau[j]) ** 2 / 2) > unheard)]
-
-    def wander(self, tau: tuple[float, float]) -> Spectra:
-        """Return the spectra of `wander.columns`, for delays within `CLOSE` of `tau`."""
-        last = self._wander
-        if last is None or _apart(tau, last.tau) > CLOSE:
-            terms = wander.commanded(self.channels, tau)
-            self._wander = last = self.transformed(wander.parts(terms), terms)
-        return last
 
     def transformed(self, values: Array | Iterable[Array], terms: dynamics.Columns) -> Spectra:
         """Return the spectra of columns, shape (M, P) or in parts, that lie beside `terms`."""
