@@ -184,8 +184,8 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     progress_stage(0.25)
-    first = metadata.faults([e for e in found if e.name not in chosen.exclude])
-    left_out, faulty = first.left_out, {f.experiment for f in first.left_out}
+    first = metadata.screen([e for e in found if e.name not in chosen.exclude])
+    left_out, faulty = first.exclusions, {f.experiment for f in first.exclusions}
     progress_stage(0.45)
     made = mask_experiments(found, chosen, faulty)
     prepared = {name: p for name, p in made.items() if isinstance(p, MaskedExperiment)}
@@ -195,7 +195,7 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     taking_part, short, excluded = divide(together, chosen)
     ready = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
     then = metadata.changes(ready.in_joint_fit if searches(chosen) else ())  # else glitches pass for changes
-    ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.left_out)
+    ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.exclusions)
     return ready.without_unusable()
 
 

@@ -341,9 +341,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
     "quantisation": WarningKind(
         "Nothing while estimates move by less than you need; otherwise archive the channel with more digits.",
     ),
-    "same_time": WarningKind(
-        "Set the attribute t0 of every run to its start; the fit does not use it.",
-    ),
     "saturated": WarningKind(
         "Nothing if few samples are lost; otherwise reduce the injection or give the run more authority.",
     ),

@@ -45,7 +45,6 @@ OF_DATA = (
         "suspect_samples",
         "interpolated",
         "guidance_scale",
-        "same_time",
     ),
 )
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
 import scipy
@@ -29,53 +29,52 @@ from fit.whitening import Experiment, Run
 Array = NDArray[np.float64]
 
 SETTINGS = ("F_max_1", "F_max_2", "N_max_1", "N_max_2", "alignment_epoch")
-FAR = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
+MAX_GAP = 30 * 86400.0  # s between a run and its noise run, where most are adjacent
 ADJACENT = 86400.0  # s
-ODD = (
+SAMPLE_CODES = (
     "coarse_quantisation",
     "suspect_samples",
     "interpolated",
-)  # what is odd about samples, as warnings where it is so in most
-USUAL = 3  # experiments; what more than half of so many have is no fault of one
-INJECTED = 0.06  # Hz: up to here injections are looked for
+)  # warnings about samples, where most experiments have the same fault
+MIN_EXPERIMENTS = 3  # experiments; what more than half of so many have is a property of the archive
+MAX_INJECTION = 0.06  # Hz: up to here injections are looked for
 SEGMENT = 2048.0  # s
-SHARP, NEIGHBOURS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
-DRIVEN = 300.0  # ratio of power in such a segment; noise that differs makes 25, an injected sine 1e4
+LINE_RATIO, MEDIAN_BINS = 12.0, 31  # power of a sine over the median of so many bins about it; noise has 6
+INJECTION_RATIO = 300.0  # ratio of power in such a segment; noise that differs makes 25, an injected sine 1e4
 
 
 @dataclass(frozen=True)
-class Found:
-    """What is wrong with experiments.
+class ScreeningReport:
+    """Faults of the files of experiments.
 
     Attributes
     ----------
-    left_out : list of Exclusion
-        Those that are no good, each once.
+    exclusions : list of Exclusion
+        Faulty experiments, one reason for each.
     notes : list of FitWarning
-        What all of them have in common, so that there is nothing to leave out.
+        Faults that most of them have in common.
     """
 
-    left_out: list[Exclusion]
+    exclusions: list[Exclusion]
     notes: list[FitWarning]
 
 
-def faults(experiments: Sequence[Experiment]) -> Found:
-    """Return the experiments that do not belong into one fit with the others, and what is odd about all."""
+def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
+    """Return the faults that keep experiments out of a joint fit, and those that most of them share."""
     units = parallel_map(lambda e: list(unit_faults(e)), experiments, Experiment.samples)
-    found = [*_copied(experiments), *chain.from_iterable(units)]
-    found += [*_other_settings(experiments), *_other_times(experiments)]
-    names = [e.name for e in experiments]
-    of_each = parallel_map(_of_own, experiments, Experiment.samples)
-    beyond, rounded, *oddities = zip(*of_each, strict=True) if names else ((), (), (), (), ())
-    found += [Exclusion(name, reason) for name, own in zip(names, beyond, strict=True) for reason in own]
-    found += _noise_with_sines(experiments)
-    reasons = {code: dict(zip(names, told, strict=True)) for code, told in zip(ODD, oddities, strict=True)}
+    exclusions = [*_duplicate_noise(experiments), *chain.from_iterable(units)]
+    exclusions += [*_settings_mismatches(experiments), *_distant_noise_runs(experiments)]
+    samples_of = parallel_map(_screen_samples, experiments, Experiment.samples)
+    by_name = {e.name: report for e, report in zip(experiments, samples_of, strict=True)}
+    exclusions += [Exclusion(n, reason) for n, report in by_name.items() for reason in report.authority]
+    exclusions += _noise_runs_with_injections(experiments)
+    reasons = {code: {n: r.faults[code] for n, r in by_name.items()} for code in SAMPLE_CODES}
     reasons["guidance_scale"] = {f.experiment: [f.reason] for f in response_faults(experiments)}
-    odd = [_unless_usual(experiments, told, code) for code, told in reasons.items()]
-    found += [fault for of in odd for fault in of.left_out]
-    notes = [note for of in odd for note in of.notes]
-    notes += [note for of_own in rounded for note in of_own]
-    return Found(_first(found), [*notes, *_at_once(experiments)])
+    reports = [_faults_of_few(experiments, texts, code) for code, texts in reasons.items()]
+    exclusions += chain.from_iterable(report.exclusions for report in reports)
+    notes = [note for report in reports for note in report.notes]
+    notes += [note for report in by_name.values() for note in report.notes]
+    return ScreeningReport(_first_reasons(exclusions), notes)
 
 
 def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemetry]) -> list[Exclusion]:
@@ -83,7 +82,7 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
     names = {e.name for e in experiments}
     alone = [t for t in telemetries if t.kind == "noise" and t.experiment not in names]
     noise = [e.noise for e in experiments if e.noise]
-    told = parallel_map(partial(_injected, noise), alone)
+    told = parallel_map(partial(_injected_channel, noise), alone)
     return [
         Exclusion(
             run.experiment,
@@ -95,57 +94,64 @@ def mislabelled(experiments: Sequence[Experiment], telemetries: Sequence[Telemet
     ]
 
 
-def changes(experiments: Sequence[Experiment]) -> Found:
+def changes(experiments: Sequence[Experiment]) -> ScreeningReport:
     """Return the experiments, glitches masked, of which parts obey different equations."""
-    changed = parallel_map(_changed, experiments, Experiment.samples)
-    reasons = {e.name: told for e, told in zip(experiments, changed, strict=True)}
-    found = _unless_usual(experiments, reasons, "structural_break")
-    return replace(found, left_out=[replace(f, tells="misfit") for f in found.left_out])
+    breaks = parallel_map(_structural_break, experiments, Experiment.samples)
+    reasons = {e.name: texts for e, texts in zip(experiments, breaks, strict=True)}
+    report = _faults_of_few(experiments, reasons, "structural_break")
+    return replace(report, exclusions=[replace(f, tells="misfit") for f in report.exclusions])
 
 
-def _of_own(e: Experiment) -> tuple[list[str], list[FitWarning], list[str], list[str], list[str]]:
-    """Return what contradicts the authority of an experiment, notes on rounding, and what `ODD` has."""
+@dataclass(frozen=True)
+class _SampleReport:
+    """Commands beyond the authority, notes on rounding, and faults of samples by their code."""
+
+    authority: list[str]
+    notes: list[FitWarning]
+    faults: Mapping[str, list[str]]
+
+
+def _screen_samples(e: Experiment) -> _SampleReport:
     runs = [run.telemetry.select(dynamics.CHANNELS) for run in _runs(e)]
     sysid, noise = runs[0], runs[1] if e.noise else None
-    beyond = [reason for run in runs for reason in authority.faults(run)]
     rounded = [*rounding.roundings(sysid, noise), *(rounding.roundings(noise, sysid) if noise else ())]
-    coarse = [f"{r.said}; {rounding.CURE}" for r in rounded if r.coarse]
-    notes = [r.note for r in rounded if not (r.coarse or r.fine)]
-    return beyond, notes, coarse, list(samples.faults(sysid, noise)), list(samples.interpolated(sysid))
+    return _SampleReport(
+        authority=[reason for run in runs for reason in authority.faults(run)],
+        notes=[r.note for r in rounded if not (r.coarse or r.fine)],
+        faults={
+            "coarse_quantisation": [f"{r.said}; {rounding.CURE}" for r in rounded if r.coarse],
+            "suspect_samples": list(samples.faults(sysid, noise)),
+            "interpolated": list(samples.interpolated(sysid)),
+        },
+    )
 
 
-def _changed(e: Experiment) -> list[str]:
+def _structural_break(e: Experiment) -> list[str]:
     """Return why the parts of a run obey different equations, if they do."""
-    changed = constancy.change(e)
-    jumping = list(samples.of_commands(e.sysid.telemetry)) if changed else []
-    return jumping or [f"{e.sysid.telemetry.path}: {changed}"] * bool(changed)
+    message = constancy.change(e)
+    jumps = list(samples.of_commands(e.sysid.telemetry)) if message else []
+    return jumps or [f"{e.sysid.telemetry.path}: {message}"] * bool(message)
 
 
-def _first(found: Sequence[Exclusion]) -> list[Exclusion]:
+def _first_reasons(exclusions: Sequence[Exclusion]) -> list[Exclusion]:
     """Return the first reason of each experiment."""
-    first: dict[str, Exclusion] = {}
-    for fault in found:
-        first.setdefault(fault.experiment, fault)
-    return list(first.values())
+    reasons: dict[str, Exclusion] = {}
+    for exclusion in exclusions:
+        reasons.setdefault(exclusion.experiment, exclusion)
+    return list(reasons.values())
 
 
-def _unless_usual(experiments: Sequence[Experiment], reasons: Mapping[str, list[str]], code: str) -> Found:
-    """Leave out what has a reason, unless most have: then it is how these were made, and only told."""
-    struck = {name: told for name, told in reasons.items() if told}
-    if len(struck) >= USUAL and 2 * len(struck) > len(experiments):
-        told = "; ".join(first for first, *_ in struck.values())
-        return Found([], [FitWarning(code, (), f"in most of the experiments something is odd: {told}")])
-    return Found([Exclusion(name, "; ".join(told[:2])) for name, told in struck.items()], [])
-
-
-def _at_once(experiments: Sequence[Experiment]) -> list[FitWarning]:
-    """Return a note on runs that take place at once; it moves no estimate."""
-    runs = sorted((r.telemetry for e in experiments for r in _runs(e)), key=lambda t: utc(t.t0))
-    pairs = [(a, b) for a, b in pairwise(runs) if _gap(a, b) < -1.0]
-    if not pairs or 2 * len(pairs) >= len(runs) - 1:
-        return []  # where start times are made up, they tell nothing
-    told = ", ".join(f"{a.run} and {b.run}" for a, b in pairs)
-    return [FitWarning("same_time", (), f"t0 says that these took place at the same time: {told}")]
+def _faults_of_few(
+    experiments: Sequence[Experiment], reasons: Mapping[str, list[str]], code: str
+) -> ScreeningReport:
+    """Exclude experiments with a fault, unless most have it: then only report it, for so they were made."""
+    faulty = {name: texts for name, texts in reasons.items() if texts}
+    if len(faulty) >= MIN_EXPERIMENTS and 2 * len(faulty) > len(experiments):
+        texts = "; ".join(first for first, *_ in faulty.values())
+        return ScreeningReport(
+            [], [FitWarning(code, (), f"in most of the experiments something is odd: {texts}")]
+        )
+    return ScreeningReport([Exclusion(name, "; ".join(texts[:2])) for name, texts in faulty.items()], [])
 
 
 def _runs(e: Experiment) -> list[Run]:
@@ -158,7 +164,7 @@ def _gap(a: Telemetry, b: Telemetry) -> float:
     return (utc(b.t0) - utc(a.t0) - timedelta(seconds=a.duration)).total_seconds()
 
 
-def _other_settings(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
+def _settings_mismatches(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     """Yield the experiments whose noise run has another authority or alignment."""
     for e in experiments:
         if e.noise is None:
@@ -175,13 +181,13 @@ def _other_settings(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
                 break
 
 
-def _other_times(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
+def _distant_noise_runs(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     """Yield the experiments whose noise run is far away, where most are adjacent."""
     gaps = {e.name: _gap(e.noise.telemetry, e.sysid.telemetry) for e in experiments if e.noise}
     if 2 * sum(gap < ADJACENT for gap in gaps.values()) <= len(gaps):
         return
     for e in experiments:
-        if e.noise and gaps[e.name] > FAR:
+        if e.noise and gaps[e.name] > MAX_GAP:
             noise, sysid = e.noise.telemetry, e.sysid.telemetry
             yield Exclusion(
                 e.name,
@@ -190,7 +196,7 @@ def _other_times(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
             )
 
 
-def _copied(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
+def _duplicate_noise(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     """Yield the experiments that hold samples of another run, or of another of their own."""
     owners = [(e, run) for e in experiments for run in _runs(e)]
     both: dict[tuple[int, int], list[duplicates.Match]] = {}
@@ -201,13 +207,13 @@ def _copied(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
         (e, a), (other, b) = owners[first], owners[second]
         if e.name in out or other.name in out:
             continue
-        reason = _same(a.telemetry, b.telemetry, found)
-        for name in _at_fault(e, a, other, b, whole=len(found) == 2):
+        reason = _duplicate_text(a.telemetry, b.telemetry, found)
+        for name in _mislabelled_owners(e, a, other, b, whole=len(found) == 2):
             out.add(name)
             yield Exclusion(name, reason)
 
 
-def _same(a: Telemetry, b: Telemetry, found: Sequence[duplicates.Match]) -> str:
+def _duplicate_text(a: Telemetry, b: Telemetry, found: Sequence[duplicates.Match]) -> str:
     match = found[0]
     late = f", {abs(match.lag):g} s {'later' if match.lag > 0 else 'earlier'}" * (abs(match.lag) > 0.5)
     scaled = f", times {match.gain:.4g}" * (abs(match.gain - 1) > 1e-3)
@@ -218,7 +224,7 @@ def _same(a: Telemetry, b: Telemetry, found: Sequence[duplicates.Match]) -> str:
     )
 
 
-def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) -> list[str]:
+def _mislabelled_owners(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) -> list[str]:
     """Return the experiments to leave out for two runs that share their noise.
 
     Which of two that say different things is right, nobody knows: then both go.
@@ -228,58 +234,60 @@ def _at_fault(e: Experiment, a: Run, other: Experiment, b: Run, *, whole: bool) 
         return [e.name]
     if kinds[0] != kinds[1]:  # noise that is somebody's experiment, or an experiment that is noise
         sysid, noise = (e, other) if kinds[0] == "sysid" else (other, e)
-        is_sysid = sysid.noise is None or _louder(sysid.sysid.channels, sysid.noise.channels)
+        is_sysid = sysid.noise is None or _injected_readout(sysid.sysid.channels, sysid.noise.channels)
         return [noise.name if is_sysid else sysid.name]
     if whole and all(getattr(a.telemetry, key) == getattr(b.telemetry, key) for key in SETTINGS):
         return [other.name]
     return [e.name, other.name]
 
 
-def _injected(noise: Sequence[Run], run: Telemetry) -> str:
+def _injected_channel(noise: Sequence[Run], run: Telemetry) -> str:
     """Return the channel of a run that shows injections, by itself or beside noise runs; or nothing."""
     taps, factor = derivatives.low_pass(run.fs)
     for name in (name for name in ("guidance_o_1", "guidance_o_12") if name in run.channels):
         x = derivatives.preprocess(run.row(name), run.fs, taps, factor)[0]
-        if np.ptp(x) > 0 and _sines(x, run.fs / factor)[2].any():
+        if np.ptp(x) > 0 and _spectral_lines(x, run.fs / factor)[2].any():
             return name
     own = dynamics.channels(run, motion=False)
-    near = sorted(noise, key=lambda other: _gap(run, other.telemetry))[:USUAL]  # one may be no noise either
-    found = [name for other in near if (name := _louder(own, other.channels))]
+    near = sorted(noise, key=lambda other: _gap(run, other.telemetry))[
+        :MIN_EXPERIMENTS
+    ]  # one may be no noise either
+    found = [name for other in near if (name := _injected_readout(own, other.channels))]
     return found[0] if 2 * len(found) > len(near) else ""
 
 
-def _louder(run: dynamics.Channels, other: dynamics.Channels) -> str:
+def _injected_readout(run: dynamics.Channels, other: dynamics.Channels) -> str:
     """Return the read-out in which a run is louder than another as only injections make it, or nothing."""
     for name in ("o_1", "o_12"):
-        f, power, sines = _sines(getattr(run, name), run.fs)
-        if not sines.any():
+        f, power, lines = _spectral_lines(getattr(run, name), run.fs)
+        if not lines.any():
             continue
-        least = np.interp(f, *_averaged(getattr(other, name), other.fs))
-        if np.all(least > 0) and np.any(sines & (power > DRIVEN * least)):
+        reference = np.interp(f, *_curvature_psd(getattr(other, name), other.fs))
+        if np.all(reference > 0) and np.any(lines & (power > INJECTION_RATIO * reference)):
             return name
     return ""
 
 
-def _sines(x: Array, fs: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return frequencies [Hz] up to INJECTED, the averaged PSD there, and whether it is that of a sine."""
-    f, power = _averaged(x, fs)
-    inside = (f > 2 / SEGMENT) & (f < INJECTED)
-    level = scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest")
+def _spectral_lines(x: Array, fs: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return frequencies [Hz] up to `MAX_INJECTION`, the PSD there, and whether it is that of a sine."""
+    f, power = _curvature_psd(x, fs)
+    inside = (f > 2 / SEGMENT) & (f < MAX_INJECTION)
+    level = scipy.ndimage.median_filter(power, MEDIAN_BINS, mode="nearest")
     # a run without noise is beside any other one of these
-    return f[inside], power[inside], np.asarray((power > SHARP * level)[inside])
+    return f[inside], power[inside], np.asarray((power > LINE_RATIO * level)[inside])
 
 
-def _averaged(x: Array, fs: float) -> tuple[Array, Array]:
+def _curvature_psd(x: Array, fs: float) -> tuple[Array, Array]:
     """Return frequencies [Hz] and the averaged PSD of the second differences of a series."""
-    curve = np.diff(x, 2)
-    f, power = scipy.signal.welch(curve, fs, nperseg=min(curve.size, int(SEGMENT * fs)))
+    curvature = np.diff(x, 2)
+    f, power = scipy.signal.welch(curvature, fs, nperseg=min(curvature.size, int(SEGMENT * fs)))
     return np.asarray(f), np.asarray(power)
 
 
-def _noise_with_sines(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
+def _noise_runs_with_injections(experiments: Sequence[Experiment]) -> Iterator[Exclusion]:
     """Yield the experiments whose noise run holds injections."""
     for e in experiments:
-        name = _louder(e.noise.channels, e.sysid.channels) if e.noise else ""
+        name = _injected_readout(e.noise.channels, e.sysid.channels) if e.noise else ""
         if e.noise and name:
             path = e.noise.telemetry.path
             reason = f"{path}: a noise run, but {name} holds injections, expected noise alone"

@@ -10,7 +10,7 @@ from fit.errors import InputError
 from fit.pipeline import calibrate
 from fit.quality import metadata
 from fit.quality.masks import mask_experiments
-from fit.quality.metadata import Found
+from fit.quality.metadata import ScreeningReport
 from fit.settings import settings
 from fit.whitening.runs import pair
 from tests.oracles import synthetic, thirteen
@@ -34,11 +34,11 @@ def renamed(run, name):
 
 
 def faults(found):
-    return {f.experiment: f.reason for f in metadata.faults(pair(list(found.values()))).left_out}
+    return {f.experiment: f.reason for f in metadata.screen(pair(list(found.values()))).exclusions}
 
 
 def notes(found):
-    return [w.message for w in metadata.faults(pair(list(found.values()))).notes]
+    return [w.message for w in metadata.screen(pair(list(found.values()))).notes]
 
 
 def cut(run, part):
@@ -223,16 +223,6 @@ def test_a_noise_run_of_another_season():
     assert not faults(away)  # where none is adjacent, that is how it was meant
 
 
-def test_runs_at_the_same_time_are_told():
-    found = runs("A", "B", "C")
-    days = {name: replace(r, t0=f"2016-09-{10 + n}T00:00:00Z") for n, (name, r) in enumerate(found.items())}
-    assert not notes(days)
-    days["C-sysid"] = replace(days["C-sysid"], t0="2016-09-10T01:00:00Z")
-    (note,) = notes(days)
-    assert note == "t0 says that these took place at the same time: A-sysid and C-sysid"
-    assert not notes(found)  # all of them at once: made up
-
-
 # --- nothing where there is nothing ---------------------------------------------------------------------
 
 
@@ -250,9 +240,9 @@ def test_clean_campaigns_are_left_alone():
 
     for seed in range(20):
         experiments = pair(list(thirteen.campaign(seed).values()))
-        found = metadata.faults(experiments)
-        assert not found.left_out
+        found = metadata.screen(experiments)
+        assert not found.exclusions
         assert not found.notes
         assert metadata.changes(
             [p.experiment for p in mask_experiments(experiments, settings(), ()).values()]
-        ) == Found([], [])
+        ) == ScreeningReport([], [])

@@ -83,11 +83,11 @@ def test_runs_without_slow_guidance_share_the_fault_of_their_epoch(runs):
 
 
 def test_a_fault_of_few_runs_excludes_them_and_that_of_most_spoils_the_fit(runs):
-    few = metadata.faults(pair(list(changed(runs, ["C2"], "o_1", lambda o: 1.06 * o).values())))
-    assert [f.experiment for f in few.left_out] == ["C2"]
+    few = metadata.screen(pair(list(changed(runs, ["C2"], "o_1", lambda o: 1.06 * o).values())))
+    assert [f.experiment for f in few.exclusions] == ["C2"]
     assert "guidance_scale" not in {n.code for n in few.notes}
-    many = metadata.faults(pair(list(changed(runs, ["A1", "C2", "D2"], "o_1", lambda o: 1.06 * o).values())))
-    assert many.left_out == []
+    many = metadata.screen(pair(list(changed(runs, ["A1", "C2", "D2"], "o_1", lambda o: 1.06 * o).values())))
+    assert many.exclusions == []
     (note,) = [n for n in many.notes if n.code == "guidance_scale"]
     assert note.kind.unsound
 

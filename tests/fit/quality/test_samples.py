@@ -227,10 +227,10 @@ def of_its_own(name, kind, spoilt):
 
 
 def test_samples_that_are_interpolated_in_most_runs_spoil_the_fit():
-    (note,) = [n for n in metadata.faults(experiments("ACD")).notes if n.code == "interpolated"]
+    (note,) = [n for n in metadata.screen(experiments("ACD")).notes if n.code == "interpolated"]
     assert note.kind.unsound
-    found = metadata.faults(experiments("D"))
-    (fault,) = found.left_out
+    found = metadata.screen(experiments("D"))
+    (fault,) = found.exclusions
     assert fault.experiment == "D"
     assert "D-sysid.h5: f_x_2 is interpolated: one sample in every 12" in fault.reason
     assert not [n for n in found.notes if n.code == "interpolated"]
