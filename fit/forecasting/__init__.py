@@ -1,7 +1,15 @@
 """What a campaign will determine: expected fits, information of experiments, coverage of many campaigns."""
 
 from fit.forecasting.coverage import Pulls
-from fit.forecasting.expected_euler_fit import PlannedTurn
-from fit.forecasting.expected_fit import Planned
+from fit.forecasting.expected_euler_fit import PlannedNoiseRun
+from fit.forecasting.expected_fit import PlannedExperiment
 
-__all__ = ["Planned", "PlannedTurn", "Pulls", "coverage", "expected_euler_fit", "expected_fit", "fisher"]
+__all__ = [
+    "PlannedExperiment",
+    "PlannedNoiseRun",
+    "Pulls",
+    "coverage",
+    "expected_euler_fit",
+    "expected_fit",
+    "fisher",
+]

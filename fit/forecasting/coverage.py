@@ -18,7 +18,7 @@ from fit.telemetry import Telemetry, inertial_period, read_truth
 SCHEMA = "lpf-montecarlo/1"
 FALSE_ALARM = 0.01  # probability that sound calibrations do not pass for such
 FAILURES = 0.01  # share of sound calibrations whose checks may raise an alarm
-WITHIN = 0.6826894921370859  # of a normal distribution, within one standard deviation
+COVERAGE = 0.6826894921370859  # of a normal distribution, within one standard deviation
 _Truths = Sequence[tuple[Telemetry, dict[str, float]]]
 
 
@@ -51,10 +51,12 @@ def with_truth(
     joint = results.provenance.joint_runs
     fitted = driven if joint is None else [run for run in driven if run[0].run in joint]
 
-    def section(fits: dict[str, Fit], among: _Truths, key: Callable[[Telemetry], str]) -> dict[str, Fit]:
-        own = {name: [truth for t, truth in among if key(t) == name] for name in fits}
+    def section(
+        fits: dict[str, Fit], truths_of_runs: _Truths, key: Callable[[Telemetry], str]
+    ) -> dict[str, Fit]:
+        truths_of_fit = {name: [truth for t, truth in truths_of_runs if key(t) == name] for name in fits}
         return {
-            name: _fit_with_truth(fit, [_told(fit, truth, d) for truth in own[name]])
+            name: _fit_with_truth(fit, [_truth_of_fit(fit, truth, d) for truth in truths_of_fit[name]])
             for name, fit in fits.items()
         }
 
@@ -78,22 +80,24 @@ def _mean(truth: Mapping[str, float]) -> dict[str, float]:
 
 def _over_time(fit: Fit, epoch: str, driven: _Truths, d: float) -> dict[str, float]:
     """Return what is true of the cross-talk of an epoch on the mean over its runs, weighed by duration."""
-    runs = [(t.duration, _told(fit, truth, d)) for t, truth in driven if str(t.alignment_epoch) == epoch]
+    runs = [
+        (t.duration, _truth_of_fit(fit, truth, d)) for t, truth in driven if str(t.alignment_epoch) == epoch
+    ]
     known = [(time, truth) for time, truth in runs if truth]
     if not known or len(known) < len(runs):
         return {}
     weights = [time for time, _ in known]
-    first = known[0][1]
+    first_truth = known[0][1]
     return {
-        name: first[name]
-        if all(truth.get(name) == first[name] for _, truth in known)
+        name: first_truth[name]
+        if all(truth.get(name) == first_truth[name] for _, truth in known)
         else float(np.average([truth[name] for _, truth in known], weights=weights))
         for name in crosstalk_fit.COEFFICIENTS
         if all(name in truth for _, truth in known)
     }
 
 
-def _told(fit: Fit, truth: dict[str, float], d: float) -> dict[str, float]:
+def _truth_of_fit(fit: Fit, truth: dict[str, float], d: float) -> dict[str, float]:
     """Return what is true of what a fit tells: where its b_1 and b_2 hold the Euler force, of these sums."""
     return crosstalk_fit.add_euler_force(truth, truth, d) if crosstalk_fit.includes_euler(fit) else truth
 
@@ -123,8 +127,8 @@ def _fit_with_truth(fit: Fit, truths: list[dict[str, float]]) -> Fit:
     for name, estimate in fit.parameters.items():
         known = [truth[name] for truth in truths if name in truth]
         if known and math.isclose(min(known), max(known), rel_tol=1e-12):
-            tells = estimate.sigma > 0 and not fit.unsound
-            pull = (estimate.value - known[0]) / estimate.sigma if tells and not estimate.fixed else None
+            has_pull = estimate.sigma > 0 and not fit.unsound
+            pull = (estimate.value - known[0]) / estimate.sigma if has_pull and not estimate.fixed else None
             estimate = replace(estimate, truth=known[0], pull=pull)
         parameters[name] = estimate
     return replace(fit, parameters=parameters)
@@ -174,14 +178,14 @@ def summary(drawn: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, Pulls]:
     A parameter that fewer than two of them determined is left out.
     """
     names = dict.fromkeys(name for one in drawn for name in one)
-    found = {}
+    pulls_of = {}
     for name in names:
         pulls, sigmas = np.array([one[name] for one in drawn if name in one]).T
         n = pulls.size
         if n < 2:
             continue
         std, inside = float(np.std(pulls, ddof=1)), float(np.mean(np.abs(pulls) < 1))
-        found[name] = Pulls(
+        pulls_of[name] = Pulls(
             n=n,
             pull_mean=float(np.mean(pulls)),
             pull_mean_error=std / n**0.5,
@@ -191,7 +195,7 @@ def summary(drawn: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, Pulls]:
             coverage_1sigma_error=(inside * (1 - inside) / n) ** 0.5,
             sigma=float(np.mean(sigmas)),
         )
-    return found
+    return pulls_of
 
 
 @dataclass(frozen=True)
@@ -210,7 +214,7 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def verdict(found: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
+def verdict(pulls: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
     """Test pulls against a standard normal distribution, and failures against `FAILURES`.
 
     Of each parameter the mean is tested (Student's t), the standard deviation (chi squared) and the coverage
@@ -219,14 +223,14 @@ def verdict(found: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
 
     Parameters
     ----------
-    found : mapping of str to Pulls
+    pulls : mapping of str to Pulls
         By parameter.
     n, failed : int
         Calibrations that succeeded, and that did not.
     """
-    level = FALSE_ALARM / (3 * len(found) + 1)
+    level = FALSE_ALARM / (3 * len(pulls) + 1)
     reasons = []
-    for name, p in found.items():
+    for name, p in pulls.items():
         departures = [
             (_of_mean(p), f"mean pull {p.pull_mean:+.2g} ± {p.pull_mean_error:.2g} instead of 0"),
             (
@@ -234,13 +238,13 @@ def verdict(found: Mapping[str, Pulls], n: int, failed: int) -> Verdict:
                 f"standard deviation of pulls {p.pull_std:.3g} ± {p.pull_std_error:.2g} instead of 1",
             ),
             (
-                _two_sided(round(p.coverage_1sigma * p.n), p.n, WITHIN),
+                _two_sided(round(p.coverage_1sigma * p.n), p.n, COVERAGE),
                 f"{100 * p.coverage_1sigma:.0f} ± {100 * p.coverage_1sigma_error:.0f} % within 1 sigma "
-                f"instead of {100 * WITHIN:.0f} %",
+                f"instead of {100 * COVERAGE:.0f} %",
             ),
         ]
-        if said := [text for probability, text in departures if probability < level]:
-            reasons.append(f"{name}: {', '.join(said)}")
+        if reported := [text for probability, text in departures if probability < level]:
+            reasons.append(f"{name}: {', '.join(reported)}")
     if failed and scipy.special.bdtrc(failed - 1, n + failed, FAILURES) < level:
         reasons.append(f"{failed} of {n + failed} failed, of sound ones {100 * FAILURES:g} % may")
     return Verdict(not reasons, tuple(reasons))
@@ -262,30 +266,34 @@ def _of_std(p: Pulls) -> float:
 
 def _two_sided(k: int, n: int, probability: float) -> float:
     """Return the probability of a number of successes as far from the expected one, or farther."""
-    below = scipy.special.bdtr(k, n, probability)
-    above = scipy.special.bdtrc(k - 1, n, probability) if k else 1.0
-    return float(2 * min(below, above))
+    lower_tail = scipy.special.bdtr(k, n, probability)
+    upper_tail = scipy.special.bdtrc(k - 1, n, probability) if k else 1.0
+    return float(2 * min(lower_tail, upper_tail))
 
 
 def write(
-    found: Mapping[str, Pulls], n: int, failed: Mapping[int, str], more: Mapping[str, object], path: Path
+    pulls: Mapping[str, Pulls],
+    n: int,
+    failed: Mapping[int, str],
+    provenance: Mapping[str, object],
+    path: Path,
 ) -> str:
     """Write a summary as JSON, which is returned; the file appears whole or not at all.
 
     Parameters
     ----------
-    found : mapping of str to Pulls
+    pulls : mapping of str to Pulls
         By parameter.
     n : int
         Calibrations that succeeded.
     failed : mapping of int to str
         Number of each that did not, and what it said.
-    more : mapping of str to object
+    provenance : mapping of str to object
         Provenance.
     path : Path
         Of the file.
     """
-    result = verdict(found, n, len(failed))
+    result = verdict(pulls, n, len(failed))
     document = {
         "schema": SCHEMA,
         "n": n,
@@ -294,8 +302,8 @@ def write(
             "false_alarm": FALSE_ALARM,
             "reasons": list(result.reasons),
         },
-        "failed": {str(number): told for number, told in failed.items()},
-        "parameters": {name: vars(pulls) for name, pulls in found.items()},
-        "provenance": dict(more),
+        "failed": {str(number): message for number, message in failed.items()},
+        "parameters": {name: vars(p) for name, p in pulls.items()},
+        "provenance": dict(provenance),
     }
     return atomic.write_json(path, document)

@@ -1,4 +1,4 @@
-"""What the Euler fit will know of delta_phi and delta_eta, told before there are data.
+"""The Euler fit to expect before there are data: sigmas of delta_phi and delta_eta.
 
 All that the fit takes from a noise run are sums of products of columns over bins (`inertial`). On average
 these are sums of the cross-spectra of the columns, which follow from those of the channels. Of the
@@ -35,12 +35,12 @@ LARGEST = 1.0  # rad, from which on a sigma tells nothing of an angle
 #: When an expected fit ends: a move of a thousandth of a sigma.
 RULE = Rule(most=50, tolerance=1e-3, harmless=1e-3, warm_up=-1, moving="the expected angles still move")
 _FITTED = slice(1, 1 + len(euler_fit.PARAMETERS))  # columns, behind that of Delta g
-_APART = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
-_UNCERTAIN = slice(_APART.stop, None)
+_DIFFERENCE = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
+_UNCERTAIN = slice(_DIFFERENCE.stop, None)
 
 
 @dataclass(frozen=True)
-class PlannedTurn:
+class PlannedNoiseRun:
     """A noise run that has not been flown.
 
     Attributes
@@ -48,7 +48,7 @@ class PlannedTurn:
     run : Telemetry
         The run; of its channels only the names count, and the number of their samples.
     cross_spectra : callable
-        As that of `forecast.Planned`.
+        As that of `expected_fit.PlannedExperiment`.
     Omega : tuple of float
         Steady rates about the two `rotation.AXES` [rad/s].
     """
@@ -59,13 +59,13 @@ class PlannedTurn:
 
 
 def expected_periods(
-    planned: Sequence[PlannedTurn], joint: Fit, parameters: Mapping[str, ParameterSettings] | None = None
+    planned: Sequence[PlannedNoiseRun], joint: Fit, parameters: Mapping[str, ParameterSettings] | None = None
 ) -> dict[str, Fit]:
     """Return the Euler fit to expect of every inertial period.
 
     Parameters
     ----------
-    planned : sequence of PlannedTurn
+    planned : sequence of PlannedNoiseRun
         Noise runs; those that take part in no Euler fit do not count.
     joint : Fit
         The joint fit to expect.
@@ -79,45 +79,46 @@ def expected_periods(
     FitError
         If a fit would come to nothing.
     """
-    periods: dict[str, list[PlannedTurn]] = {}
-    for one in planned:
-        if euler_fit.takes_part(one.run):
-            periods.setdefault(inertial_period(one.run), []).append(one)
+    periods: dict[str, list[PlannedNoiseRun]] = {}
+    for noise_run in planned:
+        if euler_fit.takes_part(noise_run.run):
+            periods.setdefault(inertial_period(noise_run.run), []).append(noise_run)
     constraints_of = {period: {f"{name}_{period}": name for name in euler_fit.NAMES} for period in periods}
-    angles = {name: said for name, said in (parameters or {}).items() if euler_fit.is_angle(name)}
+    angles = {name: constraint for name, constraint in (parameters or {}).items() if euler_fit.is_angle(name)}
     constraints.check(angles, [name for names in constraints_of.values() for name in names], "fit.parameters")
     return {
         period: _expected(
-            [_Turn(one, joint) for one in runs], constraints.of_fit(angles, constraints_of[period])
+            [_ExpectedWeighing(noise_run, joint) for noise_run in runs],
+            constraints.of_fit(angles, constraints_of[period]),
         )
         for period, runs in periods.items()
     }
 
 
-def _expected(runs: Sequence["_Turn"], settings: Mapping[str, ParameterSettings]) -> Fit:
+def _expected(runs: Sequence["_ExpectedWeighing"], settings: Mapping[str, ParameterSettings]) -> Fit:
     outcome = iterate(runs, euler_fit.PARAMETERS, euler_fit.weak_priors, RULE, settings=settings)
     theta, covariance, drowned = torque_noise.bias_corrected(outcome, runs[0].correlation)
     size = len(euler_fit.NAMES)
     sigma = np.sqrt(np.diag(covariance))
-    told = np.flatnonzero(sigma < LARGEST).tolist()
+    determined = np.flatnonzero(sigma < LARGEST).tolist()
     dof = sum(2 * run.bins for run in runs) - size
     lacking = {warning.message: warning for run in runs for warning in run.warnings}
     estimates = {
         euler_fit.NAMES[i]: Estimate(
             float(theta[i]), float(sigma[i]), "rad", fixed=outcome.is_fixed(i) or None
         )
-        for i in told
+        for i in determined
     }
     return Fit(
         parameters=estimates,
-        covariance=covariance[np.ix_(told, told)],
+        covariance=covariance[np.ix_(determined, determined)],
         chi2=float(dof),
         dof=dof,
         converged=True,
         warnings=(
             *lacking.values(),
             *([euler_fit.drowned()] if drowned else []),
-            *([_still()] if len(told) < size else []),
+            *([_still()] if len(determined) < size else []),
         ),
     )
 
@@ -133,7 +134,7 @@ class _ExpectedRotation(CompressedRun, whitened_run.LinearRun):
 
     Attributes
     ----------
-    apart : ndarray, shape (B, 2, 2)
+    difference : ndarray, shape (B, 2, 2)
         Expected power of half of what the test masses disagree on.
     uncertain : ndarray, shape (P, K)
         Products of the columns with what 1 sigma of the calibration adds to Delta g.
@@ -141,24 +142,26 @@ class _ExpectedRotation(CompressedRun, whitened_run.LinearRun):
         What the window adds to the scatter of sums over bins.
     """
 
-    apart: Array = field(kw_only=True)
+    difference: Array = field(kw_only=True)
     uncertain: Array = field(kw_only=True)
     spread: float = field(kw_only=True)
 
     def torque_noise(self, theta: Array) -> tuple[Array, Array]:
         """As that of `torque_noise.NoisyRotation`."""
-        of_theta = self.apart @ theta[: len(euler_fit.NAMES)]
+        of_theta = self.difference @ theta[: len(euler_fit.NAMES)]
         total = of_theta @ theta[: len(euler_fit.NAMES)]
         # fourth moments of complex Gaussian numbers, of which the real parts of the products count
-        products = 3 * np.einsum("bi,bj->ij", of_theta, of_theta) + np.einsum("bij,b->ij", self.apart, total)
-        return np.asarray(self.apart.sum(axis=0)), np.asarray(self.spread * products / 4)
+        products = 3 * np.einsum("bi,bj->ij", of_theta, of_theta) + np.einsum(
+            "bij,b->ij", self.difference, total
+        )
+        return np.asarray(self.difference.sum(axis=0)), np.asarray(self.spread * products / 4)
 
     def calibration_moments(self) -> Array:
         """As that of `torque_noise.NoisyRotation`."""
         return self.uncertain
 
 
-class _Turn:
+class _ExpectedWeighing:
     """The cross-spectra of the columns of a run, those of `inertial` in their order.
 
     Attributes
@@ -173,7 +176,7 @@ class _Turn:
         What the calibration lacks.
     """
 
-    def __init__(self, planned: PlannedTurn, joint: Fit) -> None:
+    def __init__(self, planned: PlannedNoiseRun, joint: Fit) -> None:
         of_run = dynamics_of(planned.run, joint)
         n = round(planned.run.duration * RATE)
         self._still = windowing.transform(np.zeros((n, 1)), np.ones(n, dtype=bool), RATE).band(
@@ -203,7 +206,7 @@ class _Turn:
         weight = 2 * whitened_run.whiten(self._still, S)[1] / S
         products = np.einsum("b,bkl->kl", weight, self._of_bins)
         H = products[fitted, fitted]
-        apart = weight[:, None, None] * self._of_bins[:, _APART, _APART]
+        difference = weight[:, None, None] * self._of_bins[:, _DIFFERENCE, _DIFFERENCE]
         none = weights("gaussian", np.zeros(0), np.zeros(0))
         return _ExpectedRotation(
             tau=self._still.tau,
@@ -213,23 +216,23 @@ class _Turn:
             share=np.eye(theta.size),
             sums=(whitened_run.triangle(whitened_run.rooted(H)), H, H * self._spread),
             bins=self.bins,
-            apart=apart,
+            difference=difference,
             uncertain=products[_FITTED, _UNCERTAIN],
             spread=self._spread,
         )
 
     def _spline(self, values: Array) -> Array:
-        found = scipy.interpolate.CubicSpline(np.log(self._f), values)(np.log(self._still.f))
-        return np.asarray(found)
+        spline = scipy.interpolate.CubicSpline(np.log(self._f), values)
+        return np.asarray(spline(np.log(self._still.f)))
 
 
-def _rows(planned: PlannedTurn, theta: Array, share: Array, f: Array) -> tuple[tuple[str, ...], Spectrum]:
+def _rows(planned: PlannedNoiseRun, theta: Array, share: Array, f: Array) -> tuple[tuple[str, ...], Spectrum]:
     """Return names of C channels, and the frequency responses of the columns to them, shape (B, K, C)."""
     run = planned.run
-    found = rotation.sources(run)
-    assert found is not None
+    sources = rotation.sources(run)
+    assert sources is not None
     d, omega = separation(run.x_axis), 2 * np.pi * f
-    of_axes = (f"{kind}_{j}" for axis in rotation.AXES for kind, j in _told_by(axis))
+    of_axes = (f"{kind}_{j}" for axis in rotation.AXES for kind, j in _channels_of(axis))
     names = (*dynamics.CHANNELS, *of_axes)
     channel = {name: row.astype(np.complex128) for name, row in zip(names, np.eye(len(names)), strict=True)}
     tau = dynamics.delays(theta)
@@ -240,18 +243,18 @@ def _rows(planned: PlannedTurn, theta: Array, share: Array, f: Array) -> tuple[t
 
     def angular(acceleration: Spectrum, angle: Spectrum, axis: str) -> Spectrum:
         """Return what torque and angle tell of dOmega, of their rows over channels."""
-        return np.asarray(acceleration + np.multiply.outer(omega**2 - found.omega2[axis], angle))
+        return np.asarray(acceleration + np.multiply.outer(omega**2 - sources.omega2[axis], angle))
 
-    turned, lengths, apart = [], [], []
+    turned, lengths, difference = [], [], []
     omega2_2 = theta[dynamics.PARAMETERS.index("omega2_2")]
     for axis in rotation.AXES:
-        N_1, N_2 = (channel[f"N_{axis}_{j}"] / found.inertia[axis] for j in (1, 2))
+        N_1, N_2 = (channel[f"N_{axis}_{j}"] / sources.inertia[axis] for j in (1, 2))
         o_1, o_12 = channel[f"o_{axis}_1"], channel[f"o_{axis}_12"]
         turned.append(angular((N_1 + N_2) / 2, o_1 + o_12 / 2, axis))
-        apart.append(angular((N_1 - N_2) / 2, -o_12 / 2, axis))
+        difference.append(angular((N_1 - N_2) / 2, -o_12 / 2, axis))
         lengths.append(np.multiply.outer(omega2_2 - omega**2, o_1 + o_12 / 2))
     factors = forces.euler(np.ones((1, len(rotation.AXES))), d)[0]
-    euler, disagreed = (np.stack(x, axis=1) * factors[:, None] for x in (turned, apart))
+    euler, disagreed = (np.stack(x, axis=1) * factors[:, None] for x in (turned, difference))
     rate = np.stack(turned, axis=1) / (1j * omega[:, None, None])
     g_Omega = -2 * d * np.einsum("k,bkc->bc", planned.Omega, rate)
     delta_g = np.einsum("k,bkc->bc", dynamics.coefficients(theta, tau), terms) + g_Omega
@@ -260,5 +263,5 @@ def _rows(planned: PlannedTurn, theta: Array, share: Array, f: Array) -> tuple[t
     return names, np.concatenate(columns, axis=1)
 
 
-def _told_by(axis: str) -> tuple[tuple[str, int], ...]:
+def _channels_of(axis: str) -> tuple[tuple[str, int], ...]:
     return ((f"N_{axis}", 1), (f"N_{axis}", 2), (f"o_{axis}", 1), (f"o_{axis}", 12))

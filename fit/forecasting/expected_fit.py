@@ -1,4 +1,4 @@
-"""What a joint fit will know, told before there are data: the fit of what a campaign is expected to measure.
+"""The joint fit to expect before there are data: the fit of what a campaign is expected to measure.
 
 Every run is its noise-free response to the injections and the closed-loop noise of its channels, known by its
 cross-spectra. The noise in the columns carries information like any signal does (jitter of x_1 tells most of
@@ -19,14 +19,24 @@ from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit
 from fit.errors import InputError
-from fit.fitting import FREE, Rule, constraints, departures, flscov, iterate, weak_priors
+from fit.fitting import (
+    FREE,
+    IRLSResult,
+    Rule,
+    constraints,
+    departures,
+    flscov,
+    iterate,
+    weak_priors,
+)
 from fit.forecasting.expected_run import CompressedRun, ExpectedRun, compress
 from fit.model import Sharing, dynamics
 from fit.parallel import one_blas_thread, parallel_map, progress_range
 from fit.parameters import Parameter
 from fit.quality import as_fit
 from fit.results import Estimate, Fit
-from fit.settings import ParameterSettings, Settings, settings
+from fit.settings import ParameterSettings, Settings
+from fit.settings import settings as default_settings
 from fit.spectra import derivatives
 from fit.whitening import (
     Experiment,
@@ -43,9 +53,11 @@ Spectrum = NDArray[np.complex128]
 CrossSpectra = Callable[[Sequence[str], Array], Spectrum]
 
 SCHEMA = "lpf-forecast/1"
-ENOUGH = 4  # experiments that tell a scatter, and more
+MIN_EXPERIMENTS = 4  # experiments that tell a scatter, and more
 GRID = 40  # frequencies per decade at which cross-spectra are asked for; a spline leads from one to the next
-MOVED = 0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
+MAX_RESIDUAL = (
+    0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
+)
 #: What moves less than 0.01 sigma moves no sigma.
 RULE = Rule(most=20, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
 
@@ -67,7 +79,7 @@ class NoiselessError(InputError):
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedExperiment:
     """An experiment that has not been flown.
 
     Attributes
@@ -89,15 +101,17 @@ class Planned:
 
 @one_blas_thread
 def expected_fit(
-    planned: Sequence[Planned], chosen: Settings | None = None, scatter: Mapping[str, float] | None = None
+    planned: Sequence[PlannedExperiment],
+    settings: Settings | None = None,
+    scatter: Mapping[str, float] | None = None,
 ) -> Fit:
     """Return the joint fit to expect, its estimates where they are expected.
 
     Parameters
     ----------
-    planned : sequence of Planned
+    planned : sequence of PlannedExperiment
         The experiments.
-    chosen : Settings, optional
+    settings : Settings, optional
         Of the fit. Of what departs, gains and delays count.
     scatter : mapping of str to float, optional
         Relative widths by which gains will scatter, by parameter.
@@ -109,34 +123,74 @@ def expected_fit(
     FitError
         If the fit would come to nothing.
     """
-    chosen = chosen or settings()
+    settings = settings or default_settings()
     with progress_range(0.0, 0.2):
-        everyone = parallel_map(lambda p: Expectation(p, chosen), planned)
-    chosen_ones = divide([e.experiment for e in everyone], chosen)[0]
-    taking_part = [e for e in everyone if e.experiment in chosen_ones]
-    if not taking_part:
-        raise NoneTakesPartError
-    sharing = Sharing(chosen.shared)
-    runs = [(e.experiment.sysid.telemetry, e.experiment.parameters) for e in taking_part]
-    parameters, N = sharing.parameters(runs), len(taking_part)
-    names = [p.name for p in parameters]
-    departing = _departing(chosen, scatter or {}, N)
-    more, widths = departures.parameters([*departing], [e.experiment.name for e in taking_part], len(names))
-    widths = [replace(w, scale=max(departing[n] for n in _of(w.name, departing)) / FREE) for w in widths]
-    for n, (e, run) in enumerate(zip(taking_part, runs, strict=True)):
-        e.share = departures.share(sharing.matrix(*run, names), [*departing], n, N)
-    parameters += more
-    known = {name: value for e in taking_part for name, value in e.planned.truth.items()}
-    begun = [replace(p, value=known.get(p.name, p.value)) for p in parameters]
-
+        weighings = joint_weighings(planned, settings)
     with progress_range(0.2, 1.0):
-        of_fit = constraints_of_joint(chosen, parameters)
-        found = iterate(taking_part, begun, partial(weak_priors, parameters), RULE, widths, settings=of_fit)
-    outcome = replace(found, parameters=tuple(parameters))
-    return as_fit(outcome, [e.experiment for e in taking_part])
+        result = expected_result(weighings, settings, scatter)
+    return as_fit(result, [w.experiment for w in weighings])
 
 
-def constraints_of_joint(chosen: Settings, parameters: Sequence[Parameter]) -> dict[str, ParameterSettings]:
+def joint_weighings(planned: Sequence[PlannedExperiment], settings: Settings) -> "list[ExpectedWeighing]":
+    """Return the experiments that take part in a joint fit.
+
+    Raises
+    ------
+    NoneTakesPartError
+        If there is none.
+    """
+    weighings = parallel_map(lambda experiment: ExpectedWeighing(experiment, settings), planned)
+    in_joint_fit = divide([w.experiment for w in weighings], settings)[0]
+    if not in_joint_fit:
+        raise NoneTakesPartError
+    return [w for w in weighings if w.experiment in in_joint_fit]
+
+
+def share_parameters(
+    weighings: "Sequence[ExpectedWeighing]", settings: Settings, departing: Sequence[str] = ()
+) -> list[Parameter]:
+    """Return the parameters that experiments share, and map them to those of each run.
+
+    Parameters
+    ----------
+    weighings : sequence of ExpectedWeighing
+        The experiments; their `share` is set.
+    settings : Settings
+        Of the fit.
+    departing : sequence of str
+        Parameters that depart from experiment to experiment.
+    """
+    sharing, N = Sharing(settings.shared), len(weighings)
+    runs = [(w.experiment.sysid.telemetry, w.experiment.parameters) for w in weighings]
+    parameters = sharing.parameters(runs)
+    names = [p.name for p in parameters]
+    for n, (w, run) in enumerate(zip(weighings, runs, strict=True)):
+        w.share = departures.share(sharing.matrix(*run, names), departing, n, N)
+    return parameters
+
+
+def expected_result(
+    weighings: "Sequence[ExpectedWeighing]",
+    settings: Settings,
+    scatter: Mapping[str, float] | None = None,
+) -> IRLSResult:
+    """Return the joint fit to expect of experiments; arguments as those of `expected_fit`."""
+    departing = _departing(settings, scatter or {}, len(weighings))
+    parameters = share_parameters(weighings, settings, [*departing])
+    constraints_of_fit = constraints_of_joint(settings, parameters)
+    experiments = [w.experiment.name for w in weighings]
+    departures_of_fit, widths = departures.parameters([*departing], experiments, len(parameters))
+    widths = [replace(w, scale=max(departing[n] for n in _of_kind(w.name, departing)) / FREE) for w in widths]
+    parameters += departures_of_fit
+    truth = {name: value for w in weighings for name, value in w.planned.truth.items()}
+    initial = [replace(p, value=truth.get(p.name, p.value)) for p in parameters]
+
+    priors = partial(weak_priors, parameters)
+    result = iterate(weighings, initial, priors, RULE, widths, settings=constraints_of_fit)
+    return replace(result, parameters=tuple(parameters))
+
+
+def constraints_of_joint(settings: Settings, parameters: Sequence[Parameter]) -> dict[str, ParameterSettings]:
     """Return what the settings say of the parameters of a joint fit.
 
     Raises
@@ -145,28 +199,30 @@ def constraints_of_joint(chosen: Settings, parameters: Sequence[Parameter]) -> d
         If they say something of others, but for the angles of inertial periods.
     """
     names = [p.name for p in parameters]
-    angles = filter(euler_fit.is_angle, chosen.parameters)
-    constraints.check(chosen.parameters, [*names, *angles], "fit.parameters")
-    return constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True)))
+    angles = filter(euler_fit.is_angle, settings.parameters)
+    constraints.check(settings.parameters, [*names, *angles], "fit.parameters")
+    return constraints.of_fit(settings.parameters, dict(zip(names, names, strict=True)))
 
 
-def _departing(chosen: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
+def _departing(settings: Settings, scatter: Mapping[str, float], N: int) -> dict[str, float]:
     """Return what departs in a fit of N experiments, and the relative width that it will be given there.
 
     A width that N departures tell is not known well; given its mean square, the sigmas are those to expect.
     """
     scales = {name: kind.scale for kind in departures.KINDS for name in kind.parameters}
-    auto = chosen.scatter == ["auto"]
-    asked = [name for name in dynamics.PARAMETERS if (scatter.get(name) if auto else name in chosen.scatter)]
-    if auto and N <= ENOUGH:
+    auto = settings.scatter == ["auto"]
+    departing = [
+        name for name in dynamics.PARAMETERS if (scatter.get(name) if auto else name in settings.scatter)
+    ]
+    if auto and N <= MIN_EXPERIMENTS:
         return {}
-    unsure = np.sqrt((N - 1) / (N - 3)) if N > ENOUGH else 1.0
-    return {name: unsure * (scatter.get(name) or scales[name]) for name in asked}
+    unsure = np.sqrt((N - 1) / (N - 3)) if N > MIN_EXPERIMENTS else 1.0
+    return {name: unsure * (scatter.get(name) or scales[name]) for name in departing}
 
 
-def _of(kind: str, departing: Iterable[str]) -> list[str]:
-    (found,) = (k for k in departures.KINDS if k.name == kind)
-    return [name for name in departing if name in found.parameters]
+def _of_kind(kind: str, departing: Iterable[str]) -> list[str]:
+    (members,) = (k for k in departures.KINDS if k.name == kind)
+    return [name for name in departing if name in members.parameters]
 
 
 def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:
@@ -191,12 +247,12 @@ def _entry(estimate: Estimate) -> dict[str, object]:
     return {"sigma": estimate.sigma, "unit": estimate.unit}
 
 
-class Expectation:
-    """Makes the block of a run at the estimate of the parameters, anew only where these have moved.
+class ExpectedWeighing:
+    """Makes the block of a run at the estimate of the parameters, again only where these have moved.
 
     Attributes
     ----------
-    planned : Planned
+    planned : PlannedExperiment
         What it is made of.
     experiment : Experiment
         The experiment, without its samples.
@@ -206,29 +262,31 @@ class Expectation:
 
     settled = True
 
-    def __init__(self, planned: Planned, chosen: Settings) -> None:
+    def __init__(self, planned: PlannedExperiment, settings: Settings) -> None:
         self.planned = planned
-        made = planned.make().up_to(chosen.f_max)
-        run, sharing = made.sysid.telemetry, Sharing(chosen.shared)
-        own = sharing.parameters([(run, made.parameters)])
-        self._f_max = chosen.f_max
-        self._by_stretches = chosen.estimator == "flscov"
-        self._likelihood: Likelihood = "gaussian" if chosen.estimator == "flscov" else chosen.estimator
-        if made.sysid.telemetry.experiment in chosen.levels:
+        experiment = planned.make().up_to(settings.f_max)
+        run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
+        parameters = sharing.parameters([(run, experiment.parameters)])
+        self._f_max = settings.f_max
+        self._by_stretches = settings.estimator == "flscov"
+        self._likelihood: Likelihood = "gaussian" if settings.estimator == "flscov" else settings.estimator
+        if experiment.sysid.telemetry.experiment in settings.levels:
             self._likelihood = "marginalised"
-        self.share = sharing.matrix(run, made.parameters, [p.name for p in own])
-        self._at = self.share @ [planned.truth.get(p.name, p.value) for p in own]
-        if divide([made], chosen.model_copy(update={"exclude": []}))[0]:  # it is long enough
-            self._sums = compress(self._expected(made.sysid, self._at))
-        self.name = made.name
-        self.experiment = Experiment(made.sysid.emptied(), made.noise and made.noise.emptied())
+        self.share = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
+        self._theta = self.share @ [planned.truth.get(p.name, p.value) for p in parameters]
+        if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
+            self._sums = compress(self._expected(experiment.sysid, self._theta))
+        self.name = experiment.name
+        self.experiment = Experiment(
+            experiment.sysid.emptied(), experiment.noise and experiment.noise.emptied()
+        )
 
     def block(self, theta: Array, _: Array, __: int) -> CompressedRun:
         """As that of `weighings.Weighing`."""
         of_run, sums = self.share @ theta, self._sums
-        c, before = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._at))
-        if np.linalg.norm(sums.R @ (c - before)) > MOVED:
-            self._at = of_run
+        c, previous = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._theta))
+        if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
+            self._theta = of_run
             run = self.planned.make().sysid.up_to(self._f_max)
             self._sums = compress(self._expected(run, of_run))
         return self.sums
@@ -236,7 +294,7 @@ class Expectation:
     @property
     def theta(self) -> Array:
         """The parameters of the run, shape (K,), at which its sums are."""
-        return self._at
+        return self._theta
 
     @property
     def sums(self) -> CompressedRun:
@@ -264,15 +322,15 @@ class Expectation:
         share = np.eye(theta.size)
         if self._by_stretches:
             columns = run.columns(dynamics.delays(theta))
-            return flscov.expected(columns, self._told(run, columns.tau, theta), share)
+            return flscov.expected(columns, self._noise_functions(run, columns.tau, theta), share)
         terms = run.spectra(dynamics.delays(theta))
-        power, S = self._told(run, terms.tau, theta)(terms.f)
-        U, left = whitened_run.whiten(terms, S)
-        of_bin = power * (2 * left / S)[:, None, None]
-        even = self.expected_weights(terms.f)
-        return ExpectedRun(terms.tau, U, even, terms.window, share, jitter=of_bin.sum(axis=0))
+        power, S = self._noise_functions(run, terms.tau, theta)(terms.f)
+        U, fraction = whitened_run.whiten(terms, S)
+        of_bin = power * (2 * fraction / S)[:, None, None]
+        bin_weights = self.expected_weights(terms.f)
+        return ExpectedRun(terms.tau, U, bin_weights, terms.window, share, jitter=of_bin.sum(axis=0))
 
-    def _told(
+    def _noise_functions(
         self, run: Run, tau: tuple[float, float], theta: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
         """Return what tells cross powers of the columns and PSD of the residual at any frequencies."""
@@ -312,7 +370,7 @@ def responses(run: dynamics.Channels, tau: tuple[float, float], names: Sequence[
     weights_of = []
     for name in names:
         channels = {other: pulse if other == name else still for other in names}
-        alone = replace(
+        impulse_run = replace(
             run,
             time=np.arange(still.size) / fs,
             valid=np.ones(still.size, dtype=bool),
@@ -325,5 +383,5 @@ def responses(run: dynamics.Channels, tau: tuple[float, float], names: Sequence[
                 for mean in run.means  # those of the run, also where they are still
             },
         )
-        weights_of.append(dynamics.columns(alone, tau).values)
+        weights_of.append(dynamics.columns(impulse_run, tau).values)
     return np.asarray(np.einsum("bm,cmk->bkc", np.exp(-2j * np.pi * f[:, None] * lags), weights_of))

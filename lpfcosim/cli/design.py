@@ -125,13 +125,15 @@ def foresight(plan: Campaign, chosen: Settings) -> Foresight:
     @cache
     def more() -> dict[str, float]:
         with follow_progress(None):
-            return fisher.found(planned(plan), chosen)
+            return fisher.expected_parameters(planned(plan), chosen)
 
-    def told_by(of: Campaign) -> fisher.Sights:
+    def information(of: Campaign) -> fisher.CampaignInformation:
         # noise alone does not tell cross-talk as well: it is as the campaign will tell it
-        return fisher.sights([replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen)
+        return fisher.fisher_information(
+            [replace(p, truth={**p.truth, **more()}) for p in planned(of)], chosen
+        )
 
-    return Foresight(told_by, expected, calibration)
+    return Foresight(information, expected, calibration)
 
 
 def _draw(found: Design, path: Path) -> None:

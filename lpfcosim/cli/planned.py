@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.forecasting import Planned, PlannedTurn
+from fit.forecasting import PlannedExperiment, PlannedNoiseRun
 from fit.model import rotation
 from fit.telemetry import Telemetry
 from fit.whitening import Experiment
@@ -20,7 +20,7 @@ from lpfcosim.spacecraft import Run
 from lpfcosim.worlds import world_of
 
 
-def planned(plan: Campaign) -> list[Planned]:
+def planned(plan: Campaign) -> list[PlannedExperiment]:
     """Return the sysid runs of a campaign as they are expected, without noise and with its cross-spectra.
 
     Raises
@@ -32,7 +32,7 @@ def planned(plan: Campaign) -> list[Planned]:
     driven = [run for run in plan.runs if run.kind == "sysid"]
     stability.check(*driven)
     return [
-        Planned(
+        PlannedExperiment(
             partial(_flown, run, noisy=run.experiment in noisy),
             partial(planning.cross_spectra, run),
             telemetry.truth(run),
@@ -41,7 +41,7 @@ def planned(plan: Campaign) -> list[Planned]:
     ]
 
 
-def turning(runs: Sequence[Run]) -> list[PlannedTurn]:
+def turning(runs: Sequence[Run]) -> list[PlannedNoiseRun]:
     """Return those of the runs that the inertial calibration may use: noise of the whole spacecraft.
 
     Raises
@@ -54,12 +54,12 @@ def turning(runs: Sequence[Run]) -> list[PlannedTurn]:
     return [_turning(run) for run in steered]
 
 
-def _turning(run: Run) -> PlannedTurn:
+def _turning(run: Run) -> PlannedNoiseRun:
     still = np.broadcast_to(0.0, round(run.n_samples / run.fs * planning.RATE))
     rates = world_of(run).turns(run)
     phi, eta = (rates.get(f"attitude_{axis}", 0.0) for axis in rotation.AXES)
     channels = dict.fromkeys(world_of(run).record, still)
-    return PlannedTurn(in_memory(run, channels), partial(planning.cross_spectra, run), (phi, eta))
+    return PlannedNoiseRun(in_memory(run, channels), partial(planning.cross_spectra, run), (phi, eta))
 
 
 def _flown(run: Run, *, noisy: bool) -> Experiment:

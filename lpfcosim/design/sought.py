@@ -31,8 +31,8 @@ HELD: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 
 
-class Sights(Protocol):
-    """What the experiments of a campaign tell, see `fit.forecasting.fisher.Sights`."""
+class CampaignInformation(Protocol):
+    """What the experiments of a campaign tell, see `fit.forecasting.fisher.CampaignInformation`."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ class Sights(Protocol):
         """Information of the user's priors, shape (P, P)."""
 
     @property
-    def each(self) -> Sequence[ExperimentInformation]:
+    def experiments(self) -> Sequence[ExperimentInformation]:
         """The experiments."""
 
 
@@ -57,7 +57,7 @@ class Foresight:
 
     Attributes
     ----------
-    sights : callable
+    information : callable
         From a campaign to what its experiments tell, frequency by frequency.
     forecast : callable
         From a campaign to the sigmas of its joint fit, by parameter.
@@ -65,7 +65,7 @@ class Foresight:
         From a campaign to what it leaves to the hours of its noise runs.
     """
 
-    sights: Callable[[Campaign], Sights]
+    information: Callable[[Campaign], CampaignInformation]
     forecast: Callable[[Campaign], Mapping[str, float]]
     calibration: Callable[[Campaign], Calibration]
 
@@ -151,7 +151,7 @@ def changed(
     """
     wishes = plan.design
     bare = with_tones(plan, {e.name: () for e in plan.experiments})
-    told = foresight.sights(with_tones(plan, {e.name: _faint(e.injections) for e in plan.experiments}))
+    told = foresight.information(with_tones(plan, {e.name: _faint(e.injections) for e in plan.experiments}))
     names, widths = told.names, told.widths
     lost = np.array([name not in before for name in names]) & (np.diag(told.prior) == 0)
     scale = np.array(
@@ -160,7 +160,7 @@ def changed(
     runs = {run.experiment: run for run in bare.runs if run.kind == "sysid"}
     stages = tuple(
         Stage(runs[sight.name], sight, _limits(runs[sight.name], own[sight.name], wishes), scale)
-        for sight in told.each
+        for sight in told.experiments
     )
     free = tuple(stage for stage in stages if stage.loops)
     if not free:

@@ -30,7 +30,7 @@ class ExperimentInformation(Protocol):
         """Of the experiment."""
 
     @property
-    def told(self) -> Array:
+    def information(self) -> Array:
         """Information of what is planned without tones, shape (P, P)."""
 
     @property
@@ -41,10 +41,10 @@ class ExperimentInformation(Protocol):
     def channels(self) -> tuple[str, ...]:
         """The C channels that tell."""
 
-    def seen(self, frequency: Array) -> Complex:
+    def sensitivity(self, frequency: Array) -> Complex:
         """Return the whitened derivatives by the parameters, shape (n, P, C)."""
 
-    def worth(self, power: Array) -> float:
+    def equivalent_duration(self, power: Array) -> float:
         """Return the seconds that a tone of power w(t), relative to its largest, is worth."""
 
 
@@ -125,7 +125,7 @@ class Stage:
         """
         G = self.gains(frequency)
         rows = [self.system.channels.index(name) for name in self.sight.channels]
-        D = np.einsum("npc,ncl->npl", self.sight.seen(frequency), G[:, rows], optimize=True)
+        D = np.einsum("npc,ncl->npl", self.sight.sensitivity(frequency), G[:, rows], optimize=True)
         cost = []
         for limit in self.bounds:
             channel, unit = QUANTITIES[limit.quantity]
@@ -137,7 +137,7 @@ class Stage:
     @cached_property
     def known(self) -> Array:
         """Information without tones, scaled, shape (P, P)."""
-        return self.scale[:, None] * self.sight.told * self.scale
+        return self.scale[:, None] * self.sight.information * self.scale
 
     def frequencies(self, count: int, forbidden: Sequence[tuple[float, float]]) -> Array:
         """Return frequencies from the lowest to the highest that a tone may have, log-spaced [Hz]."""

@@ -105,7 +105,7 @@ class Chord:
         self._energy = float(np.mean(power))
         units = 1 / np.sqrt(np.maximum(np.sum(np.abs(cost) ** 2, axis=1), 1e-300))
         self.units = units  # amplitude that costs about one, shape (n, L)
-        self._told = told * units[:, None, :] * np.sqrt(stage.sight.worth(power))
+        self._told = told * units[:, None, :] * np.sqrt(stage.sight.equivalent_duration(power))
         self._cost = cost * units[:, None, :] / voice.margins[:, None]
         period = int(np.gcd.reduce(voice.number))  # all tones together repeat so often in the span
         self._line = voice.number // period

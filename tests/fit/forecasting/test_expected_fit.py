@@ -10,7 +10,7 @@ import pytest
 from fit.errors import InputError
 from fit.fitting import flscov
 from fit.fitting.joint_fit import fit_joint
-from fit.forecasting.expected_fit import Planned
+from fit.forecasting.expected_fit import PlannedExperiment
 from fit.forecasting.expected_fit import expected_fit as forecast
 from fit.model.dynamics import Columns
 from fit.parameters import joint_names
@@ -61,7 +61,7 @@ def expected(world, sets=SETS, **options):
             Run(telemetry(world, authority, "noise", epoch=epoch, noisy=False, **options)),
         )
 
-    return [Planned(partial(make, *which), cross_spectra(world, *which)) for which in sets]
+    return [PlannedExperiment(partial(make, *which), cross_spectra(world, *which)) for which in sets]
 
 
 def noisy(world, sets=SETS, **options):

@@ -31,36 +31,38 @@ def plan():
 def test_tones_tell_what_the_forecast_says(plan):
     expected = expected_fit(planned(plan))
     bare = replace(plan, experiments=tuple(replace(e, injections=()) for e in plan.experiments))
-    told = fisher.sights(planned(bare), settings())
+    told = fisher.fisher_information(planned(bare), settings())
     lost = np.array([name not in expected.parameters for name in told.names])
     information = np.diag(np.where(lost, told.widths**-2.0, 0.0))
     t = np.linspace(0, 21600, 5000)
     left = np.clip(np.minimum(t - 300, 21300 - t) / 1000, 0, 1)
     power = (0.5 - 0.5 * np.cos(np.pi * left)) ** 2
-    for each, run in zip(told.each, (r for r in plan.runs if r.kind == "sysid"), strict=True):
+    for each, run in zip(told.experiments, (r for r in plan.runs if r.kind == "sysid"), strict=True):
         s = world_of(run).system(run)
-        information += each.told
+        information += each.information
         for tone in TONES:
             f = np.array([tone.frequency])
             H = planning.transfer(s, run.h, f)[0, :, s.inputs.index(tone.into)]
             moved = H[[s.channels.index(name) for name in each.channels]] * tone.amplitude
-            d = each.seen(f)[0] @ moved
-            information += each.worth(power) * np.outer(d.conj(), d).real
+            d = each.sensitivity(f)[0] @ moved
+            information += each.equivalent_duration(power) * np.outer(d.conj(), d).real
     sigma = dict(zip(told.names, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))
     for name, estimate in expected.parameters.items():
         assert sigma[name] == pytest.approx(estimate.sigma, rel=0.01), name
 
 
 def test_a_tone_clear_of_the_window_is_worth_its_time(plan):
-    (each, _) = fisher.sights(planned(plan), settings()).each
+    (each, _) = fisher.fisher_information(planned(plan), settings()).experiments
     on = np.zeros(20000)
     on[4000:12000] = 1.0
-    assert each.worth(on) == pytest.approx(0.4 * each.duration, rel=1e-3)
-    assert each.worth(np.ones(20000)) < 0.96 * each.duration
+    assert each.equivalent_duration(on) == pytest.approx(0.4 * each.duration, rel=1e-3)
+    assert each.equivalent_duration(np.ones(20000)) < 0.96 * each.duration
 
 
 def test_flscov_is_designed_for_as_the_default(plan):
-    told, usual = (fisher.sights(planned(plan), settings(s)) for s in ({"estimator": "flscov"}, {}))
-    for one, other in zip(told.each, usual.each, strict=True):
-        np.testing.assert_array_equal(one.told, other.told)
-        np.testing.assert_array_equal(one.seen(np.array([1e-2])), other.seen(np.array([1e-2])))
+    told, usual = (
+        fisher.fisher_information(planned(plan), settings(s)) for s in ({"estimator": "flscov"}, {})
+    )
+    for one, other in zip(told.experiments, usual.experiments, strict=True):
+        np.testing.assert_array_equal(one.information, other.information)
+        np.testing.assert_array_equal(one.sensitivity(np.array([1e-2])), other.sensitivity(np.array([1e-2])))
