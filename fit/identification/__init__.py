@@ -1,12 +1,11 @@
-"""Identification: parameters of a loop that somebody else simulates, estimated with the weighing of the fit.
+"""Identification: parameters of a closed loop that is simulated by others, estimated as those of the fit.
 
-What was measured and is not to be predicted is imposed on the simulated loop; what is left of o_12 is turned
-into the force that made it, and weighed as a residual of the fit is. Where the loop comes from, nobody here
-knows: it is a `Loop`.
+The measured o_1 and f_x_1 drive the simulated loop. The residual of o_12 is converted to the force that
+causes it and weighted as a residual of the fit. The simulation is an implementation of the protocol `Loop`.
 """
 
 from fit.identification.identify import identify
-from fit.identification.joint import make_params
-from fit.identification.protocol import Free
+from fit.identification.loop import FreeParameter
+from fit.identification.parameters import make_params
 
-__all__ = ["Free", "identify", "make_params"]
+__all__ = ["FreeParameter", "identify", "make_params"]

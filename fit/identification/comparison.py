@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fit.crosstalk import attenuation
 from fit.fitting import IRLSResult
 from fit.identification import series
-from fit.identification.protocol import Loop
+from fit.identification.loop import Loop
 from fit.model import Sharing, dynamics
 from fit.results import Fit, Results
 from fit.spectra import derivatives
@@ -24,12 +24,12 @@ from fit.whitening import Run
 
 Array = NDArray[np.float64]
 
-APART = 0.3  # sigma: what both make of the same data differs by some hundredths
-UNLIKELY = 4.0  # sigma
-REPLAYED = 1e-4  # relative, of the command: less is rounding of archives
-SETTLED = 600.0  # s, after which the state that a controller began with is forgotten
+METHOD_SIGMA = 0.3  # sigma: what both make of the same data differs by some hundredths
+DISCREPANCY_SIGMA = 4.0  # sigma
+COMMAND_ROUNDING = 1e-4  # relative, of the command: less is rounding of archives
+TRANSIENT = 600.0  # s, after which the state that a controller began with is forgotten
 #: Codes of what the fit says of the data as it was prepared, which holds for the loop as well.
-OF_DATA = (
+DATA_CODES = (
     *(
         "saturated",
         "saturated_too_long",
@@ -49,22 +49,24 @@ OF_DATA = (
 )
 
 
-def of_data(calibrated: Results) -> list[FitWarning]:
+def data_warnings(calibrated: Results) -> list[FitWarning]:
     """Return what was said of the data when they were prepared for the fit."""
-    return [w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in OF_DATA]
+    return [w for w in (calibrated.joint.warnings if calibrated.joint else ()) if w.code in DATA_CODES]
 
 
-def differences(found: Fit, calibrated: Fit | None) -> dict[str, float]:
+def differences(joint_fit: Fit, calibrated: Fit | None) -> dict[str, float]:
     """Return by how many sigmas of the fit of the equation, if there is one, an identification differs."""
     known = calibrated.parameters if calibrated else {}
     return {
         name: (estimate.value - known[name].value) / known[name].sigma
-        for name, estimate in found.parameters.items()
+        for name, estimate in joint_fit.parameters.items()
         if name in known
     }
 
 
-def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: IRLSResult) -> Fit:
+def apply_instrumental_variables(
+    joint_fit: Fit, calibrated: Fit, iv_names: Set[str], least_squares: IRLSResult
+) -> Fit:
     """Return an identification moved and widened as instruments do it to the fit.
 
     The loop takes its cross-talk from the same noisy read-outs and has no instruments, so that what noise in
@@ -72,48 +74,48 @@ def beside_instruments(found: Fit, calibrated: Fit, moved: Set[str], least: IRLS
 
     Parameters
     ----------
-    found : Fit
+    joint_fit : Fit
         The identification, by least squares.
     calibrated : Fit
         Of the equation, with what instruments move.
-    moved : set of str
+    iv_names : set of str
         Names of that.
-    least : IRLSResult
+    least_squares : IRLSResult
         Of the equation, by least squares.
     """
-    given = {name: calibrated[name] for name in found.parameters if name in moved}
-    if not given:
-        return found
-    names, parameters, told = list(found.parameters), dict(found.parameters), []
+    iv_estimates = {name: calibrated[name] for name in joint_fit.parameters if name in iv_names}
+    if not iv_estimates:
+        return joint_fit
+    names, parameters, shifts = list(joint_fit.parameters), dict(joint_fit.parameters), []
     scale = np.ones(len(names))
-    for name, (shift, wider) in attenuation.iv_correction(given, least).items():
-        was = parameters[name]
-        parameters[name] = replace(was, value=was.value + shift, sigma=was.sigma * wider)
+    for name, (shift, wider) in attenuation.iv_correction(iv_estimates, least_squares).items():
+        estimate = parameters[name]
+        parameters[name] = replace(estimate, value=estimate.value + shift, sigma=estimate.sigma * wider)
         scale[names.index(name)] = wider
-        told.append(f"{name} ({-shift * wider / given[name].sigma:+.1f})")
+        shifts.append(f"{name} ({-shift * wider / iv_estimates[name].sigma:+.1f})")
     message = (
         "moved and widened as instruments do it to the fit; least squares is off by so many of its sigmas: "
-        + ", ".join(told)
+        + ", ".join(shifts)
     )
-    alone = [name for name in found.parameters if name not in calibrated.parameters]
-    if alone:
-        message += f"; by how much it is for {', '.join(alone)} is not known"
-    warning = FitWarning("instrumental_variables", tuple(given), message)
+    missing_names = [name for name in joint_fit.parameters if name not in calibrated.parameters]
+    if missing_names:
+        message += f"; by how much it is for {', '.join(missing_names)} is not known"
+    warning = FitWarning("instrumental_variables", tuple(iv_estimates), message)
     return replace(
-        found,
+        joint_fit,
         parameters=parameters,
-        covariance=found.covariance * np.outer(scale, scale),
-        warnings=(*found.warnings, warning),
+        covariance=joint_fit.covariance * np.outer(scale, scale),
+        warnings=(*joint_fit.warnings, warning),
     )
 
 
 @dataclass(frozen=True)
-class Beside:
+class LoopContext:
     """What the simulated loop has beside its estimates.
 
     Attributes
     ----------
-    held : mapping of str to float
+    fixed_values : mapping of str to float
         Parameters of the fit that are not estimated.
     runs : sequence of Telemetry
         The sysid runs, of which the parameters of the loop are compared with those that each shows alone;
@@ -122,7 +124,7 @@ class Beside:
         How the parameters of a run follow from the joint ones.
     """
 
-    held: Mapping[str, float]
+    fixed_values: Mapping[str, float]
     runs: Sequence[Telemetry]
     sharing: Sharing
 
@@ -142,44 +144,57 @@ class _Difference:
         return abs(self.sigmas) > self.explained
 
 
-def apart(
-    found: Fit, calibrated: Results, beside: Beside, bounded: Set[str] = frozenset(), *, own: bool
+def discrepancies(
+    joint_fit: Fit,
+    calibrated: Results,
+    context: LoopContext,
+    bounded: Set[str] = frozenset(),
+    *,
+    same_loop: bool,
 ) -> list[FitWarning]:
     """Warn of differences that are beyond what the two methods make of the same data.
 
     Where one of them has parameters that the other has not, their sigmas differ, and with them the estimates.
     Neither is sound if the data do not tell which of the two is wrong, nor that it was the loop that made
-    them (`own`): a loop that holds what the fit contradicts did not.
+    them (`same_loop`): a loop that holds what the fit contradicts did not.
 
     Parameters
     ----------
-    found : Fit
+    joint_fit : Fit
         The identification.
     calibrated : Results
         Of the equation: parameters are compared with those of the joint fit, and what follows from them for a
         run, such as its stiffness, with the fit of that run alone.
-    beside : Beside
+    context : Beside
         What the loop has beside its estimates.
     bounded : set of str
         Parameters at a bound, which are not compared.
-    own : bool
+    same_loop : bool
         Whether the telemetry says that this very loop simulated it.
     """
     joint = calibrated.joint
-    of_joint = [
-        _Difference(name, value, _explained(found[name].sigma / joint[name].sigma), (name,))
-        for name, value in differences(found, joint).items()
+    joint_differences = [
+        _Difference(name, value, _explained(joint_fit[name].sigma / joint[name].sigma), (name,))
+        for name, value in differences(joint_fit, joint).items()
         if joint is not None and name not in bounded
     ]
-    far = [each for each in (*of_joint, *_of_runs(found, calibrated, beside)) if each.is_far]
-    if not far:
+    significant = [
+        difference
+        for difference in (*joint_differences, *_run_differences(joint_fit, calibrated, context))
+        if difference.is_far
+    ]
+    if not significant:
         return []
-    told = ", ".join(f"{each.name} by {each.sigmas:+.2g} sigma" for each in far)
-    message = f"the simulated loop and the equation of motion differ in the same data: {told}"
-    names = tuple(dict.fromkeys(name for each in far for name in each.parameters))
-    simulated = own and not misplaced(beside.held, joint)
+    listed = ", ".join(f"{difference.name} by {difference.sigmas:+.2g} sigma" for difference in significant)
+    message = f"the simulated loop and the equation of motion differ in the same data: {listed}"
+    names = tuple(dict.fromkeys(name for difference in significant for name in difference.parameters))
+    simulated = same_loop and not fixed_value_conflicts(context.fixed_values, joint)
     sound = joint is not None and not joint.unsound
-    if sound and not simulated and max(abs(each.sigmas) for each in far) > UNLIKELY:
+    if (
+        sound
+        and not simulated
+        and max(abs(difference.sigmas) for difference in significant) > DISCREPANCY_SIGMA
+    ):
         message += "; chi2 does not tell which of them is wrong"
         return [FitWarning("loop_contradiction", names, message)]
     return [FitWarning("loop_discrepancy", names, message)]
@@ -187,73 +202,83 @@ def apart(
 
 def _explained(ratio: float) -> float:
     """Return up to how many sigmas of the fit estimates differ whose sigmas have this ratio."""
-    return APART + UNLIKELY * math.sqrt(abs(1 - ratio**2))
+    return METHOD_SIGMA + DISCREPANCY_SIGMA * math.sqrt(abs(1 - ratio**2))
 
 
-def _of_runs(found: Fit, calibrated: Results, beside: Beside) -> Iterator[_Difference]:
+def _run_differences(joint_fit: Fit, calibrated: Results, context: LoopContext) -> Iterator[_Difference]:
     """Yield the differences of what runs show alone, and the joint fit does not."""
-    names = [*found.parameters, *(name for name in beside.held if name not in found.parameters)]
-    values = np.array([found[n].value if n in found.parameters else beside.held[n] for n in names])
+    names = [
+        *joint_fit.parameters,
+        *(name for name in context.fixed_values if name not in joint_fit.parameters),
+    ]
+    values = np.array(
+        [joint_fit[n].value if n in joint_fit.parameters else context.fixed_values[n] for n in names]
+    )
     covariance = np.zeros((len(names), len(names)))
-    covariance[: len(found.parameters), : len(found.parameters)] = found.covariance
-    known = calibrated.joint.parameters if calibrated.joint else {}
-    for run in beside.runs:
-        alone = calibrated.experiments.get(run.experiment)
-        if alone is None or alone.unsound:
+    covariance[: len(joint_fit.parameters), : len(joint_fit.parameters)] = joint_fit.covariance
+    calibrated_parameters = calibrated.joint.parameters if calibrated.joint else {}
+    for run in context.runs:
+        experiment_fit = calibrated.experiments.get(run.experiment)
+        if experiment_fit is None or experiment_fit.unsound:
             continue
-        needed = [p.name for p in beside.sharing.parameters([(run, dynamics.PARAMETERS)])]
-        of_all = beside.sharing.matrix(run, dynamics.PARAMETERS, needed)
-        of_known = beside.sharing.matrix(run, dynamics.PARAMETERS, names)
-        for name, all_of, row in zip(dynamics.PARAMETERS, of_all, of_known, strict=True):
-            lacking = any(factor and n not in names for n, factor in zip(needed, all_of, strict=True))
+        all_names = [p.name for p in context.sharing.parameters([(run, dynamics.PARAMETERS)])]
+        all_maps = context.sharing.matrix(run, dynamics.PARAMETERS, all_names)
+        known_maps = context.sharing.matrix(run, dynamics.PARAMETERS, names)
+        for name, all_map, row in zip(dynamics.PARAMETERS, all_maps, known_maps, strict=True):
+            lacking = any(factor and n not in names for n, factor in zip(all_names, all_map, strict=True))
             estimated = tuple(
-                n for n, factor in zip(names, row, strict=True) if factor and n in found.parameters
+                n for n, factor in zip(names, row, strict=True) if factor and n in joint_fit.parameters
             )
-            if lacking or name not in alone.parameters or not estimated or set(estimated) <= set(known):
+            if (
+                lacking
+                or name not in experiment_fit.parameters
+                or not estimated
+                or set(estimated) <= set(calibrated_parameters)
+            ):
                 continue
-            sigma = alone[name].sigma
+            sigma = experiment_fit[name].sigma
             ratio = math.sqrt(float(row @ covariance @ row)) / sigma
-            difference = (float(row @ values) - alone[name].value) / sigma
+            difference = (float(row @ values) - experiment_fit[name].value) / sigma
             yield _Difference(f"{name} of {run.experiment}", difference, _explained(ratio), estimated)
 
 
-def misplaced(held: Mapping[str, float], calibrated: Fit | None) -> list[FitWarning]:
+def fixed_value_conflicts(fixed_values: Mapping[str, float], calibrated: Fit | None) -> list[FitWarning]:
     """Warn of what the loop holds and the fit of the equation finds to be something else."""
     if calibrated is None or calibrated.unsound:
         return []
-    far = {}
-    for name, value in held.items():
+    conflicts = {}
+    for name, value in fixed_values.items():
         if name in calibrated.parameters:
             estimate = calibrated[name]
-            if abs(value - estimate.value) > UNLIKELY * estimate.sigma:
-                far[name] = (
+            if abs(value - estimate.value) > DISCREPANCY_SIGMA * estimate.sigma:
+                conflicts[name] = (
                     f"{name} is {value:.6g}, the fit finds {estimate.value:.6g} ± {estimate.sigma:.2g}"
                 )
-    if not far:
+    if not conflicts:
         return []
-    message = f"the simulated loop holds what the data contradict: {'; '.join(far.values())}"
-    return [FitWarning("loop_discrepancy", tuple(far), message)]
+    message = f"the simulated loop holds what the data contradict: {'; '.join(conflicts.values())}"
+    return [FitWarning("loop_discrepancy", tuple(conflicts), message)]
 
 
 @dataclass(frozen=True)
-class Commands:
+class CommandMismatch:
     """By how much, relative, recorded commands differ from what the controller makes of the read-outs.
 
     Attributes
     ----------
     mismatch : float
         That.
-    unsure : float
+    uncertainty : float
         How much of it the sigmas of identified parameters of the controller make.
     """
 
     mismatch: float
-    unsure: float
+    uncertainty: float
 
 
-def replayed(
+def replay_commands(
     run: Run, loop: Loop, theta: Mapping[str, float], sigmas: Mapping[str, float]
-) -> Commands | None:
+) -> CommandMismatch | None:
     """Replay the commands of a run through its controller; None without a recorded guidance.
 
     Parameters
@@ -269,35 +294,43 @@ def replayed(
     if "guidance_o_12" not in telemetry.channels:
         return None
     error = series.at_loop_rate(telemetry, "o_12") - series.at_loop_rate(telemetry, "guidance_o_12")
-    asked = loop.command(telemetry, theta, error)
+    replayed = loop.command(telemetry, theta, error)
     recorded = series.at_loop_rate(telemetry, "f_x_2") - loop.direct(telemetry)
-    grid = series.reduced(telemetry, run.without(run.patches).channels)
-    whole = _rms(recorded, telemetry, grid)
-    of_fmus = [name for name in theta if "." in name]  # the others are not the controller's
-    varied = [loop.command(telemetry, {**theta, name: theta[name] + sigmas[name]}, error) for name in of_fmus]
-    unsure = math.hypot(*(_rms(other - asked, telemetry, grid) for other in varied))
-    return Commands(_rms(recorded - asked, telemetry, grid) / whole, unsure / whole)
+    grid = series.reduced_grid(telemetry, run.without(run.patches).channels)
+    rms = _rms(recorded, telemetry, grid)
+    fmu_names = [name for name in theta if "." in name]  # the others are not the controller's
+    varied_commands = [
+        loop.command(telemetry, {**theta, name: theta[name] + sigmas[name]}, error) for name in fmu_names
+    ]
+    uncertainty = math.hypot(*(_rms(command - replayed, telemetry, grid) for command in varied_commands))
+    return CommandMismatch(_rms(recorded - replayed, telemetry, grid) / rms, uncertainty / rms)
 
 
-def _rms(x: Array, telemetry: Telemetry, grid: series.Reduced) -> float:
+def _rms(x: Array, telemetry: Telemetry, grid: series.ReducedGrid) -> float:
     """Return the rms of a command in the fitted band, without what an unknown state at the start adds."""
     taps, factor = derivatives.low_pass(series.RATE)
-    kept = grid.valid & (grid.time - telemetry.time[0] > SETTLED)
-    beside = np.column_stack([np.ones(grid.time.size), grid.time, grid.steps])[kept]
-    y = derivatives.decimate(x, taps, factor)[derivatives.HALF : -derivatives.HALF][kept]
-    left = y - beside @ np.linalg.lstsq(beside, y, rcond=None)[0]
-    return float(np.sqrt(np.mean(left**2)))
+    selected = grid.valid & (grid.time - telemetry.time[0] > TRANSIENT)
+    nuisance = np.column_stack([np.ones(grid.time.size), grid.time, grid.steps])[selected]
+    y = derivatives.decimate(x, taps, factor)[derivatives.HALF : -derivatives.HALF][selected]
+    residual = y - nuisance @ np.linalg.lstsq(nuisance, y, rcond=None)[0]
+    return float(np.sqrt(np.mean(residual**2)))
 
 
-def misled(found: Mapping[str, Commands], parameters: Sequence[str]) -> list[FitWarning]:
+def command_warnings(
+    mismatches: Mapping[str, CommandMismatch], parameters: Sequence[str]
+) -> list[FitWarning]:
     """Warn of commands that are not those of the controller, by run; `parameters` rest on it."""
-    far = {n: c.mismatch for n, c in found.items() if c.mismatch > REPLAYED + UNLIKELY * c.unsure}
-    if not far:
+    significant = {
+        n: c.mismatch
+        for n, c in mismatches.items()
+        if c.mismatch > COMMAND_ROUNDING + DISCREPANCY_SIGMA * c.uncertainty
+    }
+    if not significant:
         return []
-    told = ", ".join(f"{name} by {value:.2g}" for name, value in far.items())
-    rests = tuple(name for name in parameters if name in ("lambda_2", "C_2"))
+    listed = ", ".join(f"{name} by {value:.2g}" for name, value in significant.items())
+    dependent = tuple(name for name in parameters if name in ("lambda_2", "C_2"))
     message = (
-        f"the commands on test mass 2 are not those of the simulated controller, relative: {told}; chi2 does "
-        f"not see that{', and ' + ' and '.join(rests) + ' rest on it' if rests else ''}"
+        f"the commands on test mass 2 are not those of the simulated controller, relative: {listed}; "
+        f"chi2 does not see that{', and ' + ' and '.join(dependent) + ' rest on it' if dependent else ''}"
     )
-    return [FitWarning("controller_mismatch", rests, message)]
+    return [FitWarning("controller_mismatch", dependent, message)]

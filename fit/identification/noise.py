@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fit.fitting import irls, unsteady
-from fit.identification.weighing import Linearised
+from fit.identification.linearised_run import LinearisedRun
 from fit.quality import fit_quality, stationarity
 from fit.warnings import FitWarning
 from fit.whitening import Experiment
@@ -16,7 +16,7 @@ def changing(
     """Let the sigmas allow for noise that changes within runs, and tell of which it does."""
     solution, blocks, told = outcome.solution, list(outcome.blocks), []
     for k, (experiment, block) in enumerate(zip(experiments, outcome.blocks, strict=True)):
-        assert isinstance(block, Linearised) and block.f is not None
+        assert isinstance(block, LinearisedRun) and block.f is not None
         steps = stationarity.of_block(block, solution.theta, block.f)
         if steps:
             blocks[k] = replace(block, loud=unsteady.bins(block.f, steps))

@@ -10,7 +10,7 @@ from pathlib import Path
 import fit.errors
 from fit.crosstalk import refit
 from fit.forecasting import coverage
-from fit.identification import Free, identify
+from fit.identification import FreeParameter, identify
 from fit.parallel import serial
 from fit.report import page as fit_report
 from fit.results import Results, write
@@ -233,7 +233,7 @@ def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> di
     return {t.name: t.given for t in sought if "." in t.name} | known
 
 
-def _free(target: Target) -> Free:
+def _free(target: Target) -> FreeParameter:
     """Return a parameter as the estimation has it."""
     sought, where = target.sought, f"identify.{target.name}"
     start, width = sought.start, sought.width
@@ -245,7 +245,7 @@ def _free(target: Target) -> Free:
             raise InputError(f"{where}: starts at 0, which tells no scale; expected a width or bounds")
         width = (high - low) / 2
     of_epoch: Group = "alignment_epoch" if target.name == "delta_ifo" else "campaign"
-    free = Free(target.name, start, width, (low, high), sought.shared or of_epoch, target.unit)
+    free = FreeParameter(target.name, start, width, (low, high), sought.shared or of_epoch, target.unit)
     if start is not None and not low <= start <= high:
         raise InputError(
             f"{where}.start: {start:g}, expected {low:.4g} to {high:.4g}, what is possible about the "

@@ -69,7 +69,7 @@ class Simulation:
         What the loop has of those of the fit that are not.
     others : str
         In what another loop simulated the telemetry, by its own account; see `other_loop`.
-    own : bool
+    simulated_telemetry : bool
         Whether it says that this very loop did.
     told : callable
         Told after every simulation of a run how many there were.
@@ -95,7 +95,7 @@ class Simulation:
         self.targets = targets(plan, first, placed)
         self.held = held(first, placed, self.targets)
         self.others = other_loop(plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()})
-        self.own = not self.others and all(is_simulated(t) for t in telemetries)
+        self.simulated_telemetry = not self.others and all(is_simulated(t) for t in telemetries)
         replaced = ", ".join(f"{i.model} ({i.replacement.archive.name})" for i in placed if i.replacement)
         self._replaced = f", third-party FMUs {replaced}" if replaced else ""
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}

@@ -90,7 +90,7 @@ def bounded_fit(names, low, high, start=1.0, scales=1.0):
         )
         for name, lower, upper in zip(names, low * scales, high * scales, strict=True)
     }
-    none = PriorSet({}, np.zeros(len(names), dtype=bool), np.empty((0, len(names))), None)
+    none = PriorSet({}, np.zeros(len(names), dtype=bool), np.empty((0, len(names))))
     outcome = irls.iterate([weighing], parameters, lambda *_: none, settings=limits)
     return outcome, refit_unconstrained(outcome, declared=())
 

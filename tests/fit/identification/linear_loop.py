@@ -25,9 +25,9 @@ class Feeds:
 
 
 class LinearLoop:
-    """The loop of ours along x, linear about its equilibrium; a `fit.identification.protocol.Loop`."""
+    """The loop of ours along x, linear about its equilibrium; a `fit.identification.loop.Loop`."""
 
-    own = False  # the telemetry does not say what simulated it
+    simulated_telemetry = False  # the telemetry does not say what simulated it
 
     def __init__(self, runs):
         self._runs = {run.name: run for run in runs}

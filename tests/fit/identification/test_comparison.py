@@ -30,10 +30,13 @@ def results_of(fit, **experiments):
     return Results(fit, experiments, {}, {}, Provenance())
 
 
-def apart(found, calibrated, *, own, beside=None):
+def apart(found, calibrated, *, same_loop, beside=None):
     """Return the warnings where nothing is held and no run is looked at alone."""
-    return comparison.apart(
-        found, results_of(calibrated), beside or comparison.Beside({}, [], Sharing({})), own=own
+    return comparison.discrepancies(
+        found,
+        results_of(calibrated),
+        beside or comparison.LoopContext({}, [], Sharing({})),
+        same_loop=same_loop,
     )
 
 
@@ -44,10 +47,12 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
     )
     calibrated = fit_of({"lambda_2": (1.0, 0.1), "delta_ifo_1": (0.0, 1.02)})
     found = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-3.01, 1.0), "Plant.cubic_2": (4.0, 1.0)})
-    assert [w.parameters for w in apart(found, calibrated, own=False)] == [("delta_ifo_1",)]  # a false alarm
+    assert [w.parameters for w in apart(found, calibrated, same_loop=False)] == [
+        ("delta_ifo_1",)
+    ]  # a false alarm
 
-    mended = comparison.beside_instruments(found, calibrated, {"delta_ifo_1", "alpha_x_1"}, least)
-    assert not apart(mended, calibrated, own=False)
+    mended = comparison.apply_instrumental_variables(found, calibrated, {"delta_ifo_1", "alpha_x_1"}, least)
+    assert not apart(mended, calibrated, same_loop=False)
     assert mended["delta_ifo_1"].value == pytest.approx(-0.01)
     assert mended["delta_ifo_1"].sigma == pytest.approx(1.02)
     assert mended["lambda_2"] == found["lambda_2"]
@@ -59,14 +64,15 @@ def test_what_instruments_move_in_the_fit_they_move_here_and_it_is_no_difference
     assert "Plant.cubic_2 is not known" in told.message
 
     wrong = fit_of({"lambda_2": (1.001, 0.1), "delta_ifo_1": (-1.0, 1.0)})  # by another loop
-    mended = comparison.beside_instruments(wrong, calibrated, {"delta_ifo_1"}, least)
-    assert [w.parameters for w in apart(mended, calibrated, own=False)] == [("delta_ifo_1",)]
+    mended = comparison.apply_instrumental_variables(wrong, calibrated, {"delta_ifo_1"}, least)
+    assert [w.parameters for w in apart(mended, calibrated, same_loop=False)] == [("delta_ifo_1",)]
 
 
 def test_without_instruments_nothing_moves():
     found = fit_of({"lambda_2": (1.001, 0.1)})
     assert (
-        comparison.beside_instruments(found, found, {"delta_ifo_1"}, SimpleNamespace(parameters=[])) is found
+        comparison.apply_instrumental_variables(found, found, {"delta_ifo_1"}, SimpleNamespace(parameters=[]))
+        is found
     )
 
 
@@ -80,7 +86,7 @@ def test_far_from_a_sound_fit_is_unsound_but_for_telemetry_of_that_very_loop():
         (far, doubtful, False, "loop_discrepancy"),
         (near, calibrated, False, "loop_discrepancy"),
     ):
-        (told,) = apart(found, against, own=own)
+        (told,) = apart(found, against, same_loop=own)
         assert (told.code, told.parameters) == (code, ("C_2",))
         assert told.kind.unsound == (code == "loop_contradiction")
 
@@ -89,7 +95,9 @@ def test_a_loop_that_holds_what_the_fit_contradicts_did_not_make_the_telemetry()
     calibrated = fit_of({"lambda_2": (1.0776, 1e-4), "omega2_2_0": (-4.2e-7, 5e-9)})
     found = fit_of({"omega2_2_0": (-4.8e-7, 5e-9)})
     for held, code in ((1.0776, "loop_discrepancy"), (1.08, "loop_contradiction")):
-        (told,) = apart(found, calibrated, own=True, beside=comparison.Beside({"lambda_2": held}, [], None))
+        (told,) = apart(
+            found, calibrated, same_loop=True, beside=comparison.LoopContext({"lambda_2": held}, [], None)
+        )
         assert (told.code, told.parameters) == (code, ("omega2_2_0",))
 
 
@@ -100,10 +108,10 @@ def test_what_a_run_shows_alone_is_compared_where_the_joint_fit_has_nothing_like
     stiffness = -4.2e-7 + held["alpha_x_2"] * F_2 + held["alpha_phi_2"] * N_2
     alone = fit_of({"omega2_2": (stiffness, 5e-9), "C_2": (0.186, 1e-4)})
     calibrated = results_of(fit_of({"C_2": (0.186, 1e-4)}), B4=alone)
-    beside = comparison.Beside(held, [run], Sharing(settings({}).shared))
+    beside = comparison.LoopContext(held, [run], Sharing(settings({}).shared))
     for shift, code in ((1e-9, None), (6e-8, "loop_contradiction")):
         found = fit_of({"omega2_2_0": (-4.2e-7 + shift, 5e-9)})
-        told = comparison.apart(found, calibrated, beside, own=False)
+        told = comparison.discrepancies(found, calibrated, beside, same_loop=False)
         assert [w.code for w in told] == [code] * bool(code)
         if told:
             assert "omega2_2 of B4 by +12 sigma" in told[0].message

@@ -1,7 +1,6 @@
 """Parameters of a simulated loop, found again from telemetry of another simulation; no FMU takes part."""
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,10 @@ import pytest
 from fit import pipeline
 from fit.errors import FitError, InputError
 from fit.fitting import louder
-from fit.identification import comparison, weighing
+from fit.identification import comparison, linearised_run
 from fit.identification.identify import identify
-from fit.identification.protocol import Free
+from fit.identification.loop import FreeParameter
+from fit.identification.search import Search
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning
@@ -53,11 +53,11 @@ def flown(make_run):
 
 
 FREE = (
-    Free("lambda_2"),
-    Free("C_2"),
-    Free("omega2_1_0"),
-    Free("omega2_2_0"),
-    Free("delta_ifo", shared="alignment_epoch"),
+    FreeParameter("lambda_2"),
+    FreeParameter("C_2"),
+    FreeParameter("omega2_1_0"),
+    FreeParameter("omega2_2_0"),
+    FreeParameter("delta_ifo", shared="alignment_epoch"),
 )
 
 
@@ -104,12 +104,12 @@ def test_the_truth_is_found_and_is_what_the_equation_of_motion_finds(flown, foun
 @pytest.mark.slow
 def test_derivatives_hold_while_parameters_move_within_their_sigmas(flown, found, monkeypatch):
     taken = []
-    derivatives = weighing.Simulated._derivatives
+    derivatives = linearised_run.SimulatedExperiment._derivatives
     told = lambda self, at, step: taken.append(1) or derivatives(self, at, step)  # noqa: E731
-    monkeypatch.setattr(weighing.Simulated, "_derivatives", told)
+    monkeypatch.setattr(linearised_run.SimulatedExperiment, "_derivatives", told)
     again = identified(flown).joint
     few = len(taken)
-    monkeypatch.setattr(weighing, "SPAN", 0.0)  # then any thousandth of a natural scale counts
+    monkeypatch.setattr(linearised_run, "STEP_LIMIT", 0.0)  # then any thousandth of a natural scale counts
     anew = identified(flown).joint
     assert few < len(taken) - few
     for name, estimate in again.parameters.items():
@@ -133,7 +133,7 @@ def test_a_wrong_controller_is_seen_in_the_commands_and_not_in_chi2(flown, found
 
 
 def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_out(flown):
-    told = identified(flown, (*FREE, Free("Controller.f_u", 1e-3, 1e-4))).joint
+    told = identified(flown, (*FREE, FreeParameter("Controller.f_u", 1e-3, 1e-4))).joint
     (blind,) = [w for w in told.warnings if w.code == "indeterminable"]
     assert {"lambda_2", "Controller.f_u"} <= set(blind.parameters) <= {"lambda_2", "C_2", "Controller.f_u"}
     assert "only together" in blind.message
@@ -142,7 +142,9 @@ def test_gain_of_the_controller_and_of_the_actuation_are_one_number_to_the_read_
 
 @pytest.mark.slow
 def test_a_pole_of_the_controller_is_found_wherever_the_search_begins(flown):
-    told, other = (identified(flown, (*FREE, Free("Controller.f_p", p, 6e-3))).joint for p in (6.6e-3, 0.012))
+    told, other = (
+        identified(flown, (*FREE, FreeParameter("Controller.f_p", p, 6e-3))).joint for p in (6.6e-3, 0.012)
+    )
     pole = told["Controller.f_p"]
     for name, estimate in told.parameters.items():
         assert abs(other[name].value - estimate.value) < 0.01 * estimate.sigma
@@ -160,7 +162,7 @@ def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown
             tried.append(theta["lambda_2"])
         return bool(tried) and theta["lambda_2"] == tried[0]
 
-    told = identified(flown, (Free("lambda_2", 0.9), *FREE[1:]), refused).joint
+    told = identified(flown, (FreeParameter("lambda_2", 0.9), *FREE[1:]), refused).joint
     assert told["lambda_2"].value == pytest.approx(found.joint["lambda_2"].value, abs=1e-6)
     (back,) = [w for w in told.warnings if w.code == "step_halved"]
     assert "the loop is not stable" in back.message
@@ -168,7 +170,7 @@ def test_steps_into_loops_that_cannot_be_simulated_are_taken_back_and_told(flown
 
 @pytest.mark.slow
 def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, found):
-    far = tuple(replace(each, start=1.3 * each.of(flown[1][0]).value) for each in FREE)
+    far = tuple(replace(each, start=1.3 * each.parameter(flown[1][0]).value) for each in FREE)
     simulated, failed = set(), set()
 
     def refused(theta):
@@ -183,7 +185,7 @@ def test_a_delay_that_is_too_short_keeps_no_other_parameter_back(flown, found):
 
 def test_a_search_that_cannot_begin_is_refused(flown):
     with pytest.raises(InputError, match="identify: start at lambda_2 = 2: the loop is not stable; "):
-        identified(flown, (Free("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
+        identified(flown, (FreeParameter("lambda_2", 2.0), *FREE[1:]), refused=lambda _theta: True)
     with pytest.raises(FitError, match="where the search begins: the loop is not stable"):
         identified(flown, refused=lambda _theta: True)
 
@@ -193,7 +195,7 @@ def test_a_search_that_cannot_begin_is_refused(flown):
 def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, found, sigmas):
     estimate = found.joint["lambda_2"]
     bound = estimate.value + sigmas * estimate.sigma
-    bounded = identified(flown, (Free("lambda_2", bounds=(bound, 1.2)), *FREE[1:])).joint
+    bounded = identified(flown, (FreeParameter("lambda_2", bounds=(bound, 1.2)), *FREE[1:])).joint
     assert bounded["lambda_2"].value == pytest.approx(bound, abs=1e-3 * estimate.sigma)
     (at_bound,) = [w for w in bounded.warnings if w.code == "at_bound"]
     assert f"lambda_2 is at its lower bound {bound:.6g}, the data put it at {estimate.value:.5g}"[:-1] in (
@@ -207,7 +209,9 @@ def test_a_bound_is_contradicted_where_noise_does_not_explain_it(flown, found, s
 
 @pytest.mark.slow
 def test_the_bound_of_a_controller_is_tested_too(flown):
-    bounded = identified(flown, (*FREE, Free("Controller.f_p", 7e-3, 6e-3, bounds=(6.5e-3, 0.02)))).joint
+    bounded = identified(
+        flown, (*FREE, FreeParameter("Controller.f_p", 7e-3, 6e-3, bounds=(6.5e-3, 0.02)))
+    ).joint
     (at_bound,) = [w for w in bounded.warnings if w.code == "at_bound"]
     assert "Controller.f_p is at its lower bound 0.0065" in at_bound.message
     assert "constraint_contradicted" in {w.code for w in bounded.unsound}
@@ -276,11 +280,11 @@ def test_what_the_loop_holds_against_the_fit_is_told(flown):
         (replace(fit, warnings=(FitWarning("invalid_data", (), ""),)), 0),
         (None, 0),
     ):
-        told = comparison.misplaced(
+        told = comparison.fixed_value_conflicts(
             {"lambda_2": 1.0776, "C_2": fit["C_2"].value, "alpha_x_2": 0.0}, calibration
         )
         assert len(told) == said
-    (first,) = comparison.misplaced({"lambda_2": 1.0776}, fit)
+    (first,) = comparison.fixed_value_conflicts({"lambda_2": 1.0776}, fit)
     assert first.parameters == ("lambda_2",)
     assert "lambda_2 is 1.0776, the fit finds 1.0600" in first.message
 
@@ -290,19 +294,19 @@ def test_what_the_data_do_not_tell_goes_back_to_its_start_before_a_step_is_halve
     start, there, tried = np.array([1.0, 0.15]), np.array([1.2, 0.01]), []
 
     class Loops:
-        def reach(self, theta):
+        def simulate(self, theta):
             tried.append(theta.tolist())
             if theta[1] < 0.05:
                 raise FitError("a delay is negative")
 
-        def barred(self, theta, to):
+        def infeasible(self, theta, to):
             return np.array([False, True])
 
-    search = object.__new__(import_module("fit.identification.identify")._Search)
-    search.__dict__.update(weighings=[Loops()], stepped=[], _start=start)
-    search._lost = np.array([False, True])
+    search = object.__new__(Search)
+    search.__dict__.update(weighings=[Loops()], halved_steps=[], _start=start)
+    search._undetermined = np.array([False, True])
     assert search.admitted(start, there).tolist() == [1.2, 0.15]
-    assert (tried, search.stepped) == ([[1.2, 0.01], [1.2, 0.15]], [])
-    search._lost = np.array([False, False])
+    assert (tried, search.halved_steps) == ([[1.2, 0.01], [1.2, 0.15]], [])
+    search._undetermined = np.array([False, False])
     assert search.admitted(start, there).tolist() == [1.2, 0.08]
-    assert search.stepped == ["a delay is negative"]
+    assert search.halved_steps == ["a delay is negative"]

@@ -7,7 +7,7 @@ import pytest
 
 from fit import pipeline
 from fit.identification.identify import identify
-from fit.identification.protocol import Free
+from fit.identification.loop import FreeParameter
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from fit.whitening.runs import pair
@@ -25,7 +25,12 @@ TONES = (
     Sine("guidance_o_1", 5e-9, 6e-3, 20, 1000),
 )
 GAINS = {"A": 1.0776, "B": 1.0822, "C": 1.0741, "D": 1.0795}
-SOUGHT = (Free("C_2"), Free("omega2_1_0"), Free("omega2_2_0"), Free("delta_ifo", shared="alignment_epoch"))
+SOUGHT = (
+    FreeParameter("C_2"),
+    FreeParameter("omega2_1_0"),
+    FreeParameter("omega2_2_0"),
+    FreeParameter("delta_ifo", shared="alignment_epoch"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +60,7 @@ def identified(flown, free):
 
 def test_what_the_fit_lets_scatter_scatters_here_too(flown):
     fitted = flown[2]
-    found = identified(flown, (Free("lambda_2"), *SOUGHT))
+    found = identified(flown, (FreeParameter("lambda_2"), *SOUGHT))
     assert not found.joint.unsound
     for name, theirs in fitted.joint.parameters.items():
         if name in found.joint:
@@ -74,7 +79,9 @@ def test_gains_that_differ_and_are_not_let_contradict_each_other(flown):
     runs, telemetries, _ = flown
     firm = CHOSEN.model_copy(update={"scatter": []})
     calibrated = pipeline.calibrate(telemetries, firm)
-    found = identify(pair(telemetries), (Free("lambda_2"), *SOUGHT), LinearLoop(runs), calibrated, firm)
+    found = identify(
+        pair(telemetries), (FreeParameter("lambda_2"), *SOUGHT), LinearLoop(runs), calibrated, firm
+    )
     (told,) = [w for w in found.joint.warnings if w.code == "contradiction"]
     assert "a gain that scatters by" in told.message
     assert found.joint.unsound

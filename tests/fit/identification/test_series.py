@@ -55,15 +55,15 @@ def test_a_force_is_told_from_the_motion_that_it_makes():
 def test_the_thrust_that_moved_a_loop_is_found():
     decay = scipy.signal.butter(1, [5e-4, 0.05], "bandpass", fs=series.RATE, output="sos")
 
-    def push(thrust):
-        return scipy.signal.sosfilt(decay, thrust)
+    def push(stray_thrust):
+        return scipy.signal.sosfilt(decay, stray_thrust)
 
     n = 60000
-    thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
-    blow = series.blow(n, 1.0)
-    found = series.thrust(push(thrust), blow, push(blow))
+    stray_thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
+    impulse = series.impulse(n, 1.0)
+    found = series.stray_thrust(push(stray_thrust), impulse, push(impulse))
     inside = slice(20000, -5000)
-    assert np.max(np.abs(found - thrust)[inside]) < 1e-2
+    assert np.max(np.abs(found - stray_thrust)[inside]) < 1e-2
 
 
 def test_what_goes_along_with_a_motion_is_found():
@@ -75,23 +75,23 @@ def test_what_goes_along_with_a_motion_is_found():
         return derivatives.decimate(scipy.signal.sosfilt(lower, x), taps, factor)[10:-10]
 
     n = 60000
-    thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
-    blow = series.blow(n, 1.0)
-    moved, made = (scipy.signal.sosfilt(decay, x) for x in (thrust, blow))
-    found = series.followed(moved, made, force(blow))
+    stray_thrust = np.sin(2 * np.pi * 0.02 * np.arange(n) / series.RATE)
+    impulse = series.impulse(n, 1.0)
+    moved, made = (scipy.signal.sosfilt(decay, x) for x in (stray_thrust, impulse))
+    found = series.response_force(moved, made, force(impulse))
     inside = slice(2000, -500)
-    assert found.shape == force(thrust).shape
-    assert np.max(np.abs(found - force(thrust))[inside]) < 1e-2 * np.max(np.abs(force(thrust)))
+    assert found.shape == force(stray_thrust).shape
+    assert np.max(np.abs(found - force(stray_thrust))[inside]) < 1e-2 * np.max(np.abs(force(stray_thrust)))
 
 
 def test_what_a_controller_began_in_is_made_of_its_modes():
     n, poles = 50_000, (6e-3, 30e-3)  # Hz
     t = np.arange(n) / series.RATE
     answer = 2.0 + sum(k * np.exp(-2 * np.pi * p * t) for k, p in zip((1.0, 0.3), poles, strict=True))
-    found = series.settling(answer, n)
+    found = series.initial_transient(answer, n)
     assert found.shape[1] == 2  # the integrator is none
-    reduced = np.arange(len(found)) / len(found) * n / series.RATE
+    reduced_grid = np.arange(len(found)) / len(found) * n / series.RATE
     for p in poles:
-        decay = np.exp(-2 * np.pi * p * reduced[:1000])
+        decay = np.exp(-2 * np.pi * p * reduced_grid[:1000])
         left = decay - found[:1000] @ np.linalg.lstsq(found[:1000], decay, rcond=None)[0]
         assert np.max(np.abs(left)) < 1e-2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fit.fitting import departures
-from fit.identification.joint import _view
+from fit.identification.parameters import _view
 from fit.parameters import FLIGHT
 
 RATIO = FLIGHT["C_2"].value / FLIGHT["lambda_2"].value
@@ -28,7 +28,7 @@ def view(sought, departing):
 )
 def test_a_gain_departs_with_the_delay_of_its_force(sought, departing, along, entries):
     found = view(sought, departing)
-    assert found.along == along
+    assert found.measured_names == along
     of_run = [*sought, *along]
     expected = np.zeros((len(of_run), len(sought) + 2))
     expected[: len(sought), : len(sought)] = np.eye(len(sought))
@@ -39,7 +39,7 @@ def test_a_gain_departs_with_the_delay_of_its_force(sought, departing, along, en
 
 def test_a_delay_that_departs_beside_a_gain_of_the_loop_counts_once():
     found = view(("lambda_2",), ["lambda_2", "C_2"])
-    assert found.along == ("C_2",)
+    assert found.measured_names == ("C_2",)
     np.testing.assert_array_equal(found.share, [[1, 0, 1, 0, 0], [0, 0, 0, 0, 1]])
 
 

@@ -21,7 +21,7 @@ class Loop(Protocol):
     """A simulation of the closed loop. All series are at the rate of the loop (`dynamics.LOOP_PERIOD`)."""
 
     @property
-    def own(self) -> bool:
+    def simulated_telemetry(self) -> bool:
         """Whether the telemetry says of itself that this very loop simulated it."""
 
     def response(
@@ -62,7 +62,7 @@ class Loop(Protocol):
 
 
 @dataclass(frozen=True)
-class Free:
+class FreeParameter:
     """A parameter to be identified.
 
     Attributes
@@ -93,7 +93,7 @@ class Free:
         """Its natural scale; where it is not told, that of the fit, or the start."""
         return self._known(1).prior_sigma if self.width is None else self.width
 
-    def of(self, run: Telemetry) -> Parameter:
+    def parameter(self, run: Telemetry) -> Parameter:
         """Return the parameter where it holds for a run: with epoch or experiment at the end of its name."""
         name = self.name if self.shared == "campaign" else f"{self.name}_{getattr(run, self.shared)}"
         known = self._known(run.alignment_epoch)
@@ -110,17 +110,25 @@ class Free:
             return Parameter(self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, what, False)
 
 
-def joint_parameters(free: Sequence[Free], runs: Sequence[Telemetry]) -> dict[str, tuple[Parameter, Free]]:
+def joint_parameters(
+    free: Sequence[FreeParameter], runs: Sequence[Telemetry]
+) -> dict[str, tuple[Parameter, FreeParameter]]:
     """Return the parameters of a joint fit by name, each with what it came from."""
-    found: dict[str, tuple[Parameter, Free]] = {}
-    for each in free:
-        ordered = sorted(runs, key=lambda run: run.alignment_epoch) if each.shared != "experiment" else runs
-        for run in ordered:
-            parameter = each.of(run)
-            found.setdefault(parameter.name, (parameter, each))
-    return found
+    parameters: dict[str, tuple[Parameter, FreeParameter]] = {}
+    for free_parameter in free:
+        ordered_runs = (
+            sorted(runs, key=lambda run: run.alignment_epoch)
+            if free_parameter.shared != "experiment"
+            else runs
+        )
+        for run in ordered_runs:
+            parameter = free_parameter.parameter(run)
+            parameters.setdefault(parameter.name, (parameter, free_parameter))
+    return parameters
 
 
-def share(free: Sequence[Free], run: Telemetry, names: Sequence[str]) -> Array:
+def share(free: Sequence[FreeParameter], run: Telemetry, names: Sequence[str]) -> Array:
     """Return the map from the P joint parameters `names` to the K of a run, shape (K, P)."""
-    return np.array([[float(each.of(run).name == name) for name in names] for each in free])
+    return np.array(
+        [[float(free_parameter.parameter(run).name == name) for name in names] for free_parameter in free]
+    )

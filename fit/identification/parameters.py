@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.fitting import constraints, departures, hierarchy, lmfit_symbol, user_params
-from fit.identification.protocol import Free, joint_parameters, share
+from fit.identification.loop import FreeParameter, joint_parameters, share
 from fit.model import Sharing, dynamics
 from fit.parameters import Parameter
 from fit.results import Results
@@ -29,23 +29,23 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class View:
+class ExperimentView:
     """What an experiment sees.
 
     Attributes
     ----------
-    along : tuple of str
-        Its parameters after those of the loop, see `Imposed.along`.
+    measured_names : tuple of str
+        Its parameters after those of the loop, see `Imposed.measured_names`.
     share : ndarray, shape (K, P)
         Map from the P joint parameters to its K.
     """
 
-    along: tuple[str, ...]
+    measured_names: tuple[str, ...]
     share: Array
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointParameters:
     """The joint parameters.
 
     Attributes
@@ -72,7 +72,7 @@ class Joint:
     names: tuple[str, ...]
     scales: tuple[Array, Array, Array]
     departing: tuple[hierarchy.ScaleParameter, ...]
-    views: tuple[View, ...]
+    views: tuple[ExperimentView, ...]
 
     @property
     def shared(self) -> int:
@@ -83,66 +83,93 @@ class Joint:
         """Return the joint parameters theta, shape (P,), by name, departures left out."""
         return dict(zip((p.name for p in self.parameters[: self.shared]), theta.tolist(), strict=False))
 
-    def of_run(self, k: int, theta: Array) -> dict[str, float]:
+    def run_parameters(self, k: int, theta: Array) -> dict[str, float]:
         """Return the parameters of the loop in the k-th experiment by name."""
         return dict(zip(self.names, (self.views[k].share @ theta).tolist(), strict=False))
 
 
 def joint(
     experiments: Sequence[Experiment],
-    free: Sequence[Free],
-    chosen: Settings,
+    free: Sequence[FreeParameter],
+    settings: Settings,
     scatter: Sequence[str],
-    begin: Sequence[Mapping[str, float]],
-) -> Joint:
+    starts: Sequence[Mapping[str, float]],
+) -> JointParameters:
     """Join the parameters of experiments.
 
     Parameters
     ----------
     experiments : sequence of Experiment
         To be identified together.
-    free : sequence of Free
+    free : sequence of FreeParameter
         What is sought.
-    chosen : Settings
+    settings : Settings
         Tell over what cross-talk is shared.
     scatter : sequence of str
         What departs, see `departures`.
-    begin : sequence of mapping of str to float
+    starts : sequence of mapping of str to float
         Where the search begins: what an earlier search found, and what the fit did.
     """
-    runs, N = [e.sysid.telemetry for e in experiments], len(experiments)
-    departing = [n for n in scatter if all(each.shared == "campaign" for each in free if each.name == n)]
-    known = {name for e in experiments for name in e.parameters}
-    beside = [Free(n, shared=chosen.shared[n]) for n in dynamics.CROSS_TALK if n in known]
-    found = joint_parameters((*free, *beside), runs)
-    stated = constraints.of_fit(chosen.parameters, dict(zip(found, found, strict=True)))
-    limits = {name: bounded(stated.get(name), *each.bounds) for name, (_, each) in found.items()}
-    values = {name: s.value for name, s in limits.items() if s is not None and s.value is not None}
-    default = {p.name: p.value for p, _ in found.values()}
-    given = {p.name: p.value for p, each in found.values() if each.start is not None} | values
-    before, fitted = begin
-    where = {**default, **fitted, **given, **before}
-    where |= {n: values.get(n, default[n]) for n, s in limits.items() if s is not None and not s.vary}
-    start = [float(np.clip(where[n], *s.limits)) if s else where[n] for n, s in limits.items()]
-    more, widths = departures.parameters(departing, [e.name for e in experiments], len(found))
-    first = [each.of(runs[0]).prior_sigma for each in free]
+    runs = [e.sysid.telemetry for e in experiments]
+    varying = [p.name for p in free if p.shared != "campaign"]
+    departing = [name for name in scatter if name not in varying]
+    measured = {name for e in experiments for name in e.parameters}
+    coupled = [FreeParameter(n, shared=settings.shared[n]) for n in dynamics.CROSS_TALK if n in measured]
+    parameters = joint_parameters((*free, *coupled), runs)
+    limits = _limits(parameters, settings)
+    start, given = _start(parameters, limits, starts)
+    departure_parameters, widths = departures.parameters(
+        departing, [e.name for e in experiments], len(parameters)
+    )
     views = []
     for n, e in enumerate(experiments):
-        own = [each for each in beside if each.name in e.parameters]
-        plain = share((*free, *own), runs[n], list(found))
-        views.append(_view(plain, [each.name for each in free], [each.name for each in own], departing, n, N))
-    return Joint(
-        parameters=(*(replace(p, value=x) for (p, _), x in zip(found.values(), start, strict=True)), *more),
-        given=tuple(given),
-        settings={n: s.model_copy(update={"value": None}) for n, s in limits.items() if s is not None},
-        names=tuple(each.name for each in free),
-        scales=(np.array(first), *np.array([each.bounds for each in free]).T),
+        cross_talk = [p for p in coupled if p.name in e.parameters]
+        shared_map = share((*free, *cross_talk), runs[n], list(parameters))
+        names = [p.name for p in free], [p.name for p in cross_talk]
+        views.append(_view(shared_map, *names, departing, n, len(experiments)))
+    return JointParameters(
+        parameters=(
+            *(replace(p, value=start[name]) for name, (p, _) in parameters.items()),
+            *departure_parameters,
+        ),
+        given=given,
+        settings={n: s.model_copy(update={"value": None}) for n, s in limits.items()},
+        names=tuple(p.name for p in free),
+        scales=(
+            np.array([p.parameter(runs[0]).prior_sigma for p in free]),
+            *np.array([p.bounds for p in free]).T,
+        ),
         departing=tuple(widths),
         views=tuple(views),
     )
 
 
-def make_params(free: Sequence[Free], runs: Sequence[Telemetry]) -> lmfit.Parameters:
+def _limits(
+    parameters: Mapping[str, tuple[Parameter, FreeParameter]], settings: Settings
+) -> dict[str, ParameterSettings]:
+    """Return constraints and bounds by name, of parameters that have any."""
+    stated = constraints.of_fit(settings.parameters, dict(zip(parameters, parameters, strict=True)))
+    limits = {name: bounded(stated.get(name), *free.bounds) for name, (_, free) in parameters.items()}
+    return {name: limit for name, limit in limits.items() if limit is not None}
+
+
+def _start(
+    parameters: Mapping[str, tuple[Parameter, FreeParameter]],
+    limits: Mapping[str, ParameterSettings],
+    starts: Sequence[Mapping[str, float]],
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return where the search starts, by name, and the names of which the user states it."""
+    previous, fitted = starts
+    stated = {name: limit.value for name, limit in limits.items() if limit.value is not None}
+    defaults = {name: parameter.value for name, (parameter, _) in parameters.items()}
+    given = {n: defaults[n] for n, (_, free) in parameters.items() if free.start is not None} | stated
+    values = {**defaults, **fitted, **given, **previous}
+    values |= {n: stated.get(n, defaults[n]) for n, limit in limits.items() if not limit.vary}
+    values |= {n: float(np.clip(values[n], *limit.limits)) for n, limit in limits.items()}
+    return values, tuple(given)
+
+
+def make_params(free: Sequence[FreeParameter], runs: Sequence[Telemetry]) -> lmfit.Parameters:
     """Return the parameters of an identification, for `identify`: start values and bounds.
 
     Fix them, give them other bounds or ties as lmfit has them, or a `fit.Prior` as ``user_data``. Those of
@@ -150,7 +177,7 @@ def make_params(free: Sequence[Free], runs: Sequence[Telemetry]) -> lmfit.Parame
 
     Parameters
     ----------
-    free : sequence of Free
+    free : sequence of FreeParameter
         The parameters.
     runs : sequence of Telemetry
         With injections, one of each experiment.
@@ -188,9 +215,11 @@ def check_constraints(settings: Settings, names: Iterable[str], calibrated: Resu
         If there are any, or a tie cannot be followed.
     """
     fitted = (calibrated.provenance.settings or {}).get("parameters", {})
-    known = fitted if isinstance(fitted, Mapping) else {}
-    stated = {n: s for n, s in settings.parameters.items() if "." in n or known.get(n) != s.record()}
-    fitted_names = [name for name in known if "." not in name]
+    fitted_constraints = fitted if isinstance(fitted, Mapping) else {}
+    stated = {
+        n: s for n, s in settings.parameters.items() if "." in n or fitted_constraints.get(n) != s.record()
+    }
+    fitted_names = [name for name in fitted_constraints if "." not in name]
     constraints.check(stated, [*names, *fitted_names], "fit.parameters", has_fmus=True)
 
 
@@ -209,26 +238,33 @@ def bounded(stated: ParameterSettings | None, low: float, high: float) -> Parame
 
 
 def _view(
-    plain: Array, sought: Sequence[str], cross_talk: Sequence[str], departing: Sequence[str], n: int, N: int
-) -> View:
-    """Return what experiment n of N sees; `plain`, shape (K, P), is without what departs."""
-    wanted = [name for name in departing if name not in sought]  # from what was measured
-    wanted += [d for gain, d in departures.DELAYS.items() if gain in wanted and d not in (*sought, *wanted)]
+    shared_map: Array,
+    loop_names: Sequence[str],
+    cross_talk: Sequence[str],
+    departing: Sequence[str],
+    n: int,
+    N: int,
+) -> ExperimentView:
+    """Return what experiment n of N sees; `shared_map`, shape (K, P), is without what departs."""
+    departing_names = [name for name in departing if name not in loop_names]  # from what was measured
+    departing_names += [
+        d
+        for gain, d in departures.DELAYS.items()
+        if gain in departing_names and d not in (*loop_names, *departing_names)
+    ]
     # a gain of the loop that departs takes its delay along where the loop has that delay itself
-    following = [d for gain, d in departures.DELAYS.items() if d in sought or gain in wanted]
-    of_equation = [name for name in wanted if name in dynamics.PARAMETERS]
-    within = [name for name in wanted if name not in dynamics.PARAMETERS]
-    of_run = [*sought, *of_equation, *cross_talk, *within]
-    share = np.zeros((len(of_run), plain.shape[1]))
-    share[[of_run.index(name) for name in (*sought, *cross_talk)]] = plain
-    more = departures.entering(of_run, departing, n, N, following)
-    return View(tuple(of_run[len(sought) :]), np.hstack([share, more]))
+    following = [d for gain, d in departures.DELAYS.items() if d in loop_names or gain in departing_names]
+    run_parameters = [*loop_names, *departing_names, *cross_talk]
+    share = np.zeros((len(run_parameters), shared_map.shape[1]))
+    share[[run_parameters.index(name) for name in (*loop_names, *cross_talk)]] = shared_map
+    departure_map = departures.entering(run_parameters, departing, n, N, following)
+    return ExperimentView(tuple(run_parameters[len(loop_names) :]), np.hstack([share, departure_map]))
 
 
 def run_dynamics(experiment: Experiment, calibrated: Results, settings: Settings) -> Array:
     """Return what a calibration says of `dynamics.PARAMETERS` of a run, shape (7,), or else the flight."""
     run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
-    known = calibrated.joint.values if calibrated.joint else {}
+    fitted_values = calibrated.joint.values if calibrated.joint else {}
     parameters = sharing.parameters([(run, dynamics.PARAMETERS)])
-    values = [known.get(p.name, p.value) for p in parameters]
+    values = [fitted_values.get(p.name, p.value) for p in parameters]
     return sharing.matrix(run, dynamics.PARAMETERS, [p.name for p in parameters]) @ values

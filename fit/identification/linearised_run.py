@@ -1,0 +1,335 @@
+"""Runs of a simulated loop as weighted least squares, linear about the last trial."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError
+from fit.fitting import louder, unsteady
+from fit.identification import series
+from fit.identification.loop import FORCE_1, THRUST, Loop
+from fit.model import dynamics
+from fit.spectra import NoiseModel, Spectra, windowing
+from fit.whitening import Experiment, Left, Likelihood, Run, smooth_noise, weights, whitened_run
+
+Array = NDArray[np.float64]
+
+RELINEARISE_SIGMA = 3.0  # sigma, from where the derivatives were taken, after which they are taken anew
+STEP_LIMIT = 0.1  # of its natural scale, that is the most which counts as a sigma there
+STEP = 1e-3  # of its natural scale, by which a parameter is varied unless its sigma is smaller
+STEP_REDUCTIONS = 6  # times that a difference is tried before a trial that fails is told
+MOTION = 1e-9  # m, for a sample, that a controller answers
+IMPULSE = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
+
+
+@dataclass(frozen=True)
+class LinearisedRun(unsteady.Unsteady):
+    """A whitened run: the residual at a trial, then its derivatives by the K parameters of the run.
+
+    Attributes
+    ----------
+    at : ndarray, shape (P,)
+        The trial.
+    """
+
+    at: Array = field(kw_only=True)
+
+    def coefficients(self, theta: Array) -> Array:
+        """As those of `linear.WhitenedRun`."""
+        shift = theta - (self.at if theta.ndim == 1 else self.at[:, None])
+        return np.concatenate([np.ones_like(theta[:1]), self.share @ shift])
+
+    def of_run(self, _: Array, /) -> Array:
+        """As those of `linear.WhitenedRun`."""
+        return np.eye(len(self.share) + 1, len(self.share), k=-1)
+
+
+@dataclass(frozen=True)
+class InvertedLoop:
+    """The loop that is inverted to tell a force from a motion; it stays while parameters move.
+
+    Attributes
+    ----------
+    dynamics : ndarray, shape (7,)
+        Of `dynamics.PARAMETERS`.
+    theta : mapping of str to float
+        Of the loop that is simulated, for its controller.
+    """
+
+    dynamics: Array
+    theta: Mapping[str, float]
+
+
+class MeasuredInputs:
+    """A run beside the simulated loop, on which is imposed what was measured and is not to be predicted.
+
+    Parameters
+    ----------
+    run : Run
+        As measured, with what is masked.
+    loop : Loop
+        Simulates it.
+    reference : Reference
+        With which forces are told from motions.
+    """
+
+    def __init__(self, run: Run, loop: Loop, reference: InvertedLoop) -> None:
+        self.telemetry, self._loop, self._reference = run.telemetry, loop, reference
+        self._run = run
+        self._o_1, self._o_12, force_1 = (
+            series.at_loop_rate(run.telemetry, name) for name in ("o_1", "o_12", "f_x_1")
+        )
+        self._inputs = {FORCE_1: force_1, THRUST: np.zeros(force_1.size)}
+        self._grid = series.reduced_grid(run.telemetry, run.channels)
+        self._impulse = series.impulse(force_1.size, IMPULSE)
+        self._motion_response = self._force_response = self._initial_transient = np.empty(0)
+        self._nuisance = [self._grid.steps, *run.beside(self._grid.time, self._grid.fs)]
+
+    def measured_derivatives(self, names: Sequence[str]) -> Array:
+        """Return the derivatives of the residual by parameters of the equation, shape (names, N).
+
+        From what was measured, as in the fit, and zero where the run has nothing of it: of motion that the
+        loop is not asked to predict, and of gains and delays that are not sought but differ between runs.
+        """
+        theta, run = self._reference.dynamics, self._run
+        tau = dynamics.delays(theta)
+        columns = run.columns(tau)
+        extra_names = columns.names[len(dynamics.COLUMNS) :]
+        gradient = dynamics.gradient(np.concatenate([theta, np.zeros(len(extra_names))]), tau)
+        derivatives = dict(zip((*dynamics.PARAMETERS, *extra_names), gradient.T, strict=True))
+        indices, values = self._grid_indices(columns), np.zeros((len(names), self._grid.time.size))
+        for row, name in zip(values, names, strict=True):
+            if name in derivatives:
+                row[:] = (columns.values @ derivatives[name])[indices]
+        return values
+
+    def motion(self) -> Array:
+        """Return what `louder.MOTION` is, shape (2, N)."""
+        columns = self._run.columns((0.0, 0.0))
+        return columns.values[self._grid_indices(columns)][:, list(louder.MOTION)].T
+
+    def _grid_indices(self, columns: dynamics.Columns) -> NDArray[np.intp]:
+        at = np.rint((self._grid.time - columns.time[0]) * columns.fs).astype(np.intp)
+        return np.asarray(np.clip(at, 0, columns.time.size - 1))
+
+    def residual(self, theta: Mapping[str, float]) -> Array:
+        """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
+        if not self._motion_response.size:
+            self.update_impulse_response(theta)
+        response = self._response(theta)
+        discrepancy = self._o_1 - response["o_1"]
+        self._inputs[THRUST] = self._inputs[THRUST] + series.stray_thrust(
+            discrepancy, self._impulse, self._motion_response
+        )
+        return self._excess_force(discrepancy, self._o_12 - response["o_12"])
+
+    def update_impulse_response(self, theta: Mapping[str, float]) -> None:
+        """Find with theta what a stray thrust moves, by which o_1 is imposed."""
+        still = {FORCE_1: np.zeros(self._impulse.size), THRUST: np.zeros(self._impulse.size)}
+        reference = self._loop.response(self.telemetry, theta, still)
+        impulse_response = self._loop.response(self.telemetry, theta, {**still, THRUST: self._impulse})
+        self._motion_response = impulse_response["o_1"] - reference["o_1"]
+        self._force_response = self._force(impulse_response["o_12"] - reference["o_12"])
+        if not self._initial_transient.size:
+            unit_sample = np.where(np.arange(self._impulse.size) == 0, MOTION, 0.0)
+            answer = self._loop.command(self.telemetry, self._reference.theta, unit_sample)
+            self._initial_transient = series.initial_transient(answer, self._o_1.size)
+
+    def residual_difference(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
+        """Return by how much the residual at one trial exceeds that at another, both near the last."""
+        high, low = self._response(above), self._response(below)
+        return self._excess_force(low["o_1"] - high["o_1"], low["o_12"] - high["o_12"])
+
+    def _excess_force(self, o_1: Array, o_12: Array) -> Array:
+        """Return the force of a motion beyond that which a stray thrust makes of o_1."""
+        return self._force(o_12) - series.response_force(o_1, self._motion_response, self._force_response)
+
+    def transformed(self, columns: Sequence[Array]) -> Spectra:
+        """Return the spectra of series on the grid of residuals."""
+        values = np.stack(columns, axis=1)
+        grid = self._grid
+        impulses = self._run.impulses(grid.time, grid.fs)
+        beside = [*self._nuisance, self._initial_transient]
+        return windowing.transform(values, grid.valid, grid.fs, nuisance=beside, impulses=impulses)
+
+    def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
+        return self._loop.response(self.telemetry, theta, self._inputs)
+
+    def _force(self, o_12: Array) -> Array:
+        answer = self._loop.command(self.telemetry, self._reference.theta, o_12)
+        return series.force(o_12, answer, self._reference.dynamics)
+
+
+class SimulatedExperiment:
+    """Weighs an experiment by its noise run, both against the simulated loop.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        As it is to be fitted.
+    loop : Loop
+        Simulates it.
+    reference : Reference
+        See `MeasuredInputs`.
+    names : sequence of str
+        The first of the K parameters of the experiment, those of the loop.
+    measured_names : sequence of str
+        The others, see `MeasuredInputs.measured_derivatives`; those of `dynamics.PARAMETERS` first.
+    share : ndarray, shape (K, P)
+        Map from the P joint parameters to all of them.
+    scales : tuple of ndarray, each of shape (len(names),)
+        Natural scales of those of the loop, and bounds.
+    likelihood : str
+        What the residual is taken to be like.
+    """
+
+    settled = True
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        loop: Loop,
+        reference: InvertedLoop,
+        names: Sequence[str],
+        measured_names: Sequence[str],
+        share: Array,
+        scales: tuple[Array, Array, Array],
+        likelihood: Likelihood,
+    ) -> None:
+        self.name = experiment.name
+        self._sysid = MeasuredInputs(experiment.sysid, loop, reference)
+        self._noise = experiment.noise and MeasuredInputs(experiment.noise, loop, reference)
+        self._names, self._share, self._likelihood = names, share, likelihood
+        self._widths, self._low, self._high = scales
+        self._measured_names = measured_names
+        self._measured_columns = [
+            run.measured_derivatives(measured_names) for run in (self._sysid, self._noise) if run
+        ]
+        self._excess_motion = list(self._sysid.motion()) if experiment.louder else []
+        self._model: NoiseModel | None = None
+        self._derivative_columns: list[Array] = []
+        self._residuals: list[Array] = []
+        self._expansion_point, self._simulated_at = (
+            np.full(len(names), np.nan),
+            np.full(share.shape[1], np.nan),
+        )
+
+    def simulate(self, theta: Array) -> None:
+        """Simulate the runs with theta, shape (P,), which `block` is to be asked for next.
+
+        Raises
+        ------
+        FitError
+            If that cannot be done.
+        """
+        if not np.array_equal(theta, self._simulated_at):
+            run_parameters = self._run_parameters(theta)
+            self._residuals = [run.residual(run_parameters) for run in (self._sysid, self._noise) if run]
+            self._simulated_at = theta
+
+    def infeasible(self, theta: Array, to: Array) -> NDArray[np.bool_]:
+        """Tell which parameters, shape (P,), cannot go so far from theta: not even alone."""
+        changed = self._share[: len(self._names)].any(axis=0) & (theta != to)
+        infeasible = np.zeros(changed.size, bool)
+        for k in np.flatnonzero(changed):
+            try:
+                self.simulate(np.where(np.arange(changed.size) == k, to, theta))
+            except FitError:
+                infeasible[k] = True
+        return infeasible
+
+    def block(self, theta: Array, covariance: Array, iteration: int) -> LinearisedRun:
+        """Return the run weighed at the estimate theta, shape (P,), of that covariance, shape (P, P)."""
+        self.simulate(theta)
+        n, run_parameters = len(self._names), self._share @ theta
+        residuals = [
+            r + run_parameters[n:] @ x for r, x in zip(self._residuals, self._measured_columns, strict=True)
+        ]
+        sigma = np.sqrt(np.diag(self._share @ covariance @ self._share.T))[:n]
+        step = np.where(sigma > 0, np.minimum(sigma, STEP * self._widths), STEP * self._widths)
+        tolerance = np.maximum(step, np.minimum(sigma, STEP_LIMIT * self._widths))
+        if not np.max(np.abs(run_parameters[:n] - self._expansion_point) / tolerance) < RELINEARISE_SIGMA:
+            self._derivative_columns = self._derivatives(run_parameters[:n], step)
+            self._expansion_point = run_parameters[:n]
+        terms = self._sysid.transformed([residuals[0], *self._derivative_columns, *self._excess_motion])
+        if self._excess_motion:
+            with_parameters = replace(terms, columns=terms.columns[:, : -len(self._excess_motion)])
+            terms = louder.without(with_parameters, terms.columns[:, -len(self._excess_motion) :])
+        self._model = self._smooth(terms, residuals, covariance)
+        U, _ = whitened_run.whiten(terms, self._model.expected(terms.f))
+        u = np.abs(U[:, 0]) ** 2 if iteration else np.full(len(U), 2.0)
+        return LinearisedRun(
+            tau=terms.tau,
+            columns=U,
+            weights=weights(self._likelihood, terms.f, u),
+            window=terms.window,
+            share=self._share,
+            noise=self._model,
+            taken=terms.nuisance.shape[1],
+            f=terms.f,
+            names=(*self._names, *(name for name in self._measured_names if name in dynamics.PARAMETERS)),
+            at=theta,
+        )
+
+    def _smooth(self, terms: Spectra, residuals: Sequence[Array], covariance: Array) -> NoiseModel:
+        """Return the PSD of the noise run, or without one of the residual itself."""
+        try:
+            size = len(self._share)
+            fit_gradient = (np.eye(size + 1, size, k=-1), self._share @ covariance @ self._share.T)
+            residual_spectrum = Left(terms, np.eye(1 + size)[0], fit_gradient)
+            if not self._noise:
+                return smooth_noise(residual_spectrum, self._model)
+            return smooth_noise(
+                Left(self._noise.transformed([residuals[1]]), np.ones(1)), self._model, residual_spectrum
+            )
+        except FitError as error:
+            run = (self._noise or self._sysid).telemetry.run
+            raise FitError(
+                f"{run}: what the simulated loop leaves of it is not like noise: {error}"
+            ) from None
+
+    def _run_parameters(self, theta: Array) -> dict[str, float]:
+        return self._named(self._share[: len(self._names)] @ theta)
+
+    def _named(self, run_parameters: Array) -> dict[str, float]:
+        return dict(zip(self._names, run_parameters.tolist(), strict=True))
+
+    def _derivatives(self, run_parameters: Array, step: Array) -> list[Array]:
+        """Return the derivatives of the residual by the K parameters, linearised at `run_parameters`."""
+        for run in (self._sysid, self._noise) if self._derivative_columns else ():
+            if run:
+                run.update_impulse_response(self._named(run_parameters))
+        by_loop = [
+            self._derivative(run_parameters, h * unit)
+            for h, unit in zip(step, np.eye(step.size), strict=True)
+        ]
+        return [*by_loop, *self._measured_columns[0]]
+
+    def _derivative(self, run_parameters: Array, h: Array) -> Array:
+        """Return the derivative by a parameter from a central difference, if need be a shorter one."""
+        # what departs may be beyond the bounds of what it departs from
+        high, low = np.maximum(self._high, run_parameters), np.minimum(self._low, run_parameters)
+        for _ in range(STEP_REDUCTIONS):
+            above, below = np.minimum(run_parameters + h, high), np.maximum(run_parameters - h, low)
+            try:
+                return self._difference_quotient(above, below)
+            except FitError as error:
+                h, failed = h / 4, error
+        raise failed
+
+    def _difference_quotient(self, above: Array, below: Array) -> Array:
+        """Return the difference of the residual at two trials over that of the parameter which differs."""
+        span = float(np.sum(above - below))
+        shift = self._sysid.residual_difference(self._named(above), self._named(below))
+        if span > 0 and np.isfinite(shift).all():
+            return shift / span
+        trial = ", ".join(f"{name} = {value:.6g}" for name, value in self._named(below).items())
+        reason = (
+            "the response to a step in a parameter is not finite"
+            if span > 0
+            else "the response grows without limit as steps in the parameters shrink; expected FMUs that a "
+            "reset brings back to their start"
+        )
+        raise FitError(f"run '{self._sysid.telemetry.run}' at {trial}: {reason}")
