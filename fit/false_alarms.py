@@ -15,6 +15,7 @@ FAMILIES: Mapping[str, str] = MappingProxyType(
     {
         "samples": "values of a channel that no instrument gives",
         "loop response": "guidance that the read-outs do not follow",
+        "glitches": "forces and jumps of a read-out that do not last",
         "model": "signals that the equation of motion lacks",
         "noise": "noise other than that of the noise run",
         "consistency": "runs that contradict the others",

@@ -3,7 +3,7 @@
 In closed loop a force of seconds moves the bodies for hours, but the calibrated Delta g shows the force
 itself and nothing else. The search is that for known shapes in coloured noise. The residual of a run,
 windowed and whitened as the fit does it, is filtered with bell curves of some widths and with the longer
-shapes of `pursuit`, which gives the signal-to-noise ratio of a glitch at every instant.
+shapes of `matching_pursuit`, which gives the signal-to-noise ratio of a glitch at every instant.
 
 A short glitch is masked: its own samples go, whatever its shape. Patches take them out as long as these are
 few; where they are long or many, the window has notches. To mask a long one would cost hours, so that its
@@ -26,11 +26,12 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.errors import FitError
+from fit.false_alarms import sigma_limit
 from fit.model import dynamics
 from fit.quality.first_fit import first, flight_psd, least
 from fit.quality.injections import Coincidences, coincidences, injected_cells
-from fit.quality.matching_pursuit import pursue
-from fit.quality.view import View
+from fit.quality.matching_pursuit import FAMILY, matching_pursuit
+from fit.quality.whitened_templates import WhitenedTemplates
 from fit.spectra import NoiseModel, Spectra, Spectrum, derivatives, fit_noise, windowing
 from fit.telemetry import axis_part
 from fit.warnings import FitWarning, TimeSpan
@@ -38,7 +39,6 @@ from fit.whitening import Experiment, Glitch, Run, whitened_run
 
 Array = NDArray[np.float64]
 
-THRESHOLD = 6.0  # signal-to-noise ratio; noise alone exceeds 5.25 in 0.35 % of runs of 6 h, 6 in some 5e-5
 WIDTHS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)  # s, standard deviations of the bell curves
 BETWEEN = 1.2  # a series is 1.155 times higher at most between six samples in its shortest period; noise, 4 %
 REACH = 2.2  # widths on either side of a glitch that are masked along
@@ -46,9 +46,7 @@ LEAST_REACH = 2.0  # s, the same; the stencils add some 10 s, as they do to miss
 HIGHEST = 0.3  # of the highest ratio: what is lower may be due to what is higher
 ROUNDS = 60  # to get from the highest ratio to the threshold, in both runs
 LONGER = 1.2  # a mask goes with any shape, so that one must be that much clearer than a bell curve
-RAISED = (
-    0.5  # noise of the narrowest bell curve, in units of what the PSD tells, that a short glitch has raised
-)
+RAISED = 0.5  # noise of the narrowest bell curve, relative to the PSD, that a short glitch has raised
 MOST_GLITCHES = 0.6  # of the weight of a run; if masks would take more, it is no matter of glitches
 PATCHED = 60.0  # s; a patch that is longer may hide the onset of a long glitch, which is then not found
 MOST_IMPULSES = 100  # that patches are made of; with more, all masks are cut out of the window
@@ -87,7 +85,7 @@ class GlitchResult:
         return replace(self, experiment=replace(self.experiment, sysid=sysid), warnings=warnings)
 
 
-def remove_glitches(experiment: Experiment, n_tests: int = 1) -> GlitchResult:
+def remove_glitches(experiment: Experiment, n_experiments: int = 1) -> GlitchResult:
     """Mask the short glitches of an experiment and fit the shapes of the long ones along.
 
     A run that would lose more than `MOST_GLITCHES` to masks, or need more than `MOST_SHAPES`, is left as it
@@ -97,8 +95,8 @@ def remove_glitches(experiment: Experiment, n_tests: int = 1) -> GlitchResult:
     ----------
     experiment : Experiment
         The runs.
-    n_tests : int
-        Number of tests of the family `injections.FAMILY` in the campaign.
+    n_experiments : int
+        Number of experiments in the campaign, which share the budget of false alarms.
 
     Raises
     ------
@@ -106,8 +104,8 @@ def remove_glitches(experiment: Experiment, n_tests: int = 1) -> GlitchResult:
         If missing samples leave too little of a run.
     """
     initial = first(experiment.sysid)
-    sysid = _Search(experiment.sysid, initial.tau)
-    noise = _Search(experiment.noise, initial.tau) if experiment.noise else None
+    sysid = _Search(experiment.sysid, initial.tau, 2 * n_experiments)
+    noise = _Search(experiment.noise, initial.tau, 2 * n_experiments) if experiment.noise else None
     searches = [sysid, noise] if noise else [sysid]
     for iteration in range(ROUNDS):
         sysid.weigh(None if iteration else initial.c)
@@ -116,7 +114,7 @@ def remove_glitches(experiment: Experiment, n_tests: int = 1) -> GlitchResult:
         # the noise weighs: it goes first
         if not any(search.look(noise) for search in reversed(searches)):
             break
-        if sysid.found and sysid.coincidences.significant(n_tests):
+        if sysid.found and sysid.coincidences.significant(n_experiments + 1):
             break
     cleaned = Experiment(sysid.run.loosened(), noise.run.loosened() if noise else None)
     warnings = {search.run.telemetry.run: search.warning() for search in searches if search.found}
@@ -141,12 +139,20 @@ class _Heard:
         PSD of the noise.
     least : float
         The noise in what is found, in units of what S tells, at least.
+    n_runs : int
+        Number of runs of the campaign that are searched.
     """
 
     terms: Spectra
     residual: Spectrum
     S: Array
     least: float
+    n_runs: int = 1
+
+    @cached_property
+    def threshold(self) -> float:
+        """Signal-to-noise ratio of a glitch: for as many tests as there are runs, widths and bins."""
+        return sigma_limit(FAMILY, self.n_runs * len(WIDTHS) * 2 * self.terms.f.size)
 
     def answers(self, n: int) -> Iterator[tuple[Array, float]]:
         """Yield what each of the curves finds if the noise is S, shape (n,), and the noise in that."""
@@ -172,7 +178,7 @@ class _Heard:
         """Whether nothing stands out, as far as fewer instants than the run has are enough to tell."""
         n, last = self.terms.window.size, self.terms.first + self.terms.f.size
         answers = self.answers(min(scipy.fft.next_fast_len(6 * last, real=True), n))
-        return all(float(found.max()) * BETWEEN < THRESHOLD * sigma for found, sigma in answers)
+        return all(float(found.max()) * BETWEEN < self.threshold * sigma for found, sigma in answers)
 
     @property
     def loudest(self) -> float:
@@ -212,6 +218,8 @@ class _Search:
         As it is.
     tau : tuple of float
         Delays [s] about which its columns are expanded.
+    n_runs : int
+        Number of runs of the campaign that are searched.
 
     Attributes
     ----------
@@ -221,8 +229,8 @@ class _Search:
         Whether there was anything, and whether it was too much.
     """
 
-    def __init__(self, run: Run, tau: tuple[float, float]) -> None:
-        self.run = self._original = run
+    def __init__(self, run: Run, tau: tuple[float, float], n_runs: int) -> None:
+        self.run, self._original, self._n_runs = run, run, n_runs
         self.found = self.hopeless = False
         self._flags = np.zeros_like(run.channels.valid)
         self._shapes: list[Glitch] = []
@@ -276,14 +284,14 @@ class _Search:
         terms = self.run.spectra(self._tau)
         S = (noise or self)._S(terms.f)
         U, _ = whitened_run.whiten(terms, S)
-        heard = _Heard(terms, U @ self._c, S, 0.0 if noise in (self, None) else 1.0)
-        loud = not heard.quiet and heard.loudest > THRESHOLD
+        heard = _Heard(terms, U @ self._c, S, 0.0 if noise in (self, None) else 1.0, self._n_runs)
+        loud = not heard.quiet and heard.loudest > heard.threshold
         # of what is raised at the highest frequencies nothing long is the cause, and it hides what is
         short = loud and heard.narrowest < RAISED
         view = None if short else self._view(noise, S, U)
         del U  # it fills the memory, with that of a long run
-        long = pursue(view) if view else []
-        clear = [found.glitch for found in long if found.ratio > LONGER * self._about(found.glitch, heard)]
+        long = matching_pursuit(view) if view else []
+        clear = [found.glitch for found in long if found.snr > LONGER * self._about(found.glitch, heard)]
         if clear:
             self._shapes += clear
         elif loud:
@@ -319,7 +327,7 @@ class _Search:
     def _mask(self, heard: _Heard) -> None:
         """Flag what stands out."""
         fs, highest = self.run.channels.fs, heard.highest
-        loud = derivatives.true_runs(highest > max(THRESHOLD, HIGHEST * float(highest.max())))
+        loud = derivatives.true_runs(highest > max(heard.threshold, HIGHEST * float(highest.max())))
         peaks = [begin + int(np.argmax(highest[begin:end])) for begin, end in loud]
         for peak, width in zip(peaks, heard.widths(peaks), strict=True):
             reach, middle = int(np.ceil(max(LEAST_REACH, REACH * width) * fs)), peak + derivatives.HALF
@@ -328,7 +336,7 @@ class _Search:
             if begin > 0 and end < self._flags.size and end - begin <= 2 * derivatives.HALF:
                 self._flags[begin:end] = True  # the stencils leave nothing of it
 
-    def _view(self, noise: "_Search | None", S: Array, U: Spectrum) -> View:
+    def _view(self, noise: "_Search | None", S: Array, U: Spectrum) -> WhitenedTemplates:
         """Return the run as the pursuit sees it, whitened by the PSD S of its noise or of its noise run."""
         terms = self.run.spectra(self._tau)
         transformed = slice(derivatives.HALF, derivatives.HALF + terms.window.size)
@@ -341,7 +349,7 @@ class _Search:
             whitened_run.orthonormal(whitened_run.stacked(beside)),
             whitened_run.stacked(U @ self._c),
         )
-        return View(
+        return WhitenedTemplates(
             time=axis_part(self.run.channels, transformed),
             fs=self.run.channels.fs,
             f=terms.f,
@@ -351,6 +359,7 @@ class _Search:
             Q=Q,
             own=noise in (self, None),
             known=tuple(self._shapes),
+            n_runs=self._n_runs,
         )
 
     def warning(self) -> FitWarning:

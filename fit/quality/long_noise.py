@@ -1,8 +1,8 @@
 """Glitches in long noise runs, at the low frequencies of the inertial fit.
 
 There a glitch of seconds is as good as an impulse, and nothing is masked: everything that stands out becomes
-a shape with an amplitude (`fit.whitening.glitch_templates`). The search is the `pursuit` in the residual of a
-run of which few columns tell the rest, averaged to the few samples that the band needs.
+a shape with an amplitude (`fit.whitening.glitch_templates`). The search is a matching pursuit in the residual
+of a run of few columns, averaged to the few samples that the band needs.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.quality.first_fit import least
 from fit.quality.glitches import TAKEN_OUT, merged, placed
-from fit.quality.matching_pursuit import pursue
-from fit.quality.view import View
+from fit.quality.matching_pursuit import matching_pursuit
+from fit.quality.whitened_templates import WhitenedTemplates
 from fit.spectra import NoiseModel, Spectra, fit_noise, windowing
 from fit.warnings import FitWarning, TimeSpan
 from fit.whitening import Glitch, glitch_templates, whitened_run
@@ -61,7 +61,7 @@ def glitches(
     for _ in range(ROUNDS):
         terms = windowing.transform(means, whole, fs, nuisance=glitch_templates.columns(found, instants, fs))
         model = _model(terms.band(*band), model)
-        more = pursue(_view(terms, band, model, instants, fs, found))
+        more = matching_pursuit(_view(terms, band, model, instants, fs, found))
         if not more:
             return tuple(found)
         found += [one.glitch for one in more]
@@ -86,7 +86,7 @@ def _view(
     time: Array,
     fs: float,
     known: Sequence[Glitch],
-) -> View:
+) -> WhitenedTemplates:
     """Return the run as the pursuit sees it: all bins from the first, those outside the band buried."""
     f = terms.f[terms.f <= band[1]]
     terms = terms.band(f[0], f[-1])
@@ -97,7 +97,7 @@ def _view(
     norms = np.linalg.norm(beside, axis=0)
     Q = np.linalg.qr(beside[:, norms > 0] / norms[norms > 0])[0]
     residual = whitened_run.stacked(U[:, 0])
-    return View(
+    return WhitenedTemplates(
         time=time[: terms.window.size],
         fs=fs,
         f=f,

@@ -125,7 +125,7 @@ def mask_experiments(
             unsaturated = _unsaturated(e)
             # what is saturated would pass for glitches
             search = e.name not in faulty and searches(settings) and not unsaturated.spoilt
-            return unsaturated, remove_glitches(unsaturated.experiment, n_tests) if search else None
+            return unsaturated, remove_glitches(unsaturated.experiment, len(experiments)) if search else None
         except InputError as error:
             return error
 

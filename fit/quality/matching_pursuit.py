@@ -1,115 +1,182 @@
-"""The pursuit of long glitches in one whitened run.
+"""Matching pursuit of long glitches in one whitened run.
 
-A bank of `shapes` is the matched filter of every glitch that lasts longer than the bell curves of `glitches`.
-What the filters point at is judged as a further column of the run: with an amplitude of its own beside those
-of the other columns, against the noise that is left in its own band once it is subtracted. So neither the
-sines of an injection nor noise louder than the noise run tells, a line, a slow drift pass for a glitch.
-Glitches that hide each other are subtracted one after another, the strongest first, before any is judged.
-What is clearly one is subtracted as the shape, of any kind, that comes closest (`closest`).
+A bank of shapes is the matched filter of every glitch that lasts longer than the bell curves of `glitches`.
+The strongest candidate is a further column of the run, tested with an amplitude of its own against the noise
+that is left in its own band once it is subtracted: neither the sines of an injection nor excess noise nor a
+slow drift pass for a glitch. Candidates are subtracted one after another, the strongest first, before any is
+tested, for they hide each other. Begin, tau and other time of a candidate maximise the chi^2 that it takes
+(`refine`); of one that is significant, so do those of every kind of shape (`refine_kinds`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import groupby, pairwise
+from itertools import groupby
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.quality.closest import closest
-from fit.quality.view import View
+from fit.false_alarms import sigma_limit
+from fit.quality.whitened_templates import WhitenedTemplates
 from fit.spectra import Spectrum
 from fit.whitening import Glitch, Shape, glitch_templates
 
 Array = NDArray[np.float64]
 
-CHANCE = 1e-6  # that noise alone makes a glitch of one shape somewhere in a run
-BESIDE = 3.5  # threshold where a glitch has been found
-SHORTER = 0.2  # of its tau, from which on a shape lasts about as long
-SUSPECT = 0.75  # of the threshold, from which what a filter points at is looked at
-MOST = 5  # are subtracted before the first is judged
+FAMILY = "glitches"  # of the budget of false alarms
+RESIDUAL_LIMIT = 3.5  # threshold where a glitch has been subtracted
+SIMILAR_TAU = 0.2  # of the tau of that glitch, from which on a shape lasts about as long
+SUSPECT = 0.75  # of the threshold, from which the peak of a filter becomes a candidate
+MAX_CANDIDATES = 5  # that are subtracted before the first is tested
 BAND = 40.0  # 2 pi f tau, beyond which a shape holds 2 % of its power
-LOUDER = 0.01  # chance by which noise must exceed that of the noise run to be taken as louder
-KNOWN = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
-LONG = 2**14  # bins, beyond which what the bank looks like there is not kept
-SOUGHT_BY = (0.4, 0.1, 1e-3)  # of tau, by which begin and times are sought: at first, coarsely, finely
+P_LOUDER = 0.01  # probability by which noise must exceed that of the noise run to be taken as louder
+NOISE_RUN_DOF = 12.0  # degrees of freedom of the PSD of a noise run where it is known least
+MAX_CACHED_BINS = 2**14  # beyond, the bank is not cached
+START_TAUS = (0.4, 1.0, 2.5)  # times tau of a candidate, at which every kind starts
+START_OTHER = 0.3  # of tau, at most: equal times are a saddle point of the likelihood
+N_STARTS = 4  # of these that are refined
+START_RANGE = 12.0  # tau, within which a start may begin elsewhere
+MIN_GAIN = 0.02  # of chi^2, at which the refinement ends
+MAX_ITERATIONS = 60
+_DIFFERENCES = np.vstack([np.zeros(3), np.eye(3), -np.eye(3)]) * glitch_templates.STEP
 
 
 @dataclass(frozen=True)
-class Found:
-    """A glitch, and its signal-to-noise ratio if the noise is that of S and all of it is counted.
-
-    What masks and flanks of the window hide of it is counted as nothing, as bell curves do.
-    """
+class GlitchCandidate:
+    """A glitch and its signal-to-noise ratio for noise of the PSD S, with zero under masks and flanks."""
 
     glitch: Glitch
-    ratio: float
+    snr: float
 
 
-def threshold(view: View, shape: Shape, begin: Array) -> Array:
+def threshold(view: WhitenedTemplates, shape: Shape, begin: Array) -> Array:
     """Return the signal-to-noise ratio from which a shape that begins at these instants [s] is a glitch.
 
-    Noise exceeds it somewhere in a run with a probability of CHANCE. Where a glitch has been found that lasts
-    about as long it is BESIDE, for no shape of the bank leaves nothing of it.
+    The number of tests is that of independent instants, kinds of shape and runs. Where a glitch has been
+    found that lasts about as long it is `RESIDUAL_LIMIT`, for no shape of the bank fits it exactly.
     """
-    found = np.full(begin.shape, _anywhere(view, shape))
+    limits = np.full(begin.shape, _limit(view, shape))
     for glitch in view.known:
-        if shape.tau > SHORTER * glitch.shape.tau:
-            first, last = glitch.span
-            found[(begin > first - glitch.shape.tau) & (begin < last)] = BESIDE
-    return found
+        if shape.tau > SIMILAR_TAU * glitch.shape.tau:
+            start, end = glitch.span
+            limits[(begin > start - glitch.shape.tau) & (begin < end)] = RESIDUAL_LIMIT
+    return limits
 
 
-def _anywhere(view: View, shape: Shape) -> float:
-    chance = CHANCE / max(2 * view.duration / shape.tau, 1.0)
-    return -float(scipy.special.ndtri(chance / 2))
+def _limit(view: WhitenedTemplates, shape: Shape) -> float:
+    n_instants = max(2 * view.duration / shape.tau, 1.0)
+    return sigma_limit(FAMILY, round(view.n_runs * len(glitch_templates.SOUGHT) * n_instants))
 
 
-def pursue(view: View) -> list[Found]:
-    """Return the long glitches that stand out of the noise, in the order of their subtraction."""
-    left, taken = view, []
-    for _ in range(MOST):
-        pointed_at = _strongest(left)
-        found = _taken(left, pointed_at) if pointed_at else None
-        if not found:
+def matching_pursuit(view: WhitenedTemplates) -> list[GlitchCandidate]:
+    """Return the long glitches of a run, in the order of their subtraction."""
+    residual, candidates = view, []
+    for _ in range(MAX_CANDIDATES):
+        peak = _strongest(residual)
+        candidate = _candidate(residual, peak) if peak else None
+        if not candidate:
             break
-        glitch, column = found
-        taken.append((glitch, column, abs(float(column @ left.residual))))
-        left = left.without(column)
+        glitch, column = candidate
+        candidates.append((glitch, column, abs(float(column @ residual.residual))))
+        residual = residual.without(column)
     return [
-        Found(glitch, amplitude * view.seen(glitch))
-        for glitch, column, amplitude in taken
-        if _significance(left, left.residual, column, amplitude) > _least(view, glitch)
+        GlitchCandidate(glitch, amplitude * view.seen(glitch))
+        for glitch, column, amplitude in candidates
+        if _significance(residual, residual.residual, column, amplitude) > _threshold(view, glitch)
     ]
 
 
-def _taken(view: View, start: Glitch) -> tuple[Glitch, Array] | None:
-    """Return the glitch that takes most where one is pointed at, and its column; None if that is too little.
-
-    Once there clearly is one, its shape is sought in place of the finest begin and times of this one.
-    """
-    column = view.column(start)
-    if column is None or _clearly(view, start, column) < SUSPECT:
+def _candidate(view: WhitenedTemplates, peak: Glitch) -> tuple[Glitch, Array] | None:
+    """Return the glitch near the peak of a filter, and its column; None if it is not significant enough."""
+    column = view.column(peak)
+    if column is None or _excess(view, peak, column) < SUSPECT:
         return None
-    found = start, column
-    for coarse, fine in pairwise(SOUGHT_BY):
-        found = _fitted(view, *found, coarse, fine)
-        if _clearly(view, *found) > 1:
-            nearer = closest(view, found[0])
-            its_own = view.column(nearer)
-            if its_own is not None:
-                return nearer, its_own
-    return found
+    glitch, _ = refine(view, peak)
+    refined = view.column(glitch)
+    glitch, column = (peak, column) if refined is None else (glitch, refined)
+    if _excess(view, glitch, column) > 1:
+        closest = refine_kinds(view, glitch)
+        refined = view.column(closest)
+        if refined is not None:
+            return closest, refined
+    return glitch, column
 
 
-def _clearly(view: View, glitch: Glitch, column: Array) -> float:
+def refine(view: WhitenedTemplates, glitch: Glitch) -> tuple[Glitch, float]:
+    """Maximise the chi^2 that a glitch takes by begin, tau and other time; return it and its amplitude.
+
+    The amplitude is a linear parameter and eliminated (variable projection); derivatives are central
+    differences, all of one batch of templates.
+    """
+    shortest, longest = (np.log(tau / glitch.shape.tau) for tau in glitch_templates.bounds(view.duration))
+    least = glitch_templates.LEAST.get(glitch.shape.kind, -1.0)
+    bounds = [(None, None), (shortest, longest), (least - glitch.shape.other, 1.0 - glitch.shape.other)]
+
+    step = glitch_templates.STEP
+
+    def gains(x: Array) -> Array:
+        """Return the chi^2 that the glitch takes at x, and at steps up and down from it, shape (7,)."""
+        amplitudes = view.amplitudes([glitch.moved(by) for by in x + _DIFFERENCES])
+        return np.asarray(np.nan_to_num(amplitudes) ** 2)
+
+    initial = gains(np.zeros(3))
+    curvature = (2 * initial[0] - initial[1:4] - initial[4:]) / (2 * step**2)
+    sigma = 1 / np.sqrt(np.clip(np.abs(curvature), 1.0, None))
+
+    def cost(z: Array) -> tuple[float, Array]:
+        gain = gains(z * sigma)
+        return -float(gain[0]), sigma * (gain[4:] - gain[1:4]) / (2 * step)
+
+    result = scipy.optimize.minimize(
+        cost,
+        np.zeros(3),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(low and low / s, high and high / s) for (low, high), s in zip(bounds, sigma, strict=True)],
+        options={"ftol": MIN_GAIN / max(float(initial[0]), 1.0), "maxiter": MAX_ITERATIONS},
+    )
+    if not -result.fun > initial[0]:
+        return glitch, float(np.sqrt(initial[0]))
+    return glitch.moved(result.x * sigma), float(np.sqrt(-result.fun))
+
+
+def refine_kinds(view: WhitenedTemplates, candidate: Glitch) -> Glitch:
+    """Return the shape of any kind that takes most of the residual near a candidate.
+
+    The likelihood has a maximum for each kind, and what a wrong one leaves of a strong glitch passes for
+    further glitches. Starts are all kinds at several tau; the best are refined.
+    """
+    shortest, longest = glitch_templates.bounds(view.duration)
+    starts = [
+        _aligned(view, Glitch(Shape(kind, float(tau), min(q, START_OTHER)), candidate.begin))
+        for kind, q in glitch_templates.SOUGHT
+        for tau in np.clip(candidate.shape.tau * np.array(START_TAUS), shortest, longest)
+    ]
+    amplitudes = np.nan_to_num(np.abs(view.amplitudes(starts)))
+    likely = [starts[i] for i in np.argsort(-amplitudes, kind="stable")[:N_STARTS] if amplitudes[i] > 0]
+    return max((refine(view, glitch) for glitch in [candidate, *likely]), key=lambda result: result[1])[0]
+
+
+def _aligned(view: WhitenedTemplates, glitch: Glitch) -> Glitch:
+    """Return the glitch where a matched filter of its shape has its largest output nearby."""
+    n = scipy.fft.next_fast_len(2 * view.f.size + 2, real=True)
+    padded = np.zeros(n // 2 + 1, dtype=np.complex128)
+    whitened = view.residual.view(np.complex128)
+    padded[1 : view.f.size + 1] = glitch.shape.transform(view.f).conj() / np.sqrt(view.S) * whitened
+    begin = view.start + np.arange(n) * (view.duration / n)
+    near = np.abs(begin - glitch.begin) < START_RANGE * glitch.shape.tau
+    output = np.where(near, np.abs(scipy.fft.irfft(padded, n)), 0.0)
+    return replace(glitch, begin=float(begin[np.argmax(output)]))
+
+
+def _excess(view: WhitenedTemplates, glitch: Glitch, column: Array) -> float:
     """Return the significance of a glitch that takes what its column does, over the threshold."""
     amplitude = abs(float(column @ view.residual))
-    return _significance(view, view.left_by(column), column, amplitude) / _least(view, glitch)
+    return _significance(view, view.residual_without(column), column, amplitude) / _threshold(view, glitch)
 
 
-def _least(view: View, glitch: Glitch) -> float:
+def _threshold(view: WhitenedTemplates, glitch: Glitch) -> float:
     return float(threshold(view, glitch.shape, np.array([glitch.begin]))[0])
 
 
@@ -132,7 +199,7 @@ class _Filters:
     dof: Array
 
 
-def _filters(view: View) -> Iterator[_Filters]:
+def _filters(view: WhitenedTemplates) -> Iterator[_Filters]:
     rms = float(np.sqrt(np.mean(view.window**2)))
     weight = 1 / view.S
     whitening = np.sqrt(weight)
@@ -147,19 +214,19 @@ def _filters(view: View) -> Iterator[_Filters]:
 
 def _bank(duration: float, f: Array) -> Iterable[tuple[Sequence[Shape], Spectrum, Array]]:
     """Return the shapes of the bank by tau, with conjugate transforms and power in the bins that it needs."""
-    if f.size > LONG:  # one such run would fill the memory with them
+    if f.size > MAX_CACHED_BINS:  # one such run would fill the memory with them
         return _transforms(([shape] for shape in glitch_templates.bank(duration)), f)
-    return _known(duration, f.tobytes())
+    return _cached_bank(duration, f.tobytes())
 
 
 @lru_cache(maxsize=8)  # the runs of a campaign have few lengths
-def _known(duration: float, of_f: bytes) -> list[tuple[Sequence[Shape], Spectrum, Array]]:
-    of_tau = groupby(glitch_templates.bank(duration), key=lambda shape: shape.tau)
-    found = list(_transforms((list(alike) for _, alike in of_tau), np.frombuffer(of_f)))
-    for _, *both in found:
-        for shared in both:
-            shared.setflags(write=False)
-    return found
+def _cached_bank(duration: float, f_bytes: bytes) -> list[tuple[Sequence[Shape], Spectrum, Array]]:
+    groups = groupby(glitch_templates.bank(duration), key=lambda shape: shape.tau)
+    transforms = list(_transforms((list(alike) for _, alike in groups), np.frombuffer(f_bytes)))
+    for _, *arrays in transforms:
+        for array in arrays:
+            array.setflags(write=False)
+    return transforms
 
 
 def _transforms(
@@ -171,66 +238,45 @@ def _transforms(
         yield alike, transforms, np.abs(transforms) ** 2
 
 
-def _strongest(view: View) -> Glitch | None:
+def _strongest(view: WhitenedTemplates) -> Glitch | None:
     """Return what exceeds its threshold most, if it comes near it."""
     whitened = view.residual.view(np.complex128)
-    best, most = None, SUSPECT
-    for of in _filters(view):
-        K, bins = of.responses.shape
+    strongest, largest = None, SUSPECT
+    for filters in _filters(view):
+        K, bins = filters.responses.shape
         n = scipy.fft.next_fast_len(2 * bins + 2, real=True)
         padded = np.zeros((K, n // 2 + 1), dtype=np.complex128)
-        padded[:, 1 : bins + 1] = of.responses * whitened[:bins]
+        padded[:, 1 : bins + 1] = filters.responses * whitened[:bins]
         ratios = np.abs(scipy.fft.irfft(padded, n)) * (n / 2)
-        lowest = BESIDE if view.known else _anywhere(view, of.shapes[0])
-        if _counted(view, of, ratios.max(axis=1, keepdims=True)).max() <= most * lowest:
+        limit = RESIDUAL_LIMIT if view.known else _limit(view, filters.shapes[0])
+        if _calibrated(view, filters, ratios.max(axis=1, keepdims=True)).max() <= largest * limit:
             continue
         begin = view.start + np.arange(n, dtype=np.float64) * (view.duration / n)
-        excess = _counted(view, of, ratios) / threshold(view, of.shapes[0], begin)
-        k, at = divmod(int(np.argmax(excess)), n)
-        if excess[k, at] > most:
-            best, most = Glitch(of.shapes[k], float(begin[at])), float(excess[k, at])
-    return best
+        excess = _calibrated(view, filters, ratios) / threshold(view, filters.shapes[0], begin)
+        k, i = divmod(int(np.argmax(excess)), n)
+        if excess[k, i] > largest:
+            strongest, largest = Glitch(filters.shapes[k], float(begin[i])), float(excess[k, i])
+    return strongest
 
 
-def _counted(view: View, of: _Filters, ratios: Array) -> Array:
-    """Return what ratios count for: a glitch has raised the PSD of a run that tells it itself."""
+def _calibrated(view: WhitenedTemplates, filters: _Filters, ratios: Array) -> Array:
+    """Correct ratios where the PSD is that of the run itself, which the glitch has raised."""
     if not view.own:
         return ratios
-    return np.asarray(np.sqrt(-of.dof * np.log(np.maximum(1 - ratios**2 / of.dof, 1e-9))))
+    return np.asarray(np.sqrt(-filters.dof * np.log(np.maximum(1 - ratios**2 / filters.dof, 1e-9))))
 
 
-def _fitted(view: View, start: Glitch, column: Array, step: float, finest: float) -> tuple[Glitch, Array]:
-    """Move begin and times of a glitch to where it takes most, by steps in tau."""
-    best, most = start, abs(float(column @ view.residual))
-    shortest, longest = glitch_templates.bounds(view.duration)
-    while step > max(1 / most**2, finest) and most > 1:
-        tau = best.shape.tau
-        near = [
-            *(replace(best, begin=best.begin + s * step * tau) for s in (-1, 1)),
-            *(replace(best, shape=replace(best.shape, tau=tau * np.exp(s * step))) for s in (-1, 1)),
-            *(replace(best, shape=best.shape.turned(s * step)) for s in (-1, 1)),
-        ]
-        near = [glitch for glitch in near if shortest <= glitch.shape.tau <= longest]
-        amplitudes = np.nan_to_num(np.abs(view.traces(near).amplitudes))
-        if amplitudes.max() > most:
-            most, best = float(amplitudes.max()), near[int(np.argmax(amplitudes))]
-        else:
-            step /= 2
-    its_own = view.column(best)
-    return (start, column) if its_own is None else (best, its_own)
-
-
-def _significance(view: View, left: Array, column: Array, amplitude: float) -> float:
+def _significance(view: WhitenedTemplates, residual: Array, column: Array, amplitude: float) -> float:
     """Return how many sigma of a normal variable are as unlikely as the amplitude.
 
-    Sigma is that of the residual which is `left` in the band of the glitch. It counts for as many degrees of
-    freedom as the band has bins, and is joined by what the noise run tells unless the two contradict.
+    Sigma is that of the residual in the band of the glitch. It counts for as many degrees of
+    freedom as the band has bins, and is combined with that of the noise run unless the two contradict.
     """
-    weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, left))
+    weight, power = (np.abs(x.view(np.complex128)) ** 2 for x in (column, residual))
     dof = max(2 / float(weight @ weight), 1.0)
     variance = float(weight @ power) / 2
-    if not view.own and dof * variance < scipy.special.chdtri(dof, LOUDER):
-        variance = max(1.0, (dof * variance + KNOWN) / (dof + KNOWN))
-        dof += KNOWN
+    if not view.own and dof * variance < scipy.special.chdtri(dof, P_LOUDER):
+        variance = max(1.0, (dof * variance + NOISE_RUN_DOF) / (dof + NOISE_RUN_DOF))
+        dof += NOISE_RUN_DOF
     squared = np.mean(view.window**2) * amplitude**2 / max(variance, 1e-300)
     return float(np.sqrt(dof * np.log1p(squared / dof)))

@@ -1,9 +1,9 @@
 """One whitened run as the search for long glitches sees it.
 
 A glitch is a column of the run: as many numbers as the band has, from transforms of all samples. The search
-asks thousands of times only for products of such columns with each other and with the residual. Where a
-glitch is over long before the run is, these take the samples that it reaches (`View.traces`): a product of
-whitened columns is one of the series themselves with a kernel that depends on the time between two samples.
+needs thousands of products of such columns with the residual. Where a glitch is over long before the run is,
+these take the samples that it reaches: a product of whitened columns is one of the series themselves with a
+kernel that depends on the time between two samples.
 """
 
 from collections.abc import Sequence
@@ -20,39 +20,12 @@ from fit.whitening import Glitch, glitch_templates
 
 Array = NDArray[np.float64]
 
-LEAST = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
-NEAR = 0.4  # of a run: glitches that reach farther are taken as columns
+MIN_INDEPENDENT = 0.2  # of a shape that constant, ramp and columns must leave, lest it be told from none
+MAX_SHARE = 0.4  # of a run: glitches that reach farther are taken as columns
 
 
 @dataclass(frozen=True)
-class Traces:
-    """What glitches leave in a whitened run, each of length 1, in as few numbers as products take.
-
-    Attributes
-    ----------
-    amplitudes : ndarray, shape (G,)
-        Product of each with the residual, NaN where constant, ramp and columns leave too little of it.
-    vectors : ndarray, shape (G, D)
-        Of each, zero where too little is left.
-    weights : ndarray, shape (D,)
-        Of their products.
-    taken : ndarray, shape (G, K)
-        Products of each with what has been projected out, where it still is in the vectors.
-    """
-
-    amplitudes: Array
-    vectors: Array
-    weights: Array
-    taken: Array
-
-    def products(self, sums: Array) -> Array:
-        """Return the products, shape (S, S), of sums of them, whose coefficients have the shape (S, G)."""
-        vectors, taken = sums @ self.vectors, sums @ self.taken
-        return np.asarray((vectors * self.weights) @ vectors.T - taken @ taken.T)
-
-
-@dataclass(frozen=True)
-class View:
+class WhitenedTemplates:
     """A run as the pursuit sees it.
 
     Attributes
@@ -72,7 +45,9 @@ class View:
     own : bool
         Whether S was fitted to this very run.
     known : tuple of Glitch
-        What has been found in it so far.
+        Glitches that have been subtracted so far.
+    n_runs : int
+        Number of runs of the campaign that are searched.
     """
 
     time: Row
@@ -84,6 +59,7 @@ class View:
     Q: Array
     own: bool
     known: tuple[Glitch, ...]
+    n_runs: int = 1
 
     @property
     def start(self) -> float:
@@ -97,64 +73,64 @@ class View:
 
     def column(self, glitch: Glitch) -> Array | None:
         """Return a glitch as a whitened column of length 1, shape (2 B,), None if little of it is left."""
-        left, told = self._columns([glitch])
-        return left[0] if told[0] else None
+        columns, independent = self._columns([glitch])
+        return columns[0] if independent[0] else None
 
-    def traces(self, glitches: Sequence[Glitch]) -> Traces:
-        """Return what glitches leave that are not far from each other."""
+    def amplitudes(self, glitches: Sequence[Glitch]) -> Array:
+        """Return the product of the residual with each of several whitened glitches of length 1, shape (G,).
+
+        The glitches must not be far from each other. NaN where the projection leaves too little of one.
+        """
         n, spans = self.window.size, [glitch_templates.reach(glitch, self.fs) for glitch in glitches]
-        begin, end = min(first for first, _ in spans), max(last for _, last in spans)
+        begin, end = min(start for start, _ in spans), max(stop for _, stop in spans)
         shortest = min(glitch.shape.tau for glitch in glitches)
-        first = max(0, int((begin - self.start) * self.fs))
-        last = min(n, int((end - self.start) * self.fs) + 2)
-        # what reaches beyond the ends comes in again at the other one, some tau later
+        start = max(0, int((begin - self.start) * self.fs))
+        stop = min(n, int((end - self.start) * self.fs) + 2)
+        # what reaches beyond the ends of the run comes in again at the other end, some tau later
         inside = begin > self.start - shortest and end < self.start + self.duration + shortest
-        if inside and last - first < NEAR * n:
-            return self._near(glitches, slice(first, last))
-        left, told = self._columns(glitches)
-        amplitudes = np.where(told, left @ self.residual, np.nan)
-        return Traces(amplitudes, left, np.ones(left.shape[1]), np.zeros((len(left), 0)))
+        if inside and stop - start < MAX_SHARE * n:
+            return self._local_amplitudes(glitches, slice(start, stop))
+        columns, independent = self._columns(glitches)
+        return np.where(independent, columns @ self.residual, np.nan)
 
     def _columns(self, glitches: Sequence[Glitch]) -> tuple[Array, NDArray[np.bool_]]:
-        """Return glitches as columns, shape (G, 2 B), zero where little is left, and where it is enough."""
+        """Return normalised columns, shape (G, 2 B), and which of them the projection leaves."""
         n, whole = self.window.size, np.empty((len(glitches), 2 * self.f.size))
         for some in pieces(len(glitches), length=max(1, glitch_templates.TOGETHER // n)):
             series = glitch_templates.series(glitches[some], self.time, self.fs)
-            of_bins = windowing.lowest_bins(series, self.window, self.f.size + 1)[:, 1:]
+            spectra = windowing.lowest_bins(series, self.window, self.f.size + 1)[:, 1:]
             del series  # before there are others
-            whole[some] = (of_bins * self._scale).view(np.float64)
-        left = whole - (whole @ self.Q) @ self.Q.T
-        norms = np.linalg.norm(left, axis=1)
-        told = norms > LEAST * np.linalg.norm(whole, axis=1)
-        return left * np.where(told, 1 / np.where(told, norms, 1.0), 0.0)[:, None], told
+            whole[some] = (spectra * self._scale).view(np.float64)
+        columns = whole - (whole @ self.Q) @ self.Q.T
+        norms = np.linalg.norm(columns, axis=1)
+        independent = norms > MIN_INDEPENDENT * np.linalg.norm(whole, axis=1)
+        return columns * np.where(independent, 1 / np.where(independent, norms, 1.0), 0.0)[
+            :, None
+        ], independent
 
-    def _near(self, glitches: Sequence[Glitch], stretch: slice) -> Traces:
-        """Return the traces of glitches that reach the samples of a stretch and no others."""
+    def _local_amplitudes(self, glitches: Sequence[Glitch], stretch: slice) -> Array:
+        """Return the amplitudes of glitches that reach the samples of a stretch and no others."""
         series = glitch_templates.series(glitches, self.time[stretch], self.fs)
-        products = series @ self._answers(stretch)
+        products = series @ self._adjoint(stretch)
         series *= self.window[stretch]
         n = 2 << (stretch.stop - stretch.start).bit_length()
         if 3 * n // 4 >= 2 * (stretch.stop - stretch.start):
             n = 3 * n // 4
-        vectors, weights = scipy.fft.rfft(series, n).view(np.float64), self._weights(n)
-        taken = products[:, 1:]
-        whole = (vectors**2) @ weights
-        squares = whole - np.sum(taken**2, axis=1)
-        told = squares > LEAST**2 * whole
-        scale = np.where(told, 1 / np.sqrt(np.where(told, squares, 1.0)), 0.0)[:, None]
-        amplitudes = np.where(told, products[:, 0] * scale[:, 0], np.nan)
-        return Traces(amplitudes, vectors * scale, weights, taken * scale)
+        whole = scipy.fft.rfft(series, n).view(np.float64) ** 2 @ self._weights(n)
+        squares = whole - np.sum(products[:, 1:] ** 2, axis=1)
+        independent = squares > MIN_INDEPENDENT**2 * whole
+        return np.where(independent, products[:, 0] / np.sqrt(np.where(independent, squares, 1.0)), np.nan)
 
     @cached_property
     def _scale(self) -> Array:
         return np.asarray(1 / np.sqrt(self.S))
 
-    def _answers(self, stretch: slice) -> Array:
+    def _adjoint(self, stretch: slice) -> Array:
         """Return what samples of a series add to its products with the residual and Q, shape (n, 1 + K).
 
         They are kept some way around the stretch, as glitches that are moved ask for little more.
         """
-        first, known = self._known_answers.get("", (0, np.empty((0, 0))))
+        first, known = self._cached_adjoint.get("", (0, np.empty((0, 0))))
         if not first <= stretch.start < stretch.stop <= first + len(known):
             beside, n = stretch.stop - stretch.start, self.window.size
             first, last = max(0, stretch.start - beside), min(n, stretch.stop + beside)
@@ -163,11 +139,11 @@ class View:
                 whitened = np.ascontiguousarray(column).view(np.complex128) * self._scale
                 known[:, i] = windowing.inverse_transform(whitened[:, None], 1, n)[first:last, 0]
             known *= (self.window[first:last] * (n / 2))[:, None]
-            self._known_answers[""] = first, known
+            self._cached_adjoint[""] = first, known
         return known[stretch.start - first : stretch.stop - first]
 
     @cached_property
-    def _known_answers(self) -> dict[str, tuple[int, Array]]:
+    def _cached_adjoint(self) -> dict[str, tuple[int, Array]]:
         return {}
 
     @cached_property
@@ -180,30 +156,30 @@ class View:
         return found
 
     @cached_property
-    def _known_weights(self) -> dict[int, Array]:
+    def _cached_weights(self) -> dict[int, Array]:
         return {}
 
     def _weights(self, n: int) -> Array:
         """Return the weights of products of transforms of n samples, of which half are zero."""
-        if n not in self._known_weights:
+        if n not in self._cached_weights:
             around = np.zeros(n)
             around[: n // 2] = self._kernel[: n // 2]
             around[n // 2 + 1 :] = around[1 : n // 2][::-1]
             weights = scipy.fft.rfft(around).real * (2 / n)
             weights[[0, -1]] /= 2  # of n that are even
-            self._known_weights[n] = np.repeat(weights, 2)
-        return self._known_weights[n]
+            self._cached_weights[n] = np.repeat(weights, 2)
+        return self._cached_weights[n]
 
     def seen(self, glitch: Glitch) -> float:
         """Return the share of a glitch that the window leaves, from 0 to 1."""
         series = glitch.series(self.time, self.fs)
         return float(np.linalg.norm(self.window * series) / max(float(np.linalg.norm(series)), 1e-300))
 
-    def left_by(self, column: Array) -> Array:
+    def residual_without(self, column: Array) -> Array:
         """Return the residual without its part along a column, shape (2 B,)."""
         return self.residual - column * float(column @ self.residual)
 
-    def without(self, column: Array) -> "View":
+    def without(self, column: Array) -> "WhitenedTemplates":
         """Return the run with a further column projected out."""
         Q = np.asfortranarray(np.column_stack([self.Q, column]))
-        return replace(self, residual=self.left_by(column), Q=Q)
+        return replace(self, residual=self.residual_without(column), Q=Q)
