@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from fit.consistency import explained, fit_consistent_runs
+from fit.consistency import explained, fit_consistent_runs, model_warnings
 from fit.crosstalk import attenuation, centrifugal, crosstalk_fit, euler_fit
 from fit.errors import FitError, InputError
 from fit.false_alarms import budget_by_family
@@ -186,6 +186,9 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     progress_stage(0.25)
     first = metadata.screen([e for e in found if e.name not in chosen.exclude])
     left_out, faulty = first.exclusions, {f.experiment for f in first.exclusions}
+    misfit = model_warnings([e for e in found if e.name not in {*chosen.exclude, *faulty}])
+    if misfit:  # which would pass for glitches and changes, and be masked
+        chosen = chosen.model_copy(update={"glitches": False})
     progress_stage(0.45)
     made = mask_experiments(found, chosen, faulty)
     prepared = {name: p for name, p in made.items() if isinstance(p, MaskedExperiment)}
@@ -195,7 +198,7 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     taking_part, short, excluded = divide(together, chosen)
     ready = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
     then = metadata.changes(ready.in_joint_fit if searches(chosen) else ())  # else glitches pass for changes
-    ready = replace(ready, notes=(*first.notes, *then.notes)).without(then.exclusions)
+    ready = replace(ready, notes=(*first.notes, *misfit, *then.notes)).without(then.exclusions)
     return ready.without_unusable()
 
 

@@ -2,5 +2,6 @@
 
 from fit.consistency.consistent_fit import consistency_warnings, fit_consistent_runs
 from fit.consistency.explanation import explained
+from fit.consistency.model_misfit import model_warnings
 
-__all__ = ["consistency_warnings", "explained", "fit_consistent_runs"]
+__all__ = ["consistency_warnings", "explained", "fit_consistent_runs", "model_warnings"]

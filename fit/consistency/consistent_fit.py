@@ -12,7 +12,7 @@ import numpy as np
 
 from fit.consistency.consistency_test import ConsistencyTest, consistency_test
 from fit.consistency.explanation import Court, of_odd
-from fit.consistency.lasting import in_common, own_lag
+from fit.consistency.model_misfit import readout_lag
 from fit.consistency.outlier_runs import (
     LEVERAGE,
     OutlierRuns,
@@ -123,11 +123,7 @@ def fit_consistent_runs(
     consistent = selection.experiments
     test = consistency_test(consistent, joint)
     left_out = (*unusable, *contradicting)
-    warnings = [
-        *_warnings(test, joint, consistent),
-        *fit_quality.acausal(joint),
-        *in_common(consistent, joint),
-    ]
+    warnings = [*_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
     if 2 * len(left_out) > len(experiments):
         warnings.append(_majority(left_out, experiments))
     return ConsistentFit(joint, tuple(consistent), left_out, tuple(warnings), test, selection.probabilities)
@@ -237,7 +233,7 @@ def _unusable(
     """Return the experiments that are left out for what each is by itself."""
     unfit = _minority([_misfit(e, misfits[e.name]) for e in experiments if e.name in misfits], experiments)
     rest = _without(experiments, unfit)
-    late = _minority(_late(rest, single_fits, len(experiments)), rest)
+    late = _minority(_late(rest, len(experiments)), rest)
     rest = _without(rest, late)
     failures = {e.name: fit for e in rest if isinstance(fit := single_fits[e.name], FitError)}
     unsettled = [
@@ -252,16 +248,13 @@ def _misfit(experiment: Experiment, message: str) -> Exclusion:
     return Exclusion(experiment.name, message, own="", tells="misfit")
 
 
-def _late(experiments: Sequence[Experiment], single_fits: SingleFits, among: int) -> list[Exclusion]:
+def _late(experiments: Sequence[Experiment], n_runs: int) -> list[Exclusion]:
     """Return the experiments whose o_1 is late by themselves."""
-
-    def lag(e: Experiment) -> str:
-        single = single_fits[e.name]
-        return own_lag(e, single, among) if isinstance(single, IRLSResult) else ""
-
-    lags = zip(experiments, parallel_map(lag, experiments), strict=True)
+    lags = parallel_map(lambda e: readout_lag(e, n_runs), experiments)
     return [
-        Exclusion(e.name, f"{e.sysid.telemetry.path}: {words}", tells="guess") for e, words in lags if words
+        Exclusion(e.name, f"{e.sysid.telemetry.path}: {lag.words}", tells="guess")
+        for e, lag in zip(experiments, lags, strict=True)
+        if lag
     ]
 
 

@@ -19,6 +19,8 @@ __all__ = [
     "MaskedExperiment",
     "Tells",
     "as_fit",
+    "constancy",
+    "first_fit",
     "fit_quality",
     "indeterminable",
     "long_noise",

@@ -57,7 +57,7 @@ class _Blocks:
 
 def change(experiment: Experiment) -> str | None:
     """Return what changes in the sysid run of an experiment; None if all of it obeys one equation."""
-    noise = _noise(experiment)
+    noise = noise_psd(experiment)
     tau = first(experiment.sysid).tau
     blocks = _blocks(experiment.sysid, noise, tau)
     total = blocks.grams.sum(axis=0)
@@ -147,7 +147,7 @@ def _blocks(run: Run, noise: NoiseModel, tau: tuple[float, float]) -> _Blocks:
     )
 
 
-def _noise(experiment: Experiment) -> NoiseModel:
+def noise_psd(experiment: Experiment) -> NoiseModel:
     """Return the PSD of the noise run for the dynamics of the flight, which the run cannot spoil.
 
     Without a noise run it is that of the residual of the run.

@@ -252,6 +252,7 @@ def _fit_to_json(fit: Fit) -> dict[str, object]:
                 combination=w.combination and dict(w.combination),
                 message=w.message,
                 spans=w.spans or None,
+                causes=[cause.as_dict() for cause in w.causes] or None,
             )
             for w in fit.warnings
         ],

@@ -55,7 +55,7 @@ SEVERAL = (
     ),
     *faults(
         "bent in every run",
-        "bent",
+        "not linear",
         ("1e-3 at 10 nm", "o_12", "", every(lambda run: changed(run, o_12=bent))),
     ),
     *faults(

@@ -1,13 +1,8 @@
-"""Warnings of a calibration: for each code its severity, what the verdict says and what to do about it.
+"""The table of the codes of warnings: severity, what the verdict says, what to do about it."""
 
-Code that raises a warning, or judges a fit by one, looks up its code in `WARNING_KINDS`. Messages are for the
-user alone and never parsed.
-"""
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 
 class Severity(Enum):
@@ -43,48 +38,8 @@ class WarningKind:
     biased: bool = False
 
 
-class TimeSpan(NamedTuple):
-    """An interval of a run; `begin` and `end` in seconds since its t0."""
-
-    run: str
-    begin: float
-    end: float
-
-
-@dataclass(frozen=True)
-class FitWarning:
-    """Something the user must know before relying on a fit.
-
-    Attributes
-    ----------
-    code, message : str
-        Identifier for programs, a key of `WARNING_KINDS`, and one plain sentence.
-    parameters : tuple of str
-        The parameters concerned.
-    combination : mapping of str to float, optional
-        Coefficients of the degenerate combination.
-    spans : tuple of TimeSpan
-        Intervals that were masked or from which a glitch was subtracted.
-    """
-
-    code: str
-    parameters: tuple[str, ...]
-    message: str
-    combination: Mapping[str, float] | None = None
-    spans: tuple[TimeSpan, ...] = ()
-
-    @property
-    def kind(self) -> WarningKind:
-        """Kind of the code; a note without advice if the code is unknown, as of other versions."""
-        return WARNING_KINDS.get(self.code, _UNKNOWN)
-
-
-def masked_spans(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
-    """Return begin and end [s] of the intervals of a run that were masked or cleaned of a glitch."""
-    return [(span.begin, span.end) for w in warnings for span in w.spans if span.run == run]
-
-
-_UNKNOWN = WarningKind(advice="")
+#: A note without advice, of the codes of other versions.
+UNKNOWN = WarningKind(advice="")
 
 #: By code; failures and doubts come first, in the order in which a verdict lists them.
 WARNING_KINDS: Mapping[str, WarningKind] = {
@@ -179,12 +134,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "runs.",
         severity=Severity.FAILURE,
         headline="o_1 is delayed against the other channels",
-        unsound=True,
-    ),
-    "readout_nonlinearity": WarningKind(
-        "Compare runs with large and small motion of test mass 2; correct the read-out, or inject less.",
-        severity=Severity.FAILURE,
-        headline="o_12 is not linear in the distance",
         unsound=True,
     ),
     "guidance_scale": WarningKind(

@@ -1,0 +1,349 @@
+"""Test of the equation of motion in all runs together, before anything is masked or left out.
+
+Every run is whitened by the PSD of its noise run and fitted with coefficients of its own, so that runs need
+not agree on anything. Where they are driven, the residual of a model that holds has the power of the noise
+around it. More than that is signal that the equation lacks: a mask or a glitch template would hide it, and a
+joint fit would put it into gains and stiffness. It may be a template whose amount is the same in all runs
+(`templates.MODEL_TEMPLATES`) and that accounts for most of the misfit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fit.consistency.score_test import ScoreSums, ScoreTest
+from fit.consistency.templates import MODEL_TEMPLATES, READOUT_LAG, ModelTemplate, RunSeries
+from fit.false_alarms import chi2_limit, p_limit, sigma_limit
+from fit.model import dynamics
+from fit.parallel import parallel_map
+from fit.parameters import DELAYS
+from fit.quality import constancy, first_fit
+from fit.spectra import windowing
+from fit.warnings import Cause, FitWarning, either
+from fit.whitening import Experiment, whitened_run
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+CODE = "model_misfit"
+DRIVEN = 14.0  # amplitude of o_12'' in units of the noise, from which a bin is driven
+NEIGHBOURS = 60  # undriven bins that give the level of the noise around a driven one
+EFFECTIVE = 0.3  # degrees of freedom of that level by those of the driven bins: neighbours are shared
+WIDESPREAD = 1 / 3  # of the runs, three at least: a misfit of so many is one of the model
+ACCOUNTED = 0.8  # share of the misfit that a template must account for
+CHANCE = 3.0  # standard deviations of the sum of the power, that noise may make
+INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
+MAX_DELAY = 3.0  # times the delays of the flight; no actuator comes near
+PRECISE = 0.05  # s, standard deviation of a delay that is compared with those of the flight
+
+
+@dataclass(frozen=True)
+class RunMisfit:
+    """The residual of a run with coefficients of its own.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        The run.
+    f : ndarray, shape (B,)
+        Frequencies [Hz].
+    driven : ndarray of bool, shape (B,)
+        Which bins are driven.
+    sine_amplitude : ndarray, shape (B,)
+        Amplitude [m s^-2] of a sine that lasts all of the run and has the whitened amplitude 1.
+    test : ScoreTest
+        Of further effects, 2 B rows.
+    variance : float
+        By how much the window makes amounts vary more than independent bins would.
+    delays : ndarray, shape (2, 2)
+        Delay [s] and standard deviation of the commands of test masses 1 and 2.
+    sums : ScoreSums
+        Of the templates.
+    effects : ndarray, shape (2 B, Q)
+        Whitened, of the templates.
+    """
+
+    experiment: Experiment
+    f: Array
+    driven: Flags
+    sine_amplitude: Array
+    test: ScoreTest
+    variance: float
+    delays: Array
+    sums: ScoreSums
+    effects: Array
+
+    def power(self, amounts: Array | None = None) -> Array:
+        """Return the power of the residual without some amounts of the templates, 1 for noise, shape (B,)."""
+        r = self.test.residual
+        if amounts is not None:
+            r = r - self.test.project(self.effects @ amounts)
+        return np.asarray(np.sum(r.reshape(-1, 2) ** 2, axis=1) / 2)
+
+    def level(self, power: Array) -> Array:
+        """Return the power around each of the driven bins, that of the noise run at least, shape (D,)."""
+        quiet, driven = np.flatnonzero(~self.driven), np.flatnonzero(self.driven)
+        if quiet.size < NEIGHBOURS:
+            return np.ones(driven.size)
+        sums = np.concatenate([[0.0], np.cumsum(power[quiet])])
+        begin: NDArray[np.intp] = np.clip(
+            np.searchsorted(quiet, driven) - NEIGHBOURS // 2, 0, quiet.size - NEIGHBOURS
+        )
+        return np.asarray(np.maximum((sums[begin + NEIGHBOURS] - sums[begin]) / NEIGHBOURS, 1.0))
+
+    def excess(self, amounts: Array | None = None) -> float:
+        """Return the mean power at the driven bins over that around them; 1 for noise."""
+        power = self.power(amounts)
+        return float(np.mean(power[self.driven] / self.level(power))) if self.driven.any() else 1.0
+
+    def beyond_noise(self, amounts: Array | None = None) -> float:
+        """Return the excess over all bins, as far as the noise does not make it, whatever its level."""
+        power = self.power(amounts)
+        level = max(1.0, float(np.median(power)) / np.log(2))
+        chance = float(np.sqrt(self.variance * power.size))
+        return max(0.0, float(np.sum(power / level - 1)) - CHANCE * chance)
+
+    @cached_property
+    def p(self) -> float:
+        """Return how often noise makes the excess as large."""
+        dof = 2 * int(np.count_nonzero(self.driven)) / self.variance
+        return float(scipy.special.fdtrc(dof, EFFECTIVE * dof, self.excess())) if dof else 1.0
+
+
+@dataclass(frozen=True)
+class CommonEffect:
+    """A template with one amount in all runs.
+
+    Attributes
+    ----------
+    template : ModelTemplate
+        Which.
+    size, sigma : float
+        Amount.
+    accounted : float
+        Share of the misfit that it accounts for.
+    scatters : bool
+        Whether the amounts of the runs differ by more than noise makes them.
+    epoch : int or None
+        Alignment epoch of the runs; None for all.
+    """
+
+    template: ModelTemplate
+    size: float
+    sigma: float
+    accounted: float
+    scatters: bool
+    epoch: int | None = None
+
+    @property
+    def cause_size(self) -> tuple[float, float]:
+        """Size and sigma as the cause has them."""
+        return self.template.size(self.size, self.sigma)
+
+    @property
+    def z(self) -> float:
+        """Size in standard deviations."""
+        return abs(self.size) / self.sigma
+
+
+def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
+    """Return warnings of what the equation of motion lacks in all runs.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As they were read, without masks. Those without a noise run do not count.
+    """
+    measured = [e for e in experiments if e.noise is not None]
+    if not measured:
+        return []
+    forces = [[np.abs(getattr(e.sysid.channels, f"f_x_{j}")).max() for j in (1, 2)] for e in measured]
+    largest = (float(max(f for f, _ in forces)), float(max(f for _, f in forces)))
+    runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
+    limit = p_limit("model", len(runs))
+    misfits = [run for run in runs if run.p < limit]
+    if common := common_effects(runs):
+        return [_template_warning(common, largest), *_delay_warnings(runs)]
+    if len(misfits) >= max(3, WIDESPREAD * len(runs)):
+        return [_force_warning(misfits, len(runs)), *_delay_warnings(runs)]
+    return _delay_warnings(runs)
+
+
+def readout_lag(experiment: Experiment, n_runs: int) -> Cause | None:
+    """Return by how much o_1 of one of several runs is late [s]; None if it is not, or without harm."""
+    effect = _common_effect([run_misfit(experiment, (1.0, 1.0), (READOUT_LAG,))], 0, READOUT_LAG)
+    if effect.z < sigma_limit("model", n_runs) or abs(effect.size) < READOUT_LAG.minimum:
+        return None
+    words = f"o_1 is {_late(effect.size)} by {abs(effect.size):.2g} ± {effect.sigma:.1g} s"
+    return Cause(experiment.name, "o_1", "lag", effect.size, effect.sigma, "s", words)
+
+
+def run_misfit(
+    experiment: Experiment,
+    largest_force: tuple[float, float],
+    templates: Sequence[ModelTemplate] = MODEL_TEMPLATES,
+) -> RunMisfit:
+    """Fit a run with coefficients of its own and take the products of templates with its residual.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With a noise run.
+    largest_force : tuple of float
+        See `RunSeries`.
+    templates : sequence of ModelTemplate
+        All of them by default.
+    """
+    run = experiment.sysid
+    tau = first_fit.first(run).tau
+    terms, columns = run.spectra(tau), run.columns(tau)
+    S = constancy.noise_psd(experiment).expected(terms.f)
+    U = whitened_run.stacked(whitened_run.whiten(terms, S)[0])
+    fit = ScoreTest(U[:, 0], np.empty((len(U), 0))).test(U[:, 1:])
+    w, series = terms.window, RunSeries(run, columns, np.array([1.0, *-fit.amounts]), largest_force)
+    added = [template.effect(series) for template in templates]
+    values = np.stack([np.zeros(len(columns.values)) if x is None else x for x in added], axis=1)
+    whitened = whitened_run.whiten(run.transformed(values, columns), S)[0]
+    effects, test = whitened_run.stacked(whitened), ScoreTest(U[:, 0], U[:, 1:])
+    return RunMisfit(
+        experiment=experiment,
+        f=terms.f,
+        driven=np.linalg.norm(U[:, 0].reshape(-1, 2), axis=1) > DRIVEN * np.sqrt(2),
+        sine_amplitude=np.sqrt(S * (w @ w) * columns.fs) / w.sum(),
+        test=test,
+        variance=windowing.variance_factor(terms.window),
+        delays=_delays(tau, series.coefficients, fit.sigmas),
+        sums=test.sums(effects),
+        effects=effects,
+    )
+
+
+def common_effects(runs: Sequence[RunMisfit]) -> list[CommonEffect]:
+    """Return the template that accounts for what is in all runs, and those as likely; empty without one."""
+    epochs: dict[int, list[RunMisfit]] = {}
+    for run in runs:
+        epochs.setdefault(run.experiment.sysid.telemetry.alignment_epoch, []).append(run)
+    effects = []
+    for i, template in enumerate(MODEL_TEMPLATES):
+        if template.by_epoch:
+            effects += [_common_effect(of_epoch, i, template, k) for k, of_epoch in epochs.items()]
+        else:
+            effects.append(_common_effect(runs, i, template))
+    limit = sigma_limit("model", len(effects))
+    possible = [e for e in effects if e.z > limit and e.accounted > ACCOUNTED and not e.scatters]
+    possible = [e for e in possible if abs(e.cause_size[0]) > e.template.minimum]  # false for not a number
+    possible.sort(key=lambda e: -e.z)
+    if possible and (epoch_template := possible[0].template).by_epoch:
+        return [e for e in possible if e.template is epoch_template]
+    return [e for e in possible if e.z**2 > possible[0].z ** 2 * (1 - INDISTINCT) - DELTA_CHI2]
+
+
+def _common_effect(
+    runs: Sequence[RunMisfit], i: int, template: ModelTemplate, epoch: int | None = None
+) -> CommonEffect:
+    """Return the common amount of a template, the i-th that runs were tested for."""
+    sums = np.array([(run.sums.information[i, i], run.sums.scores[i]) for run in runs])
+    amounts = np.zeros(runs[0].effects.shape[1])
+    information, score = sums.sum(axis=0)
+    if not information > 0:
+        return CommonEffect(template, 0.0, np.inf, 0.0, scatters=True, epoch=epoch)
+    amounts[i] = score / information
+    # misfit beyond the template counts as noise
+    noise = [run.variance * max(1.0, float(np.mean(run.power(amounts)))) for run in runs]
+    weights = sums / np.array(noise)[:, None]
+    information, score = weights.sum(axis=0)
+    amounts[i] = size = score / information
+    before, after = (sum(run.beyond_noise(a) for run in runs) for a in (None, amounts))
+    accounted = 1 - after / before if before else 1.0
+    z2 = size**2 * information
+    scatter = float(np.sum(_ratio(weights[:, 1] ** 2, weights[:, 0]))) - z2  # Cochran's Q of the amounts
+    limit = chi2_limit("model", max(len(runs) - 1, 1), len(MODEL_TEMPLATES)) + INDISTINCT * z2
+    return CommonEffect(
+        template, float(size), float(information**-0.5), accounted, bool(scatter > limit), epoch
+    )
+
+
+def _template_warning(effects: Sequence[CommonEffect], largest_force: tuple[float, float]) -> FitWarning:
+    """Return the warning of the best template and those that the data do not distinguish from it."""
+    causes = []
+    for effect in effects:
+        template, (size, sigma) = effect.template, effect.cause_size
+        force = largest_force[int(template.channel[-1]) - 1] if template.kind == "gain by force" else 0.0
+        words = template.words.format(
+            size=size, sigma=sigma, force=force, late=_late(size), magnitude=abs(size), epoch=effect.epoch
+        )
+        causes.append(Cause("", template.channel, template.kind, size, sigma, template.unit, words))
+    if effects[0].template is READOUT_LAG:
+        names = tuple(f"delta_ifo_{effect.epoch}" for effect in effects)
+        words = " and ".join(cause.words for cause in causes)
+        return FitWarning("readout_lag", names, f"{words}; the sigmas do not hold", causes=tuple(causes))
+    message = (
+        f"{either(causes)}, in all runs alike; the equation of motion lacks that, and the sigmas do not hold"
+    )
+    return FitWarning(CODE, (), message, causes=tuple(causes))
+
+
+def _ratio(squares: Array, information: Array) -> Array:
+    return np.divide(squares, information, out=np.zeros_like(squares), where=information > 0)
+
+
+def _late(lag: float) -> str:
+    return "late" if lag > 0 else "early"
+
+
+def _force_warning(misfits: Sequence[RunMisfit], n_runs: int) -> FitWarning:
+    """Return the warning of a force that many runs do not record, with its strongest tone in each of them."""
+    causes = tuple(_strongest_tone(run) for run in misfits)
+    words = ", ".join(f"{c.run} ({c.words}, {c.size:.2g} m s-2)" for c in causes)
+    message = (
+        f"{len(misfits)} of {n_runs} runs hold forces that no channel records, where driven: {words};"
+        " no template accounts for that, the equation of motion lacks something, and the sigmas do not hold"
+    )
+    return FitWarning(CODE, (), message, causes=causes)
+
+
+def _strongest_tone(run: RunMisfit) -> Cause:
+    """Return the amplitude of Delta g at the driven bin that exceeds the noise most."""
+    power = np.where(run.driven, run.power(), 0.0)
+    peak = int(np.argmax(power))
+    amplitude = float(run.sine_amplitude[peak] * np.sqrt(2 * power[peak]))
+    words = f"at {1e3 * run.f[peak]:.3g} mHz"
+    return Cause(run.experiment.name, "", "unrecorded force", amplitude, None, "m s-2", words)
+
+
+def _delays(tau: tuple[float, float], c: Array, sigmas: Array) -> Array:
+    """Return delay and standard deviation [s] of both commands, shape (2, 2); infinite if not determined."""
+    found = np.empty((2, 2))
+    for j, columns in enumerate(dynamics.FORCES):
+        gain, slope = columns.start, columns.start + 1
+        if c[gain] == 0:
+            found[j] = tau[j], np.inf
+        else:
+            found[j] = tau[j] - c[slope] / c[gain], sigmas[slope - 1] / abs(c[gain])
+    return found
+
+
+def _delay_warnings(runs: Sequence[RunMisfit]) -> list[FitWarning]:
+    """Return a warning of delays that no actuator has."""
+    delays = np.array([run.delays for run in runs])
+    late = {}
+    for j, flight in enumerate(DELAYS):
+        precise = delays[delays[:, j, 1] < PRECISE, j, 0]
+        if precise.size and np.median(precise) > MAX_DELAY * flight:
+            late[j + 1] = float(np.median(precise))
+    if not late:
+        return []
+    extra = float(np.mean([tau - DELAYS[j - 1] for j, tau in late.items()]))
+    span = 2 * extra + dynamics.LOOP_PERIOD  # of n samples, whose mean is late by (n - 1) / 2 of them
+    measured = " and ".join(f"{tau:.3g} s for f_x_{j}" for j, tau in late.items())
+    words = f"the read-outs look averaged over {span:.2g} s"
+    cause = Cause("", "o_1 o_12", "averaging", span, None, "s", words)
+    message = (
+        f"the delay C / lambda is {measured}, more than {MAX_DELAY:g} times that of the flight: {words}, or "
+        "the commands are early in the files; the equation of motion lacks an average, and gains are biased"
+    )
+    return [FitWarning(CODE, tuple(f"C_{j}" for j in late), message, causes=(cause,))]

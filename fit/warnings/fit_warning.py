@@ -1,0 +1,52 @@
+"""One warning of a fit."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from fit.warnings.causes import Cause
+from fit.warnings.kinds import UNKNOWN, WARNING_KINDS, WarningKind
+
+
+class TimeSpan(NamedTuple):
+    """An interval of a run; `begin` and `end` in seconds since its t0."""
+
+    run: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
+class FitWarning:
+    """Something the user must know before relying on a fit.
+
+    Attributes
+    ----------
+    code, message : str
+        Identifier for programs, a key of `WARNING_KINDS`, and one plain sentence.
+    parameters : tuple of str
+        The parameters concerned.
+    combination : mapping of str to float, optional
+        Coefficients of the degenerate combination.
+    spans : tuple of TimeSpan
+        Intervals that were masked or from which a glitch was subtracted.
+    causes : tuple of Cause
+        What is wrong, as records.
+    """
+
+    code: str
+    parameters: tuple[str, ...]
+    message: str
+    combination: Mapping[str, float] | None = None
+    spans: tuple[TimeSpan, ...] = ()
+    causes: tuple[Cause, ...] = ()
+
+    @property
+    def kind(self) -> WarningKind:
+        """Kind of the code; a note without advice if the code is unknown, as of other versions."""
+        return WARNING_KINDS.get(self.code, UNKNOWN)
+
+
+def masked_spans(warnings: Iterable[FitWarning], run: str) -> list[tuple[float, float]]:
+    """Return begin and end [s] of the intervals of a run that were masked or cleaned of a glitch."""
+    return [(span.begin, span.end) for w in warnings for span in w.spans if span.run == run]

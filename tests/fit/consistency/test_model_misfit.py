@@ -1,0 +1,138 @@
+"""Faults of the model that all runs have in common are named; clean runs raise no alarm."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fit.consistency.model_misfit import model_warnings, readout_lag
+from fit.pipeline import calibrate
+from fit.results.results import load
+from fit.whitening.runs import pair
+from tests.hostile.catalogue.common import averaged, leaking_guidance, pushed_at, weaker_at_large_force
+from tests.hostile.spoiling import all_of, changed, clean, every, gain, glitch, pushed, remade
+from tests.oracles import thirteen
+
+NAMES = ("A2", "G3", "B4", "C4", "D4")
+
+
+@cache
+def causes(spoil=None, names=NAMES):
+    """Return the records of what is wrong with a campaign."""
+    runs = clean(names)
+    warnings = model_warnings(pair(list((spoil(runs) if spoil else runs).values())))
+    assert all(w.code == "model_misfit" and w.kind.unsound for w in warnings)
+    return [cause for w in warnings for cause in w.causes]
+
+
+@pytest.mark.parametrize("guidance", ["guidance_o_1", "guidance_o_12"])
+def test_guidance_that_leaks_into_o_12_is_named(guidance):
+    (cause,) = causes(leaking_guidance("o_12", guidance, 2e-4))
+    assert (cause.channel, cause.kind, cause.run) == ("o_12", "guidance leak", "")
+    assert abs(cause.size - 2e-4) < 1e-6 + 5 * cause.sigma
+    assert guidance in cause.words
+
+
+def test_an_actuator_that_acts_less_at_large_forces_is_named():
+    found = causes(every(lambda run: remade(run, hidden=gain(2, weaker_at_large_force(2e-4)))))
+    assert {cause.kind for cause in found} == {"gain by force"}
+    assert "f_x_2" in {cause.channel for cause in found}
+    assert all(abs(abs(cause.size) - 2e-4) < 2e-5 for cause in found)
+
+
+def test_forces_that_most_runs_do_not_record_are_named():
+    found = causes(pushed_at(1.667e-3, amplitude=2e-14, names=("A2", "B4", "D4")))
+    assert {cause.kind for cause in found} == {"unrecorded force"}
+    assert {cause.run for cause in found} == {"A2", "B4", "D4"}
+    assert all(1.5e-14 < cause.size < 2.5e-14 for cause in found)
+
+
+def test_read_outs_that_are_averaged_are_named():
+    found = causes(averaged(1.0), tuple(name for name in thirteen.PLANS if name != "D3"))
+    assert {cause.kind for cause in found} == {"averaging"}
+    assert all(abs(cause.size - 1) < 0.1 for cause in found)
+
+
+def test_an_o_12_that_is_not_linear_is_named():
+    runs = clean(NAMES)
+    for name, run in runs.items():
+        if run.kind == "sysid":
+            o_12 = run.channels["o_12"]
+            runs[name] = replace(
+                run, channels=run.channels | {"o_12": o_12 * (1 - 2e-4 * (o_12 / 1e-8) ** 2)}
+            )
+    ((warning,),) = [model_warnings(pair(list(runs.values())))]
+    (cause,) = warning.causes
+    assert (cause.channel, cause.kind) == ("o_12", "non-linearity")
+    assert abs(cause.size + 2e-4) < 5 * cause.sigma
+
+
+def softening(time, channels):
+    """What a stiffness of test mass 2 that grows by 2e-7 s-2 along the run adds, beyond that of mid-run."""
+    x_2 = channels["o_1"] + channels["o_12"]
+    return 0 * time, 0 * time, -2e-7 * np.clip(time / 21600 - 0.5, -0.5, 0.5) * x_2
+
+
+def late(by, *names):
+    """Return a spoil that makes o_1 of some runs later by so many samples."""
+    return all_of(*(changed(f"{name}-sysid", o_1=lambda x: np.roll(x, by)) for name in names))
+
+
+def test_stiffness_that_drifts_in_all_runs_alike_is_named():
+    (cause,) = causes(every(lambda run: remade(run, hidden=softening)))
+    assert (cause.channel, cause.kind, cause.unit) == ("omega2_2", "drift", "s-2")
+    assert abs(cause.size - 2e-7) < 5 * cause.sigma
+    assert cause.sigma < 2e-8
+
+
+@pytest.mark.parametrize("by", [1, -1])
+def test_o_1_that_is_late_in_all_runs_of_an_epoch_is_named(by):
+    (warning,) = model_warnings(pair(list(late(by, "B4", "C4", "D4")(clean(NAMES)).values())))
+    assert (warning.code, warning.parameters, warning.kind.unsound) == ("readout_lag", ("delta_ifo_4",), True)
+    (cause,) = warning.causes
+    assert abs(cause.size - by) < 0.1  # to first order
+    assert f"o_1 is {'late' if by > 0 else 'early'} by" in warning.message
+
+
+def test_a_run_reports_its_lag():
+    spoilt, whole = (pair(list(runs.values()))[0] for runs in (late(1, "D4")(clean(("D4",))), clean(("D4",))))
+    assert readout_lag(spoilt, 13).words.startswith("o_1 is late by ")
+    assert readout_lag(whole, 13) is None
+
+
+def test_a_run_whose_o_1_is_late_is_left_out_by_name():
+    joint = calibrate(list(late(3, "C4")(clean(("A2", "B4", "C4", "D4"))).values())).joint
+    assert [w.message for w in joint.warnings if w.code == "rejected" and "o_1 is late by" in w.message]
+    assert joint.unsound == ()
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        None,
+        remade("B4-sysid", hidden=gain(2, weaker_at_large_force(1e-2))),
+        remade("B4-sysid", hidden=pushed(glitch(7000, 1e-9, 20, 60))),
+        remade("B4-sysid", hidden=softening),
+        late(1, "B4"),
+        remade("G3-sysid", hidden=pushed(glitch(3000, 1e-10, 100, 600))),
+    ],
+)
+def test_what_a_single_run_has_is_none_of_the_model(spoil):
+    assert causes(spoil) == []
+
+
+@pytest.mark.stat
+@pytest.mark.parametrize("seed", [20, 21])
+def test_clean_campaigns_raise_no_alarm(seed):
+    """By chance one in 6,000 campaigns does."""
+    assert model_warnings(pair(list(thirteen.campaign(seed, names=NAMES).values()))) == []
+
+
+def test_the_records_are_in_the_results(tmp_path):
+    results = calibrate(list(leaking_guidance("o_12", "guidance_o_1", 2e-4)(clean(("A2", "B4"))).values()))
+    results.save(tmp_path / "results.json")
+    (warning,) = [w for w in load(tmp_path / "results.json").joint.unsound if w.code == "model_misfit"]
+    (cause,) = warning.causes
+    assert cause.kind == "guidance leak"
+    assert np.isclose(cause.size, 2e-4, rtol=0.01)
