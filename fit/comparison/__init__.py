@@ -2,6 +2,5 @@
 
 from fit.comparison.comparison import Comparison
 from fit.comparison.differences import compare
-from fit.comparison.table import lines, sentences
 
-__all__ = ["Comparison", "compare", "lines", "sentences"]
+__all__ = ["Comparison", "compare"]

@@ -125,11 +125,11 @@ class Comparison(Displayed):
             raise InputError("to_dataframe needs pandas, of the extra lpfcosim[notebook]") from None
         columns: dict[tuple[str, str], list[object]] = {}
         for n, label in enumerate(self.labels):
-            found = [p.estimates[n] for p in self.parameters]
-            columns[label, "value"] = [e.value if e else math.nan for e in found]
-            columns[label, "sigma"] = [e.sigma if e else math.nan for e in found]
-            of_first = [p.differences[n] for p in self.parameters]
-            columns[label, "difference"] = [math.nan if d is None else d for d in of_first]
+            estimates = [p.estimates[n] for p in self.parameters]
+            columns[label, "value"] = [e.value if e else math.nan for e in estimates]
+            columns[label, "sigma"] = [e.sigma if e else math.nan for e in estimates]
+            differences = [p.differences[n] for p in self.parameters]
+            columns[label, "difference"] = [math.nan if d is None else d for d in differences]
             columns[label, "sound"] = [p.sound[n] for p in self.parameters]
         rows = [(p.section, p.key, p.name, p.unit) for p in self.parameters]
         index = pd.MultiIndex.from_tuples(rows, names=["section", "key", "parameter", "unit"])

@@ -45,8 +45,8 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
     """
     named = _labelled(results)
     labels = tuple(label for label, _, _ in named)
-    sources = [independence.source(found, file) for _, found, file in named]
-    fits, notes = _aligned(labels, [found for _, found, _ in named])
+    sources = [independence.source(result, file) for _, result, file in named]
+    fits, notes = _aligned(labels, [result for _, result, _ in named])
     parameters = tuple(_parameters(fits))
     agreements = []
     for n in range(1, len(named)):
@@ -54,8 +54,8 @@ def compare(results: Sequence[PathLike | Results] | Mapping[str, PathLike | Resu
         agreements.append(Agreement(labels[n], reason, {} if reason else _tests(fits[0], fits[n])))
     notes += [
         f"{label}: {_name(place)}: not sound ({fit.unsound[0].message}); its sigmas do not hold"
-        for label, of in zip(labels, fits, strict=True)
-        for place, fit in of.items()
+        for label, result_fits in zip(labels, fits, strict=True)
+        for place, fit in result_fits.items()
         if fit.unsound
     ]
     if differing := [p.name for p in parameters if len(p.truths) > 1]:
@@ -71,23 +71,25 @@ def _labelled(
     """Return label, results and file of each."""
     if isinstance(results, str | os.PathLike) or not isinstance(results, Sequence | Mapping):
         raise InputError(f"compare: {shown(results)}, expected a list of two or more results")
-    given = list(results.items()) if isinstance(results, Mapping) else [("", one) for one in results]
-    if len(given) < 2:
-        only = [str(one) for _, one in given if isinstance(one, str | os.PathLike)]
-        raise InputError(f"{', '.join(only) or 'compare'}: {len(given)} given, expected two or more results")
+    pairs = list(results.items()) if isinstance(results, Mapping) else [("", result) for result in results]
+    if len(pairs) < 2:
+        only = [str(result) for _, result in pairs if isinstance(result, str | os.PathLike)]
+        raise InputError(f"{', '.join(only) or 'compare'}: {len(pairs)} given, expected two or more results")
     twins: dict[Path, str] = {}
     named: list[tuple[str, Results, Path | None]] = []
-    for n, (label, one) in enumerate(given, 1):
-        if isinstance(one, Results):
-            named.append((label or f"results {n}", one, None))
-        elif isinstance(one, str | os.PathLike):
-            file = results_file(Path(one))
+    for n, (label, result) in enumerate(pairs, 1):
+        if isinstance(result, Results):
+            named.append((label or f"results {n}", result, None))
+        elif isinstance(result, str | os.PathLike):
+            file = results_file(Path(result))
             if twin := twins.get(file.resolve()):
-                raise InputError(f"{one}: the same results as {twin}, expected others to compare them with")
-            twins[file.resolve()] = str(one)
-            named.append((label or str(one), load(file), file))
+                raise InputError(
+                    f"{result}: the same results as {twin}, expected others to compare them with"
+                )
+            twins[file.resolve()] = str(result)
+            named.append((label or str(result), load(file), file))
         else:
-            raise InputError(f"compare: {shown(one)}, expected a path or Results")
+            raise InputError(f"compare: {shown(result)}, expected a path or Results")
     return named
 
 
@@ -96,16 +98,16 @@ def _aligned(labels: Sequence[str], results: Sequence[Results]) -> tuple[list[Fi
     experiments = not all(r.joint and r.joint.parameters for r in results)
     units: dict[tuple[Place, str], tuple[str, str]] = {}
     aligned, notes = [], []
-    for label, of in zip(labels, results, strict=True):
-        turned, fits = of.provenance.frame != results[0].provenance.frame, {}
-        for place, fit in _fits(of, experiments=experiments).items():
+    for label, result in zip(labels, results, strict=True):
+        turned, fits = result.provenance.frame != results[0].provenance.frame, {}
+        for place, fit in _fits(result, experiments=experiments).items():
             scale = {name: _factor(units, label, place, name, e.unit) for name, e in fit.parameters.items()}
             reversed_ = [name for name in REVERSED if turned and place[0] != "joint" and name in scale]
             fits[place] = _scaled(fit, scale | {name: -scale[name] for name in reversed_})
             if reversed_:
                 notes.append(
                     f"{label}: {_name(place)}: {', '.join(reversed_)} with the other sign, as +x points "
-                    f"{of.provenance.frame} in it and {results[0].provenance.frame} in {labels[0]}"
+                    f"{result.provenance.frame} in it and {results[0].provenance.frame} in {labels[0]}"
                 )
         aligned.append(fits)
     return aligned, notes
@@ -123,12 +125,14 @@ def _factor(
     units: dict[tuple[Place, str], tuple[str, str]], label: str, place: Place, name: str, unit: str
 ) -> float:
     """Return the factor to the unit that the first result with the parameter has; note it there."""
-    expected, by = units.setdefault((place, name), (unit, label))
+    expected, first_label = units.setdefault((place, name), (unit, label))
     try:
         return 1.0 if unit == expected else factor(unit, expected)
     except ValueError:
-        where = f"{label}: {_name(place)}.parameters.{name}"
-        raise InputError(f"{where}: unit {shown(unit)}, expected {shown(expected)} as in {by}") from None
+        location = f"{label}: {_name(place)}.parameters.{name}"
+        raise InputError(
+            f"{location}: unit {shown(unit)}, expected {shown(expected)} as in {first_label}"
+        ) from None
 
 
 def _scaled(fit: Fit, scale: Mapping[str, float]) -> Fit:
@@ -152,53 +156,58 @@ def _scaled(fit: Fit, scale: Mapping[str, float]) -> Fit:
 def _parameters(fits: Sequence[Fits]) -> Iterator[ParameterComparison]:
     places = sorted(_union(fits), key=lambda place: SECTIONS.index(place[0]))
     for place in places:
-        of = [each.get(place) for each in fits]
-        sound = tuple(fit is not None and not fit.unsound for fit in of)
-        for name in _union([fit.parameters if fit else {} for fit in of]):
-            estimates = tuple(fit.parameters.get(name) if fit else None for fit in of)
+        place_fits = [result_fits.get(place) for result_fits in fits]
+        sound = tuple(fit is not None and not fit.unsound for fit in place_fits)
+        for name in _union([fit.parameters if fit else {} for fit in place_fits]):
+            estimates = tuple(fit.parameters.get(name) if fit else None for fit in place_fits)
             differences = [
-                (e.value - first.value) / math.hypot(e.sigma, first.sigma)
-                if n and e and (first := estimates[0]) and sound[0] and sound[n]
+                (e.value - reference.value) / math.hypot(e.sigma, reference.sigma)
+                if n and e and (reference := estimates[0]) and sound[0] and sound[n]
                 else None
                 for n, e in enumerate(estimates)
             ]
-            unit = next(fit.parameters[name].unit for fit in of if fit and name in fit.parameters)
+            unit = next(fit.parameters[name].unit for fit in place_fits if fit and name in fit.parameters)
             yield ParameterComparison(*place, name, unit, estimates, sound, tuple(differences))
 
 
 def _union(lists: Iterable[Iterable[_Item]]) -> list[_Item]:
     """Return what stands in any of several lists, in an order that is that of each where they agree."""
     union: list[_Item] = []
-    for each in lists:
-        at = 0
-        for one in each:
+    for items in lists:
+        position = 0
+        for one in items:
             if one not in union:
-                union.insert(at, one)
-            at = union.index(one) + 1
+                union.insert(position, one)
+            position = union.index(one) + 1
     return union
 
 
-def _tests(first: Fits, other: Fits) -> dict[str, tuple[float, int, float]]:
+def _tests(reference: Fits, result: Fits) -> dict[str, tuple[float, int, float]]:
     """Test by fit whether all parameters in common are the same, for independent data."""
     tests = {}
-    for place in first.keys() & other.keys():
-        a, b = first[place], other[place]
+    for place in sorted(reference.keys() & result.keys(), key=_order):
+        a, b = reference[place], result[place]
         names = [name for name in a.parameters if name in b.parameters]
         if not names or a.unsound or b.unsound:
             continue
-        sums = sum(_covariance(fit, names) for fit in (a, b))
-        sigma = np.sqrt(np.diag(sums))
+        covariance = sum(_covariance(fit, names) for fit in (a, b))
+        sigma = np.sqrt(np.diag(covariance))
         z = np.array([b[name].value - a[name].value for name in names]) / sigma
-        correlation = sums / np.outer(sigma, sigma)
+        correlation = covariance / np.outer(sigma, sigma)
         if np.linalg.eigvalsh(correlation)[0] > _SINGULAR * len(names):
             chi2 = float(z @ np.linalg.solve(correlation, z))
             tests[_name(place)] = (chi2, len(names), float(chdtrc(len(names), chi2)))
-    return dict(sorted(tests.items(), key=lambda test: SECTIONS.index(test[0].partition(".")[0])))
+    return tests
 
 
 def _covariance(fit: Fit, names: Sequence[str]) -> NDArray[np.float64]:
-    at = [list(fit.parameters).index(name) for name in names]
-    return fit.covariance[np.ix_(at, at)]
+    indices = [list(fit.parameters).index(name) for name in names]
+    return fit.covariance[np.ix_(indices, indices)]
+
+
+def _order(place: Place) -> tuple[int, str]:
+    """Return the order of sections, then of keys."""
+    return SECTIONS.index(place[0]), place[1]
 
 
 def _name(place: Place) -> str:

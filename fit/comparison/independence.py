@@ -54,9 +54,9 @@ class Source:
     @property
     def runs(self) -> set[str]:
         """Names of the runs that the results state."""
-        said = self.results.provenance
-        inertial = [run for runs in (said.inertial_runs or {}).values() for run in runs]
-        return {*(said.joint_runs or ()), *(said.noise_runs or {}).values(), *inertial}
+        provenance = self.results.provenance
+        inertial = [run for runs in (provenance.inertial_runs or {}).values() for run in runs]
+        return {*(provenance.joint_runs or ()), *(provenance.noise_runs or {}).values(), *inertial}
 
     @property
     def seed(self) -> object:
@@ -74,8 +74,8 @@ def source(results: Results, file: Path | None) -> Source:
     readable = list(compress(paths, (refused is None for refused in refusals)))
     recordings = tuple(map(_recording, readable))
     stated = {recording.run for recording in recordings}  # a carried-over joint fit is of other runs
-    found = Source(results, recordings, complete=bool(paths) and len(readable) == len(paths))
-    return replace(found, complete=found.complete and found.runs <= stated)
+    data_source = Source(results, recordings, complete=bool(paths) and len(readable) == len(paths))
+    return replace(data_source, complete=data_source.complete and data_source.runs <= stated)
 
 
 def _recording(path: Path) -> Recording:
@@ -93,8 +93,8 @@ def _recording(path: Path) -> Recording:
 
 def dependence(a: Source, b: Source) -> str:
     """Say why two results are not, or may not be, of independent data; empty if they are."""
-    one, other = ({recording.path: recording.run for recording in s.recordings} for s in (a, b))
-    if runs := [run for path, run in one.items() if path in other]:
+    runs_a, runs_b = ({recording.path: recording.run for recording in s.recordings} for s in (a, b))
+    if runs := [run for path, run in runs_a.items() if path in runs_b]:
         return f"the same telemetry: {_some(runs)}"
     pairs = [(x, y) for x in a.recordings for y in b.recordings]
     if runs := [x.run for x, y in pairs if x.seed is not None and (x.seed, x.run) == (y.seed, y.run)]:
@@ -106,8 +106,8 @@ def dependence(a: Source, b: Source) -> str:
         return "the same joint fit in both"
     if a.complete and b.complete:
         return ""
-    known = a.seed is not None and b.seed is not None
-    common = sorted(a.runs & b.runs) if not known or a.seed == b.seed else []
+    seeds_known = a.seed is not None and b.seed is not None
+    common = sorted(a.runs & b.runs) if not seeds_known or a.seed == b.seed else []
     return f"runs of the same names, without telemetry to tell them apart: {_some(common)}" if common else ""
 
 

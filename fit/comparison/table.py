@@ -13,10 +13,10 @@ _NONE = "-"
 
 def lines(comparison: Comparison) -> Lines:
     """Return a row for each parameter: values, and differences from the first result in sigma."""
-    first, *others = comparison.labels
+    reference, *labels = comparison.labels
     truth = any(p.truth is not None for p in comparison.parameters)
-    head = ["parameter", "unit", first]
-    for label in others:
+    head = ["parameter", "unit", reference]
+    for label in labels:
         head += [label, "difference/sigma"]
     rows = []
     for p in comparison.parameters:
@@ -31,19 +31,20 @@ def lines(comparison: Comparison) -> Lines:
 
 def sentences(comparison: Comparison) -> list[str]:
     """Return what the comparison says beside its table."""
-    first, said = comparison.labels[0], []
+    reference, statements = comparison.labels[0], []
     for agreement in comparison.agreements:
         if agreement.dependence:
-            said.append(
-                f"{agreement.label} is not independent of {first} ({agreement.dependence}): the estimates "
-                "are correlated, so that sqrt(sigma_1^2 + sigma_2^2) is not the standard deviation of a "
-                "difference, and no chi2 is given"
+            statements.append(
+                f"{agreement.label} is not independent of {reference} ({agreement.dependence}): the "
+                "estimates are correlated, so that sqrt(sigma_1^2 + sigma_2^2) is not the standard deviation "
+                "of a difference, and no chi2 is given"
             )
-        said += [
-            f"{agreement.label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {first}, p = {p:.2g}"
+        statements += [
+            f"{agreement.label}: {place}: chi2 = {chi2:.1f} of {dof} differences from {reference}, "
+            f"p = {p:.2g}"
             for place, (chi2, dof, p) in agreement.tests.items()
         ]
-    return [*said, *comparison.notes]
+    return [*statements, *comparison.notes]
 
 
 @text.register

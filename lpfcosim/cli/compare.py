@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit.comparison import compare, lines, sentences
+from fit.comparison import compare
 from lpfcosim.cli.console import Console
 
 
@@ -17,6 +17,6 @@ def compare_results(paths: Sequence[Path], console: Console) -> None:
     """
     with console.stage("reading"):
         comparison = compare(paths)
-    for line in (*lines(comparison).aligned(), *sentences(comparison)):
+    for line in str(comparison).splitlines():
         console.say(line)
     console.document(comparison.to_json())

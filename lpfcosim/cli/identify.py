@@ -142,7 +142,7 @@ def _identified(
             loop = _simulation(stack, plan, prepared[0], fmus)
         runs, parameters = sum(2 if e.noise else 1 for e in prepared[0]), len(loop.targets)
         total = (ROUNDS + BLOWS) * runs + 2 * parameters * len(prepared[0])
-        with console.counted("simulations", total) as loop.told:
+        with console.counted("simulations", total) as loop.on_simulation:
             return _found(plan, loop, prepared, results, telemetries)
 
 
@@ -212,12 +212,12 @@ def _found(
     experiments, chosen = prepared
     free = [_free(target) for target in loop.targets]
     with ours():
-        found = identify(experiments, free, loop, results, chosen, loop.held)
+        found = identify(experiments, free, loop, results, chosen, loop.fixed_values)
     sought = {t.name: {"model": t.model, "variable": t.variable} for t in loop.targets}
     more = {**found.provenance.more, "identified": sought}
     found = replace(found, provenance=replace(found.provenance, more=more))
-    if loop.others and found.joint is not None:
-        message = f"the telemetry says that it was simulated otherwise: {loop.others}"
+    if loop.other_loop_description and found.joint is not None:
+        message = f"the telemetry says that it was simulated otherwise: {loop.other_loop_description}"
         warnings = (*found.joint.warnings, FitWarning("loop_mismatch", (), message))
         found = replace(found, joint=replace(found.joint, warnings=warnings))
     return coverage.with_truth(
@@ -230,16 +230,16 @@ def _truth(telemetry: Telemetry, plan: Campaign, sought: Sequence[Target]) -> di
     known = read_truth(telemetry.path) if telemetry.path.is_file() else {}
     if telemetry.attributes.get("campaign_digest") != plan.digest:
         return known
-    return {t.name: t.given for t in sought if "." in t.name} | known
+    return {t.name: t.default_value for t in sought if "." in t.name} | known
 
 
 def _free(target: Target) -> FreeParameter:
     """Return a parameter as the estimation has it."""
-    sought, where = target.sought, f"identify.{target.name}"
+    sought, where = target.request, f"identify.{target.name}"
     start, width = sought.start, sought.width
-    low, high = sought.bounds or target.possible
+    low, high = sought.bounds or target.limits
     if "." in target.name and start is None:
-        start = target.given
+        start = target.default_value
     if "." in target.name and width is None and not start:
         if sought.bounds is None:
             raise InputError(f"{where}: starts at 0, which tells no scale; expected a width or bounds")
@@ -249,15 +249,19 @@ def _free(target: Target) -> FreeParameter:
     if start is not None and not low <= start <= high:
         raise InputError(
             f"{where}.start: {start:g}, expected {low:.4g} to {high:.4g}, what is possible about the "
-            f"{target.given:.5g} of the campaign; bounds of yours allow more"
+            f"{target.default_value:.5g} of the campaign; bounds of yours allow more"
         )
     scale = free.scale
-    if scale < FINEST * max(abs(target.given), abs(start or 0.0)):
+    if scale < FINEST * max(abs(target.default_value), abs(start or 0.0)):
         raise InputError(f"{where}.width: {scale:g} is too small for numbers of 16 digits, expected more")
     within = FAR * scale
-    if sought.start is not None and "." not in target.name and abs(sought.start - target.given) > within:
+    if (
+        sought.start is not None
+        and "." not in target.name
+        and abs(sought.start - target.default_value) > within
+    ):
         raise InputError(
-            f"{where}.start: {sought.start:g}, expected a value within {within:.2g} of {target.given:.4g}, "
-            "that of the campaign; a larger width allows more"
+            f"{where}.start: {sought.start:g}, expected a value within {within:.2g} of "
+            f"{target.default_value:.4g}, that of the campaign; a larger width allows more"
         )
     return free

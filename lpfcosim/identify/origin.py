@@ -21,8 +21,10 @@ Array = NDArray[np.float64]
 
 GUIDANCE = ("guidance_o_1", "guidance_o_12")
 _FMU = "fmu_"  # before the name of a component: the attribute with the digest of its FMU
-SAME = 1e-6  # relative: an authority as archives round it
-ALIKE = 0.1  # of the rms of a guidance: filters of archives, a clock that is some tenths of a second off
+AUTHORITY_TOLERANCE = 1e-6  # relative: an authority as archives round it
+GUIDANCE_TOLERANCE = (
+    0.1  # of the rms of a guidance: filters of archives, a clock that is some tenths of a second off
+)
 
 
 def check(plan: Campaign, telemetries: Sequence[Telemetry]) -> None:
@@ -40,16 +42,16 @@ def check(plan: Campaign, telemetries: Sequence[Telemetry]) -> None:
             run = run_of(plan, telemetry)
         except InputError as error:
             raise InputError(f"{telemetry.path}: {error}") from None
-        asked = _meant(plan, telemetry)
+        planned = _planned_run(plan, telemetry)
         for name in ("F_max_1", "F_max_2", "N_max_1", "N_max_2"):
-            has, wanted = getattr(telemetry, name), getattr(asked.authority, name)
-            if not math.isclose(has, wanted, rel_tol=SAME):
+            has, expected = getattr(telemetry, name), getattr(planned.authority, name)
+            if not math.isclose(has, expected, rel_tol=AUTHORITY_TOLERANCE):
                 raise InputError(
-                    f"{telemetry.path}: attribute {name}: {has:.7g}, expected {wanted:.7g}, the authority of "
-                    f"experiment {quote(run.experiment)} of the campaign"
+                    f"{telemetry.path}: attribute {name}: {has:.7g}, expected {expected:.7g}, the authority "
+                    f"of experiment {quote(run.experiment)} of the campaign"
                 )
         for name in GUIDANCE:
-            if name in telemetry.channels and not _as_asked(run, telemetry, name):
+            if name in telemetry.channels and not _has_planned_guidance(run, telemetry, name):
                 raise InputError(
                     f"{telemetry.path}: channel {name}: differs from the injections of experiment "
                     f"{quote(run.experiment)} of the campaign; expected telemetry of this campaign, or a "
@@ -69,18 +71,20 @@ def other_loop(plan: Campaign, telemetries: Sequence[Telemetry], digests: Mappin
     digests : mapping of str to str
         Of the FMU of each component of the loop.
     """
-    others: dict[str, None] = {}
+    other_models: dict[str, None] = {}
     rates: dict[str, None] = {}
     for telemetry in _of_experiments(telemetries):
-        said = telemetry.attributes
-        simulated = {key.removeprefix(_FMU): said[key] for key in said if key.startswith(_FMU)}
+        attributes = telemetry.attributes
+        simulated = {key.removeprefix(_FMU): attributes[key] for key in attributes if key.startswith(_FMU)}
         if is_simulated(telemetry):
-            wanted = _meant(plan, telemetry).sample_rate
-            if telemetry.fs != wanted:
-                rates[f"samples at {telemetry.fs:g} Hz, where the campaign has {wanted:g} Hz"] = None
+            expected = _planned_run(plan, telemetry).sample_rate
+            if telemetry.fs != expected:
+                rates[f"samples at {telemetry.fs:g} Hz, where the campaign has {expected:g} Hz"] = None
             models = (*digests, *sorted(simulated.keys() - digests.keys()))
-            others |= dict.fromkeys(m for m in models if simulated.get(m) != digests.get(m))
-    return "; ".join([*rates, *([f"with other FMUs in the place of {', '.join(others)}"] if others else [])])
+            other_models |= dict.fromkeys(m for m in models if simulated.get(m) != digests.get(m))
+    return "; ".join(
+        [*rates, *([f"with other FMUs in the place of {', '.join(other_models)}"] if other_models else [])]
+    )
 
 
 def is_simulated(telemetry: Telemetry) -> bool:
@@ -97,7 +101,7 @@ def run_of(plan: Campaign, telemetry: Telemetry) -> Run:
         If the campaign has no such run.
     """
     (F_1, N_1), (F_2, N_2) = telemetry.authority
-    run = _meant(plan, telemetry)
+    run = _planned_run(plan, telemetry)
     return replace(
         run,
         truth=plan.truth,
@@ -107,7 +111,7 @@ def run_of(plan: Campaign, telemetry: Telemetry) -> Run:
     )
 
 
-def begin(run: Run, telemetry: Telemetry) -> int:
+def start_sample(run: Run, telemetry: Telemetry) -> int:
     """Return at which sample of a run, at the rate of its loop, a telemetry begins."""
     since = (utc(telemetry.t0) - utc(run.t0)).total_seconds() + float(telemetry.instants(slice(1))[0])
     return round(since * run.fs)
@@ -118,7 +122,7 @@ def size(run: Run, telemetry: Telemetry) -> int:
     return round(telemetry.size * run.fs / telemetry.fs)
 
 
-def _meant(plan: Campaign, telemetry: Telemetry) -> Run:
+def _planned_run(plan: Campaign, telemetry: Telemetry) -> Run:
     known = [run for run in plan.runs if run.kind == telemetry.kind]
     for run in known:
         if run.experiment == telemetry.experiment:
@@ -135,20 +139,22 @@ def _of_experiments(telemetries: Sequence[Telemetry]) -> Iterator[Telemetry]:
     return (t for t in telemetries if t.experiment in driven)
 
 
-def _as_asked(run: Run, telemetry: Telemetry, name: str) -> bool:
+def _has_planned_guidance(run: Run, telemetry: Telemetry, name: str) -> bool:
     """Tell whether a recorded guidance is what the campaign injects, then or from the begin of its run.
 
     A campaign may leave out what is recorded; one that simulated the run itself cannot have.
     """
     sense = -1.0 if telemetry.x_axis == TOWARDS_1 else 1.0
     recorded = sense * telemetry.channels[name]
-    there = np.isfinite(recorded)
-    at, n = begin(run, telemetry), size(run, telemetry)
+    is_finite = np.isfinite(recorded)
+    offset, n = start_sample(run, telemetry), size(run, telemetry)
     simulated = "campaign_digest" in telemetry.attributes
-    for start in (at, 0) if simulated else (at,):
-        wanted = drive.injections(run, start, start + n)[name][:: round(run.fs / telemetry.fs)]
-        loudest = max(_rms(wanted[there]), _rms(recorded[there]))
-        if _rms((recorded - wanted)[there]) <= ALIKE * loudest or not (simulated or wanted.any()):
+    for start in (offset, 0) if simulated else (offset,):
+        planned = drive.injections(run, start, start + n)[name][:: round(run.fs / telemetry.fs)]
+        loudest = max(_rms(planned[is_finite]), _rms(recorded[is_finite]))
+        if _rms((recorded - planned)[is_finite]) <= GUIDANCE_TOLERANCE * loudest or not (
+            simulated or planned.any()
+        ):
             return True
     return False
 

@@ -21,8 +21,8 @@ SHARED_NAMES = (
     *("alpha_x_1", "alpha_phi_1", "alpha_x_2", "alpha_phi_2", "delta_ifo"),
 )
 DELAYS = {"C_1": ("lambda_1", "tau_1"), "C_2": ("lambda_2", "tau_2")}
-_HELD = ("h",)  # the step of the loop is no parameter of it
-LIKE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
+_FIXED = ("h",)  # the step of the loop is no parameter of it
+GAIN_RANGE = 10.0  # times a gain of the campaign, or as little: beyond, it is another actuation
 _ANY = (-math.inf, math.inf)
 
 
@@ -36,26 +36,26 @@ class Target:
         As results have it: that of the fit where it has the same, else ``Model.parameter``.
     model, variable : str
         The FMU in its place, and its own name of the parameter.
-    given : float
+    default_value : float
         Its value where nothing else is said, in the unit of the FMU.
     unit : str
         Its unit.
-    sought : Sought
+    request : Sought
         What the campaign says of it.
-    possible : tuple of float
+    limits : tuple of float
         Between which values it can be, if the campaign does not tell bounds.
     """
 
     name: str
     model: str
     variable: str
-    given: float
+    default_value: float
     unit: str
-    sought: Sought
-    possible: tuple[float, float] = _ANY
+    request: Sought
+    limits: tuple[float, float] = _ANY
 
 
-def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Target, ...]:
+def targets(plan: Campaign, run: Run, interfaces: Sequence[Interface]) -> tuple[Target, ...]:
     """Return what a campaign seeks; without a table ``[identify]``, all that the fit estimates too.
 
     Raises
@@ -63,36 +63,36 @@ def targets(plan: Campaign, run: Run, found: Sequence[Interface]) -> tuple[Targe
     InputError
         If there is no such parameter, or it cannot be set.
     """
-    by_model = {i.model: i for i in found}
+    by_model = {i.model: i for i in interfaces}
     values = world_of(run).parameters(run)
     of_fit = (*SHARED_NAMES[:2], *DELAYS, *SHARED_NAMES[2:])
-    sought = dict(plan.identify) or {name: Sought() for name in of_fit}
+    requests = dict(plan.identify) or {name: Sought() for name in of_fit}
     resolved = []
-    for key, entry in sought.items():
-        where = f"identify.{key}"
+    for key, entry in requests.items():
+        location = f"identify.{key}"
         model, dot, name = key.partition(".")
         if not dot:
-            model, name = _place(key, by_model, where), DELAYS[key][1] if key in DELAYS else key
+            model, name = _place(key, by_model, location), DELAYS[key][1] if key in DELAYS else key
         if model not in by_model:
-            raise InputError(f"{where}: the loop has no {quote(model)}{closest_match(model, by_model)}")
+            raise InputError(f"{location}: the loop has no {quote(model)}{closest_match(model, by_model)}")
         target = _target(key, name, by_model[model], values[model], entry)
-        given = target.given * _gain(key, run) if key in DELAYS else target.given
-        resolved.append(replace(target, given=given, possible=_possible(target, run)))
+        default_value = target.default_value * _gain(key, run) if key in DELAYS else target.default_value
+        resolved.append(replace(target, default_value=default_value, limits=_limits(target, run)))
     names = [target.name for target in resolved]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"identify: {name} is sought twice, expected once")
-    at = [(target.model, target.variable) for target in resolved]
+    places = [(target.model, target.variable) for target in resolved]
     for target in resolved:
-        if at.count((target.model, target.variable)) > 1:
+        if places.count((target.model, target.variable)) > 1:
             raise InputError(f"identify: {target.model}.{target.variable} is sought under two names")
     return tuple(resolved)
 
 
-def _possible(target: Target, run: Run) -> tuple[float, float]:
+def _limits(target: Target, run: Run) -> tuple[float, float]:
     """Return between which values a gain or a delay can be; the hold of a command takes half a sample."""
-    if target.name in ("lambda_1", "lambda_2") and target.given > 0:
-        return target.given / LIKE, target.given * LIKE
+    if target.name in ("lambda_1", "lambda_2") and target.default_value > 0:
+        return target.default_value / GAIN_RANGE, target.default_value * GAIN_RANGE
     if target.name in DELAYS:
         gain = _gain(target.name, run)
         return H / 2 * gain, LONGEST_DELAY * gain
@@ -105,17 +105,19 @@ def _gain(delay: str, run: Run) -> float:
     return gain
 
 
-def held(run: Run, found: Sequence[Interface], sought: Sequence[Target]) -> dict[str, float]:
-    """Return what the loop has of the parameters of the fit where they are not `sought`; no delta_ifo."""
-    by_model = {i.model: i for i in found}
+def fixed_values(
+    run: Run, interfaces: Sequence[Interface], free_targets: Sequence[Target]
+) -> dict[str, float]:
+    """Return the parameters of the fit that the loop fixes, by name, without delta_ifo."""
+    by_model = {i.model: i for i in interfaces}
     values = world_of(run).parameters(run)
     known: dict[str, float] = {}
     for name in (*SHARED_NAMES[:-1], *(tau for _, tau in DELAYS.values())):
         with contextlib.suppress(InputError):  # no FMU takes it
             model = _place(name, by_model, "identify")
             target = _target(name, name, by_model[model], values[model], Sought())
-            if (model, target.variable) not in [(t.model, t.variable) for t in sought]:
-                known[name] = target.given
+            if (model, target.variable) not in [(t.model, t.variable) for t in free_targets]:
+                known[name] = target.default_value
     for name, (gain, tau) in DELAYS.items():
         delay = known.pop(tau, None)
         if delay is not None and gain in known:
@@ -123,54 +125,56 @@ def held(run: Run, found: Sequence[Interface], sought: Sequence[Target]) -> dict
     return known
 
 
-def _place(name: str, by_model: Mapping[str, Interface], where: str) -> str:
+def _place(name: str, by_model: Mapping[str, Interface], location: str) -> str:
     """Return the model that has a parameter of the fit."""
-    wanted = DELAYS[name][1] if name in DELAYS else name
-    if wanted in (*SHARED_NAMES, "tau_1", "tau_2"):
+    variable = DELAYS[name][1] if name in DELAYS else name
+    if variable in (*SHARED_NAMES, "tau_1", "tau_2"):
         for model, interface in by_model.items():
-            if wanted in interface.settings and interface.takes(wanted):
+            if variable in interface.settings and interface.takes(variable):
                 return model
-        raise InputError(f"{where}: no FMU of the loop takes {wanted}")
+        raise InputError(f"{location}: no FMU of the loop takes {variable}")
     known = [*SHARED_NAMES, *DELAYS]
     raise InputError(
-        f"{where}: expected a table of a model, or a parameter of the fit{closest_match(name, known)}"
+        f"{location}: expected a table of a model, or a parameter of the fit{closest_match(name, known)}"
     )
 
 
-def _target(key: str, name: str, interface: Interface, values: Mapping[str, float], sought: Sought) -> Target:
+def _target(
+    key: str, name: str, interface: Interface, values: Mapping[str, float], request: Sought
+) -> Target:
     mapped = interface.replacement.variables if interface.replacement else {}
     name = {theirs: known for known, theirs in mapped.items()}.get(name, name)
     ours = name in interface.settings and interface.takes(name)
     variable = interface.name(name) if ours else name
-    where = f"identify.{key}: {interface.named}"
+    location = f"identify.{key}: {interface.named}"
     parameters = interface.candidates("parameter")
     try:
         record = interface.variable(variable)
     except InputError:
         raise InputError(
-            f"{where}: has no parameter {quote(variable)}{closest_match(variable, parameters)}"
+            f"{location}: has no parameter {quote(variable)}{closest_match(variable, parameters)}"
         ) from None
-    if record.causality != "parameter" or record.variability == "constant" or name in _HELD:
-        kind = "held by the loop" if name in _HELD else f"of causality '{record.causality}'"
-        raise InputError(f"{where}: {quote(variable)} is {kind}; expected a parameter that can be set")
+    if record.causality != "parameter" or record.variability == "constant" or name in _FIXED:
+        kind = "held by the loop" if name in _FIXED else f"of causality '{record.causality}'"
+        raise InputError(f"{location}: {quote(variable)} is {kind}; expected a parameter that can be set")
     if record.type not in ("Real", "Float64", "Float32"):
-        raise InputError(f"{where}: {quote(variable)} is of type {record.type}; expected a real number")
+        raise InputError(f"{location}: {quote(variable)} is of type {record.type}; expected a real number")
     _, element = interface.place(variable)
-    given = values[name] if ours else float(interface.start_values(record)[element])
+    default_value = values[name] if ours else float(interface.start_values(record)[element])
     shared = ours and name in SHARED_NAMES
-    told = key if key in DELAYS else name if shared else f"{interface.model}.{name}"
+    result_name = key if key in DELAYS else name if shared else f"{interface.model}.{name}"
     unit = "s" if key in DELAYS else (interface.stated_unit(variable) or "1").replace(".", " ")
-    return Target(told, interface.model, variable, given, unit, sought)
+    return Target(result_name, interface.model, variable, default_value, unit, request)
 
 
 def settings(
-    of: Sequence[Target], theta: Mapping[str, float], gains: Mapping[str, float]
+    free_targets: Sequence[Target], theta: Mapping[str, float], gains: Mapping[str, float]
 ) -> dict[str, dict[str, float]]:
     """Return the parameters of a trial by model.
 
     Parameters
     ----------
-    of : sequence of Target
+    free_targets : sequence of Target
         What is sought.
     theta : mapping of str to float
         Its values by name.
@@ -182,8 +186,8 @@ def settings(
     InputError
         If a gain is zero, and a delay is to follow from it.
     """
-    found: dict[str, dict[str, float]] = {}
-    for target in of:
+    values: dict[str, dict[str, float]] = {}
+    for target in free_targets:
         value = theta[target.name]
         if target.name in DELAYS:
             name = DELAYS[target.name][0]
@@ -191,5 +195,5 @@ def settings(
             if gain == 0:
                 raise InputError(f"{target.name} tells no delay where {name} is 0")
             value /= gain
-        found.setdefault(target.model, {})[target.variable] = value
-    return found
+        values.setdefault(target.model, {})[target.variable] = value
+    return values

@@ -16,8 +16,8 @@ from lpfcosim.campaign import Campaign
 from lpfcosim.cosim import Where, interfaces
 from lpfcosim.errors import InputError, RunError
 from lpfcosim.identify import trials
-from lpfcosim.identify.origin import GUIDANCE, begin, is_simulated, other_loop, run_of, size
-from lpfcosim.identify.parameters import held, settings, targets
+from lpfcosim.identify.origin import GUIDANCE, is_simulated, other_loop, run_of, size, start_sample
+from lpfcosim.identify.parameters import fixed_values, settings, targets
 from lpfcosim.identify.trials import Trials
 from lpfcosim.running import ledger
 from lpfcosim.spacecraft import Run
@@ -25,7 +25,7 @@ from lpfcosim.worlds import drive
 
 Array = NDArray[np.float64]
 
-QUIET = 0.02  # share of a run without direct forces, that suffices to see what is held
+UNDRIVEN_SHARE = 0.02  # share of a run without direct forces, that suffices to see what is held
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class Simulation:
     ----------
     targets : tuple of Target
         The parameters that are sought.
-    held : mapping of str to float
+    fixed_values : mapping of str to float
         What the loop has of those of the fit that are not.
-    others : str
+    other_loop_description : str
         In what another loop simulated the telemetry, by its own account; see `other_loop`.
     simulated_telemetry : bool
         Whether it says that this very loop did.
-    told : callable
+    on_simulation : callable
         Told after every simulation of a run how many there were.
 
     Raises
@@ -88,14 +88,18 @@ class Simulation:
         fmus: Mapping[str, Path],
         where: Where | None = None,
     ) -> None:
-        self.told: Callable[[int], None] = lambda _: None
+        self.on_simulation: Callable[[int], None] = lambda _: None
         self._done = 0
-        first = run_of(plan, telemetries[0])
-        placed = interfaces(first, fmus)
-        self.targets = targets(plan, first, placed)
-        self.held = held(first, placed, self.targets)
-        self.others = other_loop(plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()})
-        self.simulated_telemetry = not self.others and all(is_simulated(t) for t in telemetries)
+        first_run = run_of(plan, telemetries[0])
+        placed = interfaces(first_run, fmus)
+        self.targets = targets(plan, first_run, placed)
+        self.fixed_values = fixed_values(first_run, placed, self.targets)
+        self.other_loop_description = other_loop(
+            plan, telemetries, {m: ledger.digest(path) for m, path in fmus.items()}
+        )
+        self.simulated_telemetry = not self.other_loop_description and all(
+            is_simulated(t) for t in telemetries
+        )
         replaced = ", ".join(f"{i.model} ({i.replacement.archive.name})" for i in placed if i.replacement)
         self._replaced = f", third-party FMUs {replaced}" if replaced else ""
         self._gains = {f"lambda_{j}": getattr(plan.truth, f"lambda_{j}") for j in (1, 2)}
@@ -112,18 +116,18 @@ class Simulation:
         imposed = {"f_x_1_jitter": force} if loaded.jitters else {"F_x_1": force * loaded.run.m_tm}
         thrust = loaded.sense * inputs["F_noise_x_sc"]
         # whatever the gains of the trial, the run begins at rest: else they would show in how it settles
-        constant = _held_by(loaded.steady, {**self._gains, **theta})
+        constant = _balanced_acceleration(loaded.steady, {**self._gains, **theta})
         feeds |= {**imposed, "F_noise_x_sc": thrust, "g_2": np.full(n, constant)}
-        found = self._simulated(loaded.loop, n, feeds, theta)
+        outputs = self._simulated(loaded.loop, n, feeds, theta)
         self._done += 1
-        self.told(self._done)
-        return {name: loaded.sense * x for name, x in found.items()}
+        self.on_simulation(self._done)
+        return {name: loaded.sense * x for name, x in outputs.items()}
 
     def command(self, run: Telemetry, theta: Mapping[str, float], o_12: Array) -> Array:
         """Return what the controller of test mass 2 asks for, see `fit.identification.Loop`."""
         loaded = self._loaded[run.run]
-        found = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.sense * o_12}, theta)
-        return loaded.sense * found["f_control_2"]
+        outputs = self._simulated(loaded.controller, o_12.size, {"o_12": loaded.sense * o_12}, theta)
+        return loaded.sense * outputs["f_control_2"]
 
     def direct(self, run: Telemetry) -> Array:
         """Return the force commanded past the controller, see `fit.identification.Loop`."""
@@ -133,14 +137,14 @@ class Simulation:
         return loaded.sense * loaded.feeds["F_x_2"] / loaded.run.m_tm
 
     def _simulated(
-        self, of: Trials, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
+        self, part: Trials, n: int, feeds: Mapping[str, Array], theta: Mapping[str, float]
     ) -> dict[str, Array]:
         try:
-            return of.simulate(n, feeds, settings(self.targets, theta, self._gains))
+            return part.simulate(n, feeds, settings(self.targets, theta, self._gains))
         except (RunError, InputError) as error:
-            at = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
+            trial = ", ".join(f"{name} = {value:.6g}" for name, value in theta.items())
             raise fit.errors.FitError(
-                f"{error}{f'; simulated with {at}' * bool(at)}{self._replaced}"
+                f"{error}{f'; simulated with {trial}' * bool(trial)}{self._replaced}"
             ) from None
 
 
@@ -159,17 +163,18 @@ def _load(
     feeds = _driven(run, telemetry, sense)
     steady = _steady(run, telemetry, feeds, sense)
     run = replace(
-        run, dc=_held_by(steady, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)})
+        run,
+        dc=_balanced_acceleration(steady, {f"lambda_{j}": getattr(run.truth, f"lambda_{j}") for j in (1, 2)}),
     )
-    found = interfaces(run, fmus)
-    loop = trials.whole_loop(stack, run, found, ("o_1", "o_12"), where)
-    controller = trials.controller(stack, replace(run, dc=0.0), found, where)
-    jitters = any("f_x_1_jitter" in i.component.inputs for i in found)
+    placed = interfaces(run, fmus)
+    loop = trials.whole_loop(stack, run, placed, ("o_1", "o_12"), where)
+    controller = trials.controller(stack, replace(run, dc=0.0), placed, where)
+    jitters = any("f_x_1_jitter" in i.component.inputs for i in placed)
     feeds = {name: x for name, x in feeds.items() if x.any()}  # most are zero, of every run of a campaign
     return _Loaded(run, feeds, loop, controller, jitters, sense, steady)
 
 
-def _held_by(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
+def _balanced_acceleration(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
     """Return the constant acceleration that such commands hold."""
     return gains["lambda_1"] * steady[0] - gains["lambda_2"] * steady[1]
 
@@ -177,16 +182,18 @@ def _held_by(steady: tuple[float, float], gains: Mapping[str, float]) -> float:
 def _steady(run: Run, telemetry: Telemetry, feeds: Mapping[str, Array], sense: float) -> tuple[float, float]:
     """Return the mean commands on both test masses, as the run shows them without direct forces."""
     factor = round(run.fs / telemetry.fs)
-    quiet = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
-    quiet = quiet[::factor] if np.mean(quiet) > QUIET else np.ones(telemetry.size, dtype=bool)
-    force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][quiet])) for j in (1, 2))
+    undriven = (feeds["F_x_1"] == 0) & (feeds["F_x_2"] == 0)
+    undriven = (
+        undriven[::factor] if np.mean(undriven) > UNDRIVEN_SHARE else np.ones(telemetry.size, dtype=bool)
+    )
+    force_1, force_2 = (float(np.nanmean(telemetry.channels[f"f_x_{j}"][undriven])) for j in (1, 2))
     return sense * force_1, sense * force_2
 
 
 def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
     """Return what is injected into a run, at the rate of the loop; the guidance as it was recorded, if so."""
     n = size(run, telemetry)
-    start = begin(run, telemetry)
+    start = start_sample(run, telemetry)
     feeds = drive.injections(run, start, start + n)
     recorded = {name for name in GUIDANCE if name in telemetry.channels and telemetry.fs == run.fs}
     needed = {i.into for i in run.injections} - recorded
@@ -198,6 +205,6 @@ def _driven(run: Run, telemetry: Telemetry, sense: float) -> dict[str, Array]:
         )
     for name in recorded:
         x = telemetry.channels[name]
-        there = np.isfinite(x)
-        feeds[name] = sense * np.interp(np.arange(n), np.flatnonzero(there), x[there])
+        is_finite = np.isfinite(x)
+        feeds[name] = sense * np.interp(np.arange(n), np.flatnonzero(is_finite), x[is_finite])
     return feeds

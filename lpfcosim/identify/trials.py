@@ -48,7 +48,7 @@ class Trials:
         Frees the FMUs.
     run : Run
         Gives the parameters that no trial changes.
-    found : sequence of Interface
+    interfaces : sequence of Interface
         The FMUs, in the order of their steps; see `cosim.interfaces`.
     feeds : sequence of str
         Signals from outside.
@@ -62,21 +62,21 @@ class Trials:
         self,
         stack: contextlib.ExitStack,
         run: Run,
-        found: Sequence[Interface],
+        interfaces: Sequence[Interface],
         feeds: Sequence[str],
         record: Mapping[str, str],
         where: Where | None,
     ) -> None:
-        self._run, self._found, self._where = run, found, where or Where()
+        self._run, self._interfaces, self._where = run, interfaces, where or Where()
         self._feeds, self._record = feeds, record
         self._given = world_of(run).parameters(run)
-        self._slaves = master.load(stack, found, self._where)
+        self._slaves = master.load(stack, interfaces, self._where)
         self._where.rest()
         self._used = False
-        self._theirs = [slave for slave, i in zip(self._slaves, found, strict=True) if i.replacement]
+        self._theirs = [slave for slave, i in zip(self._slaves, interfaces, strict=True) if i.replacement]
         self._renewed: Sequence[Slave] = ()  # those whose reset does not do
         self._reference: _Reference | None = None
-        components = [i.component for i in found]
+        components = [i.component for i in interfaces]
         self._network = master.Network(
             run.name, run.h, components, self._slaves, feeds, record.values(), where=self._where
         )
@@ -133,7 +133,7 @@ class Trials:
         return part
 
     def _parameters(self, changed: Values) -> Iterator[tuple[Slave, Mapping[str, Value]]]:
-        for slave, i in zip(self._slaves, self._found, strict=True):
+        for slave, i in zip(self._slaves, self._interfaces, strict=True):
             yield slave, {**i.parameters(self._given[i.model]), **changed.get(i.model, {})}
 
     def _start(self, changed: Values, renewed: Sequence[Slave]) -> None:
@@ -175,42 +175,42 @@ class Trials:
         names = ", ".join(slave.name for slave in self._theirs)
         _messages.info("%s: a reset does not do (%s), new instances are used", names, fault)
         self._renewed = self._theirs
-        again = self._difference(self._reference, self._renewed)
-        if again:
-            files = ", ".join(str(i.named) for i in self._found if i.replacement)
+        new_instance_fault = self._difference(self._reference, self._renewed)
+        if new_instance_fault:
+            files = ", ".join(str(i.named) for i in self._interfaces if i.replacement)
             raise RunError(
                 f"run '{self._run.name}': {files}: does not start anew: after a reset, {fault}; in a new "
-                f"instance, {again}; expected an FMU that repeats its outputs for the same parameters and "
-                "inputs, as identification simulates it many times"
+                f"instance, {new_instance_fault}; expected an FMU that repeats its outputs for the same "
+                "parameters and inputs, as identification simulates it many times"
             )
 
-    def _difference(self, first: _Reference, renewed: Sequence[Slave]) -> str:
+    def _difference(self, reference: _Reference, renewed: Sequence[Slave]) -> str:
         """Simulate the reference again; return what differs from the first time, empty if nothing does."""
         try:
             with master.refusing(self._run.name, self._slaves):
-                self._start(first.changed, renewed)
-                recorded = self._advance(0, STRETCH, first.feeds)
+                self._start(reference.changed, renewed)
+                recorded = self._advance(0, STRETCH, reference.feeds)
         except (RunError, InputError) as error:
             return str(error)
         signals = self._network.signals
-        same = np.array_equal(recorded, first.recorded) and np.array_equal(signals, first.signals)
-        return "" if same else f"its outputs in the first {STRETCH * self._run.h:g} s are not the same"
+        is_equal = np.array_equal(recorded, reference.recorded) and np.array_equal(signals, reference.signals)
+        return "" if is_equal else f"its outputs in the first {STRETCH * self._run.h:g} s are not the same"
 
 
 def whole_loop(
     stack: contextlib.ExitStack,
     run: Run,
-    found: Sequence[Interface],
+    interfaces: Sequence[Interface],
     record: Iterable[str],
     where: Where | None = None,
 ) -> Trials:
     """Load all FMUs of a run, to record some of its channels."""
     sources = world_of(run).record
-    return Trials(stack, run, found, drive.names(run), {name: sources[name] for name in record}, where)
+    return Trials(stack, run, interfaces, drive.names(run), {name: sources[name] for name in record}, where)
 
 
 def controller(
-    stack: contextlib.ExitStack, run: Run, found: Sequence[Interface], where: Where | None = None
+    stack: contextlib.ExitStack, run: Run, interfaces: Sequence[Interface], where: Where | None = None
 ) -> Trials:
     """Load the controller of test mass 2 along x by itself, fed with its own inputs.
 
@@ -220,10 +220,10 @@ def controller(
         If the loop has no such.
     """
     output = "f_control_2"
-    for i in found:
+    for i in interfaces:
         if output in i.component.outputs:
             feeds = tuple(i.component.inputs)
             place = Component(i.model, {name: name for name in feeds}, i.component.outputs)
-            alone = [replace(i, component=place)]
-            return Trials(stack, run, alone, feeds, {output: f"{i.model}.{output}"}, where)
+            controller_interfaces = [replace(i, component=place)]
+            return Trials(stack, run, controller_interfaces, feeds, {output: f"{i.model}.{output}"}, where)
     raise RunError(f"run '{run.name}': no FMU of the loop has the output {output}")

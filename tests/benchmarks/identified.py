@@ -74,10 +74,10 @@ def trial(plan: Campaign, number: int) -> Line:
             flown = [run.telemetry for e in experiments for run in (e.sysid, e.noise) if run]
             loop = Simulation(stack, plan, flown, build.build())
             free = [_free(target) for target in loop.targets]
-            found = identify(experiments, free, loop, results, how, loop.held)
+            found = identify(experiments, free, loop, results, how, loop.fixed_values)
     except (CalibrationError, LpfcosimError) as error:
         return {**line, "failed": str(error)}
-    given = {t.name: t.given for t in loop.targets if "." in t.name}
+    given = {t.name: t.default_value for t in loop.targets if "." in t.name}
     joint = coverage.with_truth(found, runs, {run.name: given | truth(run) for run in plan.runs}).joint
     assert joint
     theirs = results.joint.parameters if results.joint else {}

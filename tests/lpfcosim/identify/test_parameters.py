@@ -46,7 +46,7 @@ def test_what_is_not_sought_is_held_by_the_loop(make_run, plan, fmus):
     run = make_run()
     found = placement.interfaces(run, fmus)
     some = {"lambda_2": Sought(), "Plant.omega2_2_0": Sought()}
-    held = parameters.held(run, found, targets(replace(plan, identify=some), run, found))
+    held = parameters.fixed_values(run, found, targets(replace(plan, identify=some), run, found))
     assert held["lambda_1"] == 1.0748
     assert held["C_1"] == pytest.approx(0.149, rel=1e-12)
     assert not {"lambda_2", "C_2", "omega2_2_0", "delta_ifo"} & set(
@@ -60,7 +60,7 @@ def test_a_parameter_of_another_fmu_is_meant_by_its_name_or_by_ours(resolved, fm
     mine = Replacement("SuspensionControl", archive, {"f_u": "bandwidth"})
     (target,) = resolved({key: Sought(start=1.1e-3)}, mine)
     assert (target.name, target.variable) == ("SuspensionControl.f_u", "bandwidth")
-    assert (target.given, target.unit) == (1e-3, "Hz")
+    assert (target.default_value, target.unit) == (1e-3, "Hz")
     assert settings([target], {target.name: 2e-3}, {}) == {"SuspensionControl": {"bandwidth": 2e-3}}
 
 
@@ -70,4 +70,4 @@ def test_an_element_of_an_array_is_given_by_its_own_start_value(resolved, tmp_pa
     archive = third_party.built(tmp_path, fmi="3.0", changes=[(two[0], f'causality="parameter" {two[1]}')])
     mine = Replacement("SuspensionControl", archive, third_party.VARIABLES, third_party.UNUSED, values=values)
     (target,) = resolved({"SuspensionControl.weights[2]": Sought(width=0.1)}, mine)
-    assert target.given == given
+    assert target.default_value == given
