@@ -20,6 +20,7 @@ from fit.consistency.run_scores import RunScore
 from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics
 from fit.telemetry import Telemetry
+from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
 Array = NDArray[np.float64]
@@ -99,10 +100,10 @@ class Case:
 
 
 @dataclass(frozen=True)
-class _Cause:
-    """What may be wrong with a run, to follow "perhaps", and what then is left of the contradiction."""
+class Candidate:
+    """Causes with one effect on the parameters of a run, and what is left of the contradiction with them."""
 
-    words: str
+    causes: tuple[Cause, ...]
     left: ChiSquare
 
     @property
@@ -121,13 +122,13 @@ class Direction:
         Parameters that grow in proportion to themselves, with the power of the amount.
     steps : mapping of str to float
         Parameters that grow by the amount itself, times this.
-    words : callable
-        From the amount, its sigma and the case to words.
+    causes : callable
+        From the amount, its sigma and the case to the causes that it may have.
     """
 
     powers: Mapping[str, float]
     steps: Mapping[str, float]
-    words: Callable[[float, float, Case], str]
+    causes: Callable[[float, float, Case], tuple[Cause, ...]]
 
     def of(self, theta: Array, names: Sequence[str]) -> Array:
         """Return it at the parameters of the run, shape (Q,), the first of which have `names`.
@@ -140,33 +141,39 @@ class Direction:
         return found
 
 
-def named(case: Case) -> str:
-    """Return the causes that explain the contradiction, in words; empty if none does."""
-    possible = sorted((c for c in _causes(case) if c.left.p > POSSIBLE), key=lambda c: c.excess)
-    alike = [c.words for c in possible if c.excess < possible[0].excess + ALIKE]
-    once: dict[str, str] = {}  # a lag is told in samples if in whole ones, which takes fewer words
-    for words in alike:
-        lag = words.split(" by ")[0]
-        once[lag] = min(once.get(lag, words), words, key=len)
-    return ", or ".join([*once.values()][:TOLD])
+def named(case: Case) -> tuple[Cause, ...]:
+    """Return the causes that explain the contradiction; empty if none does."""
+    possible = sorted((c for c in _candidates(case) if c.left.p > POSSIBLE), key=lambda c: c.excess)
+    alike = [cause for c in possible if c.excess < possible[0].excess + ALIKE for cause in c.causes]
+    once: dict[object, Cause] = {}
+    for cause in alike:
+        # a lag is given in samples if in whole ones, which takes fewer words
+        lag = (cause.channel, cause.size is not None and cause.size > 0) if cause.kind == "lag" else cause
+        once[lag] = min(once.get(lag, cause), cause, key=lambda c: len(c.words))
+    return tuple(replace(cause, run=case.experiments[case.at].name) for cause in once.values())[:TOLD]
 
 
-def exchanged(case: Case, i: int) -> str:
-    """Say what a run has exchanged with another one, by number, that contradicts too; empty if nothing."""
+def exchanged(case: Case, i: int) -> Cause | None:
+    """Return what a run has exchanged with another one, by number, that contradicts too; None if nothing."""
     if not any(c.left.p > POSSIBLE for c in _of_exchange(case, i)):
-        return ""
-    other = case.experiments[i].sysid.telemetry
+        return None
+    other, name = case.experiments[i].sysid.telemetry, case.experiments[case.at].name
     authority = "authority" * (case.run.authority != other.authority)
     epoch = "alignment epoch" * (case.run.alignment_epoch != other.alignment_epoch)
-    return " and ".join(filter(None, (authority, epoch)))
+    labels = " and ".join(filter(None, (authority, epoch)))
+    words = (
+        f"its data and those of {case.experiments[i].name} look exchanged, each fits with the {labels} of "
+        "the other"
+    )
+    return Cause(name, "", "exchanged data", words=words)
 
 
-def _causes(case: Case) -> Iterator[_Cause]:
+def _candidates(case: Case) -> Iterator[Candidate]:
     """Try all causes; where the run does not follow the equation, only those that make it follow."""
     experiment, tau = case.experiments[case.at], dynamics.delays(case.expected)
-    for words, other in lags.scores(experiment, case.blocks[case.at], case.outcome, tau):
+    for cause, other in lags.scores(experiment, case.blocks[case.at], case.outcome, tau):
         if other.noise_level == 1:
-            yield _Cause(words, _left(case, {case.at: other}))
+            yield Candidate((cause,), _left(case, {case.at: other}))
     if case.score.noise_level == 1:
         yield from _of_directions(case)
         yield from _of_epoch(case)
@@ -175,7 +182,7 @@ def _causes(case: Case) -> Iterator[_Cause]:
             yield from _of_exchange(case, i)
 
 
-def _of_directions(case: Case) -> Iterator[_Cause]:
+def _of_directions(case: Case) -> Iterator[Candidate]:
     """Try what moves parameters of the run."""
     score, whole = case.score, case.test.of_runs([case.at])
     for direction in DIRECTIONS:
@@ -184,36 +191,40 @@ def _of_directions(case: Case) -> Iterator[_Cause]:
         test = case.test.score_test(column)
         if test.dof:
             left = ChiSquare(whole.value - test.value, whole.dof - test.dof, whole.noise_dof)
-            yield _Cause(direction.words(*case.test.amount(column), case), left)
+            yield Candidate(direction.causes(*case.test.amount(column), case), left)
 
 
-def _of_epoch(case: Case) -> Iterator[_Cause]:
+def _of_epoch(case: Case) -> Iterator[Candidate]:
     """Try the leakage of other alignment epochs."""
     mine = case.run.alignment_epoch
     if case.sharing.groups["delta_ifo"] == "alignment_epoch":
         for epoch in sorted({e.sysid.telemetry.alignment_epoch for e in case.experiments} - {mine}):
             left = _otherwise(case, {case.at: replace(case.run, alignment_epoch=epoch)})
-            yield _Cause(f"its alignment epoch is {epoch} and not {mine}", left)
+            words = f"its alignment epoch is {epoch} and not {mine}"
+            yield Candidate((Cause("", "alignment_epoch", "label", epoch, words=words),), left)
 
 
-def _of_test_masses(case: Case) -> Iterator[_Cause]:
+def _of_test_masses(case: Case) -> Iterator[Candidate]:
     """Try the authorities of the test masses the other way round."""
     (F_1, N_1), (F_2, N_2) = case.run.authority
     if F_1 != F_2:
         left = _otherwise(case, {case.at: replace(case.run, F_max_1=F_2, F_max_2=F_1)})
-        yield _Cause("its F_max_1 and F_max_2 are exchanged", left)
+        words = "F_max_1 and F_max_2 are exchanged"
+        yield Candidate((Cause("", "F_max_1 F_max_2", "exchange", words=words),), left)
     if N_1 != N_2:
         left = _otherwise(case, {case.at: replace(case.run, N_max_1=N_2, N_max_2=N_1)})
-        yield _Cause("its N_max_1 and N_max_2 are exchanged", left)
+        words = "N_max_1 and N_max_2 are exchanged"
+        yield Candidate((Cause("", "N_max_1 N_max_2", "exchange", words=words),), left)
 
 
-def _of_exchange(case: Case, i: int) -> Iterator[_Cause]:
+def _of_exchange(case: Case, i: int) -> Iterator[Candidate]:
     """Try whether its data are those of another run, by number."""
     other = case.experiments[i].sysid.telemetry
     here, there = ((t.authority, t.alignment_epoch) for t in (case.run, other))
     if here != there:
         left = _otherwise(case, {case.at: _as(case.run, other), i: _as(other, case.run)})
-        yield _Cause(f"its data and those of {case.experiments[i].name} are exchanged", left)
+        words = f"its data and those of {case.experiments[i].name} are exchanged"
+        yield Candidate((Cause("", "", "exchanged data", words=words),), left)
 
 
 def _as(run: Telemetry, other: Telemetry) -> Telemetry:
@@ -250,48 +261,61 @@ def _left(case: Case, scores: Mapping[int, RunScore]) -> ChiSquare:
     return ChiSquare(whole.value - rest.value, whole.dof - rest.dof, case.test.total.noise_dof)
 
 
-def _scaled(channel: str, factor: float, sigma: float) -> str:
+def _scaled(channel: str, factor: float, sigma: float, more: str = "") -> tuple[Cause, ...]:
     if abs(factor + 1) < 0.05:
-        return f"its {channel} has the wrong sign"
-    return f"its {channel} is {factor:.6g} ± {sigma:.1g} times what it should be"
+        return (Cause("", channel, "sign", factor, sigma, "1", f"{channel} has the wrong sign{more}"),)
+    words = f"{channel} is {factor:.6g} ± {sigma:.1g} times what it should be{more}"
+    return (Cause("", channel, "scale", factor, sigma, "1", words),)
 
 
 def _force(j: int) -> Direction:
     """Return the scale of a commanded force: a gain that is really another looks the same."""
 
-    def words(t: float, sigma: float, case: Case) -> str:
+    def causes(t: float, sigma: float, case: Case) -> tuple[Cause, ...]:
         gain = case.expected[_AT[f"lambda_{j}"]] * (1 + t)
-        scaled = _scaled(f"f_x_{j}", 1 / (1 + t), sigma / (1 + t) ** 2)
-        return f"{scaled}, its lambda_{j} being really {gain:.6g}"
+        more = f", its lambda_{j} being really {gain:.6g}"
+        return _scaled(f"f_x_{j}", 1 / (1 + t), sigma / (1 + t) ** 2, more)
 
-    return Direction({f"lambda_{j}": 1.0, f"C_{j}": 1.0}, {}, words)
+    return Direction({f"lambda_{j}": 1.0, f"C_{j}": 1.0}, {}, causes)
 
 
 def _delay(j: int) -> Direction:
     """Return the lag of a commanded force in the file: it acts earlier than it should."""
 
-    def words(t: float, sigma: float, case: Case) -> str:
+    def causes(t: float, sigma: float, case: Case) -> tuple[Cause, ...]:
         gain = case.expected[_AT[f"lambda_{j}"]]
-        when = "late" if t < 0 else "early"
-        return f"its f_x_{j} is {when} by {abs(t) / gain:.3g} ± {sigma / gain:.1g} s"
+        lag, sigma = float(-t / gain), float(sigma / gain)
+        words = f"f_x_{j} is {'late' if lag > 0 else 'early'} by {abs(lag):.3g} ± {sigma:.1g} s"
+        return (Cause("", f"f_x_{j}", "lag", lag, sigma, "s", words),)
 
-    return Direction({}, {f"C_{j}": 1.0}, words)
+    return Direction({}, {f"C_{j}": 1.0}, causes)
 
 
 def _stiffness(j: int) -> Direction:
     """Return a stiffness that is not that of the authority in the file."""
 
-    def words(t: float, sigma: float, case: Case) -> str:
-        (F, N), told = case.run.authority[j - 1], []
+    def causes(t: float, sigma: float, case: Case) -> tuple[Cause, ...]:
+        (F, N), found = case.run.authority[j - 1], []
         for key, value, base, unit in (("F_max", F, "alpha_x", "N"), ("N_max", N, "alpha_phi", "N m")):
             alpha = case.of_others(f"{base}_{j}")
             really = value + t / alpha if alpha else -1.0
-            if really >= 0:
-                told.append(f"its {key}_{j} is {really:.4g} and not {value:.4g} {unit}")
-        told.append(f"its stiffness omega2_{j} differs by {t:.3g} ± {sigma:.1g} s-2 from what that makes it")
-        return ", or ".join(told)
+            if alpha and really >= 0:
+                words = f"{key}_{j} is {really:.4g} and not {value:.4g} {unit}"
+                found.append(Cause("", f"{key}_{j}", "authority", really, abs(sigma / alpha), unit, words))
+        words = f"its stiffness omega2_{j} differs by {t:.3g} ± {sigma:.1g} s-2 from what that makes it"
+        return (*found, Cause("", f"omega2_{j}", "stiffness", t, sigma, "s-2", words))
 
-    return Direction({}, {"omega2_2": 1.0, "domega2_12": 1.0} if j == 2 else {"domega2_12": -1.0}, words)
+    return Direction({}, {"omega2_2": 1.0, "domega2_12": 1.0} if j == 2 else {"domega2_12": -1.0}, causes)
+
+
+def _clock(t: float, sigma: float, _: Case) -> tuple[Cause, ...]:
+    words = f"its samples are {1 + t:.7g} ± {sigma:.1g} times as far apart as its time says"
+    return (Cause("", "time", "clock", 1 + t, sigma, "1", words),)
+
+
+def _leakage(t: float, sigma: float, _: Case) -> tuple[Cause, ...]:
+    words = f"its delta_ifo differs by {t:.3g} ± {sigma:.1g} from that of its epoch"
+    return (Cause("", "delta_ifo", "leakage", t, sigma, "1", words),)
 
 
 DIRECTIONS = (
@@ -310,7 +334,7 @@ DIRECTIONS = (
     Direction(  # f'' of true time is that of the file's time over (1 + t)^2
         {"lambda_1": 2.0, "lambda_2": 2.0, "C_1": 1.0, "C_2": 1.0, "omega2_2": 2.0, "domega2_12": 2.0},
         {},
-        lambda t, sigma, _: f"its samples are {1 + t:.7g} ± {sigma:.1g} times as far apart as its time says",
+        _clock,
     ),
     _delay(2),
     _delay(1),
@@ -319,6 +343,6 @@ DIRECTIONS = (
     Direction(
         {},
         {"delta_ifo": 1.0},
-        lambda t, sigma, _: f"its delta_ifo differs by {t:.3g} ± {sigma:.1g} from that of its epoch",
+        _leakage,
     ),
 )

@@ -24,11 +24,10 @@ from fit.model import Sharing, dynamics
 from fit.parallel import parallel_map
 from fit.parameters import experiment_parameters
 from fit.quality import Exclusion, Tells, samples
+from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
-MENDED = "so mended, the run says what the others say"
 ALARM = 1e-4  # p-value below which a run contradicts the others
-UNTOLD = "no single cause that was tried explains it"
 PLAIN = ("sign", "unit", "scale", "lag", "exchange", "jump")  # kinds that others contain
 OF_GAIN = ("sign", "unit", "scale")  # kinds of hypotheses that a gain alone suggests
 
@@ -76,9 +75,9 @@ def likeliest(trial: Trial, others: Sequence[Experiment], most: float = np.inf) 
 
 def _simplest(alike: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return those of which no simpler or likelier one says the same of the same channel, as they come."""
-    plain = {h.words.split()[0] for h in alike if h.kind in PLAIN}
-    kept = [h for h in alike if h.kind in PLAIN or h.words.split()[0] not in plain]
-    return list({(h.kind, h.words.split()[0]): h for h in reversed(kept)}.values())[::-1]
+    plain = {h.cause.channel for h in alike if h.cause.kind in PLAIN}
+    simple = [h for h in alike if h.cause.kind in PLAIN or h.cause.channel not in plain]
+    return list({(h.cause.kind, h.cause.channel): h for h in reversed(simple)}.values())[::-1]
 
 
 def explained(
@@ -105,40 +104,36 @@ def explained(
     """
     known = {e.name: e for e in experiments}
 
-    def anew(f: Exclusion) -> Exclusion:
-        experiment, own = known.get(f.experiment), alone.get(f.experiment)
-        if experiment is None or (f.tells == "cause" and not f.perhaps):
-            return f
-        if f.perhaps:
-            alike = _of_samples(experiment, experiments, agreed, sharing, beyond=True)
-            better = f"{f.experiment}: perhaps its {_either(alike)}"
-            return replace(f, reason=f.reason.replace(f.perhaps, better)) if alike else f
-        alike = _of_samples(experiment, experiments, agreed, sharing)
-        if alike and f.tells in ("guess", "misfit"):
-            if f.tells == "guess" and any(h.kind in OF_GAIN for h in alike):
-                return f
-            path = experiment.sysid.telemetry.path
-            return replace(f, reason=f"{path}: {_either(alike)}; {MENDED}")
-        alike = [h for h in alike if h.kind != "stretches"]  # which says less than what was seen
-        cause = f"its {_either(alike)}" if alike else ""
-        if not cause and isinstance(own, IRLSResult) and not agreed.outcome.departing:
-            cause = _of_parameters(experiment, own.blocks[0], agreed, sharing)
-        if not cause and f.tells == "misfit":
-            return replace(f, reason="; ".join([f.reason, *_odd_by_itself(experiment)]))
-        reason = f.reason.removesuffix(f"; {UNTOLD}")
-        return replace(f, reason=f"{reason}; perhaps {cause}") if cause else f
+    def with_causes(exclusion: Exclusion) -> Exclusion:
+        experiment = known.get(exclusion.experiment)
+        if experiment is None or (exclusion.tells == "cause" and not exclusion.causes):
+            return exclusion
+        if exclusion.causes:
+            if any(cause.kind == "exchanged data" for cause in exclusion.causes):
+                return exclusion
+            causes = _of_samples(experiment, experiments, agreed, sharing, beyond=True)
+            return replace(exclusion, causes=causes) if causes else exclusion
+        causes = _of_samples(experiment, experiments, agreed, sharing)
+        if causes and exclusion.tells in ("guess", "misfit"):
+            if exclusion.tells == "guess" and any(cause.kind in OF_GAIN for cause in causes):
+                return exclusion
+            return replace(exclusion, causes=causes, corrected=str(experiment.sysid.telemetry.path))
+        # stretches say less than what was observed
+        causes = tuple(cause for cause in causes if cause.kind != "stretches")
+        single = alone.get(exclusion.experiment)
+        if not causes and isinstance(single, IRLSResult) and not agreed.outcome.departing:
+            causes = _of_parameters(experiment, single.blocks[0], agreed, sharing)
+        if not causes and exclusion.tells == "misfit":
+            return replace(exclusion, reason="; ".join([exclusion.reason, *_odd_by_itself(experiment)]))
+        return replace(exclusion, causes=causes)
 
-    return tuple(parallel_map(anew, list(left_out)))
+    return tuple(parallel_map(with_causes, list(left_out)))
 
 
 def _odd_by_itself(experiment: Experiment) -> list[str]:
     """Return what is odd about a run that nothing explains, though it would do no harm in another."""
     wild = list(samples.of_commands(experiment.sysid.telemetry))
     return wild or [told for told in (louder.told(experiment),) if told]
-
-
-def _either(alike: Sequence[Hypothesis]) -> str:
-    return ", or ".join(dict.fromkeys(h.words for h in alike))
 
 
 def _of_samples(
@@ -148,35 +143,36 @@ def _of_samples(
     sharing: Sharing,
     *,
     beyond: bool = False,
-) -> list[Hypothesis]:
-    """Return what its samples, mended, would make an experiment say what the others say.
+) -> tuple[Cause, ...]:
+    """Return what its samples must be corrected for, so that an experiment agrees with the others.
 
     If it is to go `beyond` its parameters, it must explain more than any values of them.
     """
     if experiment.noise is None:
-        return []  # without it nothing tells what is too much
+        return ()  # without it nothing tells what is too much
     agreeing = {e.name for e in agreed.experiments}  # whose channels are their own
     lenders = [e for e in experiments if e.name not in agreeing]
     trial = Trial(experiment, agreed.outcome, agreed.experiments, sharing)
     found = likeliest(trial, lenders, trial.as_it_is.left.free if beyond else np.inf)
-    return found if len(found) <= TOLD else []
+    run = experiment.name
+    return tuple(replace(h.cause, run=run) for h in found) if len(found) <= TOLD else ()
 
 
 def _of_parameters(
     experiment: Experiment, block: whitened_run.WhitenedRun, agreed: _Agreement, sharing: Sharing
-) -> str:
-    """Return what would make an experiment say what the others say; empty if it does, or nothing would."""
+) -> tuple[Cause, ...]:
+    """Return what would make an experiment agree with the others; empty if it does, or nothing would."""
     outcome = agreed.outcome
     names = tuple(p.name for p in outcome.parameters)
     share = sharing.matrix(experiment.sysid.telemetry, experiment.parameters, names)
     if not share.any(axis=1).all():
-        return ""
+        return ()
     court = Court(
         (*agreed.experiments, experiment), (*outcome.blocks, replace(block, share=share)), outcome, sharing
     )
     test, last = consistency_test(court.experiments, outcome, court.blocks), len(agreed.experiments)
     if test.of_runs([last]).p > ALARM and test.runs[last].noise_level == 1:
-        return ""
+        return ()
     return named(court.case(test, last))
 
 
@@ -216,17 +212,14 @@ def of_odd(test: ConsistencyTest, outliers: Sequence[int], court: Court) -> tupl
     for i, name in zip(outliers, names, strict=True):
         others = [k for k in outliers if k != i]
         case = court.case(test, i, others)
-        perhaps = ""
-        if len(others) == 1 and (labels := exchanged(court.case(test, i), others[0])):
-            cause = f"{who}: each fits with the {labels} of the other, their data look exchanged"
+        if len(others) == 1 and (exchange := exchanged(court.case(test, i), others[0])):
+            causes: tuple[Cause, ...] = (exchange,)
         else:
-            likely = "" if case.agrees else named(case)
-            cause = perhaps = f"{name}: perhaps {likely}" if likely else ""
+            causes = () if case.agrees else named(case)
         apart = _apart(court.case(test, i) if case.agrees else case)  # from the other outliers, or from all
-        reason = f"{cause}; " * bool(cause) + f"{said}; {name} {apart}"
-        untold = "" if cause else f"; {UNTOLD}"
-        tells: Tells = "cause" if cause else "sign"
-        found.append(Exclusion(name, reason + untold, own="contradiction", tells=tells, perhaps=perhaps))
+        tells: Tells = "cause" if causes else "sign"
+        reason = f"{said}; {name} {apart}"
+        found.append(Exclusion(name, reason, own="contradiction", tells=tells, causes=causes))
     return tuple(found)
 
 

@@ -16,6 +16,7 @@ from fit.consistency.trial import BLOCK, Remedy, Trial, of_bins
 from fit.model import dynamics
 from fit.parameters import M_TM
 from fit.spectra import derivatives
+from fit.warnings import Cause
 from fit.whitening import Experiment
 
 Array = NDArray[np.float64]
@@ -41,22 +42,19 @@ PREFIXES = {1e3: "m", 1e6: "u", 1e9: "n", 1e12: "p"}
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What may be wrong, to follow the name of the run, and what would mend it.
+    """What may be wrong with a run, and what would mend it.
 
     Attributes
     ----------
-    kind : str
-        "scale", "sign", "unit", "lag" and so on.
-    words : str
-        In words that follow "its".
+    cause : Cause
+        Channel, kind, size; without the name of the run.
     remedy : Remedy
         What mends it.
     costs : float
         What it must lower chi2 by to be as likely as nothing.
     """
 
-    kind: str
-    words: str
+    cause: Cause
     remedy: Remedy
     costs: float
 
@@ -88,24 +86,29 @@ def _scales(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     if 1 + a == 0:
         return
     factor, of_factor = 1 / (1 + a), sigma / (1 + a) ** 2
-    kind, words, exact = told_factor(name, factor, of_factor)
+    cause, exact = factor_cause(name, factor, of_factor)
     of_o_12 = exact if name == "o_12" else 1.0
-    yield Hypothesis(kind, words, Remedy({name: x / exact}, factor=of_o_12), AMOUNT)
+    yield Hypothesis(cause, Remedy({name: x / exact}, factor=of_o_12), AMOUNT)
 
 
-def told_factor(name: str, factor: float, sigma: float) -> tuple[str, str, float]:
-    """Return what a factor on a channel is: its kind, its words, and the factor as it must be exactly."""
+def factor_cause(name: str, factor: float, sigma: float) -> tuple[Cause, float]:
+    """Return the cause that a factor on a channel is, and the factor as it must be exactly."""
+
+    def cause(kind: str, words: str) -> Cause:
+        return Cause("", name, kind, factor, sigma, "1", words)
+
     near = max(ROUND, SURE * sigma / abs(factor))
     if abs(factor + 1) < near:
-        return "sign", f"{name} has the wrong sign", -1.0
+        return cause("sign", f"{name} has the wrong sign"), -1.0
     unit = "m s-2" if name.startswith("f") else "m"
     for size, prefix in PREFIXES.items():
         for real, short in ((size, f"{prefix}{unit}"), (1 / size, f"10^{round(np.log10(size))} {unit}")):
             if abs(factor / real - 1) < near:
-                return "unit", f"{name} is in {short} and not in {unit}", real
+                return cause("unit", f"{name} is in {short} and not in {unit}"), real
     if name.startswith("f") and abs(factor / M_TM - 1) < near:
-        return "unit", f"{name} is in N and not in m s-2", M_TM
-    return "scale", f"{name} is {factor:.6g} ± {sigma:.1g} times what it should be", factor
+        return cause("unit", f"{name} is in N and not in m s-2"), M_TM
+    words = f"{name} is {factor:.6g} ± {sigma:.1g} times what it should be"
+    return cause("scale", words), factor
 
 
 def moved(x: Array, fs: float, late: float) -> Array:
@@ -160,10 +163,11 @@ def _lag(trial: Trial, name: str, x: Array, late: float, g: float, *, scaled: bo
     words, costs = f"{name} is {'late' if late > 0 else 'early'} by {by}", AMOUNT + SOUGHT * (whole != 0)
     remedy = Remedy({name: g * moved(x, fs, late)}, factor=1 / g if name == "o_12" else 1.0)
     if scaled:
-        told = told_factor(name, 1 / g, of_scale / g**2)[1].removeprefix(f"{name} ")
-        yield Hypothesis("lag and scale", f"{words} and {told}", remedy, costs + AMOUNT)
+        scale = factor_cause(name, 1 / g, of_scale / g**2)[0].words
+        cause = Cause("", name, "lag and scale", late, sigma, "s", f"{words}, and {scale}")
+        yield Hypothesis(cause, remedy, costs + AMOUNT)
     else:
-        yield Hypothesis("lag", words, remedy, costs)
+        yield Hypothesis(Cause("", name, "lag", late, sigma, "s", words), remedy, costs)
 
 
 def _filters(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
@@ -195,17 +199,18 @@ def _filters(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
         f"{abs(passed):.3g} of it, {abs(late):.2g} s {'late' if late > 0 else 'early'}"
     )
     costs = len(TAPS) * AMOUNT + SOUGHT + of_noise  # no less than the lag that it contains
-    yield Hypothesis("filter", words, Remedy({name: x + moves @ (inverse @ y)}), costs)
+    cause = Cause("", name, "filter", float(late), None, "s", words)
+    yield Hypothesis(cause, Remedy({name: x + moves @ (inverse @ y)}), costs)
 
 
 def _exchanges(trial: Trial, x: Channels, others: Sequence[Experiment]) -> Iterator[Hypothesis]:
     """Try other channels in the place of one, of this run or of another, and all of them in reverse."""
     for first, second in (("o_1", "o_12"), ("f_x_1", "f_x_2")):
         remedy = Remedy({first: x[second], second: x[first]})
-        yield Hypothesis("exchange", f"{first} and {second} are exchanged", remedy, 0.0)
-    yield Hypothesis(
-        "reverse", "samples are in reverse order", Remedy({k: v[::-1] for k, v in x.items()}), 0.0
-    )
+        words = f"{first} and {second} are exchanged"
+        yield Hypothesis(Cause("", f"{first} {second}", "exchange", words=words), remedy, 0.0)
+    reverse = Cause("", "", "reverse", words="samples are in reverse order")
+    yield Hypothesis(reverse, Remedy({k: v[::-1] for k, v in x.items()}), 0.0)
     for e in others:
         run = e.sysid.channels
         if e.sysid.telemetry.run == trial.run.run or run.fs != trial.sysid.channels.fs:
@@ -214,7 +219,8 @@ def _exchanges(trial: Trial, x: Channels, others: Sequence[Experiment]) -> Itera
             lent = getattr(run, name)
             if lent.size == x[name].size and np.ptp(lent) > 0:
                 words = f"{name} is not its own: that of {e.sysid.telemetry.run} fits"
-                yield Hypothesis("exchange", words, Remedy({name: lent}), AMOUNT + SOUGHT)
+                cause = Cause("", name, "exchange", words=words)
+                yield Hypothesis(cause, Remedy({name: lent}), AMOUNT + SOUGHT)
 
 
 def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
@@ -226,15 +232,15 @@ def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
         _, (whole, a), (_, sigma) = trial.gain(both)
         more = "a growing" if a < 0 else "a falling"
         words = f"{name} has {more} scale, by {100 * abs(a):.2g} ± {100 * sigma:.1g} % from start to end"
-        yield Hypothesis("scale that drifts", words, Remedy({name: of * (1 + whole + a * share)}), 2 * AMOUNT)
+        cause = Cause("", name, "scale that drifts", float(-a), float(sigma), "1", words)
+        yield Hypothesis(cause, Remedy({name: of * (1 + whole + a * share)}), 2 * AMOUNT)
         slope = np.gradient(of) * fs
         both = np.column_stack([trial.column(name, change) for change in (slope, slope * share)])
         _, (whole, a), (_, sigma) = trial.gain(both)
         ever = "later" if a > 0 else "earlier"
         words = f"{name} is ever {ever}, by {abs(a):.2g} ± {sigma:.1g} s from start to end"
-        yield Hypothesis(
-            "lag that drifts", words, Remedy({name: of + (whole + a * share) * slope}), 2 * AMOUNT
-        )
+        cause = Cause("", name, "lag that drifts", float(a), float(sigma), "s", words)
+        yield Hypothesis(cause, Remedy({name: of + (whole + a * share) * slope}), 2 * AMOUNT)
         if name.startswith("f"):
             largest = float(np.abs(of).max())
             for bent, what in (
@@ -246,19 +252,21 @@ def _growing(trial: Trial, x: Channels) -> Iterator[Hypothesis]:
                     f"gain lambda_{name[-1]} changes with {what}, by {100 * abs(a):.2g} ± "
                     f"{100 * sigma:.1g} % at {largest:.2g} m s-2"
                 )
-                yield Hypothesis("gain by force", words, Remedy({name: of + a * bent / largest}), AMOUNT)
+                cause = Cause("", name, "gain by force", a, sigma, "1", words)
+                yield Hypothesis(cause, Remedy({name: of + a * bent / largest}), AMOUNT)
     inner = trial.as_it_is.terms
     names = dict(zip(inner.names, inner.values.T, strict=True))
     drift = (inner.time - time.mean()) / np.ptp(time)
     for what, unit, at in (
-        ("stiffness omega2_2", " s-2", names["o_12"] + names["o_1"]),
-        ("stiffness omega2_1", " s-2", -names["o_1"]),
+        ("omega2_2", " s-2", names["o_12"] + names["o_1"]),
+        ("omega2_1", " s-2", -names["o_1"]),
         ("delta_ifo", "", -names["ddo_1"]),
     ):
         series = np.column_stack([at, at * drift])
         _, amounts, sigmas = trial.gain(trial.whitened(series))
         words = f"{what} changes by {amounts[1]:.2g} ± {sigmas[1]:.1g}{unit} from start to end"
-        yield Hypothesis("drift", words, Remedy(acceleration=-series @ amounts), 2 * AMOUNT)
+        cause = Cause("", what, "drift", float(amounts[1]), float(sigmas[1]), unit.strip() or "1", words)
+        yield Hypothesis(cause, Remedy(acceleration=-series @ amounts), 2 * AMOUNT)
 
 
 def _line(trial: Trial) -> Hypothesis:
@@ -278,7 +286,9 @@ def _line(trial: Trial) -> Hypothesis:
     series = at(f)[1]
     size = float(np.sqrt(2 * np.mean(series**2)))
     words = f"Delta g holds a sine of {1e3 * f:.4g} mHz and {size:.2g} m s-2"
-    return Hypothesis("line", words, Remedy(acceleration=series), 3 * AMOUNT + SOUGHT)
+    return Hypothesis(
+        Cause("", "", "line", size, None, "m s-2", words), Remedy(acceleration=series), 3 * AMOUNT + SOUGHT
+    )
 
 
 def _drift(trial: Trial) -> Hypothesis:
@@ -288,7 +298,8 @@ def _drift(trial: Trial) -> Hypothesis:
     _, amounts, _ = trial.gain(trial.whitened(slow))
     drift = np.asarray(slow @ amounts)
     words = f"o_12 or a force holds a slow drift, as if of {np.ptp(drift):.2g} m s-2"
-    return Hypothesis("drift", words, Remedy(acceleration=-drift), len(BENT) * AMOUNT)
+    cause = Cause("", "o_12", "slow drift", float(np.ptp(drift)), None, "m s-2", words)
+    return Hypothesis(cause, Remedy(acceleration=-drift), len(BENT) * AMOUNT)
 
 
 def _stretches(trial: Trial) -> Iterator[Hypothesis]:
@@ -305,4 +316,4 @@ def _stretches(trial: Trial) -> Iterator[Hypothesis]:
     often = f" in {len(spans)} stretches, first" if len(spans) > TOLD else ""
     words = f"Delta g holds something else{often} from {told}"
     # what is left out is as many amounts
-    yield Hypothesis("stretches", words, Remedy(without=spans), seen.freedom * loud.size)
+    yield Hypothesis(Cause("", "", "stretches", words=words), Remedy(without=spans), seen.freedom * loud.size)

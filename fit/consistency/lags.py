@@ -8,6 +8,7 @@ import numpy as np
 from fit.consistency.run_scores import RunScore, run_score
 from fit.fitting import IRLSResult, run_estimate
 from fit.model import dynamics
+from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
 SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
@@ -15,8 +16,8 @@ SAMPLES = (1, -1, 2, -2)  # of the file, by which a channel may be late
 
 def scores(
     experiment: Experiment, block: whitened_run.WhitenedRun, outcome: IRLSResult, tau: tuple[float, float]
-) -> Iterator[tuple[str, RunScore]]:
-    """Yield in words which channel is late by how much, and what the run then says.
+) -> Iterator[tuple[Cause, RunScore]]:
+    """Yield which channel is late by how much, and what the run then says.
 
     Parameters
     ----------
@@ -39,10 +40,10 @@ def scores(
             shifted = run.earlier(name, late)
             terms = shifted.spectra(tau)
             columns, _ = whitened_run.whiten(terms, block.noise.expected(terms.f))
-            words = f"its {name} is {'late' if late > 0 else 'early'} by {told}"
+            words = f"{name} is {'late' if late > 0 else 'early'} by {told}"
             shown = replace(block, columns=columns, tau=terms.tau)
             yield (
-                words,
+                Cause(experiment.name, name, "lag", late, None, "s", words),
                 run_score(
                     experiment.name, shown, run_estimate(experiment.name, shown), outcome.solution.theta
                 ),

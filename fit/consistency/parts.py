@@ -6,15 +6,16 @@ or come twice shift what follows by a whole one, which the first order of a lag 
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fit.consistency.hypotheses import AMOUNT, SOUGHT, Hypothesis, amount, moved, told_factor
+from fit.consistency.hypotheses import AMOUNT, SOUGHT, Hypothesis, amount, factor_cause, moved
 from fit.consistency.trial import Remedy, Trial, of_bins
 from fit.spectra import windowing
+from fit.warnings import Cause
 
 Array = NDArray[np.float64]
 
@@ -60,13 +61,13 @@ class _Change:
     """What may be so in a part of a channel.
 
     `unit`, shape (N,), is what it adds to the channel: in proportion to its amount, or, where it is `exact`,
-    just once. `told` makes kind, words and what the channel should be of the amount and its sigma.
+    just once. `told` makes the cause and what the channel should be of the amount and its sigma.
     """
 
     channel: str
     unit: Array
     exact: bool
-    told: Callable[[float, float], tuple[str, str, Array]]
+    told: Callable[[float, float], tuple[Cause, Array]]
 
 
 def parts(trial: Trial, least: float) -> Iterator[Hypothesis]:
@@ -91,11 +92,11 @@ def _changes(x: Mapping[str, Array], fs: float) -> Iterator[_Change]:
 
 
 def _scaled(name: str, x: Array) -> _Change:
-    def told(a: float, sigma: float) -> tuple[str, str, Array]:
+    def told(a: float, sigma: float) -> tuple[Cause, Array]:
         if abs(a + 1) < TURNED:
-            return "excess", f"{name} shows what is not so", 0 * x
-        kind, words, factor = told_factor(name, 1 / (1 + a), sigma / (1 + a) ** 2)
-        return kind, words, x / factor
+            return Cause("", name, "excess", words=f"{name} contains data that cannot be real"), 0 * x
+        cause, factor = factor_cause(name, 1 / (1 + a), sigma / (1 + a) ** 2)
+        return cause, x / factor
 
     return _Change(name, x, exact=False, told=told)
 
@@ -104,16 +105,16 @@ def _late(name: str, x: Array, fs: float, n: int) -> _Change:
     mended = moved(x, fs, n / fs)
     words = f"{name} is {'late' if n > 0 else 'early'} by {abs(n)} sample"
 
-    def told(_: float, __: float) -> tuple[str, str, Array]:
-        return "lag", words, mended
+    def told(_: float, __: float) -> tuple[Cause, Array]:
+        return Cause("", name, "lag", n / fs, None, "s", words), mended
 
     return _Change(name, mended - x, exact=True, told=told)
 
 
 def _drawn_out(name: str, x: Array, fs: float) -> _Change:
-    def told(a: float, sigma: float) -> tuple[str, str, Array]:
+    def told(a: float, sigma: float) -> tuple[Cause, Array]:
         words = f"{name} is {'late' if a > 0 else 'early'} by {abs(a):.3g} ± {sigma:.1g} s"
-        return "lag", words, moved(x, fs, float(np.clip(a, -5 / fs, 5 / fs)))
+        return Cause("", name, "lag", a, sigma, "s", words), moved(x, fs, float(np.clip(a, -5 / fs, 5 / fs)))
 
     return _Change(name, np.gradient(x) * fs, exact=False, told=told)
 
@@ -166,12 +167,13 @@ def _refined(trial: Trial, change: _Change, part: _Part, x: Array) -> Hypothesis
                 (best, *(tried(best[0].begin, best[0].end + s) for s in shifts)), key=lambda t: t[0].gain
             )
     found, a, sigma = best
-    kind, words, mended = change.told(a, sigma)
+    cause, mended = change.told(a, sigma)
+    cause = replace(cause, kind=f"{cause.kind} of a part", words=f"{cause.words} {found.when}")
     # there a sample is lost or comes twice
     edges = tuple((edge - BESIDE, edge + BESIDE) for edge in (found.begin, found.end) if np.isfinite(edge))
     channels = {change.channel: np.where(found.holds(time), mended, x)}
     remedy = Remedy(channels, without=edges if change.exact else ())
-    return Hypothesis(f"{kind} of a part", f"{words} {found.when}", remedy, AMOUNT + SOUGHT * found.ends)
+    return Hypothesis(cause, remedy, AMOUNT + SOUGHT * found.ends)
 
 
 def _jump(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
@@ -192,4 +194,5 @@ def _jump(trial: Trial, name: str, x: Array) -> Iterator[Hypothesis]:
     (size, _, _), when = max(tried, key=lambda one: one[0][2])
     unit = "m s-2" if name.startswith("f") else "m"
     words = f"{name} jumps by {abs(size):.2g} {unit} at {when:.0f} s"
-    yield Hypothesis("jump", words, Remedy({name: x + size * (time >= when)}), AMOUNT + SOUGHT)
+    cause = Cause("", name, "jump", size, None, unit, words)
+    yield Hypothesis(cause, Remedy({name: x + size * (time >= when)}), AMOUNT + SOUGHT)

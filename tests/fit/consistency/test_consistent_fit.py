@@ -57,7 +57,7 @@ FAULTS = {
     "F_max_2": (
         of("B", lambda r: replace(r, F_max_2=2.2e-9), BOTH),
         "B",
-        (r"its F_max_2 is 1\.[01]", "omega2_2 differs"),
+        (r"F_max_2 is 1\.[01]", "omega2_2 differs"),
     ),
     "f_x_2": (
         of("C", channel("f_x_2", lambda f: 1.01 * f)),

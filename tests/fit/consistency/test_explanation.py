@@ -35,7 +35,7 @@ def said(**channels):
     new = {name: np.asarray(function(old), dtype=float) for name, function in channels.items()}
     (odd,) = paired([replace(sysid, channels=old | new), noise])
     found = likeliest(Trial(odd, joint, experiments, Sharing(settings().shared)), [odd])
-    return [(h.kind, h.words) for h in found]
+    return [(h.cause.kind, h.cause.words) for h in found]
 
 
 def late(x, samples):
@@ -68,7 +68,7 @@ FAULTS = {
     "late and wrong sign": (
         {"f_x_2": lambda c: -late(c["f_x_2"], 3)},
         {"lag and scale"},
-        "f_x_2 is late by 3 samples and has the wrong sign",
+        "f_x_2 is late by 3 samples, and f_x_2 has the wrong sign",
     ),
     "low-pass": (
         {"f_x_2": lambda c: signal.lfilter([1 - 1 / np.e], [1, -1 / np.e], c["f_x_2"])},
@@ -87,7 +87,7 @@ FAULTS = {
     ),
     "a slow drift": (
         {"o_12": lambda c: c["o_12"] + 1e-6 * np.linspace(0, 1, N) ** 2},
-        {"drift"},
+        {"slow drift"},
         "o_12 or a force holds a slow drift, as if of",
     ),
     "mean of three": (
