@@ -31,9 +31,9 @@ from fit.fitting import (
     HARMLESS,
     MAX_ITERATIONS,
     TOLERANCE,
+    Convergence,
     Prior,
     PriorSet,
-    Rule,
     constraint_test,
     iterate,
 )
@@ -99,7 +99,7 @@ def fit_period(
     """
     x_axis = common_x_axis(runs)
     weighings = [_Turning(run, joint) for run in runs]
-    rule = Rule(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
+    rule = Convergence(MAX_ITERATIONS, TOLERANCE, HARMLESS, moving=f"{' and '.join(NAMES)} still move")
     outcome = iterate(weighings, PARAMETERS, weak_priors, rule, settings=settings)
     turning = _centrifugal(weighings, rule, settings)
     solution = outcome.solution
@@ -267,7 +267,7 @@ def _widths(parameters: Sequence[Parameter]) -> Array:
 
 
 def _centrifugal(
-    weighings: Sequence[_Turning], rule: Rule, settings: Mapping[str, ParameterSettings] | None
+    weighings: Sequence[_Turning], rule: Convergence, settings: Mapping[str, ParameterSettings] | None
 ) -> Estimate:
     """Estimate the coefficient of g_Omega, all else left free as well."""
     parameters = (*PARAMETERS, centrifugal.EXCESS)

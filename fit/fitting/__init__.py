@@ -6,7 +6,7 @@ iteration, `irls.iterate`, moves weights, delays and parameters until nothing mo
 """
 
 from fit.fitting.hierarchy import ScaleParameter
-from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, IRLSResult, Rule, iterate
+from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Convergence, IRLSResult, iterate
 from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint
 from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
 from fit.fitting.normal import inflations
@@ -20,11 +20,11 @@ __all__ = [
     "HARMLESS",
     "MAX_ITERATIONS",
     "TOLERANCE",
+    "Convergence",
     "IRLSResult",
     "Prior",
     "PriorSet",
     "Problem",
-    "Rule",
     "RunEstimate",
     "ScaleParameter",
     "column_scale",
@@ -47,6 +47,7 @@ __all__ = [
     "louder",
     "moments",
     "normal",
+    "null_space",
     "priors",
     "run_estimate",
     "score_whitening",

@@ -35,14 +35,14 @@ Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3  # sigma, least move that counts
-HARMLESS = 0.05  # sigma, move that is put up with after MAX_ITERATIONS, and told
+HARMLESS = 0.05  # sigma, move that is tolerated after MAX_ITERATIONS, and told
 FASTER = 0.8  # of the iterations that are left, about, when one is done
 SETTLED = 6  # iterations after which the set of indeterminable parameters stays
 
 
 @dataclass(frozen=True)
-class Rule:
-    """When an iteration ends.
+class Convergence:
+    """Criterion of convergence of an iteration.
 
     Attributes
     ----------
@@ -51,16 +51,16 @@ class Rule:
     tolerance : float
         Least move [sigma] that counts.
     harmless : float
-        Move [sigma] that is put up with in the last of them, and told.
+        Move [sigma] that is tolerated in the last of them, and told.
     warm_up : int
         Iteration up to which nothing ends.
     moving : str
-        What does not settle, for messages.
+        What does not converge, for messages.
     """
 
     most: int
-    tolerance: float = TOLERANCE
-    harmless: float = HARMLESS
+    tolerance: float
+    harmless: float
     warm_up: int = WARM_UP
     moving: str = "parameters still move"
 
@@ -78,7 +78,7 @@ class IRLSResult:
     lost : ndarray of bool, shape (P,)
         True for indeterminable parameters.
     directions : ndarray, shape (K, P)
-        See `linear.blind`.
+        See `null_space`.
     converged : bool
         Whether the last move was within TOLERANCE.
     blocks : tuple of whitened_run.WhitenedRun
@@ -151,7 +151,7 @@ def reweight(
     *,
     estimator: Estimator = "gaussian",
     departing: Sequence[ScaleParameter] = (),
-    begun: Mapping[str, whitened_run.WhitenedRun] | None = None,
+    initial: Mapping[str, whitened_run.WhitenedRun] | None = None,
     settings: Mapping[str, ParameterSettings] | None = None,
 ) -> IRLSResult:
     """Iterate weights, delays and parameters until no determinable parameter moves.
@@ -168,7 +168,7 @@ def reweight(
         ``flscov``, or the likelihood of the residual, see `fit.whitening.likelihoods`.
     departing : sequence of ScaleParameter
         Departures of experiments, held so weakly here that the data tell them.
-    begun : mapping of str to whitened_run.WhitenedRun, optional
+    initial : mapping of str to whitened_run.WhitenedRun, optional
         Experiments, by name, as another fit has weighed them: where the iteration begins.
     settings : mapping of str to ParameterSettings, optional
         What the user says of parameters, by name.
@@ -178,9 +178,10 @@ def reweight(
     FitError
         If it does not settle, or a step of it fails.
     """
-    first = begun or {}
+    initial = initial or {}
     weighings = [
-        weighing(e, share, estimator, first.get(e.name)) for e, share in zip(experiments, shares, strict=True)
+        weighing(e, share, estimator, initial.get(e.name))
+        for e, share in zip(experiments, shares, strict=True)
     ]
 
     try:
@@ -194,7 +195,7 @@ def iterate(
     weighings: Sequence[Weighing],
     parameters: Sequence[Parameter],
     priors: Callable[[Sequence[whitened_run.WhitenedRun], Array, Array], PriorSet] | None = None,
-    rule: Rule | None = None,
+    convergence: Convergence | None = None,
     departing: Sequence[ScaleParameter] = (),
     admitted: Callable[[Array, Array], Array] = lambda _, to: to,
     settings: Mapping[str, ParameterSettings] | None = None,
@@ -209,7 +210,7 @@ def iterate(
         The P parameters; the iteration starts at their values.
     priors : callable, optional
         See `weak_priors`, the default about the values of `parameters`.
-    rule : Rule, optional
+    convergence : Convergence, optional
         When to stop.
     departing : sequence of ScaleParameter
         Departures of experiments, see `reweight`.
@@ -223,12 +224,12 @@ def iterate(
     FitError
         If it does not settle, or a step of it fails.
     """
-    rule = rule or Rule(MAX_ITERATIONS)
+    convergence = convergence or Convergence(MAX_ITERATIONS, TOLERANCE, HARMLESS)
     priors = priors or partial(weak_priors, parameters)
     problem = Problem(parameters, departing, settings)
     theta, covariance = problem.start(), np.zeros((len(parameters), len(parameters)))
     step, move_before = 1.0, np.zeros(theta.size)
-    for iteration in range(rule.most):
+    for iteration in range(convergence.most):
         with progress_range(1 - FASTER**iteration, 1 - FASTER ** (iteration + 1)):
             blocks, estimates = _weighed(weighings, theta, covariance, iteration)
         if iteration < SETTLED:
@@ -236,26 +237,28 @@ def iterate(
         determined = ~known.lost
         model = JointModel(estimates)
         result = model.fit(problem.params(theta, known.priors))
-        found, covariance = parameter_values(result.params), problem.covariance(model, result.params)
-        move = (found - theta) / np.sqrt(np.diag(covariance))
+        estimate, covariance = parameter_values(result.params), problem.covariance(model, result.params)
+        move = (estimate - theta) / np.sqrt(np.diag(covariance))
         moved = float(np.max(np.abs(move[determined]), initial=0.0))
-        settled = moved < rule.tolerance and all(w.settled for w in weighings)
-        ended = settled or (iteration == rule.most - 1 and moved < rule.harmless)
-        if ended and iteration > rule.warm_up:
+        settled = moved < convergence.tolerance and all(w.settled for w in weighings)
+        ended = settled or (iteration == convergence.most - 1 and moved < convergence.harmless)
+        if ended and iteration > convergence.warm_up:
             solution = _solution(blocks, model, result, covariance)
             prior = problem.prior(result.params, known)
             state = (known.lost, known.directions, settled, blocks, prior, model, result)
             return IRLSResult(tuple(parameters), solution, *state, problem, departing=tuple(departing))
         swings = float(move[determined] @ move_before[determined]) < 0  # against the weights
         step, move_before = step / 2 if iteration >= SETTLED and swings else step, move
-        theta = admitted(theta, theta + step * (found - theta))
-    raise _unsettled(rule, parameters, np.where(determined, np.abs(move), 0.0))
+        theta = admitted(theta, theta + step * (estimate - theta))
+    raise _unsettled(convergence, parameters, np.where(determined, np.abs(move), 0.0))
 
 
-def _unsettled(rule: Rule, parameters: Sequence[Parameter], move: Array) -> FitError:
+def _unsettled(convergence: Convergence, parameters: Sequence[Parameter], move: Array) -> FitError:
     """Return the error of an iteration whose last step moved the parameters by `move` [sigma], shape (P,)."""
     most = parameters[int(np.argmax(move))].name
-    return FitError(f"{rule.moving} by {move.max():.2g} sigma after {rule.most} iterations, {most} most")
+    return FitError(
+        f"{convergence.moving} by {move.max():.2g} sigma after {convergence.most} iterations, {most} most"
+    )
 
 
 def _weighed(

@@ -44,9 +44,9 @@ def fit_experiment(
     own = experiment_parameters(run.authority, run.alignment_epoch)
     parameters = [*own.values(), *map(cross_talk_parameter, cross_talk)]
     share = np.array([[float(name == p.name) for p in parameters] for name in experiment.parameters])
-    begun = _weighed({experiment.name: alone})
+    initial = _weighed({experiment.name: alone})
     of_run = constraints_of(experiment, settings or {})
-    return reweight([experiment], [share], parameters, estimator=estimator, begun=begun, settings=of_run)
+    return reweight([experiment], [share], parameters, estimator=estimator, initial=initial, settings=of_run)
 
 
 def constraints_of(
@@ -60,7 +60,7 @@ def constraints_of(
 
 def fit_joint(
     experiments: Sequence[Experiment],
-    chosen: Settings,
+    settings: Settings,
     alone: Mapping[str, IRLSResult | FitError] | None = None,
 ) -> IRLSResult:
     """Fit all experiments together, what they share as the settings say (eq. deltagjointfit).
@@ -69,7 +69,7 @@ def fit_joint(
     ----------
     experiments : sequence of Experiment
         To be fitted.
-    chosen : Settings
+    settings : Settings
         With ``scatter = "auto"`` nothing scatters here, see `fit.consistency`.
     alone : mapping of str to IRLSResult or FitError, optional
         What experiments yield by themselves: the iteration begins with them as they were weighed there.
@@ -81,12 +81,12 @@ def fit_joint(
     FitError
         If no trustworthy estimate comes out.
     """
-    begun = _weighed(alone or {})
-    if chosen.scatter == ["auto"]:
-        return _fitted(experiments, chosen, (), begun)
-    if chosen.scatter and len(experiments) < 2:
+    initial = _weighed(alone or {})
+    if settings.scatter == ["auto"]:
+        return _fitted(experiments, settings, (), initial)
+    if settings.scatter and len(experiments) < 2:
         raise InputError(f"fit.scatter: {experiments[0].name} is alone, expected two experiments or more")
-    return _fitted(experiments, chosen, chosen.scatter, begun)
+    return _fitted(experiments, settings, settings.scatter, initial)
 
 
 def _weighed(alone: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whitened_run.WhitenedRun]:
@@ -95,12 +95,12 @@ def _weighed(alone: Mapping[str, IRLSResult | FitError | None]) -> dict[str, whi
 
 def _fitted(
     experiments: Sequence[Experiment],
-    chosen: Settings,
+    settings: Settings,
     departing: Sequence[str],
-    begun: Mapping[str, whitened_run.WhitenedRun],
+    initial: Mapping[str, whitened_run.WhitenedRun],
 ) -> IRLSResult:
     """Fit all experiments together, with departures from what is named."""
-    sharing, N = Sharing(chosen.shared), len(experiments)
+    sharing, N = Sharing(settings.shared), len(experiments)
     parameters = sharing.parameters([(e.sysid.telemetry, e.parameters) for e in experiments])
     names = [p.name for p in parameters]
     more, widths = departures.parameters(departing, [e.name for e in experiments], len(names))
@@ -112,9 +112,9 @@ def _fitted(
         experiments,
         shares,
         [*parameters, *more],
-        estimator=chosen.estimator,
+        estimator=settings.estimator,
         departing=widths,
-        begun=begun,
-        settings=constraints.of_fit(chosen.parameters, dict(zip(names, names, strict=True))),
+        initial=initial,
+        settings=constraints.of_fit(settings.parameters, dict(zip(names, names, strict=True))),
     )
     return departures.integrated(outcome) if widths else outcome

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
 from fit.files import closest_match
+from fit.fitting.null_space import null_space
 from fit.fitting.run_estimate import RunEstimate
-from fit.whitening import whitened_run
 
 if TYPE_CHECKING:
     import lmfit
@@ -189,9 +189,7 @@ class SolvedModel:
         """Fit with weak priors of what is not determined."""
         trial, widths = params.copy(), np.array([prior.sigma for prior in self.weak])
         J = model.gradient(trial)
-        for p, prior, lost in zip(
-            trial.values(), self.weak, whitened_run.blind(J.T @ J, widths)[0], strict=True
-        ):
+        for p, prior, lost in zip(trial.values(), self.weak, null_space(J.T @ J, widths)[0], strict=True):
             if lost and p.vary and not p.expr and p.user_data is None:
                 p.user_data = prior
         return model.fit(trial)

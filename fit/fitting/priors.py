@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.fitting.joint_model import Prior
+from fit.fitting.null_space import null_space
 from fit.parameters import Parameter
 from fit.whitening import whitened_run
 
@@ -24,7 +25,7 @@ class PriorSet:
     lost : ndarray of bool, shape (P,)
         True for indeterminable parameters.
     directions : ndarray, shape (K, P)
-        See `linear.blind`.
+        See `null_space`.
     """
 
     priors: Mapping[int, Prior]
@@ -59,12 +60,12 @@ def weak_priors(
         What is known beside the data, as rows of chi^2.
     """
     width = np.array([p.prior_sigma for p in parameters])
-    lost, directions = whitened_run.blind(whitened_run.information(blocks, theta) + more.T @ more, width)
+    lost, directions = null_space(whitened_run.information(blocks, theta) + more.T @ more, width)
     priors = {i: Prior(p.value, p.prior_sigma) for i, p in enumerate(parameters) if lost[i]}
     return PriorSet(priors, lost, directions)
 
 
 def prior_rows(priors: Mapping[int, Prior], size: int) -> Array:
-    """Return priors as rows of a `linear.Prior`."""
+    """Return priors as rows of a `whitened_run.Prior`."""
     sigmas = [[prior.sigma] for prior in priors.values()]
     return np.asarray(np.eye(size)[list(priors)] / np.reshape(sigmas, (-1, 1)))

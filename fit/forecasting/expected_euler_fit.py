@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.crosstalk import euler_fit, torque_noise
-from fit.fitting import Rule, constraints, iterate
+from fit.fitting import Convergence, constraints, iterate
 from fit.forecasting.expected_fit import GRID, CrossSpectra, NoiselessError, responses
 from fit.forecasting.expected_run import CompressedRun
 from fit.model import dynamics, dynamics_of, rotation, separation
@@ -33,7 +33,7 @@ Spectrum = NDArray[np.complex128]
 RATE = 1.0  # Hz, far above the band
 LARGEST = 1.0  # rad, from which on a sigma tells nothing of an angle
 #: When an expected fit ends: a move of a thousandth of a sigma.
-RULE = Rule(most=50, tolerance=1e-3, harmless=1e-3, warm_up=-1, moving="the expected angles still move")
+RULE = Convergence(most=50, tolerance=1e-3, harmless=1e-3, warm_up=-1, moving="expected angles still move")
 _FITTED = slice(1, 1 + len(euler_fit.PARAMETERS))  # columns, behind that of Delta g
 _DIFFERENCE = slice(_FITTED.stop, _FITTED.stop + len(rotation.AXES))
 _UNCERTAIN = slice(_DIFFERENCE.stop, None)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError, InputError
-from fit.fitting import Prior, Problem, irls, priors
+from fit.fitting import Prior, Problem, irls, null_space, priors
 from fit.identification import comparison
 from fit.identification.linearised_run import InvertedLoop, SimulatedExperiment
 from fit.identification.loop import Loop
@@ -127,7 +127,7 @@ class Search:
     ) -> priors.PriorSet:
         """Return weak priors of parameters that the data and other rows of chi^2 do not determine."""
         H = whitened_run.information(blocks, theta) + other_knowledge.T @ other_knowledge
-        undetermined, directions = whitened_run.blind(H, self._widths)
+        undetermined, directions = null_space.null_space(H, self._widths)
         undetermined |= self._dependent(H, undetermined)
         self._undetermined = undetermined
         start, scale = self._start.tolist(), self._widths.tolist()

@@ -1,4 +1,4 @@
-"""Weighted least squares on compressed runs: whitening, true sigmas, blind directions.
+"""Weighted least squares on compressed runs: whitening, true sigmas.
 
 Whitened by a smooth PSD, a windowed run is 2 B real numbers per column. Its QR factor holds all of chi^2 in
 a triangle of one row per column, so that a joint minimisation costs milliseconds however long the runs are.
@@ -24,8 +24,6 @@ from fit.telemetry import pieces
 from fit.whitening.likelihoods import Likelihood, Weights, weights
 
 Array = NDArray[np.float64]
-
-FLOOR = 1e-6  # information, in units of the weak prior's, that stands for none
 
 
 @dataclass(frozen=True)
@@ -270,38 +268,6 @@ def _sum(of_columns: Sequence[Array], blocks: Sequence[WhitenedRun], theta: Arra
     gradients = (block.gradient(theta) for block in blocks)
     terms = (c.T @ matrix @ c for c, matrix in zip(gradients, of_columns, strict=True))
     return sum(terms, np.zeros((theta.size, theta.size)))
-
-
-def blind(H: Array, widths: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Find what the data alone do not constrain to the width of the weak priors.
-
-    Parameters
-    ----------
-    H : ndarray, shape (P, P)
-        Information of the data.
-    widths : ndarray, shape (P,)
-        Of the weak priors.
-
-    Returns
-    -------
-    lost : ndarray of bool, shape (P,)
-        True for a parameter whose data-only sigma exceeds its width, or that has none.
-    directions : ndarray, shape (K, P)
-        Blind directions in units of the widths, one pivot of 1 each, as sparse as elimination makes them.
-    """
-    values, vectors = np.linalg.eigh(widths[:, None] * H * widths)
-    rounding = max(FLOOR, 1e-13 * float(values[-1]))
-    sigma = np.sqrt(np.sum(vectors**2 / np.where(values < rounding, FLOOR, values), axis=1))
-    lost = sigma > 1
-    rows = vectors[:, values < max(1.0, rounding)].T.copy()
-    for i in range(len(rows)):  # reduced row echelon form, the largest pivot first
-        k = int(np.argmax(np.max(np.abs(rows[i:]), axis=1))) + i
-        rows[[i, k]] = rows[[k, i]]
-        pivot = int(np.argmax(np.abs(rows[i])))
-        rows[i] /= rows[i, pivot]
-        others = np.arange(len(rows)) != i
-        rows[others] -= np.outer(rows[others, pivot], rows[i])
-    return lost, rows[np.argsort(np.argmax(np.abs(rows), axis=1))]  # in the order of the parameters
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from scipy.fft import prev_fast_len
 from fit import whitening
 from fit.errors import FitError
 from fit.fitting import fit_experiment, irls, weighings
+from fit.fitting.null_space import null_space
 from fit.fitting.run_estimate import run_estimate
 from fit.pipeline import calibrate
 from fit.settings import settings
@@ -82,17 +83,17 @@ def test_constant_and_ramp_are_invisible():
 
 
 def test_exactly_blind_parameter():
-    lost, directions = whitened_run.blind(np.diag([4.0, 0.0, 100.0]), np.ones(3))
+    lost, directions = null_space(np.diag([4.0, 0.0, 100.0]), np.ones(3))
     assert lost.tolist() == [False, True, False]
     assert np.allclose(directions, [[0, 1, 0]])
 
 
 def test_weakly_determined_parameter_is_lost_by_its_width():
     H = np.diag([1 / 0.9**2, 1 / 1.1**2])  # sigmas of 0.9 and 1.1 widths
-    lost, directions = whitened_run.blind(H, np.ones(2))
+    lost, directions = null_space(H, np.ones(2))
     assert lost.tolist() == [False, True]
     assert np.allclose(np.abs(directions), [[0, 1]])
-    assert whitened_run.blind(H, np.array([1.0, 1.2]))[0].tolist() == [False, False]
+    assert null_space(H, np.array([1.0, 1.2]))[0].tolist() == [False, False]
 
 
 @given(
@@ -104,7 +105,7 @@ def test_collinear_columns_are_named_together(ratio, noise, strength):
     rng = np.random.default_rng(6)
     a, b = rng.standard_normal((2, 50))
     A = strength * np.stack([a, ratio * a + noise * b, b], axis=1)
-    lost, directions = whitened_run.blind(A.T @ A, np.ones(3))
+    lost, directions = null_space(A.T @ A, np.ones(3))
     assert lost.tolist() == [True, True, False]
     (direction,) = directions
     assert np.abs(A @ direction).max() < 1e-6 * strength
@@ -114,7 +115,7 @@ def test_collinear_columns_are_named_together(ratio, noise, strength):
 @given(arrays(float, (12, 4), elements=st.floats(-1, 1).map(lambda x: round(x, 3))))
 def test_blind_directions_are_what_the_data_do_not_see(A):
     A = 1e3 * A
-    lost, directions = whitened_run.blind(A.T @ A, np.ones(4))
+    lost, directions = null_space(A.T @ A, np.ones(4))
     assert not lost.any() or len(directions)
     for direction in directions:
         assert np.sum((A @ direction) ** 2) < 4 * np.sum(direction**2) + 1e-3
