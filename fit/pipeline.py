@@ -23,11 +23,11 @@ from fit.quality import (
     ExperimentSet,
     MaskedExperiment,
     fit_quality,
+    glitch_search_enabled,
     mask_experiments,
     metadata,
     noise_level,
     residual_tests,
-    searches,
     stationarity,
     unit_faults,
 )
@@ -197,7 +197,8 @@ def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     together = [prepared[e.name].experiment if e.name in prepared else e for e in found]
     taking_part, short, excluded = divide(together, chosen)
     ready = ExperimentSet(prepared, tuple(taking_part), tuple(short), tuple(excluded)).without(left_out)
-    then = metadata.changes(ready.in_joint_fit if searches(chosen) else ())  # else glitches pass for changes
+    searched = ready.in_joint_fit if glitch_search_enabled(chosen) else ()  # else glitches pass for changes
+    then = metadata.changes(searched)
     ready = replace(ready, notes=(*first.notes, *misfit, *then.notes)).without(then.exclusions)
     return ready.without_unusable()
 

@@ -21,7 +21,7 @@ from fit.false_alarms import chi2_limit, p_limit, sigma_limit
 from fit.model import dynamics
 from fit.parallel import parallel_map
 from fit.parameters import DELAYS
-from fit.quality import constancy, first_fit
+from fit.quality import constancy, initial_fit
 from fit.spectra import windowing
 from fit.warnings import Cause, FitWarning, either
 from fit.whitening import Experiment, whitened_run
@@ -199,7 +199,7 @@ def run_misfit(
         All of them by default.
     """
     run = experiment.sysid
-    tau = first_fit.first(run).tau
+    tau = initial_fit.initial_fit(run).tau
     terms, columns = run.spectra(tau), run.columns(tau)
     S = constancy.noise_psd(experiment).expected(terms.f)
     U = whitened_run.stacked(whitened_run.whiten(terms, S)[0])

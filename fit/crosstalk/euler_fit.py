@@ -219,11 +219,13 @@ class _Turning:
         of_run = dynamics_of(run, joint)
         made = _columns(run, found, of_run)
         terms = made.terms
-        struck = long_noise.glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
+        struck = long_noise.find_glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
         seen = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
         check_left(run, seen.window, "missing samples in read-outs, torques or angles")
         window, fs = windowing.resample_window(seen.window, terms.fs, PER_CYCLE * BAND[1])
-        beside = glitch_templates.loose(struck or (), terms.time[0] + np.arange(window.size) / fs, fs)
+        beside = glitch_templates.columns_with_derivatives(
+            struck or (), terms.time[0] + np.arange(window.size) / fs, fs
+        )
         shaped = [windowing.windowed_spectra(part, window, fs, seen.bins) for part in beside]
         self._terms = replace(
             seen,
@@ -232,7 +234,7 @@ class _Turning:
         )
         self._model: NoiseModel | None = None
         self.name, self.correlation, self.missing = run.run, of_run.correlation, made.missing
-        glitched = long_noise.told(run.run, struck, run.duration)
+        glitched = long_noise.glitch_warning(run.run, struck, run.duration)
         self.warnings = [*found.warnings, *made.warnings, *of_run.warnings, *([glitched] if glitched else [])]
 
     def block(self, theta: Array, covariance: Array, _: int) -> _Rotation:

@@ -8,7 +8,7 @@ from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion, Tells
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
-from fit.quality.masks import MaskedExperiment, mask_experiments, searches
+from fit.quality.masks import MaskedExperiment, glitch_search_enabled, mask_experiments
 from fit.quality.residual_tests import SCORES
 from fit.quality.stationarity import measure
 
@@ -20,9 +20,10 @@ __all__ = [
     "Tells",
     "as_fit",
     "constancy",
-    "first_fit",
     "fit_quality",
+    "glitch_search_enabled",
     "indeterminable",
+    "initial_fit",
     "long_noise",
     "mask_experiments",
     "measure",
@@ -31,7 +32,6 @@ __all__ = [
     "report",
     "residual_tests",
     "samples",
-    "searches",
     "stationarity",
     "unit_faults",
 ]

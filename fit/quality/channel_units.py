@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.parameters import M_TM
 from fit.quality.exclusions import Exclusion, Tells
-from fit.quality.first_fit import first, flight_psd
+from fit.quality.initial_fit import flight_psd, initial_fit
 from fit.whitening import Experiment, Run, whitened_run
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class FreeFit:
     c, sigma : ndarray, shape (P + 1,)
         Coefficients of the columns, the first of which is 1, and their standard deviations.
     power : float
-        Power of the residual per degree of freedom, in units of the PSD of `first_fit.flight_psd`.
+        Power of the residual per degree of freedom, in units of the PSD of `initial_fit.flight_psd`.
     """
 
     c: Array
@@ -88,7 +88,7 @@ class FreeFit:
 
 def free_fit(run: Run) -> FreeFit:
     """Fit the columns of a run by least squares, weighted by the PSD that Delta g had in flight."""
-    initial = first(run)
+    initial = initial_fit(run)
     spectra = run.spectra(initial.tau)
     rows = whitened_run.stacked(whitened_run.whiten(spectra, flight_psd(spectra.f))[0])
     residual = rows @ initial.c

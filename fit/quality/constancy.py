@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fit.model import dynamics
 from fit.parameters import DELAYS, experiment_parameters
 from fit.quality import culprits
-from fit.quality.first_fit import first, least
+from fit.quality.initial_fit import initial_fit, lstsq_coefficients
 from fit.spectra import NoiseModel, fit_noise, windowing
 from fit.whitening import Experiment, Left, Run, smooth_noise, whitened_run
 
@@ -58,7 +58,7 @@ class _Blocks:
 def change(experiment: Experiment) -> str | None:
     """Return what changes in the sysid run of an experiment; None if all of it obeys one equation."""
     noise = noise_psd(experiment)
-    tau = first(experiment.sysid).tau
+    tau = initial_fit(experiment.sysid).tau
     blocks = _blocks(experiment.sysid, noise, tau)
     total = blocks.grams.sum(axis=0)
     before = np.cumsum(blocks.grams, axis=0)[:-1]
@@ -156,9 +156,9 @@ def noise_psd(experiment: Experiment) -> NoiseModel:
     terms = run.spectra(DELAYS)
     if experiment.noise:
         return smooth_noise(Left(terms, _of_flight(run)), None)
-    c = least(whitened_run.whiten(terms, np.ones(terms.f.size))[0])
+    c = lstsq_coefficients(whitened_run.whiten(terms, np.ones(terms.f.size))[0])
     model = fit_noise(terms.f, *Left(terms, c).power(None))
-    c = least(whitened_run.whiten(terms, model(terms.f))[0])
+    c = lstsq_coefficients(whitened_run.whiten(terms, model(terms.f))[0])
     return fit_noise(terms.f, *Left(terms, c).power(model))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.quality.first_fit import least
+from fit.quality.initial_fit import lstsq_coefficients
 from fit.quality.instants import Stretch, whitened
 from fit.spectra import NoiseModel, windowing
 from fit.whitening import Run, whitened_run
@@ -56,7 +56,7 @@ class _Search:
         part = found.valid & ((found.time >= when) == self.from_after)
         impulses = run.impulses(found.time, fs)
         after = windowing.transform(found.values, part, fs, impulses=impulses, band=run.band)
-        c = least(whitened_run.whiten(after, self.S)[0])
+        c = lstsq_coefficients(whitened_run.whiten(after, self.S)[0])
         self.c = dict(zip(found.names, c.tolist(), strict=True))
         acting = found.values[:, 1:] @ c[1:] - self.c["o_12"] * names["o_12"]
         one = np.ones(found.time.size)

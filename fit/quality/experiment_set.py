@@ -61,13 +61,13 @@ class ExperimentSet:
 
     def without_unusable(self) -> "ExperimentSet":
         """Return the set without experiments that masks would take apart, unless all of them are such."""
-        reasons = {e.name: self.prepared[e.name].spoilt for e in self.in_joint_fit}
+        reasons = {e.name: self.prepared[e.name].unusable for e in self.in_joint_fit}
         unusable = [Exclusion(n, why, "excluded", "", "cause") for n, why in reasons.items() if why]
         return self if len(unusable) == len(reasons) else self.without(unusable)
 
     def with_warnings(self, warnings: Mapping[str, tuple[FitWarning, Experiment]]) -> "ExperimentSet":
         """Return the set with a warning for some experiments, by name, and each as it is to be fitted now."""
-        prepared = {n: p.said(*warnings[n]) if n in warnings else p for n, p in self.prepared.items()}
+        prepared = {n: p.with_warning(*warnings[n]) if n in warnings else p for n, p in self.prepared.items()}
 
         def updated(experiments: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
             return tuple(prepared[e.name].experiment if e.name in prepared else e for e in experiments)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fit.false_alarms import p_limit
 from fit.model import dynamics
-from fit.quality.first_fit import flight_psd
+from fit.quality.initial_fit import flight_psd
 from fit.spectra import windowing
 from fit.whitening import Glitch, Run, whitened_run
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.quality.first_fit import least
-from fit.quality.glitches import TAKEN_OUT, merged, placed
+from fit.quality.glitches import FITTED_ALONG, describe_spans, merge_spans
+from fit.quality.initial_fit import lstsq_coefficients
 from fit.quality.matching_pursuit import matching_pursuit
 from fit.quality.whitened_templates import WhitenedTemplates
 from fit.spectra import NoiseModel, Spectra, fit_noise, windowing
@@ -24,12 +24,12 @@ from fit.whitening import Glitch, glitch_templates, whitened_run
 Array = NDArray[np.float64]
 
 RATE = 25.0  # samples per cycle of the highest frequency of the band
-ROUNDS = 40
-MOST_PER_DAY = 6.0  # shapes; beyond, it is no matter of glitches
+MAX_ITERATIONS = 40
+MAX_PER_DAY = 6.0  # shapes; beyond, it is no matter of glitches
 BURIED = 1e12  # power that stands for bins below the band, which tell nothing
 
 
-def glitches(
+def find_glitches(
     columns: Array, valid: NDArray[np.bool_], time: Array, band: tuple[float, float]
 ) -> tuple[Glitch, ...] | None:
     """Return the glitches in the first column of a run.
@@ -56,30 +56,32 @@ def glitches(
     means = columns[: n * factor].reshape(n, factor, -1).mean(axis=1)
     whole = np.asarray(np.all(valid[: n * factor].reshape(n, factor), axis=1))
     instants, fs = time[: n * factor].reshape(n, factor).mean(axis=1), fs / factor
-    found: list[Glitch] = []
+    glitches: list[Glitch] = []
     model: NoiseModel | None = None
-    for _ in range(ROUNDS):
-        terms = windowing.transform(means, whole, fs, nuisance=glitch_templates.columns(found, instants, fs))
+    for _ in range(MAX_ITERATIONS):
+        terms = windowing.transform(
+            means, whole, fs, nuisance=glitch_templates.columns(glitches, instants, fs)
+        )
         model = _model(terms.band(*band), model)
-        more = matching_pursuit(_view(terms, band, model, instants, fs, found))
-        if not more:
-            return tuple(found)
-        found += [one.glitch for one in more]
-        if len(found) > max(1.0, MOST_PER_DAY * n / fs / 86400):
+        candidates = matching_pursuit(_templates(terms, band, model, instants, fs, glitches))
+        if not candidates:
+            return tuple(glitches)
+        glitches += [one.glitch for one in candidates]
+        if len(glitches) > max(1.0, MAX_PER_DAY * n / fs / 86400):
             return None
-    return tuple(found)
+    return tuple(glitches)
 
 
-def _model(terms: Spectra, before: NoiseModel | None) -> NoiseModel | None:
-    """Fit the PSD of the residual, weighed by the one before."""
-    S = before.expected(terms.f) if before else np.asarray(1 + (1e-3 / terms.f) ** 2)
-    U, left = whitened_run.whiten(terms, S)
+def _model(terms: Spectra, previous: NoiseModel | None) -> NoiseModel | None:
+    """Fit the PSD of the residual, weighted by the previous one."""
+    S = previous.expected(terms.f) if previous else np.asarray(1 + (1e-3 / terms.f) ** 2)
+    U, dof = whitened_run.whiten(terms, S)
     with suppress(FitError):  # where glitches spoil the residual that much, the PSD before has to do
-        return fit_noise(terms.f, np.abs(U @ least(U)) ** 2 * S / 2, np.maximum(left, 0))
-    return before
+        return fit_noise(terms.f, np.abs(U @ lstsq_coefficients(U)) ** 2 * S / 2, np.maximum(dof, 0))
+    return previous
 
 
-def _view(
+def _templates(
     terms: Spectra,
     band: tuple[float, float],
     model: NoiseModel | None,
@@ -93,9 +95,9 @@ def _view(
     S = model.expected(np.maximum(f, band[0])) if model else np.asarray(1 + (1e-3 / f) ** 2)
     S = np.where(f < band[0], BURIED * S, S)
     U, _ = whitened_run.whiten(terms, S)
-    beside = whitened_run.stacked(np.hstack([terms.nuisance * np.sqrt(2 / S)[:, None], U[:, 1:]]))
-    norms = np.linalg.norm(beside, axis=0)
-    Q = np.linalg.qr(beside[:, norms > 0] / norms[norms > 0])[0]
+    nuisance = whitened_run.stacked(np.hstack([terms.nuisance * np.sqrt(2 / S)[:, None], U[:, 1:]]))
+    norms = np.linalg.norm(nuisance, axis=0)
+    Q = np.linalg.qr(nuisance[:, norms > 0] / norms[norms > 0])[0]
     residual = whitened_run.stacked(U[:, 0])
     return WhitenedTemplates(
         time=time[: terms.window.size],
@@ -110,13 +112,13 @@ def _view(
     )
 
 
-def told(run: str, found: Sequence[Glitch] | None, duration: float) -> FitWarning | None:
-    """Say what was taken out of a run that lasts so many seconds, None where there was nothing."""
-    if found is None:
+def glitch_warning(run: str, glitches: Sequence[Glitch] | None, duration: float) -> FitWarning | None:
+    """Return what was subtracted from a run that lasts so many seconds, None where there was nothing."""
+    if glitches is None:
         message = "more stands out of the noise than glitches would; none is taken out"
         return FitWarning("glitches", (), message)
-    spans = merged([(max(begin, 0.0), min(end, duration)) for begin, end in (g.span for g in found)])
+    spans = merge_spans([(max(begin, 0.0), min(end, duration)) for begin, end in (g.span for g in glitches)])
     if not spans:
         return None
-    message = placed(spans, TAKEN_OUT)
+    message = describe_spans(spans, FITTED_ALONG)
     return FitWarning("glitches", (), message, spans=tuple(TimeSpan(run, *span) for span in spans))

@@ -1,6 +1,6 @@
-"""What is done to an experiment before it is fitted: saturation is masked, glitches are masked or taken out.
+"""Masks of an experiment: saturation is masked, glitches are masked or their shapes fitted along.
 
-Where a commanded force is at the limit of its authority, nobody knows which force acted. The equation holds
+Where a commanded force is at the limit of its authority, the force that acted is unknown. The equation holds
 sample by sample: what is masked takes nothing else with it but the reach of low-pass and stencils.
 """
 
@@ -24,7 +24,7 @@ from fit.whitening import Experiment, Run
 
 SATURATED, TOO_LONG = "saturated", "saturated_too_long"  # codes of the warnings
 MODEL_MISFIT = "model_misfit"  # likewise
-_SPOILT = (TOO_MANY, TOO_LONG)
+_UNUSABLE = (TOO_MANY, TOO_LONG)
 
 
 def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
@@ -41,24 +41,24 @@ def without_saturation(run: Run) -> tuple[Run, tuple[FitWarning, ...]]:
     limited = {name: authority.limited(telemetry, name) for name in ("f_x_1", "f_x_2")}
     if not any(of.size for of in limited.values()):
         return run, ()
-    somewhere = np.zeros(telemetry.size, dtype=bool)
+    saturated = np.zeros(telemetry.size, dtype=bool)
     for begin, end in np.concatenate(list(limited.values())):
-        somewhere[begin:end] = True
-    stretches = _stretches(telemetry, somewhere)
+        saturated[begin:end] = True
+    stretches = _stretches(telemetry, saturated)
     masked = run.without(stretches)
-    told = " and ".join(
+    channels = " and ".join(
         f"{name} in {int(np.diff(of).sum())} samples "
         f"(F_max_{name[-1]}/m_tm = {authority.limit_of(telemetry, name):.3g} m s-2)"
         for name, of in limited.items()
         if of.size
     )
-    said = f"{telemetry.run}: a commanded force is at the limit of its authority: {told}"
-    left = masked.weight / run.weight
-    if left < 1 - MOST_SATURATED:
-        what = f"to mask that would cost {100 * (1 - left):.0f} % of the run"
+    said = f"{telemetry.run}: a commanded force is at the limit of its authority: {channels}"
+    weight = masked.weight / run.weight
+    if weight < 1 - MOST_SATURATED:
+        what = f"to mask that would cost {100 * (1 - weight):.0f} % of the run"
         return run, (FitWarning(TOO_LONG, (), f"{said}; {what}, so nothing is masked"),)
     spans = tuple(TimeSpan(telemetry.run, *stretch) for stretch in stretches)
-    said = f"{said}; these are masked, {100 * left:.3g} % is left"
+    said = f"{said}; these are masked, {100 * weight:.3g} % is left"
     return masked, (FitWarning(SATURATED, (), said, spans=spans),)
 
 
@@ -89,18 +89,18 @@ class MaskedExperiment:
     warnings: tuple[FitWarning, ...]
 
     @property
-    def spoilt(self) -> str:
-        """Why it is better left out of what others take part in, empty where there is no reason."""
-        return "; ".join(w.message for w in self.warnings if w.code in _SPOILT)
+    def unusable(self) -> str:
+        """Reason to exclude the experiment from the joint fit, empty if there is none."""
+        return "; ".join(w.message for w in self.warnings if w.code in _UNUSABLE)
 
-    def said(self, more: FitWarning, experiment: Experiment) -> "MaskedExperiment":
+    def with_warning(self, warning: FitWarning, experiment: Experiment) -> "MaskedExperiment":
         """Return the same with another warning, and the experiment as it is to be fitted now."""
-        return MaskedExperiment(experiment, (*self.warnings, more))
+        return MaskedExperiment(experiment, (*self.warnings, warning))
 
 
-def searches(chosen: Settings) -> bool:
-    """Tell whether glitches are looked for: flscov bridges what is masked."""
-    return chosen.glitches and chosen.estimator != "flscov"
+def glitch_search_enabled(settings: Settings) -> bool:
+    """Return whether glitches are searched for; flscov interpolates masked samples, so never there."""
+    return settings.glitches and settings.estimator != "flscov"
 
 
 def _unsaturated(experiment: Experiment) -> MaskedExperiment:
@@ -124,7 +124,7 @@ def mask_experiments(
         try:
             unsaturated = _unsaturated(e)
             # what is saturated would pass for glitches
-            search = e.name not in faulty and searches(settings) and not unsaturated.spoilt
+            search = e.name not in faulty and glitch_search_enabled(settings) and not unsaturated.unusable
             return unsaturated, remove_glitches(unsaturated.experiment, len(experiments)) if search else None
         except InputError as error:
             return error

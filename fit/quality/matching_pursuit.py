@@ -66,7 +66,7 @@ def threshold(view: WhitenedTemplates, shape: Shape, begin: Array) -> Array:
 
 def _limit(view: WhitenedTemplates, shape: Shape) -> float:
     n_instants = max(2 * view.duration / shape.tau, 1.0)
-    return sigma_limit(FAMILY, round(view.n_runs * len(glitch_templates.SOUGHT) * n_instants))
+    return sigma_limit(FAMILY, round(view.n_runs * len(glitch_templates.TEMPLATES) * n_instants))
 
 
 def matching_pursuit(view: WhitenedTemplates) -> list[GlitchCandidate]:
@@ -110,14 +110,14 @@ def refine(view: WhitenedTemplates, glitch: Glitch) -> tuple[Glitch, float]:
     differences, all of one batch of templates.
     """
     shortest, longest = (np.log(tau / glitch.shape.tau) for tau in glitch_templates.bounds(view.duration))
-    least = glitch_templates.LEAST.get(glitch.shape.kind, -1.0)
+    least = glitch_templates.MIN_RATIO.get(glitch.shape.kind, -1.0)
     bounds = [(None, None), (shortest, longest), (least - glitch.shape.other, 1.0 - glitch.shape.other)]
 
     step = glitch_templates.STEP
 
     def gains(x: Array) -> Array:
         """Return the chi^2 that the glitch takes at x, and at steps up and down from it, shape (7,)."""
-        amplitudes = view.amplitudes([glitch.moved(by) for by in x + _DIFFERENCES])
+        amplitudes = view.amplitudes([glitch.shifted(by) for by in x + _DIFFERENCES])
         return np.asarray(np.nan_to_num(amplitudes) ** 2)
 
     initial = gains(np.zeros(3))
@@ -138,7 +138,7 @@ def refine(view: WhitenedTemplates, glitch: Glitch) -> tuple[Glitch, float]:
     )
     if not -result.fun > initial[0]:
         return glitch, float(np.sqrt(initial[0]))
-    return glitch.moved(result.x * sigma), float(np.sqrt(-result.fun))
+    return glitch.shifted(result.x * sigma), float(np.sqrt(-result.fun))
 
 
 def refine_kinds(view: WhitenedTemplates, candidate: Glitch) -> Glitch:
@@ -150,7 +150,7 @@ def refine_kinds(view: WhitenedTemplates, candidate: Glitch) -> Glitch:
     shortest, longest = glitch_templates.bounds(view.duration)
     starts = [
         _aligned(view, Glitch(Shape(kind, float(tau), min(q, START_OTHER)), candidate.begin))
-        for kind, q in glitch_templates.SOUGHT
+        for kind, q in glitch_templates.TEMPLATES
         for tau in np.clip(candidate.shape.tau * np.array(START_TAUS), shortest, longest)
     ]
     amplitudes = np.nan_to_num(np.abs(view.amplitudes(starts)))

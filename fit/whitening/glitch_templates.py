@@ -20,20 +20,26 @@ from fit.telemetry import Row, pieces
 
 Array = NDArray[np.float64]
 
-#: By name, the transform as a function of ``s = 2 pi i f tau`` and of the other time over tau, q: what is
-#: pushed and falls, what is pushed back, what rises and ends.
+#: By name, the transform as a function of ``s = 2 pi i f tau`` and of the other time over tau, q: one-sided,
+#: of two signs, reversed in time.
 KINDS: Mapping[str, Callable[[Spectrum, float], Spectrum]] = {
-    "pushed": lambda s, q: 1 / ((1 + s) * (1 + q * s)),
-    "swinging": lambda s, q: s / ((1 + s) * (1 + q * s)),
-    "rising": lambda s, q: 1 / ((1 - s) * (1 + q * s)),
+    "double_exponential": lambda s, q: 1 / ((1 + s) * (1 + q * s)),
+    "bipolar": lambda s, q: s / ((1 + s) * (1 + q * s)),
+    "reversed": lambda s, q: 1 / ((1 - s) * (1 + q * s)),
 }
 #: What is looked for first, with the other time over tau, q: ``exp(-t)``, ``t exp(-t)``, its derivative
 #: ``(1 - t) exp(-t)``, ``exp(t)`` that ends, and ``exp(-|t|)``; t is in units of tau since the begin.
-SOUGHT = (("pushed", 0.0), ("pushed", 1.0), ("swinging", 1.0), ("rising", 0.0), ("pushed", -1.0))
-LEAST = {"swinging": 0.02}  # q; -1 where nothing is said
+TEMPLATES = (
+    ("double_exponential", 0.0),
+    ("double_exponential", 1.0),
+    ("bipolar", 1.0),
+    ("reversed", 0.0),
+    ("double_exponential", -1.0),
+)
+MIN_RATIO = {"bipolar": 0.02}  # q; -1 where nothing is said
 LASTS = 4.0  # tau after the begin until which a glitch is said to last
 GONE = 25.0  # tau after the begin, from where on less than 1e-9 of its height is left
-BLURRED = 3.0  # periods of the highest frequency of the band, over which the low-pass spreads an instant
+BLUR = 3.0  # periods of the highest frequency of the band, over which the low-pass spreads an instant
 STEP = 1e-3  # of begin in tau, of the logarithm of tau, of the other time: for derivatives
 PER_DECADE = 3  # of tau: the ratio falls by 2 % at most between two
 SHORTEST = 30.0  # s, tau; what is shorter is masked
@@ -56,9 +62,9 @@ class Shape:
         s = np.asarray(2j * np.pi * self.tau * f, dtype=np.complex128)
         return np.asarray(KINDS[self.kind](s, self.other), dtype=np.complex128)
 
-    def turned(self, by: float) -> "Shape":
+    def lengthened(self, by: float) -> "Shape":
         """Return the shape whose other time is longer by so much, in tau, as far as that goes."""
-        return replace(self, other=float(np.clip(self.other + by, LEAST.get(self.kind, -1.0), 1.0)))
+        return replace(self, other=float(np.clip(self.other + by, MIN_RATIO.get(self.kind, -1.0), 1.0)))
 
 
 @dataclass(frozen=True)
@@ -72,13 +78,13 @@ class Glitch:
     def span(self) -> tuple[float, float]:
         """Begin and end [s] of where it is notable."""
         reach, q = LASTS * self.shape.tau, self.shape.other
-        before, after = (1.0, q) if self.shape.kind == "rising" else (-q, 1.0)
+        before, after = (1.0, q) if self.shape.kind == "reversed" else (-q, 1.0)
         return self.begin - reach * max(before, 0.0), self.begin + reach * max(after, 0.0)
 
-    def moved(self, by: Array) -> "Glitch":
+    def shifted(self, by: Array) -> "Glitch":
         """Return the glitch that begins later and takes longer, by (begin / tau, log tau, other / tau)."""
         late, longer, other = by.tolist()
-        shape = replace(self.shape.turned(other), tau=self.shape.tau * float(np.exp(longer)))
+        shape = replace(self.shape.lengthened(other), tau=self.shape.tau * float(np.exp(longer)))
         return Glitch(shape, self.begin + late * self.shape.tau)
 
     def series(self, time: Row, fs: float) -> Array:
@@ -86,16 +92,16 @@ class Glitch:
         return np.asarray(series([self], time, fs)[0])
 
 
-def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
+def series(glitches: Sequence[Glitch], time: Row, fs: float) -> Array:
     """Return glitches at the evenly spaced instants `time` [s], shape (number of glitches, N)."""
-    sizes = [_padded(glitch, time.size, fs) for glitch in found]
-    together, first = np.empty((len(found), time.size)), float(time[:1][0])
+    sizes = [_padded(glitch, time.size, fs) for glitch in glitches]
+    together, first = np.empty((len(glitches), time.size)), float(time[:1][0])
     for n in set(sizes):  # transforms of one length go faster together
         which = [i for i, size in enumerate(sizes) if size == n]
         for some in (which[at] for at in pieces(len(which), length=max(1, TOGETHER // n))):
             spectra = np.zeros((len(some), n // 2 + 1), dtype=np.complex128)
             for spectrum, i in zip(spectra, some, strict=True):
-                _fill(spectrum, found[i], n, first, fs)
+                _fill(spectrum, glitches[i], n, first, fs)
             of_some = scipy.fft.irfft(spectra, n)
             del spectra  # they are as large
             together[some] = of_some[:, : time.size]
@@ -105,7 +111,7 @@ def series(found: Sequence[Glitch], time: Row, fs: float) -> Array:
 def reach(glitch: Glitch, fs: float) -> tuple[float, float]:
     """Return begin and end [s] beyond which less than 1e-9 of the height of a glitch is left."""
     first, last = glitch.span
-    beside = BLURRED / min(derivatives.F_MAX, fs / 10)
+    beside = BLUR / min(derivatives.F_MAX, fs / 10)
     return (
         glitch.begin - (glitch.begin - first) * (GONE / LASTS) - beside,
         glitch.begin + (last - glitch.begin) * (GONE / LASTS) + beside,
@@ -148,30 +154,30 @@ def bank(duration: float) -> list[Shape]:
     shortest, longest = bounds(duration)
     steps = int(PER_DECADE * np.log10(longest / shortest))
     taus = shortest * 10 ** (np.arange(steps + 1) / PER_DECADE)
-    return [Shape(kind, float(tau), q) for tau in taus for kind, q in SOUGHT]
+    return [Shape(kind, float(tau), q) for tau in taus for kind, q in TEMPLATES]
 
 
-def columns(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
+def columns(glitches: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     """Yield the glitches at the instants `time` [s], shape (N, G), some at a time."""
-    for some in pieces(len(found), length=_PART):
-        yield series(found[some], time, fs).T
+    for some in pieces(len(glitches), length=_PART):
+        yield series(glitches[some], time, fs).T
 
 
-def loose(found: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
+def columns_with_derivatives(glitches: Sequence[Glitch], time: Array, fs: float) -> Iterator[Array]:
     """Yield the `columns`, then how each changes with begin, tau and other time, shape (N, 3).
 
     A strong glitch drives the loop, whose answer tells stiffness and gain as an injection does, but only as
     well as the shape of the glitch is known: without these columns the answer would be trusted too much.
     """
-    yield from columns(found, time, fs)
-    for glitch in found:  # one by one: in long runs all of them fill the memory
+    yield from columns(glitches, time, fs)
+    for glitch in glitches:  # one by one: in long runs all of them fill the memory
         changes = steps(glitch)
         for some in pieces(changes.size, length=_PART):
-            moved = [glitch.moved(step) for step in np.diag(changes)[some]]
-            found_there = series([glitch, *moved], time, fs)
-            yield ((found_there[1:] - found_there[0]) / changes[some, None]).T
+            moved = [glitch.shifted(step) for step in np.diag(changes)[some]]
+            templates = series([glitch, *moved], time, fs)
+            yield ((templates[1:] - templates[0]) / changes[some, None]).T
 
 
 def steps(glitch: Glitch) -> Array:
-    """Return small changes of begin, tau and other time, shape (3,), see `Glitch.moved`."""
+    """Return small changes of begin, tau and other time, shape (3,), see `Glitch.shifted`."""
     return np.array([STEP, STEP, -STEP if glitch.shape.other > 1 - STEP else STEP])

@@ -42,7 +42,7 @@ class Run:
         Begin and end [s] of every stretch that is masked though its samples are there.
     glitches : tuple of Glitch
         What is taken out of it, each with an amplitude of its own, and nothing masked.
-    loose : bool
+    free_shapes : bool
         Whether their begin and times are free as well.
     patches : tuple of tuple of float
         Which of the masks leave the window as it is, see `spectra.masked_segments`.
@@ -55,7 +55,7 @@ class Run:
         self.channels = dynamics.channels(telemetry)
         self.masks: tuple[tuple[float, float], ...] = ()
         self.glitches: tuple[Glitch, ...] = ()
-        self.loose = False
+        self.free_shapes = False
         self.f_max = derivatives.F_MAX
         self.patches: tuple[tuple[float, float], ...] = ()
         self._first: Spectra | None = None
@@ -118,25 +118,27 @@ class Run:
         run._forget()
         return run
 
-    def free_of(self, glitches: Sequence[Glitch]) -> "Run":
+    def with_glitches(self, glitches: Sequence[Glitch]) -> "Run":
         """Return the run with these glitches to be taken out besides those that are already."""
         run = copy(self)
         run.glitches = (*self.glitches, *glitches)
         run._forget()
         return run
 
-    def loosened(self) -> "Run":
+    def with_free_shapes(self) -> "Run":
         """Return the run with begin and times of its glitches free, about where they are."""
         if not self.glitches:
             return self
         run = copy(self)
-        run.loose = True
+        run.free_shapes = True
         run._forget()
         return run
 
     def beside(self, time: Array, fs: float) -> Iterator[Array]:
         """Yield what is taken out at the instants `time` [s], shape (N, G), some at a time."""
-        return (glitch_templates.loose if self.loose else glitch_templates.columns)(self.glitches, time, fs)
+        return (glitch_templates.columns_with_derivatives if self.free_shapes else glitch_templates.columns)(
+            self.glitches, time, fs
+        )
 
     def patched(self, stretches: Sequence[tuple[float, float]]) -> "Run":
         """Return the run with these stretches [s] masked by patches besides what is masked already."""

@@ -212,8 +212,11 @@ def test_gains_that_may_scatter_leave_the_couplings_as_they_are(noisy):
 def test_glitches_that_are_taken_out_leave_the_couplings_as_they_are():
     # taken out of all columns alike; no run here has one, so that nothing may change but for a few bins
     whole = experiments(pair(Motion(), LATE))
-    glitches = [Glitch(Shape("pushed", 800.0, -0.0016), 5000.0), Glitch(Shape("rising", 2000.0, 0.0), 9000.0)]
-    without = [replace(e, sysid=e.sysid.free_of(glitches)) for e in whole]
+    glitches = [
+        Glitch(Shape("double_exponential", 800.0, -0.0016), 5000.0),
+        Glitch(Shape("reversed", 2000.0, 0.0), 9000.0),
+    ]
+    without = [replace(e, sysid=e.sysid.with_glitches(glitches)) for e in whole]
     plain, other = (fitted(runs)[1]["1"] for runs in (whole, without))
     assert warning(other, "instrumental_variables").parameters == ("b_3", "b_4", "b_5", "b_6")
     for name, e in plain.parameters.items():

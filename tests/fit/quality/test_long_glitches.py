@@ -66,7 +66,7 @@ def test_the_answer_of_the_loop_to_a_glitch_tells_less_stiffness_than_a_known_sh
     )
     shaken = Run(struck(thirteen.made("A1", "noise"), [strong]))
     after, _ = search(Experiment(shaken, noise))
-    known = Run(shaken.telemetry).without(after.sysid.masks).free_of(after.sysid.glitches)
+    known = Run(shaken.telemetry).without(after.sysid.masks).with_glitches(after.sysid.glitches)
     assert stiffness(after.sysid, noise) > 3 * stiffness(known, noise)
 
 
@@ -95,7 +95,7 @@ def test_one_glitch_is_taken_out_by_one_shape_its_own(name, glitch, seed):
     after, _ = search(experiment(name, ([glitch], ()), seed))
     (found,) = after.sysid.glitches
     sign = -1 if glitch.hand == "both" else 1
-    assert found.shape.kind == ("swinging" if glitch.hand == "none" else "pushed")
+    assert found.shape.kind == ("bipolar" if glitch.hand == "none" else "double_exponential")
     assert found.shape.tau == pytest.approx(glitch.fall, rel=0.2)
     assert found.shape.other == pytest.approx(sign * glitch.rise / glitch.fall, abs=0.1)
     assert found.begin == pytest.approx(glitch.begin, abs=0.02 * glitch.fall)
@@ -149,7 +149,7 @@ def test_patches_that_overlap_or_reach_over_the_end_take_no_more_than_there_is()
 def test_a_long_mask_is_a_notch_lest_it_hide_the_onset_of_a_long_glitch():
     glitch = Glitch(17461.0, 1191.4, 6933.2, "one", -191.4, 2)
     after, _ = search(experiment("D2", ((), [glitch]), seed=2))
-    assert all(end - begin <= glitches.PATCHED for begin, end in after.noise.patches)
+    assert all(end - begin <= glitches.MAX_SEGMENT for begin, end in after.noise.patches)
     assert after.noise.glitches
 
 
@@ -169,7 +169,7 @@ def test_nothing_is_taken_out_of_noise_louder_than_the_noise_run_tells():
 
 def test_a_glitch_is_made_between_samples_and_goes_out_whole():
     time = np.arange(5000.0)
-    shape = glitch_templates.Shape("pushed", 300.0)
+    shape = glitch_templates.Shape("double_exponential", 300.0)
     series = glitch_templates.Glitch(shape, 1000.25).series(time, 1.0)
     after = time > 1010
     np.testing.assert_allclose(series[after], np.exp(-(time[after] - 1000.25) / 300), atol=1e-3)

@@ -27,7 +27,7 @@ def plainly(view, glitch):
     shape, M = glitch.shape, 16 * N
     f = np.arange(M // 2 + 1) * FS / M
     s = 2j * np.pi * f * shape.tau
-    main = {"pushed": 1 / (1 + s), "swinging": s / (1 + s), "rising": 1 / (1 - s)}[shape.kind]
+    main = {"double_exponential": 1 / (1 + s), "bipolar": s / (1 + s), "reversed": 1 / (1 - s)}[shape.kind]
     spectrum = main / (1 + shape.other * s) * np.exp(-((f / 0.2) ** 4))
     series = np.fft.irfft(spectrum * np.exp(-2j * np.pi * f * (glitch.begin - view.time[0])), M)[:N]
     bins = np.fft.rfft(series * view.window)[1 : view.f.size + 1] / np.sqrt(view.S)
@@ -37,9 +37,13 @@ def plainly(view, glitch):
 
 
 GLITCHES = {
-    "short": [("pushed", 30.0, 0.0, 2000.3), ("pushed", 33.0, 0.4, 2010.0), ("pushed", 30.0, -0.5, 2001.0)],
-    "beside a mask": [("swinging", 40.0, 1.0, 2480.0), ("rising", 35.0, 0.2, 2540.7)],
-    "long": [("pushed", 300.0, 1.0, 2000.0), ("swinging", 60.0, 0.1, 2100.0)],
+    "short": [
+        ("double_exponential", 30.0, 0.0, 2000.3),
+        ("double_exponential", 33.0, 0.4, 2010.0),
+        ("double_exponential", 30.0, -0.5, 2001.0),
+    ],
+    "beside a mask": [("bipolar", 40.0, 1.0, 2480.0), ("reversed", 35.0, 0.2, 2540.7)],
+    "long": [("double_exponential", 300.0, 1.0, 2000.0), ("bipolar", 60.0, 0.1, 2100.0)],
 }
 
 
@@ -51,7 +55,7 @@ def test_amplitudes_are_those_of_whole_columns(view, drawn):
 
 
 def test_a_glitch_that_is_projected_out_has_no_amplitude(view):
-    glitch, other = (Glitch(Shape("pushed", tau), 2000.0) for tau in (30.0, 60.0))
+    glitch, other = (Glitch(Shape("double_exponential", tau), 2000.0) for tau in (30.0, 60.0))
     column = view.column(glitch)
     assert column is not None
     assert np.isnan(view.without(column).amplitudes([glitch, other])).tolist() == [True, False]
