@@ -19,12 +19,10 @@ from fit.consistency.outlier_runs import (
     find_outlier_runs,
     is_contradicted,
     leverage,
-    n_tests,
 )
 from fit.consistency.run_scores import RunScore, run_score
-from fit.consistency.scatter import estimate_scatter
+from fit.consistency.scatter import P_SCATTER, estimate_scatter
 from fit.errors import FitError
-from fit.false_alarms import p_limit
 from fit.fitting import IRLSResult, fit_joint, run_estimate
 from fit.model import Sharing
 from fit.parallel import parallel_map
@@ -153,7 +151,7 @@ def _select(experiments: list[Experiment], single_fits: SingleFits, settings: Se
         bad = find_outlier_runs(test, groups)
         if automatic and not scatter:
             found = estimate_scatter(test, campaign_wide)
-            significant = found is not None and found.p < p_limit("consistency", n_tests(test, groups))
+            significant = found is not None and found.p < P_SCATTER
             if found and significant and (not bad.runs or found.log_likelihood > bad.log_odds):
                 scatter = found.parameters
                 continue

@@ -31,7 +31,6 @@ MARGIN = 6.0  # of log p: noise in rows that are good makes it differ by some 2.
 MAX_INNOCENT = 1  # runs that are left out together with a bad one in whose place they may be bad
 SLAB = 30.0  # variance of what a bad run says, in units of its noise
 MAX_SUBSETS = 10_000  # that are enumerated; larger ones grow from the most probable of these
-N_EFFECTS = 3  # tests of scatter from run to run that share the budget
 LEVERAGE = 3.0  # factor by which a sigma grows without a run, from which it rests on that run
 
 #: Names of the runs of each group that may be bad for one reason.
@@ -65,8 +64,8 @@ class OutlierRuns:
 
 
 def n_tests(test: ConsistencyTest, groups: Groups = ()) -> int:
-    """Return the number of tests of consistency: of all runs, of each run, of each group, of scatter."""
-    return 1 + len(test.runs) + len(_members(test, groups)) + N_EFFECTS
+    """Return the number of tests of consistency: of all runs, of each run, of each group."""
+    return 1 + len(test.runs) + len(_members(test, groups))
 
 
 def is_contradicted(test: ConsistencyTest, groups: Groups = ()) -> bool:
@@ -95,8 +94,8 @@ def find_outlier_runs(test: ConsistencyTest, groups: Groups = ()) -> OutlierRuns
     p = np.exp(log_p - log_p.max())
     bad = (p / p.sum()) @ ~good
     names = [run.name for run in test.runs]
-    size = np.count_nonzero(~good, axis=1)
-    near = good[(log_p > log_p.max() - MARGIN) & (size <= size[np.argmax(log_p)])]
+    reasons = _reasons(test, good, groups)
+    near = good[(log_p > log_p.max() - MARGIN) & (reasons <= reasons[np.argmax(log_p)])]
     outliers, undecided = _decide(test, bad, near, groups)
     return OutlierRuns(
         dict(zip(names, bad.tolist(), strict=True)),
@@ -118,7 +117,7 @@ def _decide(test: ConsistencyTest, bad: Array, near: Flags, groups: Groups) -> t
     bad : ndarray, shape (R,)
         Probability of each run to be bad.
     near : ndarray of bool, shape (M, R)
-        Good runs of the subsets that are about as probable as the most probable one, and no larger.
+        Good runs of the subsets that are about as probable as the most probable one, for no more reasons.
     groups : collection of frozenset of str
         Runs, by name, that may be bad for one reason.
     """
@@ -132,10 +131,10 @@ def _decide(test: ConsistencyTest, bad: Array, near: Flags, groups: Groups) -> t
 
 
 def _members(test: ConsistencyTest, groups: Groups) -> list[frozenset[int]]:
-    """Return the runs of each group of two to less than half of them, by number."""
+    """Return the runs of each group of three to less than half of them, by number."""
     numbers = {run.name: i for i, run in enumerate(test.runs)}
     members = (frozenset(numbers[name] for name in group if name in numbers) for group in groups)
-    return [m for m in dict.fromkeys(members) if 1 < len(m) <= (len(test.runs) - 1) // 2]
+    return [m for m in dict.fromkeys(members) if 2 < len(m) <= (len(test.runs) - 1) // 2]
 
 
 def _good_runs(test: ConsistencyTest, groups: Groups) -> Iterator[Flags]:
@@ -163,12 +162,29 @@ def _grown(good: Flags, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return grown[[row.tobytes() not in seen for row in grown]]
 
 
-def _log_probabilities(test: ConsistencyTest, good: Flags, groups: Groups) -> NDArray[np.float64]:
-    """Return log p of every subset, good runs of shape (M, R), but for a constant, shape (M,)."""
+def _log_probabilities(test: ConsistencyTest, good: Flags, groups: Groups) -> Array:
+    """Return log p of every subset, good runs of shape (M, R), but for a constant, shape (M,).
+
+    Runs of a group that are bad for one reason still agree with each other.
+    """
     chi2, dof = test.chi2_of_subsets(good)
-    members = {_key(m, good.shape[1]) for m in _members(test, groups)}
-    reasons = np.array([1 if row.tobytes() in members else np.count_nonzero(~row) for row in good])
+    alike = _is_group(test, good, groups)
+    chi2_alike, dof_alike = test.chi2_of_subsets(~good[alike])
+    chi2[alike] += chi2_alike
+    dof[alike] += dof_alike
+    reasons = _reasons(test, good, groups)
     return np.asarray(reasons * math.log(PRIOR_ODDS) - chi2 / 2 + dof / 2 * math.log(SLAB))
+
+
+def _reasons(test: ConsistencyTest, good: Flags, groups: Groups) -> NDArray[np.intp]:
+    """Return for how many reasons runs are bad, shape (M,)."""
+    return np.where(_is_group(test, good, groups), 1, np.count_nonzero(~good, axis=1))
+
+
+def _is_group(test: ConsistencyTest, good: Flags, groups: Groups) -> Flags:
+    """Return which subsets of bad runs are those of a group, shape (M,)."""
+    members = {_key(m, good.shape[1]) for m in _members(test, groups)}
+    return np.array([row.tobytes() in members for row in good], dtype=bool)
 
 
 def _key(bad: Collection[int], n: int) -> bytes:

@@ -17,6 +17,7 @@ from fit.parameters import FLIGHT
 Array = NDArray[np.float64]
 
 SENSITIVITY = 1e-3  # inverse sigma, of itself and relative to the most sensitive run, from which a run counts
+P_SCATTER = 1e-3  # where there is none sigmas get a little wider; missed, it makes them far too small
 FEWEST = 3  # runs that must be sensitive to a deviation
 GAIN, DELAY = (next(kind for kind in departures.KINDS if kind.name == name) for name in ("gain", "delay"))
 CANDIDATES = ((GAIN,), (DELAY,), (GAIN, DELAY))

@@ -9,11 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from fit.false_alarms import p_limit
 from fit.fitting import normal
 from fit.fitting.irls import IRLSResult
+from fit.fitting.random_effects import heterogeneity
 from fit.results import Fit
 from fit.warnings import FitWarning
 from fit.whitening import Experiment
@@ -21,7 +22,6 @@ from fit.whitening import Experiment
 Array = NDArray[np.float64]
 
 DRIFTING = ("b_1", "b_2")
-CHANCE = 1e-3  # that experiments without drift differ so
 
 
 @dataclass(frozen=True)
@@ -94,24 +94,13 @@ def measured(
 
 
 def between(values: Array, covariance: Array) -> Drift | None:
-    """Return by how much values differ beyond their covariance, shape (M, M); None where chance may do it.
-
-    The width makes chi^2 about their mean what it is on the average (Paule and Mandel).
-    """
-    ones, dof = np.ones(values.size), values.size - 1
-
-    def excess(variance: float) -> float:
-        total = covariance + variance * np.eye(values.size)
-        left = values - ones @ np.linalg.solve(total, values) / (ones @ np.linalg.solve(total, ones))
-        return float(left @ np.linalg.solve(total, left)) - dof
-
-    if scipy.special.chdtrc(dof, excess(0.0) + dof) > CHANCE:
+    """Return by how much values differ beyond their covariance, shape (M, M); None where chance may do it."""
+    found = heterogeneity(values, covariance)
+    if found.p > p_limit("consistency", len(DRIFTING)):
         return None
-    # chi^2 falls with the width, and is below dof where all that the values differ by is width
-    variance = float(scipy.optimize.brentq(excess, 0.0, 10 * np.var(values, ddof=1), xtol=1e-30, rtol=1e-6))
-    weights = np.linalg.solve(covariance, ones)
+    weights = np.linalg.solve(covariance, np.ones(values.size))
     weights /= weights.sum()
-    return Drift(float(np.sqrt(variance)), float(variance * (weights @ weights)))
+    return Drift(found.width, found.width**2 * float(weights @ weights))
 
 
 def held(fit: Fit, drifts: Mapping[str, Drift]) -> Fit:

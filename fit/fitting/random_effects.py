@@ -87,3 +87,36 @@ def estimate_widths(z: Array, kinds: Sequence[Array]) -> WidthEstimate:
         return WidthEstimate((0.0,) * len(kinds), 0.0, 0.0)
     widths = (float(np.exp(log_width + x)) for x in (0.0, *ratios))
     return WidthEstimate(tuple(widths), log_likelihood, chi2)
+
+
+@dataclass(frozen=True)
+class Heterogeneity:
+    """By how much estimates of one quantity differ beyond their errors.
+
+    Attributes
+    ----------
+    width : float
+        Standard deviation among the true values, by restricted maximum likelihood.
+    chi2, dof : float and int
+        Cochran's Q, the chi^2 about the weighted mean, and its degrees of freedom.
+    """
+
+    width: float
+    chi2: float
+    dof: int
+
+    @property
+    def p(self) -> float:
+        """Probability that errors alone exceed chi2."""
+        return float(scipy.special.chdtrc(self.dof, self.chi2))
+
+
+def heterogeneity(values: Array, covariance: Array) -> Heterogeneity:
+    """Return by how much values, shape (M,), differ beyond their covariance, shape (M, M)."""
+    size = float(max(np.ptp(values), np.sqrt(np.diag(covariance)).max()))  # the unit of the width
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance / size**2))
+    mean = whitening.sum(axis=1)
+    projection = np.eye(values.size) - np.outer(mean, mean) / (mean @ mean)
+    z = projection @ whitening @ (values / size)
+    width = estimate_widths(z, [projection @ whitening]).widths[0] * size
+    return Heterogeneity(width, float(z @ z), values.size - 1)

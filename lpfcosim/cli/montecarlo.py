@@ -303,10 +303,7 @@ def _from_spectra(plan: Campaign, number: int, work: Work) -> Results:
     telemetries = [
         _drawn(run, np.random.default_rng([number, plan.seed, *run.name.encode()])) for run in plan.runs
     ]
-    chosen = work.chosen
-    if not any(map(spectral.struck, plan.runs)):
-        chosen = chosen.model_copy(update={"glitches": False})  # noise passes for one in 1 of 100 campaigns
-    results = calibrate(telemetries, chosen)
+    results = calibrate(telemetries, work.chosen)
     return coverage.with_truth(results, telemetries, {run.name: telemetry.truth(run) for run in plan.runs})
 
 

@@ -63,8 +63,8 @@ def test_the_width_beyond_noise_is_that_put_in():
 
 
 def test_noise_is_no_drift():
-    # one of 1000 by definition; five or more of 1000 once in 270
+    # one of 12,000 by definition; two or more of 1000 once in 300
     rng = np.random.default_rng(1)
     covariance = 0.5 + np.diag([1.0, 2.0, 3.0, 1.0])
     drawn = rng.multivariate_normal(np.zeros(4), covariance, size=1000)
-    assert sum(drift.between(values, covariance) is not None for values in drawn) < 5
+    assert sum(drift.between(values, covariance) is not None for values in drawn) < 2

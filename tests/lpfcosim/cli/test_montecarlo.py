@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from fit.errors import FitError
 from fit.forecasting import coverage
 from fit.results.estimates import Estimate
 from fit.results.provenance import Provenance
@@ -23,7 +22,6 @@ from fit.results.results import Fit, Results
 from fit.settings import settings
 from lpfcosim.campaign import loading, montecarlo
 from lpfcosim.cli import montecarlo as cli_montecarlo
-from lpfcosim.plant import spectral
 from tests.campaign_text import ONE_EXPERIMENT
 
 HEAD = 'schema = "lpf-campaign/1"\nname = "small"\nseed = 3\n'
@@ -178,37 +176,6 @@ def test_bad_input_is_one_sentence(small, lpfcosim, arguments, told):
     assert status == 2
     assert told in error
     assert "Traceback" not in error
-
-
-@pytest.mark.parametrize(
-    ("more", "expected"),
-    [
-        ("", (False, True)),
-        ("[events]\nglitches_per_day = 20\n", (True, True)),
-        ("[truth]\nlambda_scatter = 0.003\n", (False, False)),
-    ],
-    ids=["nothing", "glitches", "scatter"],
-)
-def test_what_a_campaign_lacks_is_not_looked_for(small, monkeypatch, more, expected):
-    asked = []
-
-    def told(_, chosen, **how):
-        asked.append((chosen.glitches, how["constant"]))
-        raise FitError("enough")
-
-    monkeypatch.setattr(cli_montecarlo, "calibrate", told)
-    small.write_text(SMALL + more, encoding="utf-8")
-    work = cli_montecarlo.Work(loading.load(small), settings(), redraw=False)
-    assert cli_montecarlo.trial(work, 1, {}) == {"number": 1, "failed": "enough"}
-    assert asked == [expected]
-
-
-def test_what_is_not_looked_for_moves_nothing(small, monkeypatch):
-    work = cli_montecarlo.Work(loading.load(small), settings(), redraw=True)
-    found = cli_montecarlo.trial(work, 1, {})
-    monkeypatch.setattr(spectral, "struck", lambda _: True)
-    assert cli_montecarlo.trial(work, 1, {}) == found
-    assert found["estimates"]
 
 
 def test_a_command_at_its_limit_is_no_campaign_that_counts(small):
