@@ -133,6 +133,19 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array, c: Array) 
     injections none.
     """
     root = W @ H
+    if tuple(block.names) == dynamics.PARAMETERS:
+        doubtful = _doubtful_directions(block, root, H, c)
+    else:  # a simulated loop, linear in the parameters of the run: those of read-outs come last
+        doubtful = root[:, len(block.names) :]
+    basis = column_space(of_unit_length(doubtful))
+    if not basis.size:
+        return W
+    u, s, _ = np.linalg.svd(np.eye(len(W)) - basis @ basis.T)
+    return np.asarray(u[:, s > 0.5].T @ W)
+
+
+def _doubtful_directions(block: whitened_run.WhitenedRun, root: Array, H: Array, c: Array) -> Array:
+    """Return the whitened scores, as columns, of noisy regressors and of directions without a signal."""
     columns = np.concatenate([np.ones(1), c])[list(DRIVEN_COLUMNS)]
     driven = (np.abs(block.columns[:, DRIVEN_COLUMNS] * columns) ** 2 > DRIVEN).any(axis=1)
     loop = list(LOOP_COLUMNS)
@@ -143,12 +156,7 @@ def trusted_rows(block: whitened_run.WhitenedRun, W: Array, H: Array, c: Array) 
     share, vectors = scipy.linalg.eigh(signal[np.ix_(present, present)], every[np.ix_(present, present)])
     directions = scale[present, None] * vectors[:, share < SIGNAL_SHARE]
     regressors = root[:, len(dynamics.COLUMNS) - 1 :]
-    doubtful = np.hstack([root[:, np.array(loop)[present]] @ directions, regressors])
-    basis = column_space(of_unit_length(doubtful))
-    if not basis.size:
-        return W
-    u, s, _ = np.linalg.svd(np.eye(len(W)) - basis @ basis.T)
-    return np.asarray(u[:, s > 0.5].T @ W)
+    return np.hstack([root[:, np.array(loop)[present]] @ directions, regressors])
 
 
 def noise_level(block: whitened_run.WhitenedRun) -> float:

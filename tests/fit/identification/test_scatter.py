@@ -83,7 +83,7 @@ def test_gains_that_differ_and_are_not_let_contradict_each_other(flown):
         pair(telemetries), (FreeParameter("lambda_2"), *SOUGHT), LinearLoop(runs), calibrated, firm
     )
     (told,) = [w for w in found.joint.warnings if w.code == "contradiction"]
-    assert "a gain that scatters by" in told.message
+    assert "the experiments contradict each other" in told.message
     assert found.joint.unsound
 
 
