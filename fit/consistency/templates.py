@@ -110,7 +110,10 @@ def gain_by_force(j: int, power: int) -> Callable[[RunSeries], Array | None]:
 
     def effect(run: RunSeries) -> Array | None:
         force, largest = getattr(run.run.channels, f"f_x_{j}"), run.largest_force[j - 1]
-        return run.effect(f"f_x_{j}", force * (np.abs(force) / largest) ** power) if force.any() else None
+        if not force.any():
+            return None
+        # what acts and is not commanded
+        return -run.effect(f"f_x_{j}", force * (np.abs(force) / largest) ** power)
 
     return effect
 
