@@ -23,7 +23,7 @@ from fit.fitting import IRLSResult, louder
 from fit.model import Sharing, dynamics
 from fit.parallel import parallel_map
 from fit.parameters import experiment_parameters
-from fit.quality import Exclusion, Tells, samples
+from fit.quality import Exclusion, Tells, command_jumps
 from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
@@ -132,7 +132,7 @@ def explained(
 
 def _odd_by_itself(experiment: Experiment) -> list[str]:
     """Return what is odd about a run that nothing explains, though it would do no harm in another."""
-    wild = list(samples.of_commands(experiment.sysid.telemetry))
+    wild = list(command_jumps(experiment.sysid.telemetry))
     return wild or [told for told in (louder.told(experiment),) if told]
 
 

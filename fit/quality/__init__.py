@@ -8,6 +8,7 @@ from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion, Tells
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
+from fit.quality.jumps import command_jumps
 from fit.quality.masks import MaskedExperiment, glitch_search_enabled, mask_experiments
 from fit.quality.residual_tests import SCORES
 from fit.quality.stationarity import measure
@@ -19,6 +20,7 @@ __all__ = [
     "MaskedExperiment",
     "Tells",
     "as_fit",
+    "command_jumps",
     "constancy",
     "fit_quality",
     "glitch_search_enabled",
@@ -31,7 +33,6 @@ __all__ = [
     "noise_level",
     "report",
     "residual_tests",
-    "samples",
     "stationarity",
     "unit_faults",
 ]

@@ -20,6 +20,7 @@ from fit.parallel import parallel_map
 from fit.quality import authority, constancy, duplicates, rounding, samples
 from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion
+from fit.quality.jumps import command_jumps
 from fit.quality.loop_response import response_faults
 from fit.spectra import derivatives
 from fit.telemetry import Telemetry, utc
@@ -62,7 +63,10 @@ class ScreeningReport:
 def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     """Return the faults that keep experiments out of a joint fit, and those that most of them share."""
     units = parallel_map(lambda e: list(unit_faults(e)), experiments, Experiment.samples)
-    exclusions = [*_duplicate_noise(experiments), *chain.from_iterable(units)]
+    # a gain that no unit explains is a sign of other faults, which come first
+    unexplained = [fault for faults in units for fault in faults if fault.tells == "misfit"]
+    exclusions = [*_duplicate_noise(experiments)]
+    exclusions += [fault for faults in units for fault in faults if fault.tells != "misfit"]
     exclusions += [*_settings_mismatches(experiments), *_distant_noise_runs(experiments)]
     samples_of = parallel_map(_screen_samples, experiments, Experiment.samples)
     by_name = {e.name: report for e, report in zip(experiments, samples_of, strict=True)}
@@ -71,7 +75,7 @@ def screen(experiments: Sequence[Experiment]) -> ScreeningReport:
     reasons = {code: {n: r.faults[code] for n, r in by_name.items()} for code in SAMPLE_CODES}
     reasons["guidance_scale"] = {f.experiment: [f.reason] for f in response_faults(experiments)}
     reports = [_faults_of_few(experiments, texts, code) for code, texts in reasons.items()]
-    exclusions += chain.from_iterable(report.exclusions for report in reports)
+    exclusions += [*chain.from_iterable(report.exclusions for report in reports), *unexplained]
     notes = [note for report in reports for note in report.notes]
     notes += [note for report in by_name.values() for note in report.notes]
     return ScreeningReport(_first_reasons(exclusions), notes)
@@ -116,12 +120,12 @@ def _screen_samples(e: Experiment) -> _SampleReport:
     sysid, noise = runs[0], runs[1] if e.noise else None
     rounded = [*rounding.roundings(sysid, noise), *(rounding.roundings(noise, sysid) if noise else ())]
     return _SampleReport(
-        authority=[reason for run in runs for reason in authority.faults(run)],
+        authority=[reason for run in runs for reason in authority.check_authority(run)],
         notes=[r.note for r in rounded if not (r.coarse or r.fine)],
         faults={
             "coarse_quantisation": [f"{r.said}; {rounding.CURE}" for r in rounded if r.coarse],
-            "suspect_samples": list(samples.faults(sysid, noise)),
-            "interpolated": list(samples.interpolated(sysid)),
+            "suspect_samples": list(samples.check_samples(sysid, noise)),
+            "interpolated": list(samples.interpolated_channels(sysid)),
         },
     )
 
@@ -129,7 +133,7 @@ def _screen_samples(e: Experiment) -> _SampleReport:
 def _structural_break(e: Experiment) -> list[str]:
     """Return why the parts of a run obey different equations, if they do."""
     message = constancy.change(e)
-    jumps = list(samples.of_commands(e.sysid.telemetry)) if message else []
+    jumps = list(command_jumps(e.sysid.telemetry)) if message else []
     return jumps or [f"{e.sysid.telemetry.path}: {message}"] * bool(message)
 
 

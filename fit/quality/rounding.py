@@ -91,7 +91,7 @@ def roundings(run: Telemetry, noise: Telemetry | None) -> Iterator[Rounding]:
 
 def _is_driven(run: Telemetry, name: str, resolution: Resolution) -> bool:
     """Tell whether a command has few values because nothing but what is injected drives it."""
-    return resolution.few and name not in samples.READ_OUTS and not samples.is_fed(run.row(name))
+    return resolution.few and name not in samples.READ_OUTS and not samples.is_fed_back(run.row(name))
 
 
 def _said(

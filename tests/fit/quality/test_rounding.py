@@ -114,7 +114,7 @@ def test_the_chance_of_equal_neighbours(move):
 )
 def test_a_number_format_moves_no_estimate(function):
     runs = stored(function)
-    assert not list(samples.faults(*runs))
+    assert not list(samples.check_samples(*runs))
     joint = calibrate(runs).joint
     assert set(joint) == set(plain())
     assert not [
@@ -131,7 +131,7 @@ def test_quiet_commands_at_10_hz_are_not_called_stuck(function):
     """There most samples of a noise run repeat the one before."""
     runs = stored(function, ("f_x_2",), fs=10.0)
     assert np.mean(np.diff(runs[1].channels["f_x_2"]) == 0) > 0.4
-    assert not list(samples.faults(*runs))
+    assert not list(samples.check_samples(*runs))
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def stale(x):
 def test_faults_are_found_beside_rounding(function, fault, channel, words):
     run, noise = flown()
     spoilt = replace(run, channels={**run.channels, channel: function(fault(run.channels[channel].copy()))})
-    said = list(samples.faults(spoilt, noise))
+    said = list(samples.check_samples(spoilt, noise))
     assert any(re.search(words, reason) for reason in said), said
     assert all(f" {channel} " in reason for reason in said)
 
@@ -254,7 +254,10 @@ def test_short_stretches_are_found_wherever_they_are(function, fault, fs):
     for begin, size in at.items():
         fault(x, begin, size)
     x = function(x)
-    found = [(round(o.begin * fs), round(o.end * fs)) for o in samples.stuck(x, fs, estimate_resolution(x))]
+    found = [
+        (round(o.begin * fs), round(o.end * fs))
+        for o in samples.channel_faults(x, fs, estimate_resolution(x))
+    ]
     assert len(found) == len(at)
     for (begin, end), (expected, size) in zip(found, at.items(), strict=True):
         assert abs(begin - expected) <= 8  # at a power of ten, where steps change within a line
@@ -266,8 +269,8 @@ def test_a_stretch_is_found_however_much_of_a_run_it_takes(share):
     x = in_memory(1.0, size=6000)
     constant(x, 2000, int(share * x.size))
     x = single(x)
-    (fault,) = samples.stuck(x, 1.0, estimate_resolution(x))
-    assert fault.what.startswith("is stuck at")
+    (fault,) = samples.channel_faults(x, 1.0, estimate_resolution(x))
+    assert fault.text.startswith("is stuck at")
     assert (fault.begin, fault.end - fault.begin) == (2000, int(share * x.size))
 
 
@@ -280,7 +283,7 @@ def test_quiet_parts_of_a_clean_run_are_no_faults(function, channel):
     """Before the first injection and after the last, rounding makes longer lines than in between."""
     for run in flown():
         x = function(run.channels[channel].copy())
-        assert not list(samples.stuck(x, run.fs, estimate_resolution(x)))
+        assert not list(samples.channel_faults(x, run.fs, estimate_resolution(x)))
 
 
 @pytest.mark.parametrize("shift", [0.013, 0.25, 1 / 3, 0.37, 1e3 / 7])
@@ -290,7 +293,7 @@ def test_an_offset_leaves_the_step_of_a_lattice(step, shift):
         found = estimate_resolution(run.channels["o_12"])
         assert found.fixed
         assert found.largest == pytest.approx(step, rel=1e-6)
-        said = [o for o in samples.stuck(run.channels["o_12"], run.fs, found) if o.again]
+        said = [o for o in samples.channel_faults(run.channels["o_12"], run.fs, found) if o.is_repetition]
         assert not said
 
 
@@ -302,7 +305,7 @@ def test_the_mean_that_was_taken_off_leaves_the_step(function):
     before, after = estimate_resolution(x), estimate_resolution(x - x.mean())
     assert after.fixed
     assert after.largest == pytest.approx(before.largest, rel=1e-6)
-    assert not list(samples.stuck(x - x.mean(), 10.0, after))
+    assert not list(samples.channel_faults(x - x.mean(), 10.0, after))
 
 
 @pytest.mark.parametrize(("function", "growth"), [(single, 2.0**-20), (digits(7), 1e-6)])
@@ -313,7 +316,7 @@ def test_the_step_is_the_larger_one_where_it_grew_before_the_mean_was_taken_off(
     x = x - x.mean()
     found = estimate_resolution(x)
     assert found.largest == pytest.approx(step, rel=1e-3)
-    assert not list(samples.stuck(x, 1.0, found))
+    assert not list(samples.channel_faults(x, 1.0, found))
 
 
 @pytest.mark.parametrize("every", [40, 100])
@@ -322,9 +325,9 @@ def test_a_whole_run_that_is_interpolated_is_found(function, every):
     x = in_memory(1.0)
     n = np.arange(x.size)
     x = function(np.interp(n, n[::every], x[::every]))
-    found = list(samples.stuck(x, 1.0, estimate_resolution(x)))
+    found = list(samples.channel_faults(x, 1.0, estimate_resolution(x)))
     assert sum(o.end - o.begin for o in found) > 0.9 * x.size
-    assert sum(o.what.startswith("is a straight line") for o in found) > 0.9 * len(found)
+    assert sum(o.text.startswith("is a straight line") for o in found) > 0.9 * len(found)
 
 
 def test_square_waves_of_an_open_loop_are_not_rounded():

@@ -33,7 +33,7 @@ _SHORT = replace(thirteen.made("B4", "noise"), duration=600.0)
 
 
 def said(**channels):
-    return list(samples.faults(run(**channels), run("noise")))
+    return list(samples.check_samples(run(**channels), run("noise")))
 
 
 def held(start, stop):
@@ -143,9 +143,9 @@ def test_what_is_in_order_is_left_alone(channels):
 def test_a_command_at_the_limit_of_its_authority_is_not_stuck():
     limited = {"f_x_2": lambda x: np.clip(x, None, np.quantile(x, 0.9))}
     odd = run(**limited)
-    assert any("f_x_2 stops at its limit of" in reason for reason in samples.faults(odd, run("noise")))
+    assert any("f_x_2 stops at its limit of" in reason for reason in samples.check_samples(odd, run("noise")))
     given = replace(odd, F_max_2=float(odd.channels["f_x_2"].max()) * odd.m_tm)
-    assert not list(samples.faults(given, run("noise")))
+    assert not list(samples.check_samples(given, run("noise")))
 
 
 def test_few_equal_neighbours_of_values_with_few_digits_are_chance():
@@ -160,20 +160,20 @@ def test_few_equal_neighbours_of_values_with_few_digits_are_chance():
 def test_a_command_that_nothing_feeds_back_may_stay_the_same():
     still = run("noise", f_x_1=lambda x: 0 * x, f_x_2=lambda x: 0 * x)
     driven = run(f_x_2=lambda x: np.where(np.arange(x.size) % 4000 < 2000, x, 0), f_x_1=lambda x: 0 * x)
-    assert not list(samples.faults(driven, still))
-    assert not list(samples.faults(driven, None))
+    assert not list(samples.check_samples(driven, still))
+    assert not list(samples.check_samples(driven, None))
 
 
 def test_sines_that_begin_and_end_are_no_jumps():
     made = thirteen.telemetry(thirteen.made("B4", "sysid"))
-    assert not list(samples.faults(made, thirteen.telemetry(thirteen.made("B4", "noise"))))
+    assert not list(samples.check_samples(made, thirteen.telemetry(thirteen.made("B4", "noise"))))
     quiet = closed_loop.Noise(plateau=0.0, tail=0.0, oms=0.0, thruster=0.0, jitter=0.0)
     still = thirteen.telemetry(replace(thirteen.made("B4", "sysid"), noise=quiet))
-    assert not [words for words in samples.faults(still, None) if "jumps" in words]
+    assert not [words for words in samples.check_samples(still, None) if "jumps" in words]
 
 
 def combs(**channels):
-    return list(samples.interpolated(run(**channels)))
+    return list(samples.interpolated_channels(run(**channels)))
 
 
 @pytest.mark.parametrize(
@@ -234,11 +234,3 @@ def test_samples_that_are_interpolated_in_most_runs_spoil_the_fit():
     assert fault.experiment == "D"
     assert "D-sysid.h5: f_x_2 is interpolated: one sample in every 12" in fault.reason
     assert not [n for n in found.notes if n.code == "interpolated"]
-
-
-@pytest.mark.parametrize("size", [31, 32, 63, 64, 65, 1000, 4097])
-def test_a_correlation_by_products_of_matrices(size):
-    rng = np.random.default_rng(size)
-    x, weights = rng.standard_normal(size), rng.standard_normal(31)
-    wanted = np.correlate(x, weights, mode="valid")
-    np.testing.assert_allclose(samples._correlated(x, weights), wanted, rtol=0, atol=1e-13)
