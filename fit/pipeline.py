@@ -14,7 +14,6 @@ from fit.fitting import (
     constraints_of,
     fit_experiment,
     fit_joint,
-    louder,
 )
 from fit.model import Sharing, rotation, separation
 from fit.parallel import one_blas_thread, parallel_map, progress_stage
@@ -26,9 +25,8 @@ from fit.quality import (
     glitch_search_enabled,
     mask_experiments,
     metadata,
-    noise_level,
-    residual_tests,
-    stationarity,
+    noise_adaptation,
+    noise_tests,
     unit_faults,
 )
 from fit.requirements import TAPER
@@ -167,11 +165,11 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
     asked, chosen = chosen, chosen.model_copy(update={"parameters": {}})
     ready = _prepared(found, chosen).without(metadata.mislabelled(found, telemetries))
     progress_stage(0.65)
-    ready = ready.with_warnings(louder.judged(ready.usable, chosen))
+    ready = ready.with_warnings(noise_adaptation.adapt_to_readout_excess(ready.usable, chosen))
     alone = _each_alone(ready.experiments, chosen)
     ready, alone = _noises(ready, alone, chosen)
     warned = ((name, w) for name, p in ready.prepared.items() for w in p.warnings)
-    misfits = {name: w.message for name, w in warned if w.code == noise_level.MISMATCH}
+    misfits = {name: w.message for name, w in warned if w.code == noise_adaptation.MISMATCH}
     progress_stage(0.95)
     together = _together(ready, alone, chosen, misfits, asked.parameters)
     if together:
@@ -208,10 +206,10 @@ def _noises(
 ) -> tuple[ExperimentSet, dict[str, IRLSResult | FitError]]:
     """Judge the noise of every experiment by its own fit; fit anew by itself where it is not as it seemed."""
     of_levels = ready.usable if chosen.levels == ["auto"] else ready.experiments
-    ready = ready.with_warnings(noise_level.judged(of_levels, alone, chosen))
-    alone = alone | _each_alone([e for e in ready.experiments if e.levels], chosen)
-    ready = ready.with_warnings(stationarity.judged(ready.usable, alone))
-    return ready, alone | _each_alone([e for e in ready.experiments if e.unsteady], chosen)
+    ready = ready.with_warnings(noise_adaptation.adapt_to_levels(of_levels, alone, chosen))
+    alone = alone | _each_alone([e for e in ready.experiments if e.marginalised], chosen)
+    ready = ready.with_warnings(noise_adaptation.adapt_to_nonstationarity(ready.usable, alone))
+    return ready, alone | _each_alone([e for e in ready.experiments if e.segment_variances], chosen)
 
 
 def _each_alone(experiments: Sequence[Experiment], chosen: Settings) -> dict[str, IRLSResult | FitError]:
@@ -320,7 +318,7 @@ def _of_experiment(
         *fit_quality.of_experiment(experiment, fit_quality.as_fit(judged, [experiment])),
         *constraint_test.refit_unconstrained(own).warnings(),
     )
-    diagnostics = residual_tests.diagnose(experiment, own)
+    diagnostics = noise_tests.diagnose(experiment, own)
     return _warned(replace(fit, diagnostics=diagnostics), more)
 
 
@@ -367,7 +365,7 @@ def _provenance(ready: ExperimentSet, together: _Together | None, chosen: Settin
         subtraction=best or None,
         settings=chosen.record(),
         more={"false_alarms": budget_by_family(), **agreement},
-        levels=[e.name for e in ready.in_joint_fit if e.levels],
+        levels=[e.name for e in ready.in_joint_fit if e.marginalised],
         x_axis=ready.experiments[0].sysid.telemetry.x_axis,
         scatter={name: {"value": s, "sigma": sigma} for name, (s, sigma) in scatter.items()},
     )

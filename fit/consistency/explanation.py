@@ -19,11 +19,11 @@ from fit.consistency.hypotheses import Hypothesis, of_all
 from fit.consistency.parts import parts
 from fit.consistency.trial import Trial
 from fit.errors import FitError
-from fit.fitting import IRLSResult, louder
+from fit.fitting import IRLSResult
 from fit.model import Sharing, dynamics
 from fit.parallel import parallel_map
 from fit.parameters import experiment_parameters
-from fit.quality import Exclusion, Tells, command_jumps
+from fit.quality import Exclusion, Tells, command_jumps, noise_adaptation
 from fit.warnings import Cause
 from fit.whitening import Experiment, whitened_run
 
@@ -133,7 +133,7 @@ def explained(
 def _odd_by_itself(experiment: Experiment) -> list[str]:
     """Return what is odd about a run that nothing explains, though it would do no harm in another."""
     wild = list(command_jumps(experiment.sysid.telemetry))
-    return wild or [told for told in (louder.told(experiment),) if told]
+    return wild or [message for message in (noise_adaptation.readout_message(experiment),) if message]
 
 
 def _of_samples(

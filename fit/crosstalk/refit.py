@@ -6,9 +6,9 @@ from pathlib import Path
 
 from fit import results as fit_results
 from fit.errors import InputError
-from fit.fitting import IRLSResult, fit_joint, louder
+from fit.fitting import IRLSResult, fit_joint
 from fit.parallel import one_blas_thread
-from fit.quality import mask_experiments, measure
+from fit.quality import mask_experiments, noise_adaptation
 from fit.results import Results, results_folder, telemetry_of
 from fit.settings import Settings, settings
 from fit.telemetry import Telemetry, read_all
@@ -59,8 +59,8 @@ def experiments(
             raise one
         prepared.append(one.experiment)
     levels = said.levels or []
-    loud = louder.judged(prepared, how)
-    return [replace(e, levels=e.name in levels, louder=e.name in loud) for e in prepared], how
+    excess = noise_adaptation.adapt_to_readout_excess(prepared, how)
+    return [replace(e, marginalised=e.name in levels, readout_excess=e.name in excess) for e in prepared], how
 
 
 def iv_corrected_parameters(results: Results) -> set[str]:
@@ -84,9 +84,10 @@ def least_squares(prepared: Sequence[Experiment], how: Settings) -> IRLSResult:
     """
     unconstrained = how.model_copy(update={"parameters": {}})
     outcome = fit_joint(prepared, unconstrained)
-    steps = [measure(e, outcome, i) for i, e in enumerate(prepared)]
-    if any(steps):
-        prepared = [replace(e, unsteady=s) for e, s in zip(prepared, steps, strict=True)]
+    n = len(prepared)
+    variances = [noise_adaptation.segment_variances(e, outcome, k, n) for k, e in enumerate(prepared)]
+    if any(variances):
+        prepared = [replace(e, segment_variances=v) for e, v in zip(prepared, variances, strict=True)]
         outcome = fit_joint(prepared, unconstrained)
     if not any(constraint.is_constraint for constraint in how.parameters.values()):
         return outcome

@@ -23,7 +23,7 @@ from fit.figures.charts import (
     measured,
     posix,
 )
-from fit.quality import residual_tests
+from fit.quality import paule_mandel
 from fit.results import Estimate
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def _gains(
     across = limits(axis, single_marks, key="x")
     marks: list[Mark] = []
     if len(gains) > 1:
-        heterogeneity = residual_tests.about_mean(gains)
+        heterogeneity = paule_mandel(gains)
         label = f"their mean (χ²/ν = {heterogeneity.chi2_red:.3g})"
         marks += _level(label, "green", ":", across, heterogeneity.mean, heterogeneity.sigma)
     if joint is not None:

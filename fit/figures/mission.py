@@ -7,7 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fit.figures.charts import Axis, Chart, Columns, Curve, Matrix, Panel
-from fit.quality import SCORES
+from fit.quality import NORMAL_SCORES
 from fit.results import Diagnostics, Fit
 
 Array = NDArray[np.float64]
@@ -27,23 +27,23 @@ def quantiles(diagnostics: Mapping[str, Diagnostics], sizes: Mapping[str, int]) 
     sizes : mapping of str to int
         Number of residuals, which sets the band that 95 % of normal samples keep to at every quantile.
     """
-    tail = scipy.special.ndtr(-np.abs(SCORES))
-    density = np.exp(-(SCORES**2) / 2) / np.sqrt(2 * np.pi)
+    tail = scipy.special.ndtr(-np.abs(NORMAL_SCORES))
+    density = np.exp(-(NORMAL_SCORES**2) / 2) / np.sqrt(2 * np.pi)
     spreads = [1.96 * np.sqrt(tail * (1 - tail) / sizes[name]) / density for name in diagnostics]
-    departures = [np.array(diagnosis.quantiles) - SCORES for diagnosis in diagnostics.values()]
+    departures = [np.array(diagnosis.quantiles) - NORMAL_SCORES for diagnosis in diagnostics.values()]
     reach = max(0.6, *(1.1 * float(np.max(np.abs(departure))) for departure in departures))
-    across = (1.05 * float(SCORES[0]), 1.05 * float(SCORES[-1]))
+    across = (1.05 * float(NORMAL_SCORES[0]), 1.05 * float(NORMAL_SCORES[-1]))
     panels = []
     for name, spread, departure in zip(diagnostics, spreads, departures, strict=True):
         band = Curve(
-            name="95 % band", label="", role="grey", x=SCORES, y=np.zeros(SCORES.size), low=-spread,
-            high=spread, width=0.5,
+            name="95 % band", label="", role="grey", x=NORMAL_SCORES, y=np.zeros(NORMAL_SCORES.size),
+            low=-spread, high=spread, width=0.5,
         )  # fmt: skip
-        dots = Curve(name=name, label="", role="blue", x=SCORES, y=departure, width=0.5, dots=True)
+        dots = Curve(name=name, label="", role="blue", x=NORMAL_SCORES, y=departure, width=0.5, dots=True)
         panels.append(Panel(_QUANTILE, _DEPARTURE, (band, dots), across, (-reach, reach), 1.05, name))
     columns: Columns = {
-        "experiment": [name for name in diagnostics for _ in SCORES],
-        _QUANTILE.head: np.tile(SCORES, len(diagnostics)),
+        "experiment": [name for name in diagnostics for _ in NORMAL_SCORES],
+        _QUANTILE.head: np.tile(NORMAL_SCORES, len(diagnostics)),
         _DEPARTURE.head: np.concatenate(departures),
         "half width of 95 % band [sigma]": np.concatenate(spreads),
     }

@@ -9,6 +9,7 @@ from fit.fitting.hierarchy import ScaleParameter
 from fit.fitting.irls import HARMLESS, MAX_ITERATIONS, TOLERANCE, Convergence, IRLSResult, iterate
 from fit.fitting.joint_fit import constraints_of, fit_experiment, fit_joint
 from fit.fitting.joint_model import Prior, delta_chi2, free_directions, lmfit_symbol
+from fit.fitting.nonstationary_noise import NonstationaryRun, SegmentVariances
 from fit.fitting.normal import inflations
 from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.problem import FREE, Problem
@@ -22,11 +23,13 @@ __all__ = [
     "TOLERANCE",
     "Convergence",
     "IRLSResult",
+    "NonstationaryRun",
     "Prior",
     "PriorSet",
     "Problem",
     "RunEstimate",
     "ScaleParameter",
+    "SegmentVariances",
     "column_scale",
     "constraint_test",
     "constraints",
@@ -44,15 +47,14 @@ __all__ = [
     "irls",
     "iterate",
     "lmfit_symbol",
-    "louder",
     "moments",
     "normal",
     "null_space",
     "priors",
+    "readout_excess_noise",
     "run_estimate",
     "score_whitening",
     "sums",
-    "unsteady",
     "user_params",
     "weak_priors",
 ]

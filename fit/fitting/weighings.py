@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fit.fitting import flscov, louder, unsteady
+from fit.fitting import flscov, nonstationary_noise, readout_excess_noise
 from fit.model import dynamics
 from fit.settings import Estimator
 from fit.spectra import NoiseModel
@@ -53,7 +53,7 @@ def weighing(
     """
     if estimator == "flscov":
         return _Flscov(experiment, share)
-    return _Smooth(experiment, share, "marginalised" if experiment.levels else estimator, begun)
+    return _Smooth(experiment, share, "marginalised" if experiment.marginalised else estimator, begun)
 
 
 class _Smooth:
@@ -81,13 +81,13 @@ class _Smooth:
         self._model = self._hastened(model) if iteration >= LATE else model
         tau = dynamics.delays(of_run)
         terms = run.spectra(tau, self._model)
-        if self._experiment.louder:
-            terms = louder.at_injections(terms)
+        if self._experiment.readout_excess:
+            terms = readout_excess_noise.use_injections_only(terms)
         # before the signal is subtracted, no residual can tell an outlier
         c = dynamics.coefficients(of_run, terms.tau) if iteration > WARM_UP else None
         block = whitened_run.block(terms, self._model, share, likelihood=self._likelihood, c=c)
-        steps = self._experiment.unsteady
-        return unsteady.block(block, terms.f, steps) if steps else block
+        variances = self._experiment.segment_variances
+        return nonstationary_noise.with_segment_variances(block, variances) if variances else block
 
     def _hastened(self, model: NoiseModel) -> NoiseModel:
         """Return a model of the noise, or where it goes if it creeps.

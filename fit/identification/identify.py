@@ -15,13 +15,13 @@ from fit.consistency import consistency_warnings
 from fit.crosstalk import refit
 from fit.errors import InputError
 from fit.fitting import constraint_test, departures, irls
-from fit.identification import comparison, noise
+from fit.identification import comparison
 from fit.identification.loop import FreeParameter, Loop, joint_parameters
 from fit.identification.parameters import check_constraints, joint, run_dynamics, with_params
 from fit.identification.search import Search
 from fit.model import Sharing
 from fit.parallel import one_blas_thread
-from fit.quality import fit_quality
+from fit.quality import fit_quality, noise_adaptation
 from fit.results import Fit, Provenance, Results
 from fit.settings import Settings
 from fit.warnings import FitWarning
@@ -74,7 +74,7 @@ def identify(
     settings = _constrained(experiments, free, calibrated, settings, params)
     begin = partial(_begin_search, experiments, free, loop, calibrated, settings)
     search, outcome, levels = _run_search(begin, experiments, settings)
-    outcome, noise_warnings = noise.changing(outcome, experiments)
+    outcome, noise_warnings = noise_adaptation.with_segment_variances(outcome, experiments)
     outcome = _integrated(outcome, settings)
     joint_fit = _with_instruments(_report(outcome, experiments, free), experiments, calibrated, settings)
     commands = search.commands(experiments, loop, outcome)
@@ -83,12 +83,12 @@ def identify(
     warnings = [
         *comparison.data_warnings(calibrated),
         *consistency_warnings(experiments, outcome),
-        *noise.misfits(experiments, outcome),
+        *noise_adaptation.misfits(experiments, outcome),
         *comparison.command_warnings(commands, list(joint_fit)),
         *noise_warnings,
         *search.warnings(),
         *constraints.warnings(),
-        *map(noise.marginalised, levels),
+        *map(noise_adaptation.marginalised_warning, levels),
         *_discrepancies(joint_fit, calibrated, context, loop, constraints),
     ]
     joint_fit = replace(joint_fit, warnings=(*joint_fit.warnings, *warnings))
@@ -207,7 +207,7 @@ def _run_search(
     Where the data chose them in the fit, the equation may only have lacked what the loop has: they are
     marginalised if the loop leaves too much as well.
     """
-    marginalised = [e.levels for e in experiments]
+    marginalised = [e.marginalised for e in experiments]
     by_data = settings.levels == ["auto"]
 
     def run_search(levels: Sequence[bool]) -> tuple[Search, irls.IRLSResult]:
@@ -221,10 +221,8 @@ def _run_search(
 
     search, outcome = run_search([is_marginalised and not by_data for is_marginalised in marginalised])
     if by_data and any(marginalised):
-        marginalised = [
-            is_marginalised and noise.is_off(x)
-            for is_marginalised, x in zip(marginalised, noise.excesses(outcome), strict=True)
-        ]
+        misfits = noise_adaptation.misfit_ratios(experiments, outcome)
+        marginalised = [e.marginalised and e.name in misfits for e in experiments]
         if any(marginalised):
             search, outcome = run_search(marginalised)
     return (

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting import louder, unsteady
+from fit.fitting import NonstationaryRun, readout_excess_noise
 from fit.identification import series
 from fit.identification.loop import FORCE_1, THRUST, Loop
 from fit.model import dynamics
@@ -25,7 +25,7 @@ IMPULSE = 1e-6  # N, for a sample: moves test mass 1 by some nanometres
 
 
 @dataclass(frozen=True)
-class LinearisedRun(unsteady.Unsteady):
+class LinearisedRun(NonstationaryRun):
     """A whitened run: the residual at a trial, then its derivatives by the K parameters of the run.
 
     Attributes
@@ -106,9 +106,9 @@ class MeasuredInputs:
         return values
 
     def motion(self) -> Array:
-        """Return what `louder.MOTION` is, shape (2, N)."""
+        """Return what `readout_excess_noise.O_1_COLUMNS` is, shape (2, N)."""
         columns = self._run.columns((0.0, 0.0))
-        return columns.values[self._grid_indices(columns)][:, list(louder.MOTION)].T
+        return columns.values[self._grid_indices(columns)][:, list(readout_excess_noise.O_1_COLUMNS)].T
 
     def _grid_indices(self, columns: dynamics.Columns) -> NDArray[np.intp]:
         at = np.rint((self._grid.time - columns.time[0]) * columns.fs).astype(np.intp)
@@ -207,7 +207,7 @@ class SimulatedExperiment:
         self._measured_columns = [
             run.measured_derivatives(measured_names) for run in (self._sysid, self._noise) if run
         ]
-        self._excess_motion = list(self._sysid.motion()) if experiment.louder else []
+        self._excess_motion = list(self._sysid.motion()) if experiment.readout_excess else []
         self._model: NoiseModel | None = None
         self._derivative_columns: list[Array] = []
         self._residuals: list[Array] = []
@@ -256,7 +256,9 @@ class SimulatedExperiment:
         terms = self._sysid.transformed([residuals[0], *self._derivative_columns, *self._excess_motion])
         if self._excess_motion:
             with_parameters = replace(terms, columns=terms.columns[:, : -len(self._excess_motion)])
-            terms = louder.without(with_parameters, terms.columns[:, -len(self._excess_motion) :])
+            terms = readout_excess_noise.use_injections_only(
+                with_parameters, terms.columns[:, -len(self._excess_motion) :]
+            )
         self._model = self._smooth(terms, residuals, covariance)
         U, _ = whitened_run.whiten(terms, self._model.expected(terms.f))
         u = np.abs(U[:, 0]) ** 2 if iteration else np.full(len(U), 2.0)

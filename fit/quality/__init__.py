@@ -8,15 +8,16 @@ from fit.quality.channel_units import unit_faults
 from fit.quality.exclusions import Exclusion, Tells
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
+from fit.quality.heterogeneity import Heterogeneity, independent_estimates, paule_mandel
 from fit.quality.jumps import command_jumps
 from fit.quality.masks import MaskedExperiment, glitch_search_enabled, mask_experiments
-from fit.quality.residual_tests import SCORES
-from fit.quality.stationarity import measure
+from fit.quality.noise_tests import NORMAL_SCORES
 
 __all__ = [
-    "SCORES",
+    "NORMAL_SCORES",
     "Exclusion",
     "ExperimentSet",
+    "Heterogeneity",
     "MaskedExperiment",
     "Tells",
     "as_fit",
@@ -24,15 +25,15 @@ __all__ = [
     "constancy",
     "fit_quality",
     "glitch_search_enabled",
+    "independent_estimates",
     "indeterminable",
     "initial_fit",
     "long_noise",
     "mask_experiments",
-    "measure",
     "metadata",
-    "noise_level",
+    "noise_adaptation",
+    "noise_tests",
+    "paule_mandel",
     "report",
-    "residual_tests",
-    "stationarity",
     "unit_faults",
 ]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fit.errors import FitError
 from fit.fitting import IRLSResult, sums
 from fit.parameters import ALONG
+from fit.quality import noise_tests
 from fit.results import Estimate, Fit
 from fit.telemetry import Telemetry
 from fit.warnings import FitWarning
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 
 SEEN = 2.0  # sigma, of a width from which a parameter is said to scatter
 NEGLIGIBLE = 0.01  # least coefficient, in widths of the weak priors, that is named in a blind direction
-DOUBTFUL = 0.2  # departure of chi2 / dof from 1 that is warned of
-OFF = 1.5  # factor between chi2 and its degrees of freedom; beyond it sigmas, off by 22 %, are not told
 EARLY = 0.05  # s, half a control step: by so much a time may be a matter of convention
 CERTAIN = 5.0  # sigma
 
@@ -206,8 +205,8 @@ def doubts(outcome: IRLSResult, experiments: Sequence[Experiment]) -> list[FitWa
     if not outcome.converged:
         message = "the weights have not settled entirely; estimates may still move by some 0.05 sigma"
         found.append(FitWarning("not_converged", (), message))
-    excess = outcome.solution.chi2 / outcome.solution.dof
-    if abs(excess - 1) > DOUBTFUL:
+    excess, sigma = noise_tests.chi2_ratio(outcome)
+    if noise_tests.is_misfit(excess, sigma, len(experiments)):
         message = f"the residual has {excess:.3g} times the power of the noise run; the sigmas assume 1"
         found.append(FitWarning("chi2", (), message))
     return found
@@ -240,13 +239,13 @@ def suspects(alone: Mapping[str, IRLSResult | FitError]) -> dict[str, str]:
         if isinstance(own, FitError)
         else f"{name} alone leaves {own.solution.chi2 / own.solution.dof:.3g} times the power of the noise"
         for name, own in alone.items()
-        if isinstance(own, FitError) or own.solution.chi2 > OFF * own.solution.dof
+        if isinstance(own, FitError) or own.solution.chi2 > noise_tests.MAX_CHI2_RATIO * own.solution.dof
     }
 
 
 def is_off(fit: Fit) -> bool:
     """Return whether chi2 and its degrees of freedom have nothing to do with each other."""
-    return not 1 / OFF < fit.chi2 / max(fit.dof, 1) < OFF
+    return not 1 / noise_tests.MAX_CHI2_RATIO < fit.chi2 / max(fit.dof, 1) < noise_tests.MAX_CHI2_RATIO
 
 
 def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:

@@ -20,7 +20,7 @@ from fit.parameters import (
     joint_names,
     joint_parameter,
 )
-from fit.quality import residual_tests
+from fit.quality import Heterogeneity, independent_estimates, paule_mandel
 from fit.report import motion as report_motion
 from fit.report import stiffness as report_stiffness
 from fit.report.parts import Drawing, Part, fitted_for, started
@@ -163,10 +163,10 @@ def _combination(coefficients: Mapping[str, float]) -> Markup:
 
 
 def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
-    estimates = list(residual_tests.independent(results.experiments).values())
+    estimates = list(independent_estimates(results.experiments).values())
     if len(estimates) < 2:
         return None
-    heterogeneity = residual_tests.about_mean(estimates)
+    heterogeneity = paule_mandel(estimates)
     joint = results.joint.parameters.get("lambda_2") if results.joint else None
     flown = FLIGHT["lambda_2"]
     of_joint = tables.number(joint.value, joint.sigma) if joint else None
@@ -189,7 +189,7 @@ def _gain(results: Results, telemetries: Sequence[Telemetry]) -> Part | None:
     return Part("gain", "Stationarity of the gain", _gain_verdict(heterogeneity), (grid,), pictures)
 
 
-def _gain_verdict(heterogeneity: residual_tests.Stationarity) -> Markup:
+def _gain_verdict(heterogeneity: Heterogeneity) -> Markup:
     if heterogeneity.p_value >= DOUBTFUL:
         return Markup("The experiments agree with one λ<sub>2</sub> for all of them.")
     mean = tables.number(heterogeneity.mean, heterogeneity.sigma_with_scatter)

@@ -54,7 +54,7 @@ class Diagnostics:
     kurtosis, kurtosis_sigma : float
         Excess kurtosis of the normalised residual, 0 expected, and the scatter to expect.
     quantiles : list of float
-        Of the normalised residual at the normal scores `residuals.SCORES`, which they should equal.
+        Of the normalised residual at `NORMAL_SCORES` of `fit.quality`, which they should equal.
     """
 
     chi2_red: float

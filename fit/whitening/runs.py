@@ -35,19 +35,19 @@ class Experiment:
         With injections.
     noise : Run or None
         Without, None where there is none.
-    levels : bool
-        Whether the noise run does not tell the level of the noise: it is marginalised in every band.
-    unsteady : tuple
-        Bands in which the noise changes within the run, see `steadiness.measure`.
-    louder : bool
-        Whether o_1 is to be believed at the injections alone, see `louder`.
+    marginalised : bool
+        Whether the level of the noise is marginalised in narrow bands, being not that of the noise run.
+    segment_variances : tuple
+        Bands in which the noise changes within the run, see `fit.fitting.nonstationary_noise`.
+    readout_excess : bool
+        Whether only the injected signal of o_1 is used, see `fit.fitting.readout_excess_noise`.
     """
 
     sysid: Run
     noise: Run | None
-    levels: bool = False
-    unsteady: tuple[tuple[float, float, Array], ...] = ()
-    louder: bool = False
+    marginalised: bool = False
+    segment_variances: tuple[tuple[float, float, Array], ...] = ()
+    readout_excess: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -8,11 +8,11 @@ import pytest
 
 from fit import pipeline
 from fit.errors import FitError, InputError
-from fit.fitting import louder
 from fit.identification import comparison, linearised_run
 from fit.identification.identify import identify
 from fit.identification.loop import FreeParameter
 from fit.identification.search import Search
+from fit.quality import noise_adaptation
 from fit.settings import settings
 from fit.telemetry.reader import Telemetry
 from fit.warnings import FitWarning
@@ -69,7 +69,7 @@ def identified(flown, free=FREE, refused=lambda _theta: False, unity_gain=1e-3, 
     )
     loop.refused = refused
     experiments = pair(telemetries)
-    loud = louder.judged(experiments, CHOSEN)
+    loud = noise_adaptation.adapt_to_readout_excess(experiments, CHOSEN)
     prepared = [loud[e.name][1] if e.name in loud else e for e in experiments]
     return identify(prepared, free, loop, calibrated, chosen, params=params)
 

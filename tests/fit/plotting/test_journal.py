@@ -13,7 +13,7 @@ from fit import plotting as journal
 from fit.figures import gain, mission
 from fit.figures.charts import TIME, Chart, Curve, Panel
 from fit.figures.gain import GainPoint
-from fit.quality.residual_tests import SCORES
+from fit.quality.noise_tests import NORMAL_SCORES
 from fit.report.experiments import drawings
 from fit.results.estimates import Diagnostics, Estimate
 from fit.results.results import Fit
@@ -77,7 +77,7 @@ def test_dates_error_bars_and_grids():
     assert [bar[:, 0].tolist() for bar in bars] == [[16907.5] * 2, [16983.0] * 2]  # days since 1970
     assert bars[0][:, 1] == pytest.approx([1.0775, 1.0777])
     assert "joint fit, ±1 σ" in [text.get_text() for text in ax.get_legend().get_texts()]
-    found = {n: Diagnostics(1.0, 0.03, 0.4, 0.02, 0.075, SCORES.tolist()) for n in "ABCDEFG"}
+    found = {n: Diagnostics(1.0, 0.03, 0.4, 0.02, 0.075, NORMAL_SCORES.tolist()) for n in "ABCDEFG"}
     figure = journal.drawn(mission.quantiles(found, dict.fromkeys(found, 4304))).figure
     assert [ax.get_title(loc="left") for ax in figure.axes if ax.get_visible()] == list(found)
 

@@ -12,7 +12,7 @@ from fit.figures import stiffness as figures_stiffness
 from fit.figures.charts import Points
 from fit.figures.stiffness import StiffnessPoint, stiffness_pull
 from fit.parameters import FLIGHT, joint_names
-from fit.quality.residual_tests import SCORES
+from fit.quality.noise_tests import NORMAL_SCORES
 from fit.report import charts
 from fit.report import together as report_mission
 from fit.report.page import write_report
@@ -47,7 +47,7 @@ def experiment(lambda_2, F, N, diagnostics=None, warnings=()):
 
 
 def quiet(**changes):
-    return replace(Diagnostics(1.01, 0.03, 0.4, 0.02, 0.075, SCORES.tolist()), **changes)
+    return replace(Diagnostics(1.01, 0.03, 0.4, 0.02, 0.075, NORMAL_SCORES.tolist()), **changes)
 
 
 @pytest.fixture

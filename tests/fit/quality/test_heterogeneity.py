@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fit.quality.residual_tests import about_mean, independent
+from fit.quality.heterogeneity import independent_estimates, paule_mandel
 from fit.results.estimates import Estimate
 from fit.results.results import Fit
 
@@ -15,7 +15,7 @@ def estimates(values, sigmas):
 
 def test_two_estimates_by_hand():
     # weights 4 and 1: mean (4 * 1 + 1 * 2) / 5; chi2 = 0.2^2 / 0.25 + 0.8^2 / 1
-    found = about_mean(estimates([1.0, 2.0], [0.5, 1.0]))
+    found = paule_mandel(estimates([1.0, 2.0], [0.5, 1.0]))
     assert found.mean == pytest.approx(1.2)
     assert found.sigma == pytest.approx(1 / np.sqrt(5))
     assert found.chi2_red == pytest.approx(0.8)
@@ -26,22 +26,22 @@ def test_two_estimates_by_hand():
 
 def test_equal_sigmas_scatter_by_the_sample_variance():
     values = np.array([1.0, 2.0, 4.0, 7.0])
-    found = about_mean(estimates(values, [0.5] * 4))
+    found = paule_mandel(estimates(values, [0.5] * 4))
     assert found.scatter**2 == pytest.approx(np.var(values, ddof=1) - 0.25)
     assert found.sigma_with_scatter == pytest.approx(np.std(values, ddof=1) / 2)
 
 
 def test_with_the_scatter_chi2_is_one():
     values, sigmas = np.array([1.070, 1.078, 1.081, 1.086]), np.array([2e-4, 1e-3, 5e-4, 1e-4])
-    found = about_mean(estimates(values, sigmas))
-    again = about_mean(estimates(values, np.hypot(sigmas, found.scatter)))
+    found = paule_mandel(estimates(values, sigmas))
+    again = paule_mandel(estimates(values, np.hypot(sigmas, found.scatter)))
     assert again.chi2_red == pytest.approx(1)
     assert again.sigma == pytest.approx(found.sigma_with_scatter)
     assert found.p_value < 1e-10
 
 
 def test_estimates_that_coincide_do_not_scatter():
-    found = about_mean(estimates([1.0] * 3, [0.1, 0.2, 0.3]))
+    found = paule_mandel(estimates([1.0] * 3, [0.1, 0.2, 0.3]))
     assert (found.chi2_red, found.scatter, found.p_value) == (0.0, 0.0, 1.0)
 
 
@@ -52,7 +52,7 @@ def test_a_flight_like_scatter_is_found():
     rng = np.random.default_rng(11)
     sigmas = rng.uniform(3e-4, 8e-4, 13)
     found = [
-        about_mean(
+        paule_mandel(
             estimates(1.0776 + 5e-3 * rng.standard_normal(13) + sigmas * rng.standard_normal(13), sigmas)
         )
         for _ in range(200)
@@ -67,7 +67,7 @@ def test_p_values_of_noise_are_uniform():
     # Kolmogorov-Smirnov over 1000 campaigns, false positives 1e-3, seed fixed
     rng = np.random.default_rng(12)
     sigmas = rng.uniform(1, 3, 13)
-    p = [about_mean(estimates(sigmas * rng.standard_normal(13), sigmas)).p_value for _ in range(1000)]
+    p = [paule_mandel(estimates(sigmas * rng.standard_normal(13), sigmas)).p_value for _ in range(1000)]
     assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 
@@ -76,4 +76,4 @@ def test_an_experiment_counts_that_determines_the_parameter():
         experiment: Fit({name: Estimate(1.0, 0.1, "1")}, np.eye(1), 1.0, 1, True, ())
         for experiment, name in (("A", "lambda_2"), ("B", "lambda_2"), ("none", "C_2"))
     }
-    assert list(independent(fits)) == ["A", "B"]
+    assert list(independent_estimates(fits)) == ["A", "B"]

@@ -7,7 +7,7 @@ import pytest
 
 from fit.fitting.joint_fit import fit_experiment
 from fit.quality.fit_quality import as_fit
-from fit.quality.residual_tests import SCORES, Residual, diagnose, judge, residual
+from fit.quality.noise_tests import NORMAL_SCORES, WhitenedResidual, diagnose, diagnostics
 from fit.results.provenance import Provenance
 from fit.results.results import Results, load, write
 from fit.spectra import windowing
@@ -47,9 +47,8 @@ def judged(x, beside=None, **changes):
     run = transform(x)
     found = model(run if beside is None else transform(beside))
     U, _ = whitened_run.whiten(run, found(run.f) if beside is None else found.expected(run.f))
-    w2 = run.window**2
-    left = Residual(run.f, U[:, 0], found, w2.size * (w2 @ w2) / w2.sum() ** 2, beside is not None)
-    return judge(replace(left, **changes), taken=2)
+    residual = WhitenedResidual(run.f, U[:, 0], run.window, found, beside is not None)
+    return diagnostics(replace(residual, **changes), n_absorbed=2)
 
 
 def several(count, seed, own=False, **options):
@@ -76,7 +75,7 @@ def test_false_positives():
     kurtosis = np.array([d.kurtosis for d in found])
     assert kurtosis.std() == pytest.approx(found[0].kurtosis_sigma, rel=0.3)
     assert abs(kurtosis.mean()) < 0.5 * kurtosis.std()
-    np.testing.assert_allclose(np.mean([d.quantiles for d in found], axis=0), SCORES, atol=0.1)
+    np.testing.assert_allclose(np.mean([d.quantiles for d in found], axis=0), NORMAL_SCORES, atol=0.1)
 
 
 @pytest.mark.slow
@@ -104,11 +103,11 @@ def test_what_is_wrong_is_seen_where_it_is():
     assert louder.whiteness > 0.01  # the level is not its business
     assert steeper.whiteness < 1e-3
     rng = np.random.default_rng(5)
-    n = 2159
+    n = 2160
     z = (rng.standard_t(5, n) + 1j * rng.standard_t(5, n)) / np.sqrt(5 / 3)
     tailed = judged(noise(rng, 6 * HOURS), noise(rng, 8 * HOURS), z=z)
     assert tailed.kurtosis > 10 * tailed.kurtosis_sigma
-    assert tailed.quantiles[-1] > SCORES[-1] + 0.3
+    assert tailed.quantiles[-1] > NORMAL_SCORES[-1] + 0.3
 
 
 def outcome(runs):
@@ -123,13 +122,13 @@ def test_an_experiment_and_what_a_wrong_model_leaves_of_it(tmp_path):
     assert right.chi2_red == pytest.approx(found.solution.chi2 / found.solution.dof, rel=2e-3)
     assert abs(right.chi2_red - 1) < 4 * right.chi2_red_sigma
     assert right.whiteness > 1e-3
-    assert (len(right.quantiles), right.quantiles) == (SCORES.size, sorted(right.quantiles))
+    assert (len(right.quantiles), right.quantiles) == (NORMAL_SCORES.size, sorted(right.quantiles))
 
     names = [p.name for p in found.parameters]
     theta = found.solution.theta.copy()
     theta[names.index("lambda_2")] *= 1.01
-    share = found.blocks[0].share
-    wrong = judge(residual(experiment, share @ theta, 0 * share @ share.T), taken=9)
+    solution = replace(found.solution, theta=theta, covariance=0 * found.solution.covariance)
+    wrong = diagnose(experiment, replace(found, solution=solution))
     assert wrong.chi2_red > right.chi2_red + 10 * right.chi2_red_sigma
     assert wrong.whiteness < 1e-3
 

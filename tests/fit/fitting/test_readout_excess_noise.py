@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from fit.crosstalk.refit import refit
-from fit.fitting import louder
 from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate
+from fit.quality.noise_adaptation import adapt_to_readout_excess
+from fit.quality.noise_tests import readout_excess
 from fit.settings import settings
 from fit.whitening.run import Run
 from fit.whitening.runs import Experiment
@@ -41,12 +42,15 @@ def delta_ifo(found):
 
 def test_runs_like_their_noise_runs_are_not_louder():
     # false positives 5e-5
-    assert louder.judged([experiment(name, seed=2) for name in ("A1", "G3", "B4", "C4")], settings()) == {}
+    assert (
+        adapt_to_readout_excess([experiment(name, seed=2) for name in ("A1", "G3", "B4", "C4")], settings())
+        == {}
+    )
 
 
 @pytest.mark.stat
 def test_the_ratio_of_powers_has_its_sigma():
-    found = [louder.measure(experiment(name, seed=seed)) for name in ("A1", "E3", "C4") for seed in (3, 4)]
+    found = [readout_excess(experiment(name, seed=seed)) for name in ("A1", "E3", "C4") for seed in (3, 4)]
     pulls = [(ratio - 1) / sigma for ratio, sigma in found]
     assert max(map(abs, pulls)) < 4  # false positives 4e-4
     assert (
@@ -56,26 +60,26 @@ def test_the_ratio_of_powers_has_its_sigma():
 
 def test_noise_and_motion_are_both_louder():
     noisy, moving = experiment(noisy=1e-9), experiment("A1", thruster=3.0)
-    assert list(louder.judged([noisy, moving], settings())) == ["B4", "A1"]
-    assert louder.measure(moving)[0] == pytest.approx(9, rel=0.2)
+    assert list(adapt_to_readout_excess([noisy, moving], settings())) == ["B4", "A1"]
+    assert readout_excess(moving)[0] == pytest.approx(9, rel=0.2)
 
 
 def test_without_a_noise_run_nothing_is_compared():
     e = replace(experiment(noisy=1e-9), noise=None)
-    assert louder.judged([e], settings()) == {}
+    assert adapt_to_readout_excess([e], settings()) == {}
 
 
 def test_noise_of_the_read_out_does_not_make_delta_ifo_small():
     e = experiment(noisy=1.5e-9)
     attenuated, sigma = delta_ifo(fit_experiment(e))
     assert (TRUTH - attenuated) / sigma > 5
-    value, sigma = delta_ifo(fit_experiment(louder.judged([e], settings())["B4"][1]))
+    value, sigma = delta_ifo(fit_experiment(adapt_to_readout_excess([e], settings())["B4"][1]))
     assert abs(value - TRUTH) < 3 * sigma < 0.15 * TRUTH  # false positives 3e-3, the seed is fixed
 
 
 def test_motion_of_the_spacecraft_leaves_the_run_in():
     e = experiment(thruster=1.5)
-    value, sigma = delta_ifo(fit_experiment(louder.judged([e], settings())["B4"][1]))
+    value, sigma = delta_ifo(fit_experiment(adapt_to_readout_excess([e], settings())["B4"][1]))
     assert abs(value - TRUTH) < 3 * sigma < 0.15 * TRUTH
 
 
@@ -91,4 +95,4 @@ def test_a_calibration_says_so_stays_sound_and_is_repeated():
 
 
 def test_ltpda_takes_the_columns_as_they_are():
-    assert louder.judged([experiment(noisy=1e-9)], settings({"estimator": "flscov"}, "")) == {}
+    assert adapt_to_readout_excess([experiment(noisy=1e-9)], settings({"estimator": "flscov"}, "")) == {}

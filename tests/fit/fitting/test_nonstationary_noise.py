@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fit.fitting import unsteady
 from fit.fitting.joint_fit import fit_experiment
-from fit.quality import stationarity
+from fit.fitting.nonstationary_noise import with_segment_variances
+from fit.quality.noise_adaptation import segment_variances
 from fit.spectra import windowing
 from fit.whitening import whitened_run
 from fit.whitening.likelihoods import weights
@@ -33,12 +33,12 @@ def test_steady_noise_is_steady():
     # 6 runs of 2 bands: false positives 1e-5
     for seed in range(6):
         e = experiment(seed=seed)
-        assert stationarity.measure(e, fit_experiment(e)) == ()
+        assert segment_variances(e, fit_experiment(e)) == ()
 
 
 def test_noise_that_grows_is_seen_where_it_grows():
     e = experiment(louder=3.0)
-    steps = stationarity.measure(e, fit_experiment(e))
+    steps = segment_variances(e, fit_experiment(e))
     assert steps
     for _, _, power in steps:
         assert np.argmax(power) == 3
@@ -64,7 +64,7 @@ def test_scores_of_noise_in_steps_have_the_covariance_told():
     run, f = block(signals)
     w2 = np.bincount(t[: run.window.size] * 4 // run.window.size, run.window**2)
     relative = power / (power @ w2 / w2.sum())
-    told = unsteady.block(run, f, ((0.0, 1.0, relative),)).M
+    told = with_segment_variances(replace(run, f=f), ((0.0, 1.0, relative),)).M
     drawn = []
     for _ in range(2000):
         noise, _ = block((sigma * rng.standard_normal(n))[:, None])
@@ -78,7 +78,7 @@ def test_scores_of_noise_in_steps_have_the_covariance_told():
 def test_the_sigma_follows_the_noise_where_the_signal_is():
     e = experiment(louder=3.0)
     plain = fit_experiment(e)
-    steps = stationarity.measure(e, plain)
-    told = fit_experiment(replace(e, unsteady=steps))
+    steps = segment_variances(e, plain)
+    told = fit_experiment(replace(e, segment_variances=steps))
     assert told.solution.theta == pytest.approx(plain.solution.theta, rel=1e-9)
     assert not np.allclose(told.blocks[0].M, plain.blocks[0].M, rtol=0.05)

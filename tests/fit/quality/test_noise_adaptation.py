@@ -8,7 +8,7 @@ import pytest
 from fit.errors import InputError
 from fit.fitting.joint_fit import fit_experiment
 from fit.pipeline import calibrate
-from fit.quality import noise_level
+from fit.quality import noise_tests
 from fit.settings import settings
 from fit.whitening.runs import pair as paired
 from tests.oracles.synthetic import World, pair, telemetry
@@ -50,7 +50,7 @@ def test_noise_of_another_level_is_marginalised(changes):
     assert results.provenance.levels == ["A", "C"]
     assert not results.joint.unsound
     (said,) = (w for w in results.experiments["A"].warnings if w.code == "marginalised_noise")
-    assert "by that of the noise run" in said.message
+    assert "over that of the noise run" in said.message
     assert "marginalised" in said.message
     assert largest_pull(results.joint) < 4.5
     assert results.joint.chi2 / results.joint.dof == pytest.approx(1, abs=0.05)
@@ -84,18 +84,13 @@ def test_the_settings_may_insist():
         calibrate(campaign(), settings({"levels": ["Z"]}))
 
 
-def test_what_is_slower_than_the_noise_run_tells_no_level(monkeypatch):
+def test_bins_below_the_noise_run_have_no_level():
     # 65 h beside a noise run of 8 h: below its lowest frequency the PSD is a straight line, right or not
     (e,) = paired(pair(World(), "A"))
     outcome = fit_experiment(e)
-    noise = outcome.blocks[0].noise
-    plain = noise_level.measure(e, outcome, noise)
-    of = noise_level._Residual.of
-
-    def slower(*args):
-        r, f = of(*args), 1e-6 * np.arange(1, 9)
-        more = {"f": f, "power": np.full(8, 100.0), "left": np.ones(8)}
-        return replace(r, **{name: np.append(values, getattr(r, name)) for name, values in more.items()})
-
-    monkeypatch.setattr(noise_level._Residual, "of", slower)
-    assert np.array_equal(noise_level.measure(e, outcome, noise).log_ratio, plain.log_ratio)
+    residual = noise_tests.whitened_residual(e, outcome)
+    f = np.append(1e-6 * np.arange(1, 9), residual.f)
+    more = {"z": np.full(8, 14.0), "retained": np.ones(8), "weights": np.ones(8)}
+    slower = {name: np.append(values, getattr(residual, name)) for name, values in more.items()}
+    table = noise_tests.variance_table(replace(residual, f=f, **slower))
+    assert table.log_ratio == pytest.approx(noise_tests.variance_table(residual).log_ratio, abs=1e-12)

@@ -1,0 +1,222 @@
+"""How a fit adapts to noise that is not that of the noise run, as `fit.quality.noise_tests` find it.
+
+* A level that is off in some band is marginalised in narrow bands (`fit.whitening.likelihoods`) if the excess
+  fills the band, as noise does; a line or spurious signal is reported as ``noise_mismatch``.
+* A variance that changes within the run enters the covariance of the scores
+  (`fit.fitting.nonstationary_noise`).
+* Of an o_1 with excess noise only the injected signal is used (`fit.fitting.readout_excess_noise`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fit.errors import FitError, InputError
+from fit.false_alarms import sigma_limit
+from fit.fitting import IRLSResult, NonstationaryRun, SegmentVariances, irls
+from fit.parallel import parallel_map
+from fit.quality import noise_tests
+from fit.quality.noise_tests import BAND_EDGES, VarianceTable
+from fit.settings import Settings
+from fit.warnings import FitWarning
+from fit.whitening import Experiment
+
+Adaptations = dict[str, tuple[FitWarning, Experiment]]  # by experiment: what to report, and how to fit it
+
+MISMATCH = "noise_mismatch"
+_MARGINALISED = "the level of its noise is marginalised in narrow bands"
+
+
+def adapt_to_readout_excess(experiments: Sequence[Experiment], settings: Settings) -> Adaptations:
+    """Return the experiments whose o_1 has excess noise."""
+    if settings.estimator == "flscov":  # which takes the columns as they are
+        return {}
+    n = len(experiments)
+    messages = parallel_map(lambda e: readout_message(e, n), experiments, Experiment.samples)
+    return {
+        e.name: (
+            FitWarning(
+                "readout_excess_noise",
+                (),
+                f"{e.name}: {message}, which would bias delta_ifo towards zero; of this o_1 only the "
+                "injected signal is used",
+            ),
+            replace(e, readout_excess=True),
+        )
+        for e, message in zip(experiments, messages, strict=True)
+        if message
+    }
+
+
+def readout_message(experiment: Experiment, n_runs: int = 1) -> str:
+    """Say that o_1 of an experiment has excess noise; empty if it has not."""
+    if not noise_tests.has_readout_excess(experiment, n_runs):
+        return ""
+    ratio, _ = noise_tests.readout_excess(experiment)
+    return (
+        f"between the injections o_1 has {ratio:.3g} times the power that it has in the noise run, above "
+        f"{1e3 * noise_tests.READOUT_BAND[0]:g} mHz: the spacecraft moves more, or the read-out is noisier"
+    )
+
+
+def adapt_to_levels(
+    experiments: Sequence[Experiment], single_fits: Mapping[str, IRLSResult | FitError], settings: Settings
+) -> Adaptations:
+    """Return the experiments whose noise level is not that of the noise run.
+
+    Raises
+    ------
+    InputError
+        If the settings name an experiment that does not exist.
+    """
+    by_name = {e.name: e for e in experiments}
+    if settings.levels != ["auto"]:
+        for name in settings.levels:
+            if name not in by_name:
+                raise InputError(f"fit.levels: no experiment {name!r}, there are {', '.join(by_name)}")
+        return {
+            name: (
+                marginalised_warning(name, "as the settings say"),
+                replace(by_name[name], marginalised=True),
+            )
+            for name in settings.levels
+        }
+    adaptations: Adaptations = {}
+    tables = {
+        e.name: noise_tests.variance_table(residual)
+        for e in experiments
+        if e.noise and (residual := _residual(e, single_fits[e.name])) is not None
+    }
+    n = len(tables)
+    for name in mismatched(tables):
+        e, table = by_name[name], tables[name]
+        residual = _residual(e, single_fits[name])
+        departure = f"the power of the residual over that of the noise run is {describe_levels(table, n)}"
+        too_large = np.any(np.abs(table.log_ratio) > np.log(noise_tests.MAX_POWER_RATIO))
+        bands = table.bands[table.mismatched(n)]
+        if residual is not None and not too_large and noise_tests.is_broadband(residual, bands, n):
+            adaptations[name] = marginalised_warning(name, departure), replace(e, marginalised=True)
+        else:
+            why = "this is no change of the noise: an effect is missing from the model, or a run is invalid"
+            message = f"{name}: {departure}; {why}; the sigmas are invalid"
+            adaptations[name] = FitWarning(MISMATCH, (), message), e
+    return adaptations
+
+
+def _residual(experiment: Experiment, result: IRLSResult | FitError) -> noise_tests.WhitenedResidual | None:
+    """Return the residual of a fit that was weighed by a PSD."""
+    if not isinstance(result, IRLSResult) or result.blocks[0].noise is None:
+        return None
+    return noise_tests.whitened_residual(experiment, result)
+
+
+def mismatched(tables: Mapping[str, VarianceTable]) -> list[str]:
+    """Return the experiments whose noise level is off, alone or together with all others in one band."""
+    n = len(tables)
+    single = {name: bool(table.mismatched(n).any()) for name, table in tables.items()}
+    limit = sigma_limit("noise", noise_tests.n_tests(n))
+    z_scores: dict[int, list[float]] = {}
+    for table in (table for name, table in tables.items() if not single[name]):
+        for band, z in zip(table.bands.tolist(), table.z_score.tolist(), strict=True):
+            z_scores.setdefault(band, []).append(z)
+    everywhere = any(abs(sum(z)) > limit * len(z) ** 0.5 for z in z_scores.values() if len(z) > 1)
+    return [name for name in tables if everywhere or single[name]]
+
+
+def describe_levels(table: VarianceTable, n_runs: int) -> str:
+    """Return in words which bands have another level than the noise run, and which."""
+    shown = table.mismatched(n_runs)
+    if not shown.any():
+        shown = np.abs(table.z_score) > 1
+    ratio = np.exp(table.log_ratio)
+    if shown.all():
+        return f"{ratio.min():.2g} to {ratio.max():.2g} at all frequencies"
+    bands = zip(table.bands[shown].tolist(), ratio[shown], strict=True)
+    return ", ".join(f"{r:.2g} {_describe_band(band)}" for band, r in bands)
+
+
+def _describe_band(band: int) -> str:
+    low, high = 1e3 * BAND_EDGES[band], 1e3 * BAND_EDGES[band + 1]
+    if not low:
+        return f"below {high:g} mHz"
+    return f"above {low:g} mHz" if band == noise_tests.N_BANDS - 1 else f"from {low:g} to {high:g} mHz"
+
+
+def marginalised_warning(
+    name: str, reason: str = "the power of the residual is not that of the noise run"
+) -> FitWarning:
+    """Return the warning that the noise level of an experiment is marginalised."""
+    return FitWarning("marginalised_noise", (), f"{name}: {reason}; {_MARGINALISED}")
+
+
+def adapt_to_nonstationarity(
+    experiments: Sequence[Experiment], single_fits: Mapping[str, IRLSResult | FitError]
+) -> Adaptations:
+    """Return the experiments whose noise variance changes within the run."""
+    n = len(experiments)
+    adaptations: Adaptations = {}
+    for e in experiments:
+        result = single_fits[e.name]
+        if isinstance(result, IRLSResult) and (variances := segment_variances(e, result, 0, n)):
+            adaptations[e.name] = (
+                nonstationary_warning(e.name, variances),
+                replace(e, segment_variances=variances),
+            )
+    return adaptations
+
+
+def segment_variances(
+    experiment: Experiment, result: IRLSResult, index: int = 0, n_runs: int = 1
+) -> SegmentVariances:
+    """Return the bands in which the variance of a run of a fit changes within the run, and how."""
+    run = result.blocks[index]
+    if run.noise is None or run.window is None:
+        return ()
+    table = noise_tests.variance_table(noise_tests.whitened_residual(experiment, result, index))
+    changes = table.nonstationary(n_runs)
+    bands = zip(table.bands[changes].tolist(), table.quarters[changes], strict=True)
+    return tuple((float(BAND_EDGES[b]), float(BAND_EDGES[b + 1]), variance) for b, variance in bands)
+
+
+def nonstationary_warning(name: str, variances: SegmentVariances) -> FitWarning:
+    """Return the warning that the noise of an experiment is not stationary."""
+    ratios: list[NDArray[np.float64]] = [variance for *_, variance in variances]
+    message = (
+        f"{name}: the power of its noise changes within the run, from {np.min(ratios):.2g} to "
+        f"{np.max(ratios):.2g} times its mean in quarters of the run; the sigmas allow for that"
+    )
+    return FitWarning("nonstationary_noise", (), message)
+
+
+def with_segment_variances(
+    result: IRLSResult, experiments: Sequence[Experiment]
+) -> tuple[IRLSResult, list[FitWarning]]:
+    """Let the covariance of a fit of `NonstationaryRun` allow for noise that changes within runs."""
+    runs, warnings = list(result.blocks), []
+    for k, (experiment, run) in enumerate(zip(experiments, result.blocks, strict=True)):
+        if variances := segment_variances(experiment, result, k, len(experiments)):
+            assert isinstance(run, NonstationaryRun)
+            runs[k] = replace(run, segment_variances=variances)
+            warnings.append(nonstationary_warning(experiment.name, variances))
+    if warnings and not result.departing:
+        return irls.refit(result, runs), warnings
+    return replace(result, blocks=tuple(runs)), warnings
+
+
+def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWarning]:
+    """Return a warning for each run whose residual has another power than its noise run."""
+    warnings = []
+    for name, ratio in misfit_ratios(experiments, result).items():
+        valid = 1 / noise_tests.MAX_CHI2_RATIO < ratio < noise_tests.MAX_CHI2_RATIO
+        message = f"{name}: the simulated loop leaves {ratio:.3g} times the power of the noise run"
+        warnings.append(FitWarning("chi2" if valid else MISMATCH, (), message))
+    return warnings
+
+
+def misfit_ratios(experiments: Sequence[Experiment], result: IRLSResult) -> dict[str, float]:
+    """Return chi^2 / dof of the runs of a fit for which it differs from 1."""
+    n = len(experiments)
+    ratios = {e.name: noise_tests.chi2_ratio(result, k) for k, e in enumerate(experiments)}
+    return {name: ratio for name, (ratio, sigma) in ratios.items() if noise_tests.is_misfit(ratio, sigma, n)}
