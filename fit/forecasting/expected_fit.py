@@ -59,7 +59,7 @@ MAX_RESIDUAL = (
     0.3  # root of the chi^2 of what a move leaves in a run, below which its weights stay as they are
 )
 #: What moves less than 0.01 sigma moves no sigma.
-RULE = Convergence(most=20, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
+RULE = Convergence(most=40, tolerance=0.01, harmless=0.01, warm_up=-1, moving="the expected fit still moves")
 
 
 class NoneTakesPartError(InputError):
