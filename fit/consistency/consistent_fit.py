@@ -2,7 +2,8 @@
 
 A run that does not obey the equation of motion or does not settle by itself is left out beforehand. The
 others are compared by their single fits: either some of them are bad (`outlier_runs`), or gains and delays
-scatter from run to run (`scatter`); the larger gain in log likelihood is the cause.
+scatter from run to run (`scatter`); the larger gain in log likelihood is the cause, unless scatter leaves a
+contradiction.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -84,6 +85,7 @@ class _Selection:
     scatter: list[str]
     outliers: dict[str, OutlierRuns]
     probabilities: dict[str, float]
+    contradicted: bool  # by runs that are left, which of them is bad being undecided
 
 
 def fit_consistent_runs(
@@ -135,12 +137,45 @@ def consistency_warnings(experiments: Sequence[Experiment], joint: IRLSResult) -
 
 
 def _select(experiments: list[Experiment], single_fits: SingleFits, settings: Settings) -> _Selection:
-    """Leave out outliers, or have gains and delays scatter, until nothing but noise is between the runs."""
-    automatic = settings.scatter == ["auto"]
-    scatter: list[str] = [] if automatic else [*settings.scatter]
+    """Leave out outliers, or have gains and delays scatter, until nothing but noise is between the runs.
+
+    Scatter that leaves a contradiction is no cause of it, and the runs are compared without any.
+    """
+    if settings.scatter != ["auto"]:
+        return _leave_out(experiments, settings.scatter, [], single_fits, settings)
+    campaign_wide = [name for name, group in settings.shared.items() if group == "campaign"]
+    selection = _leave_out(experiments, [], campaign_wide, single_fits, settings)
+    if selection.scatter and selection.contradicted:
+        return _leave_out(experiments, [], [], single_fits, settings)
+    return selection
+
+
+def _leave_out(
+    experiments: list[Experiment],
+    scatter: Sequence[str],
+    candidates: Sequence[str],
+    single_fits: SingleFits,
+    settings: Settings,
+) -> _Selection:
+    """Leave out outliers until there are none, beside parameters that scatter.
+
+    Parameters
+    ----------
+    experiments : list of Experiment
+        Those that may be outliers.
+    scatter : sequence of str
+        Parameters that scatter.
+    candidates : sequence of str
+        Parameters that may be found to scatter if none does.
+    single_fits : mapping of str to IRLSResult or FitError
+        The fit of each experiment by itself.
+    settings : Settings
+        Of the fit.
+    """
+    scatter = [*scatter]
     outliers: dict[str, OutlierRuns] = {}
     probabilities: dict[str, float] = {}
-    campaign_wide = [name for name, group in settings.shared.items() if group == "campaign"]
+    contradicted = False
     while len(experiments) > 1:
         if scatter:
             chosen = settings.model_copy(update={"scatter": scatter})
@@ -149,18 +184,19 @@ def _select(experiments: list[Experiment], single_fits: SingleFits, settings: Se
             test = single_fit_test(experiments, single_fits, settings)
         groups = _groups(experiments)
         bad = find_outlier_runs(test, groups)
-        if automatic and not scatter:
-            found = estimate_scatter(test, campaign_wide)
+        if candidates and not scatter:
+            found = estimate_scatter(test, candidates)
             significant = found is not None and found.p < P_SCATTER
             if found and significant and (not bad.runs or found.log_likelihood > bad.log_odds):
                 scatter = found.parameters
                 continue
         probabilities |= bad.probabilities
         if not bad.runs:
+            contradicted = is_contradicted(test, groups)
             break
         outliers |= dict.fromkeys(bad.runs, bad)
         experiments = [e for e in experiments if e.name not in bad.runs]
-    return _Selection(experiments, scatter, outliers, probabilities)
+    return _Selection(experiments, scatter, outliers, probabilities, contradicted)
 
 
 def single_fit_test(

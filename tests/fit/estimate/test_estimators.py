@@ -145,7 +145,13 @@ def test_scatter_of_the_gain_is_found_and_counts():
     runs = [
         run
         for i, ((authority, epoch), gain) in enumerate(zip(sets, gains, strict=True))
-        for run in pair(World(lambda_2=gain), authority, epoch=epoch, experiment=f"{authority}{i}", seed=i)
+        for run in pair(
+            World(lambda_2=gain, C_2=0.186 * gain / 1.0776),  # as late as ever
+            authority,
+            epoch=epoch,
+            experiment=f"{authority}{i}",
+            seed=i,
+        )
     ]
     results = calibrate(runs, settings({"scatter": ["lambda_2"]}))
     # noise is 50 times smaller than the scatter: what is known of its width are the gains themselves
