@@ -23,6 +23,7 @@ from fit.quality import (
     MaskedExperiment,
     fit_quality,
     glitch_search_enabled,
+    has_spectra,
     mask_experiments,
     metadata,
     noise_adaptation,
@@ -182,9 +183,13 @@ def _dynamics(telemetries: Sequence[Telemetry], chosen: Settings) -> Results:
 def _prepared(found: Sequence[Experiment], chosen: Settings) -> ExperimentSet:
     """Mask what the equation does not hold for and decide who takes part in the joint fit."""
     progress_stage(0.25)
-    first = metadata.screen([e for e in found if e.name not in chosen.exclude])
+    # one without spectra has its error from the masks
+    tested = [e for e in found if e.name not in chosen.exclude]
+    spectra = parallel_map(has_spectra, tested, Experiment.samples)
+    tested = [e for e, has in zip(tested, spectra, strict=True) if has]
+    first = metadata.screen(tested)
     left_out, faulty = first.exclusions, {f.experiment for f in first.exclusions}
-    misfit = model_warnings([e for e in found if e.name not in {*chosen.exclude, *faulty}])
+    misfit = model_warnings([e for e in tested if e.name not in faulty])
     if misfit:  # which would pass for glitches and changes, and be masked
         chosen = chosen.model_copy(update={"glitches": False})
     progress_stage(0.45)

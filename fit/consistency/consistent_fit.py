@@ -1,9 +1,9 @@
 """The joint fit of those runs that agree with each other.
 
-A run that does not obey the equation of motion or does not settle by itself is left out beforehand. The
-others are compared by their single fits: either some of them are bad (`outlier_runs`), or gains and delays
-scatter from run to run (`scatter`); the larger gain in log likelihood is the cause, unless scatter leaves a
-contradiction.
+A run that does not obey the equation of motion is left out beforehand. The others are compared by their
+single fits: either some of them are bad (`outlier_runs`), or gains and delays scatter from run to run
+(`scatter`); the larger gain in log likelihood is the cause, unless scatter leaves a contradiction. A run
+without a single fit takes part if the joint fit settles with it and the runs still agree.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -109,20 +109,26 @@ def fit_consistent_runs(
     FitError
         If no trustworthy estimate comes out.
     """
-    unusable = _unusable(experiments, single_fits, misfits)
+    unusable = _unusable(experiments, misfits)
     usable = _without(experiments, unusable)
+    unsettled = _unsettled(usable, single_fits)
+    settled = _without(usable, unsettled)
     if settings.estimator in UNTESTED:
-        joint = fit_joint(usable, settings, single_fits)
-        return ConsistentFit(joint, tuple(usable), unusable, (_untested(settings),))
-    selection = _select(usable, single_fits, settings)
+        left_out = (*unusable, *unsettled) if settled else unusable
+        joint = fit_joint(settled or usable, settings, single_fits)
+        return ConsistentFit(joint, tuple(settled or usable), left_out, (_untested(settings),))
+    selection = _select(settled, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
-    joint = fit_joint(selection.experiments, chosen, single_fits)
+    if together := _joint_with_unsettled(usable, selection, unsettled, chosen, single_fits):
+        selection = replace(selection, experiments=[e for e in usable if e.name not in selection.outliers])
+        unsettled = ()
+    joint = together or fit_joint(selection.experiments, chosen, single_fits)
     if settings.scatter == ["auto"] and selection.scatter:
         joint = replace(joint, by_data=True)
     contradicting = _contradicting(usable, selection, joint, single_fits, settings)
     consistent = selection.experiments
     test = consistency_test(consistent, joint)
-    left_out = (*unusable, *contradicting)
+    left_out = (*unusable, *unsettled, *contradicting)
     warnings = [*_warnings(test, joint, consistent), *fit_quality.acausal(joint)]
     if 2 * len(left_out) > len(experiments):
         warnings.append(_majority(left_out, experiments))
@@ -261,21 +267,53 @@ def _without(experiments: Sequence[Experiment], left_out: Iterable[Exclusion]) -
     return [e for e in experiments if e.name not in names]
 
 
-def _unusable(
-    experiments: Sequence[Experiment], single_fits: SingleFits, misfits: Mapping[str, str]
-) -> tuple[Exclusion, ...]:
+def _unusable(experiments: Sequence[Experiment], misfits: Mapping[str, str]) -> tuple[Exclusion, ...]:
     """Return the experiments that are left out for what each is by itself."""
     unfit = _minority([_misfit(e, misfits[e.name]) for e in experiments if e.name in misfits], experiments)
     rest = _without(experiments, unfit)
     late = _minority(_late(rest, len(experiments)), rest)
-    rest = _without(rest, late)
-    failures = {e.name: fit for e in rest if isinstance(fit := single_fits[e.name], FitError)}
-    unsettled = [
+    return (*unfit, *late)
+
+
+def _unsettled(experiments: Sequence[Experiment], single_fits: SingleFits) -> tuple[Exclusion, ...]:
+    """Return the experiments without a single fit."""
+    failures = {e.name: fit for e in experiments if isinstance(fit := single_fits[e.name], FitError)}
+    return tuple(
         Exclusion(name, words, tells="misfit") for name, words in fit_quality.suspects(failures).items()
-    ]
-    if failures and len(failures) == len(rest):
-        raise next(iter(failures.values()))
-    return (*unfit, *late, *unsettled)
+    )
+
+
+def _joint_with_unsettled(
+    experiments: Sequence[Experiment],
+    selection: _Selection,
+    unsettled: Sequence[Exclusion],
+    settings: Settings,
+    single_fits: SingleFits,
+) -> IRLSResult | None:
+    """Return the joint fit with the runs that have no single fit; None if they are to be left out.
+
+    Raises
+    ------
+    FitError
+        If no run has a single fit, and the joint fit does not settle either.
+    """
+    if not unsettled:
+        return None
+    together = [e for e in experiments if e.name not in selection.outliers]
+    try:
+        joint = fit_joint(together, settings, single_fits)
+    except FitError:
+        if not selection.experiments:
+            raise
+        return None
+    if not selection.experiments:
+        return joint
+    if fit_quality.suspects({"": joint}):
+        return None
+    without = fit_joint(selection.experiments, settings, single_fits)
+    loses = np.count_nonzero(joint.lost) > np.count_nonzero(without.lost)
+    contradicted = is_contradicted(consistency_test(together, joint), _groups(together))
+    return None if loses or contradicted else joint
 
 
 def _misfit(experiment: Experiment, message: str) -> Exclusion:

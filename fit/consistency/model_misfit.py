@@ -209,6 +209,7 @@ def run_misfit(
     values = np.stack([np.zeros(len(columns.values)) if x is None else x for x in added], axis=1)
     whitened = whitened_run.whiten(run.transformed(values, columns), S)[0]
     effects, test = whitened_run.stacked(whitened), ScoreTest(U[:, 0], U[:, 1:])
+    rms = max(1.0, float(np.sqrt(np.mean(test.residual**2))))  # beyond noise, the delays are less precise
     return RunMisfit(
         experiment=experiment,
         f=terms.f,
@@ -216,7 +217,7 @@ def run_misfit(
         sine_amplitude=np.sqrt(S * (w @ w) * columns.fs) / w.sum(),
         test=test,
         variance=windowing.variance_factor(terms.window),
-        delays=_delays(tau, series.coefficients, fit.sigmas),
+        delays=_delays(tau, series.coefficients, fit.sigmas * rms),
         sums=test.sums(effects),
         effects=effects,
     )

@@ -9,6 +9,7 @@ from fit.quality.exclusions import Exclusion, Tells
 from fit.quality.experiment_set import ExperimentSet
 from fit.quality.fit_quality import as_fit, indeterminable, report
 from fit.quality.heterogeneity import Heterogeneity, independent_estimates, paule_mandel
+from fit.quality.initial_fit import has_spectra
 from fit.quality.jumps import command_jumps
 from fit.quality.masks import MaskedExperiment, glitch_search_enabled, mask_experiments
 from fit.quality.noise_tests import NORMAL_SCORES
@@ -25,6 +26,7 @@ __all__ = [
     "constancy",
     "fit_quality",
     "glitch_search_enabled",
+    "has_spectra",
     "independent_estimates",
     "indeterminable",
     "initial_fit",

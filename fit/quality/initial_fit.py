@@ -6,10 +6,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from fit.errors import InputError
 from fit.model import dynamics
 from fit.parameters import DELAYS
 from fit.spectra import Spectrum
-from fit.whitening import Run, whitened_run
+from fit.whitening import Experiment, Run, whitened_run
 
 MAX_DELAY_OFFSET = 0.3  # s from the delays of the flight, up to which an expansion about these will do
 MAX_DELAY = 60.0  # s: what seems to be later is no delay
@@ -45,6 +46,17 @@ def initial_fit(run: Run) -> InitialFit:
 
 
 _CACHE: WeakKeyDictionary[Run, InitialFit] = WeakKeyDictionary()
+
+
+def has_spectra(experiment: Experiment) -> bool:
+    """Return whether the gaps of both runs of an experiment leave enough for spectra."""
+    try:
+        for run in (experiment.sysid, experiment.noise):
+            if run:
+                initial_fit(run)
+    except InputError:
+        return False
+    return True
 
 
 def _initial_fit(run: Run) -> InitialFit:
