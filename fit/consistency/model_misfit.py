@@ -33,7 +33,8 @@ CODE = "model_misfit"
 DRIVEN = 14.0  # amplitude of o_12'' in units of the noise, from which a bin is driven
 NEIGHBOURS = 60  # undriven bins that give the level of the noise around a driven one
 EFFECTIVE = 0.3  # degrees of freedom of that level by those of the driven bins: neighbours are shared
-WIDESPREAD = 1 / 3  # of the runs, three at least: a misfit of so many is one of the model
+WIDESPREAD = 1 / 3  # of the runs: a misfit of so many is one of the model
+MIN_RUNS = 3  # with fewer, a fault of one run cannot be distinguished from a lack of the model
 ACCOUNTED = 0.8  # share of the misfit that a template must account for
 CHANCE = 3.0  # standard deviations of the sum of the power, that noise may make
 INDISTINCT, DELTA_CHI2 = 0.01, 10.0  # share of Delta chi^2, and more, up to which templates are alike
@@ -166,9 +167,11 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
     limit = p_limit("model", len(runs))
     misfits = [run for run in runs if run.p < limit]
+    if len(runs) < MIN_RUNS:
+        return _delay_warnings(runs)
     if common := common_effects(runs):
         return [_template_warning(common, largest), *_delay_warnings(runs)]
-    if len(misfits) >= max(3, WIDESPREAD * len(runs)):
+    if len(misfits) >= max(MIN_RUNS, WIDESPREAD * len(runs)):
         return [_force_warning(misfits, len(runs)), *_delay_warnings(runs)]
     return _delay_warnings(runs)
 

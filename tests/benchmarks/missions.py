@@ -115,7 +115,7 @@ def rotated(number: int) -> Line:
     fmus = build.build([c.model for c in world_of(run).components])
     with tempfile.TemporaryDirectory() as folder:
         runner.record(run, fmus, Path(folder) / "run.h5", {})
-        found = fit_period(read_all(sorted(Path(folder).glob("*.h5")), own=True), known_dynamics(run))
+        found = fit_period(read_all(sorted(Path(folder).glob("*.h5")), trusted=True), known_dynamics(run))
     true = {name: getattr(run.spacecraft, name) for name in found.parameters}
     turned = found.centrifugal
     return {

@@ -63,7 +63,8 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made") / "out"
     (folder / "telemetry").mkdir(parents=True)
     runs = [
-        refit.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], own=True)[0] for r in pair(World())
+        refit.read_all([write(r, folder / "telemetry" / f"{r.run}.h5")], trusted=True)[0]
+        for r in pair(World())
     ]
     results = calibrate(runs)
     names = [f"telemetry/{r.run}.h5" for r in runs]
@@ -111,7 +112,7 @@ def test_names_of_experiments(tmp_path, name):
     names = []
 
     def work():
-        runs = refit.read_all(paths, own=True)
+        runs = refit.read_all(paths, trusted=True)
         results = calibrate(runs)
         report.write_report(folder, results, runs)
         names.extend(drawing.name for drawing in report.drawings(results, runs))
@@ -142,7 +143,7 @@ def test_what_other_commands_left(copied, document, cases):
         }
         path = copied / document
         path.write_text(json.dumps(value if n % 3 else hostile(rng)))
-        survives(lambda: report.report_sampling.parts(results, copied), path, f"{document} {n}")
+        survives(lambda: report.report_sampling.sections(results, copied), path, f"{document} {n}")
 
 
 LOG = [{"number": k, "estimates": {"C_2": [0.1 * k, 1e-3]}} for k in range(5)]
@@ -160,7 +161,7 @@ def test_logs_of_campaigns(tmp_path, cases):
 
         def read():
             kept = cli_montecarlo._kept(path, header)
-            cli_montecarlo.pulls.summary([line["estimates"] for line in kept.values()])
+            cli_montecarlo.coverage.summary([line["estimates"] for line in kept.values()])
 
         survives(read, path, f"log {n}")
 

@@ -59,7 +59,7 @@ def latest(path):
 
 def use(path):
     """Read a file as the fit does."""
-    (read,) = telemetry.read_all([path], own=True)
+    (read,) = telemetry.read_all([path], trusted=True)
     for name in read.channels:
         assert read.channels[name].shape == read.time.shape, name
         assert np.isfinite(np.nansum(read.channels[name])), name
@@ -310,7 +310,7 @@ def test_calibrations_of_hostile_numbers(cases):
 
 def test_own_files_are_not_tried(file, monkeypatch):
     monkeypatch.setattr(probe, "refusals", lambda *_: pytest.fail("tried"))
-    assert telemetry.read_all([file], own=True)
+    assert telemetry.read_all([file], trusted=True)
 
 
 def test_json_of_the_other_process_is_one_line_a_file(file):

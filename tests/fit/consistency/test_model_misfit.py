@@ -131,7 +131,9 @@ def test_clean_campaigns_raise_no_alarm(seed):
 
 
 def test_the_records_are_in_the_results(tmp_path):
-    results = calibrate(list(leaking_guidance("o_12", "guidance_o_1", 2e-4)(clean(("A2", "B4"))).values()))
+    results = calibrate(
+        list(leaking_guidance("o_12", "guidance_o_1", 2e-4)(clean(("A2", "B4", "C4"))).values())
+    )
     results.save(tmp_path / "results.json")
     (warning,) = [w for w in load(tmp_path / "results.json").joint.unsound if w.code == "model_misfit"]
     (cause,) = warning.causes

@@ -159,9 +159,9 @@ def test_stationarity(mission):
     results, runs = mission
     part = sections(results, runs)["gain"]
     lines = cells(part.grids[0])
-    # three of equal sigma: 1.0776, 1.07764, 1.07768, chi2 = 2 (4e-5 / 5e-5)^2
-    assert lines["weighted mean of the experiments"][0] == "1.077640 ± 0.000029"
-    assert lines["χ² / degrees of freedom about the mean"] == ["0.64", "≈ 90"]
+    # four of equal sigma: 1.0776, 1.07764, 1.07768, 1.07772, chi2 = (2 2^2 + 2 6^2) (1e-5 / 5e-5)^2
+    assert lines["weighted mean of the experiments"][0] == "1.077660 ± 0.000025"
+    assert lines["χ² / degrees of freedom about the mean"] == ["1.07", "≈ 90"]
     assert "agree with one" in part.text
     apart = {n: experiment(1.07 + 0.01 * k, 0.0, 0.0) for k, n in enumerate("ABC")}
     part = sections(replace(results, experiments=apart), runs)["gain"]
@@ -239,7 +239,7 @@ def test_a_pull_needs_a_model_that_is_known_better():
 def test_predicted_stiffness(mission):
     results, runs = mission
     force, budget = sections(results, runs)["prediction"].grids
-    assert "are a choice" in force.about
+    assert "are a choice" in force.caption
     assert [line.cells[3] for line in force.lines] == ["7.4 %", "−1.3 %", "6.6 %", "3.5 %"]
     lines = cells(budget)
     assert lines["total"] == ["−4.17", "−4.27"]

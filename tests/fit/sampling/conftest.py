@@ -33,7 +33,7 @@ def linear_case():
     share = np.zeros((7, 3))
     share[[1, 3, 4, 5], [0, 1, 2, 2]] = 1
     block = whitened_run.WhitenedRun(
-        TAU, U, weights("gaussian", np.arange(B) + 1.0, np.full(B, 2.0)), None, None, share
+        TAU, U, weights("gaussian", np.arange(B) + 1.0, np.full(B, 2.0)), None, share
     )
     sigma = np.sqrt(np.diag(covariance))
     # where it starts from is beside the truth and too wide: the chain must not depend on it
