@@ -1,6 +1,5 @@
 """Fixtures shared by the tests: runs that need no campaign file."""
 
-import gc
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -23,12 +22,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--runs", type=int, default=80, help="consecutive runs of the endurance test")
     parser.addoption("--cases", type=int, default=0, help="mutated inputs; a few hundred by default")
     parser.addoption("--kills", type=int, default=5, help="times that the test of resuming kills a campaign")
-
-
-def pytest_collection_finish() -> None:
-    """Leave alone what all tests have imported when memory is looked through, as every fit asks for."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

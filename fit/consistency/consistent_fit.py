@@ -115,14 +115,16 @@ def fit_consistent_runs(
     settled = _without(usable, unsettled)
     if settings.estimator in UNTESTED:
         left_out = (*unusable, *unsettled) if settled else unusable
-        joint = fit_joint(settled or usable, settings, single_fits)
-        return ConsistentFit(joint, tuple(settled or usable), left_out, (_untested(settings),))
+        members = tuple(settled or usable)
+        fit = fit_joint(members, settings, single_fits)
+        return ConsistentFit(fit, members, left_out, (_untested(settings),))
     selection = _select(settled, single_fits, settings)
     chosen = settings.model_copy(update={"scatter": [*selection.scatter]})
-    if together := _joint_with_unsettled(usable, selection, unsettled, chosen, single_fits):
+    joint = fit_joint(selection.experiments, chosen, single_fits) if selection.experiments else None
+    if together := _joint_with_unsettled(usable, selection, unsettled, joint, chosen, single_fits):
         selection = replace(selection, experiments=[e for e in usable if e.name not in selection.outliers])
-        unsettled = ()
-    joint = together or fit_joint(selection.experiments, chosen, single_fits)
+        joint, unsettled = together, ()
+    assert joint is not None  # without any run that settles, the fit of all or its error
     if settings.scatter == ["auto"] and selection.scatter:
         joint = replace(joint, by_data=True)
     contradicting = _contradicting(usable, selection, joint, single_fits, settings)
@@ -287,10 +289,13 @@ def _joint_with_unsettled(
     experiments: Sequence[Experiment],
     selection: _Selection,
     unsettled: Sequence[Exclusion],
+    without: IRLSResult | None,
     settings: Settings,
     single_fits: SingleFits,
 ) -> IRLSResult | None:
     """Return the joint fit with the runs that have no single fit; None if they are to be left out.
+
+    `without` is the joint fit without them, None if no run has a single fit.
 
     Raises
     ------
@@ -303,14 +308,13 @@ def _joint_with_unsettled(
     try:
         joint = fit_joint(together, settings, single_fits)
     except FitError:
-        if not selection.experiments:
+        if without is None:
             raise
         return None
-    if not selection.experiments:
+    if without is None:
         return joint
     if fit_quality.suspects({"": joint}):
         return None
-    without = fit_joint(selection.experiments, settings, single_fits)
     loses = np.count_nonzero(joint.lost) > np.count_nonzero(without.lost)
     contradicted = is_contradicted(consistency_test(together, joint), _groups(together))
     return None if loses or contradicted else joint

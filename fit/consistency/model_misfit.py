@@ -165,15 +165,16 @@ def model_warnings(experiments: Sequence[Experiment]) -> list[FitWarning]:
     forces = [[np.abs(getattr(e.sysid.channels, f"f_x_{j}")).max() for j in (1, 2)] for e in measured]
     largest = (float(max(f for f, _ in forces)), float(max(f for _, f in forces)))
     runs = parallel_map(lambda e: run_misfit(e, largest), measured, Experiment.samples)
+    delays = _delay_warnings(runs)
+    if len(runs) < MIN_RUNS:
+        return delays
+    if common := common_effects(runs):
+        return [_template_warning(common, largest), *delays]
     limit = p_limit("model", len(runs))
     misfits = [run for run in runs if run.p < limit]
-    if len(runs) < MIN_RUNS:
-        return _delay_warnings(runs)
-    if common := common_effects(runs):
-        return [_template_warning(common, largest), *_delay_warnings(runs)]
     if len(misfits) >= max(MIN_RUNS, WIDESPREAD * len(runs)):
-        return [_force_warning(misfits, len(runs)), *_delay_warnings(runs)]
-    return _delay_warnings(runs)
+        return [_force_warning(misfits, len(runs)), *delays]
+    return delays
 
 
 def readout_lag(experiment: Experiment, n_runs: int) -> Cause | None:

@@ -8,7 +8,6 @@ P the projection on what J leaves, generalised least squares gives for effects o
 The products E' P E and E' P r add up over runs that have an effect in common.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,13 +65,6 @@ class ScoreSums:
         sigmas = np.sqrt(np.where(norms > 0, np.diag(inverse), np.inf))
         return ScoreTestResult(float(self.scores @ amounts), amounts, sigmas)
 
-    def single(self) -> list[ScoreTestResult]:
-        """Return the test of each effect by itself."""
-        return [
-            ScoreSums(self.information[i : i + 1, i : i + 1], self.scores[i : i + 1]).result()
-            for i in range(self.scores.size)
-        ]
-
 
 class ScoreTest:
     """The residual of a run with everything that is refitted projected out.
@@ -88,21 +80,13 @@ class ScoreTest:
     ----------
     residual : ndarray, shape (N,)
         What the refitted columns leave of it, P r.
-    rank : int
-        Number of directions that have been refitted.
     """
 
     def __init__(self, residual: Array, refitted: Array) -> None:
         norms = np.linalg.norm(refitted, axis=0)
         u, s, _ = np.linalg.svd(refitted[:, norms > 0] / norms[norms > 0], full_matrices=False)
         self._basis = u[:, s > RANK * s[0]] if s.size else u
-        self.rank = self._basis.shape[1]
         self.residual = self.project(residual)
-
-    @property
-    def chi2(self) -> float:
-        """Sum of squares of the residual."""
-        return float(self.residual @ self.residual)
 
     def project(self, columns: Array) -> Array:
         """Return what the refitted columns leave of columns, shape (N, ...)."""
@@ -123,11 +107,3 @@ class ScoreTest:
         """Return by how much chi^2 falls with an effect, shape (N,), of amount one."""
         left = self.project(effect)
         return float(2 * left @ self.residual - left @ left)
-
-
-def total(sums: Iterable[ScoreSums]) -> ScoreSums:
-    """Return the sums over runs, one at least."""
-    first, *others = sums
-    for of_run in others:
-        first = first + of_run
-    return first

@@ -100,7 +100,7 @@ def expected_shift(
     for w, floor in zip(runs, floors, strict=True):
         terms, to_run = w.terms, w.block.share
         H += whitened_run.information([whitened_run.block(terms, w.noise, to_run)], theta)
-        weight = 2 / w.noise.expected(terms.f)
+        weight = 2 / w.S
         for mean, S_n in floor.items():
             rows = np.zeros((terms.f.size, len(to_run)))
             for i, name in enumerate(w.experiment.parameters):

@@ -26,7 +26,6 @@ LARGEST, SMALLEST = 100.0, 1e-6  # widths, in scales of their prior, between whi
 STEP = 0.25  # in the logarithm, by which the ends of the grid are looked for
 BEYOND = 16.0  # by which the logarithm of the density has fallen there
 NEGLIGIBLE = 1e-8  # share of the density at the most likely widths, from which a point does not count
-COARSE = np.arange(np.log(1e-4), np.log(LARGEST), STEP)  # logarithms of widths in scales of their prior
 POINTS = (81, 31, 15, 9)  # of the grid along each axis, by the number of widths
 
 
@@ -100,6 +99,11 @@ class Mixture:
     log_sigmas: Array
 
 
+def n_shared(widths: Sequence[ScaleParameter], n_parameters: int) -> int:
+    """Return the number of parameters that are no departures; they come first."""
+    return min((min(width.members) for width in widths), default=n_parameters)
+
+
 def given(normal: Normal, widths: Sequence[ScaleParameter], log_widths: Array) -> tuple[float, Array, Array]:
     """Return what is known given the widths.
 
@@ -141,68 +145,6 @@ def given(normal: Normal, widths: Sequence[ScaleParameter], log_widths: Array) -
     density += float(sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True)))
     to_theta = scale[:, None] * inverse.T
     return density, normal.at + to_theta @ y, to_theta @ to_theta.T
-
-
-def evidence(z: Array, columns: Array, widths: Sequence[ScaleParameter]) -> tuple[float, Array]:
-    """Return how much likelier data are made by departures than if there were none.
-
-    From the data themselves, not from A and b of above: departures may be told to 1e-9 of their width.
-
-    Parameters
-    ----------
-    z : ndarray, shape (N,)
-        Data whose noise is white and of unit variance, all but departures projected out.
-    columns : ndarray, shape (N, P)
-        What departures of 1 make of them.
-    widths : sequence of ScaleParameter
-        The W widths.
-
-    Returns
-    -------
-    ratio : float
-        Logarithm of the evidence, integrated over the priors of the widths, against that of none.
-    log_widths : ndarray, shape (W,)
-        Logarithms of the likeliest widths.
-    """
-    points = np.array(list(product(*(np.log(w.scale) + COARSE for w in widths))))
-    seen: dict[tuple[float, ...], tuple[Array, Array]] = {}
-
-    def log_density(log_widths: Array) -> float:
-        apart = tuple(np.round(log_widths - log_widths[0], 9))  # in one proportion they have the same axes
-        if apart not in seen:
-            units = np.zeros(columns.shape[1])
-            for width, by in zip(widths, apart, strict=True):
-                units[list(width.members)] = np.exp(by) * width.units
-            seen[apart] = _along_axes(z, columns * units)
-        power, squares = seen[apart]
-        taken, log_det = _absorbed(power, squares * np.exp(2 * log_widths[0]))
-        priors = sum(w.log_prior(x) for w, x in zip(widths, log_widths, strict=True))
-        return float(taken / 2 - log_det / 2 + priors)
-
-    density = np.array([log_density(point) for point in points])  # 0 if there are none
-    volume = len(widths) * np.log(COARSE[1] - COARSE[0])
-    return float(scipy.special.logsumexp(density) + volume), points[np.argmax(density)]
-
-
-def absorbed(z: Array, columns: Array) -> tuple[float, float]:
-    """Return what departures of width 1 take off the chi2 of data, and the log-determinant they cost.
-
-    Parameters
-    ----------
-    z, columns : ndarray, shapes (N,) and (N, P)
-        As for `evidence`.
-    """
-    return _absorbed(*_along_axes(z, columns))
-
-
-def _along_axes(z: Array, columns: Array) -> tuple[Array, Array]:
-    """Return the power of data along the axes of columns, and the squares of these, of shape (A,) each."""
-    axes, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return (axes.T @ z) ** 2, size**2
-
-
-def _absorbed(power: Array, squares: Array) -> tuple[float, float]:
-    return float(np.sum(power * squares / (1 + squares))), float(np.sum(np.log1p(squares)))
 
 
 def integrate(normal: Normal, widths: Sequence[ScaleParameter]) -> Mixture:

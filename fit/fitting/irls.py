@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fit.errors import FitError
-from fit.fitting.hierarchy import ScaleParameter
+from fit.fitting.hierarchy import ScaleParameter, n_shared
 from fit.fitting.joint_model import JointModel, Prior, SolvedModel, parameter_values
 from fit.fitting.priors import PriorSet, weak_priors
 from fit.fitting.problem import Problem
@@ -119,7 +119,7 @@ class IRLSResult:
     @property
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
-        return min((min(width.members) for width in self.departing), default=len(self.parameters))
+        return n_shared(self.departing, len(self.parameters))
 
     @property
     def solved(self) -> SolvedModel | None:

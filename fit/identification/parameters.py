@@ -77,7 +77,7 @@ class JointParameters:
     @property
     def shared(self) -> int:
         """Number of the parameters that are no departures; they come first."""
-        return min((min(width.members) for width in self.departing), default=len(self.parameters))
+        return hierarchy.n_shared(self.departing, len(self.parameters))
 
     def named(self, theta: Array) -> dict[str, float]:
         """Return the joint parameters theta, shape (P,), by name, departures left out."""

@@ -245,7 +245,7 @@ def suspects(alone: Mapping[str, IRLSResult | FitError]) -> dict[str, str]:
 
 def is_off(fit: Fit) -> bool:
     """Return whether chi2 and its degrees of freedom have nothing to do with each other."""
-    return not 1 / noise_tests.MAX_CHI2_RATIO < fit.chi2 / max(fit.dof, 1) < noise_tests.MAX_CHI2_RATIO
+    return not noise_tests.is_plausible(fit.chi2 / max(fit.dof, 1))
 
 
 def of_experiment(experiment: Experiment, fit: Fit) -> list[FitWarning]:

@@ -52,9 +52,9 @@ def adapt_to_readout_excess(experiments: Sequence[Experiment], settings: Setting
 
 def readout_message(experiment: Experiment, n_runs: int = 1) -> str:
     """Say that o_1 of an experiment has excess noise; empty if it has not."""
-    if not noise_tests.has_readout_excess(experiment, n_runs):
+    ratio, sigma = noise_tests.readout_excess(experiment)
+    if not noise_tests.is_readout_excess(ratio, sigma, n_runs):
         return ""
-    ratio, _ = noise_tests.readout_excess(experiment)
     return (
         f"between the injections o_1 has {ratio:.3g} times the power that it has in the noise run, above "
         f"{1e3 * noise_tests.READOUT_BAND[0]:g} mHz: the spacecraft moves more, or the read-out is noisier"
@@ -84,19 +84,19 @@ def adapt_to_levels(
             for name in settings.levels
         }
     adaptations: Adaptations = {}
-    tables = {
-        e.name: noise_tests.variance_table(residual)
+    residuals = {
+        e.name: residual
         for e in experiments
         if e.noise and (residual := _residual(e, single_fits[e.name])) is not None
     }
+    tables = {name: noise_tests.variance_table(residual) for name, residual in residuals.items()}
     n = len(tables)
     for name in mismatched(tables):
         e, table = by_name[name], tables[name]
-        residual = _residual(e, single_fits[name])
         departure = f"the power of the residual over that of the noise run is {describe_levels(table, n)}"
         too_large = np.any(np.abs(table.log_ratio) > np.log(noise_tests.MAX_POWER_RATIO))
         bands = table.bands[table.mismatched(n)]
-        if residual is not None and not too_large and noise_tests.is_broadband(residual, bands, n):
+        if not too_large and noise_tests.is_broadband(residuals[name], bands, n):
             adaptations[name] = marginalised_warning(name, departure), replace(e, marginalised=True)
         else:
             why = "this is no change of the noise: an effect is missing from the model, or a run is invalid"
@@ -209,9 +209,8 @@ def misfits(experiments: Sequence[Experiment], result: IRLSResult) -> list[FitWa
     """Return a warning for each run whose residual has another power than its noise run."""
     warnings = []
     for name, ratio in misfit_ratios(experiments, result).items():
-        valid = 1 / noise_tests.MAX_CHI2_RATIO < ratio < noise_tests.MAX_CHI2_RATIO
         message = f"{name}: the simulated loop leaves {ratio:.3g} times the power of the noise run"
-        warnings.append(FitWarning("chi2" if valid else MISMATCH, (), message))
+        warnings.append(FitWarning("chi2" if noise_tests.is_plausible(ratio) else MISMATCH, (), message))
     return warnings
 
 

@@ -262,6 +262,11 @@ def is_misfit(ratio: float, sigma: float, n_runs: int) -> bool:
     return abs(ratio - 1) > max(CHI2_TOLERANCE, sigma_limit("noise", n_tests(n_runs)) * sigma)
 
 
+def is_plausible(ratio: float) -> bool:
+    """Return whether the sigmas may be valid at this chi^2 / dof."""
+    return 1 / MAX_CHI2_RATIO < ratio < MAX_CHI2_RATIO
+
+
 def is_broadband(residual: WhitenedResidual, bands: NDArray[np.intp], n_runs: int) -> bool:
     """Return whether the excess in some bands is noise, which fills them, and not lines or spurious signals.
 
@@ -308,9 +313,8 @@ def readout_excess(experiment: Experiment) -> tuple[float, float]:
     return ratio, ratio * float(sigma)
 
 
-def has_readout_excess(experiment: Experiment, n_runs: int) -> bool:
-    """Return whether o_1 is noisier between injections than in the noise run."""
-    ratio, sigma = readout_excess(experiment)
+def is_readout_excess(ratio: float, sigma: float, n_runs: int) -> bool:
+    """Return whether a ratio as of `readout_excess` shows noise of o_1 that the noise run does not have."""
     return ratio - 1 > sigma_limit("noise", n_tests(n_runs)) * sigma / ratio  # sigma under equal powers
 
 
