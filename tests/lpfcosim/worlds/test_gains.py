@@ -19,7 +19,7 @@ def test_scatter_makes_the_puzzle_of_the_paper_and_is_found(tmp_path):
     assert sigma == pytest.approx(3e-4, rel=0.3)
     assert 25 < chi2 < 200
     assert rms < 0.005
-    assert max(abs(e.parameters["lambda_2"].pull) for e in plain.experiments.values()) < 4.5
-    departing = fit.calibrate(runs)
-    assert "random_effects" in {w.code for w in departing.joint.warnings}
-    assert departing.joint.parameters["lambda_2"].sigma > 3 * plain.joint.parameters["lambda_2"].sigma
+    scattering = fit.calibrate(runs)
+    assert "random_effects" in {w.code for w in scattering.joint.warnings}
+    assert max(abs(e.parameters["lambda_2"].pull) for e in scattering.experiments.values()) < 4.5
+    assert scattering.joint.parameters["lambda_2"].sigma > 3 * plain.joint.parameters["lambda_2"].sigma
