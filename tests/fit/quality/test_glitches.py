@@ -19,7 +19,7 @@ from lpfcosim.spacecraft.run import Noise, Pulse
 from lpfcosim.worlds import along_x_plant
 from tests.fit.estimate.test_joint import OFF, recorded
 from tests.oracles import thirteen
-from tests.oracles.synthetic import World, pair, without
+from tests.oracles.synthetic import World, pair, telemetry, without
 
 pytestmark = pytest.mark.slow
 
@@ -296,3 +296,11 @@ def test_injected_cells_are_those_of_the_strongest_tones():
     struck = replace(run.telemetry, channels=dict(run.telemetry.channels))
     struck.channels["o_12"] = run.telemetry.channels["o_12"] + 1e-11 * (run.telemetry.time > 15000)
     np.testing.assert_array_equal(injections.injected_cells(Run(struck), (0.15, 0.18)), cells)
+
+
+def test_the_last_cells_of_a_long_run_may_lie_beyond_its_transform():
+    run = Run(telemetry(World(), "A", "sysid", duration=64_520.0, fs=1.0))
+    cells = injections.injected_cells(run, (0.15, 0.18))
+    assert cells.size == injections.n_cells(run)
+    assert run.spectra((0.15, 0.18)).window.size <= (cells.size - 1) * injections.CELL
+    assert not cells[-1]
