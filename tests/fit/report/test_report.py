@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit import plotting as journal
+from fit import plotting
 from fit.figures import series, stiffness
 from fit.figures.colours import COLOURS
 from fit.forecasting.coverage import with_truth
@@ -378,8 +378,8 @@ def test_a_sum_is_drawn_where_its_parts_are_lost():
 def test_drawing_leaves_no_trace_in_matplotlib():
     before = dict(mpl.rcParams)
     points = [stiffness.StiffnessPoint("A", 2, F, 1e-12, Estimate(-4e-7, 1e-9, "s-2")) for F in (0.0, 0.0)]
-    plot = journal.drawn(stiffness.against_authority(points, None))
-    assert journal.svg(plot).startswith("<?xml")
+    plot = plotting.drawn(stiffness.against_authority(points, None))
+    assert plotting.svg(plot).startswith("<?xml")
     assert dict(mpl.rcParams) == before
     code = "import sys, fit.report.page; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
