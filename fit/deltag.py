@@ -15,15 +15,16 @@ d delta_phi phi'' and -d delta_eta eta'', which has the shape of b_1 and b_2.
 Both are subtracted only up to the end of the band that b_1 to b_6 were fitted in: above, where the read-outs
 of angles and positions are noise, twice differentiated, they would add more than they take away.
 
-Where Delta g is louder than Delta g_x all the same, that is told (`Excess`).
+Where Delta g is louder than Delta g_x all the same, a note of the product gives the band (`Excess`).
 
-The run is read twice, piece by piece: once for the slow part of Omega, which needs all of the star tracker,
-and once for the terms. Memory does not grow with the run, and the numbers do not depend on the pieces.
+The run is read twice, in stretches: once for the slow part of Omega, which needs all of the star tracker,
+and once for the terms. Memory does not grow with the run, and the numbers do not depend on the stretches.
 Missing samples become NaN, however many there are.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -45,16 +46,15 @@ from fit.telemetry import (
     read_stretch,
     samples,
 )
-from fit.warnings import FitWarning
 
 Array = NDArray[np.float64]
 
 UNIT = "m s-2"
 SPLIT = (3e-3, 12e-3)  # Hz, where a low-pass of g_dOmega begins to fall and where it has fallen
-BEYOND = 1.3  # times the end of the fitted band: where motion has faded out of what is subtracted
-RIPPLE = 60.0  # dB, what the filters leave
-AT_ONCE = 144_000  # samples of the file per stretch: 4 h at 10 Hz, 40 h at 1 Hz
-MARGIN = 400.0  # s, kept on either side, so that gaps are seen whole and filters can settle
+ROLL_OFF = 1.3  # ratio of the frequency where the low-pass has fallen to the end of the fitted band
+RIPPLE = 60.0  # dB, attenuation of the stop band of the filters
+STRETCH_SAMPLES = 144_000  # of the file, read at once: 4 h at 10 Hz, 40 h at 1 Hz
+MARGIN = 400.0  # s, read on either side, so that gaps are complete and filters have settled
 #: The terms of Delta g_x, by channel of the product.
 TERMS: Mapping[str, dynamics.Term] = {term.channel: term for term in dynamics.DELTA_G_X}
 SUMS: Mapping[str, str] = {
@@ -64,62 +64,12 @@ SUMS: Mapping[str, str] = {
     "g_dOmega": "minus the Euler acceleration",
     "delta_g": "differential acceleration, all corrections made",
 }
+CORRECTIONS = ("delta_g_SC", "g_Omega", "g_dOmega")
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Where the low-passed, differentiated samples of a run lie.
-
-    Attributes
-    ----------
-    samples : int
-        Of the file.
-    reach : int
-        Samples of the file that the first output needs beyond its own, on both sides together.
-    factor : int
-        Samples of the file per output.
-    """
-
-    samples: int
-    reach: int
-    factor: int
-
-    @property
-    def outputs(self) -> int:
-        """Number of outputs, zero for a run shorter than the filters."""
-        return max(0, (self.samples - 1 - self.reach) // self.factor + 1)
-
-
-def grid(samples: int, fs: float) -> Grid:
-    """Return the grid of a run of that many samples at `fs` [Hz]."""
-    taps, factor = derivatives.low_pass(fs)
-    return Grid(samples, taps.size - 1 + 2 * derivatives.HALF * factor, factor)
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A piece of a run and which of its outputs to keep."""
-
-    telemetry: Telemetry
-    keep: slice
-
-
-def cut(head: Telemetry) -> Iterator[Stretch]:
-    """Read the file of a run in pieces of `AT_ONCE` samples each, with all around that they depend on."""
-    whole = grid(samples(head.path), head.fs)
-    margin = int(np.ceil(MARGIN * head.fs / whole.factor))
-    outputs = max(1, AT_ONCE // whole.factor)
-    for first in range(0, whole.outputs, outputs):
-        last = min(first + outputs, whole.outputs)
-        begin, end = max(0, first - margin), min(whole.outputs, last + margin)
-        stop = whole.factor * (end - 1) + whole.reach + 1 if end < whole.outputs else None
-        piece = another_stretch(head, whole.factor * begin, stop)
-        yield Stretch(piece, slice(first - begin, last - begin))
-
-
-@dataclass(frozen=True)
-class _Turning:
-    """What the rotation of a run follows from: channels, first quaternion (or None), slow part of Omega."""
+class Rotation:
+    """Sources of the rotation of a run: channels, first quaternion (or None), slow part of Omega."""
 
     sources: rotation.Sources
     reference: Array | None
@@ -127,20 +77,45 @@ class _Turning:
 
 
 @dataclass(frozen=True)
-class _Recipe:
-    """What turns channels into Delta g, with d = x_2 - x_1 [m]. A term that cannot be computed is None.
+class Corrections:
+    """Coefficients of the corrections of Delta g_x; one that cannot be computed is None.
 
-    Cross-talk and the Euler term are subtracted up to `f_max` [Hz].
+    Attributes
+    ----------
+    cross_talk : mapping of str to float, or None
+        Coefficients of eq. bump, subtracted up to `f_max`, and above `SPLIT` only if `is_split`.
+    rotation : Rotation or None
+        Of the centrifugal term.
+    euler : tuple of float, or None
+        delta_phi and delta_eta [rad]; the term is subtracted up to `f_max`, or below `SPLIT` if `is_split`.
+    is_split : bool
+        Whether b_1 and b_2 contain the Euler term.
+    f_max : float
+        End of the fitted band [Hz].
+    notes : tuple of str
+        What is left out or doubtful.
     """
 
-    d: float
-    known: Dynamics
     cross_talk: Mapping[str, float] | None
-    turning: _Turning | None
+    rotation: Rotation | None
     euler: tuple[float, float] | None
-    split: bool
+    is_split: bool
     f_max: float
     notes: tuple[str, ...]
+
+    @property
+    def band_edge(self) -> tuple[float, float]:
+        """Where [Hz] the low-pass of what is subtracted begins to fall and where it has fallen."""
+        return self.f_max, ROLL_OFF * self.f_max
+
+    def filtered_cross_talk(self, delta_g_SC: Array, fs: float) -> Array:
+        """Return the cross-talk in the band in which its coefficients were fitted."""
+        in_band = low_pass(delta_g_SC, fs, self.band_edge)
+        return in_band - low_pass(in_band, fs, SPLIT) if self.is_split else in_band
+
+    def filtered_euler(self, g_dOmega: Array, fs: float) -> Array:
+        """Return the Euler term in the band in which it is subtracted."""
+        return low_pass(g_dOmega, fs, SPLIT if self.is_split else self.band_edge)
 
 
 def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[str, str]) -> tuple[str, ...]:
@@ -169,23 +144,16 @@ def write_delta_g(path: Path, out: Path, results: Results, provenance: Mapping[s
     FitError
         If the product cannot be written.
     """
-    head, size, recipe = _begun(path, results)
-    described = {name: (UNIT, what) for name, what in _described(recipe).items()}
-    attributes = {
-        **head.root,
-        **provenance,
-        "fs": head.fs / size.factor,
-    }
-    excess = Excess(size.outputs, head.fs / size.factor)
-    with Writer(out, size.outputs, described, attributes) as writer:
-        for time, channels in _series(head, recipe):
+    product = _Product(path, results)
+    head, described = product.head, {name: (UNIT, text) for name, text in product.descriptions.items()}
+    attributes = {**head.root, **provenance, "fs": product.fs}
+    with Writer(out, product.n_outputs, described, attributes) as writer:
+        for time, channels in product.stretches():
             writer.append(time, {name: channels[name] for name in described})
-            excess.add(channels["delta_g_x"], channels["delta_g"])
-            update_progress((time[-1] - head.time[0]) * head.fs / size.samples)
-        notes, told = _told(recipe, excess)
-        for name, value in told.items():
+            update_progress((time[-1] - head.time[0]) * head.fs / product.n_samples)
+        for name, value in product.attributes().items():
             writer.annotate(name, value)
-    return notes
+    return product.notes()
 
 
 def delta_g(run: Telemetry, results: Results) -> Telemetry:
@@ -211,177 +179,198 @@ def delta_g(run: Telemetry, results: Results) -> Telemetry:
     InputError
         As `write_delta_g`.
     """
-    head, size, recipe = _begun(run.path, results)
-    described = _described(recipe)
-    pieces = list(_series(head, recipe))
-    excess = Excess(size.outputs, head.fs / size.factor)
-    for _, found in pieces:
-        excess.add(found["delta_g_x"], found["delta_g"])
+    product = _Product(run.path, results)
+    times, series = zip(*product.stretches(), strict=True)
     return replace(
-        head,
-        fs=head.fs / size.factor,
-        time=np.concatenate([time for time, _ in pieces]),
-        channels={name: np.concatenate([found[name] for _, found in pieces]) for name in described},
-        units=dict.fromkeys(described, UNIT),
-        long_names=described,
-        attributes={**head.attributes, **_told(recipe, excess)[1]},
+        product.head,
+        fs=product.fs,
+        time=np.concatenate(times),
+        channels={name: np.concatenate([x[name] for x in series]) for name in product.descriptions},
+        units=dict.fromkeys(product.descriptions, UNIT),
+        long_names=product.descriptions,
+        attributes={**product.head.attributes, **product.attributes()},
     )
 
 
-def _told(recipe: _Recipe, excess: Excess) -> tuple[tuple[str, ...], dict[str, object]]:
-    """Return what is to be said of a product, as sentences and as attributes of its file."""
-    bands = excess.bands()
-    notes = (*recipe.notes, *(warning.message for warning in louder(bands)))
-    if not excess.compared and _described(recipe).keys() & {"delta_g_SC", "g_Omega", "g_dOmega"}:
-        notes = (*notes, "delta_g is not compared with delta_g_x: more than half of the samples are missing")
-    told: dict[str, object] = {"notes": "\n".join(notes)}
-    if bands:
-        told["louder_bands"] = np.array([band[:2] for band in bands])
-    return notes, told
+class _Product:
+    """Delta g of the run in a file, computed stretch by stretch.
+
+    Attributes
+    ----------
+    head : Telemetry
+        Its first samples.
+    n_samples, n_outputs : int
+        Number of samples of the file and of Delta g.
+    fs : float
+        Sample rate of Delta g [Hz].
+    """
+
+    def __init__(self, path: Path, results: Results) -> None:
+        self.head = read_stretch(path, 0, 2)
+        check_channels(read_stretch(path, 0, None))
+        taps, factor = derivatives.low_pass(self.head.fs)
+        # the first output needs so many samples beyond its own, on both sides together
+        self._reach = taps.size - 1 + 2 * derivatives.HALF * factor
+        self._factor, self.n_samples = factor, samples(path)
+        if self.n_samples <= self._reach:
+            raise InputError(f"{path}: {self.n_samples} samples, expected more than {self._reach}")
+        self.n_outputs = (self.n_samples - 1 - self._reach) // factor + 1
+        joint = sound_joint(results)
+        check_frame(results, self.head)
+        self.fs = self.head.fs / factor
+        self._dynamics = dynamics_of(self.head, joint)
+        self._corrections = _corrections(self.head, results, self._rotation())
+        self._excess = Excess(self.n_outputs, self.fs)
+
+    @cached_property
+    def descriptions(self) -> dict[str, str]:
+        """The channels of Delta g and what they hold."""
+        corrections = self._corrections
+        split = " to ".join(f"{1e3 * f:g}" for f in SPLIT) + " mHz"
+        end = f"up to {1e3 * corrections.f_max:g} mHz"
+        bands = {
+            "delta_g_SC": f", above {split}, {end}" if corrections.is_split else f", {end}",
+            "g_dOmega": f", below {split}" if corrections.is_split else f", {end}",
+        }
+        sources = dict(
+            zip(CORRECTIONS, (corrections.cross_talk, corrections.rotation, corrections.euler), strict=True)
+        )
+        sums = {
+            name: text + bands.get(name, "")
+            for name, text in SUMS.items()
+            if name not in sources or sources[name] is not None
+        }
+        return {name: term.description for name, term in TERMS.items()} | sums
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was left out or is doubtful, once all stretches have been computed."""
+        notes = [warning.message for warning in self._dynamics.warnings] + [*self._corrections.notes]
+        bands = ", ".join(
+            f"{1e3 * low:.2g} to {1e3 * high:.2g} mHz ({ratio:.2f} times)"
+            for low, high, ratio in self._excess.bands()
+        )
+        if bands:
+            notes.append(f"delta_g is louder than delta_g_x at {bands}: what is subtracted there adds noise")
+        if not self._excess.compared and self.descriptions.keys() & {*CORRECTIONS}:
+            notes.append("delta_g is not compared with delta_g_x: more than half of the samples are missing")
+        return tuple(notes)
+
+    def attributes(self) -> dict[str, object]:
+        """Return the root attributes of the product, once all stretches have been computed."""
+        bands = [band[:2] for band in self._excess.bands()]
+        by_name: dict[str, object] = {"louder_bands": np.array(bands)} if bands else {}
+        return {"notes": "\n".join(self.notes()), **by_name}
+
+    def stretches(self) -> Iterator[tuple[Array, dict[str, Array]]]:
+        """Yield time and channels, stretch by stretch."""
+        corrections, integral = self._corrections, rate.Integral(self.fs)
+        for stretch, output in self._file_stretches():
+            time, channels = _delta_g_x(stretch, output, self._dynamics)
+            if corrections.cross_talk is not None:
+                delta_g_SC, valid = dynamics.delta_g_SC(stretch, corrections.cross_talk)
+                delta_g_SC = corrections.filtered_cross_talk(delta_g_SC, self.fs)
+                channels["delta_g_SC"] = np.where(valid, delta_g_SC, np.nan)[output]
+            if corrections.rotation is not None:
+                motion = rotation.motion(
+                    stretch, corrections.rotation.sources, corrections.rotation.reference
+                )
+                part = motion.part(output)
+                Omega = rate.rate(part, corrections.rotation.slow, integral)
+                d = separation(stretch.x_axis)
+                channels["g_Omega"] = np.where(part.valid, inertial.g_Omega(Omega, d), np.nan)
+                if corrections.euler is not None:
+                    g_dOmega = corrections.filtered_euler(
+                        inertial.euler(motion.dOmega, d) @ corrections.euler, self.fs
+                    )
+                    channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[output]
+            channels["delta_g"] = np.sum([channels[name] for name in SUMS if name in channels], axis=0)
+            self._excess.add(channels["delta_g_x"], channels["delta_g"])
+            yield time, channels
+
+    def _file_stretches(self) -> Iterator[tuple[Telemetry, slice]]:
+        """Yield stretches of the file, with all samples that their outputs depend on, and these outputs."""
+        n, factor, margin = self.n_outputs, self._factor, int(np.ceil(MARGIN * self.fs))
+        step = max(1, STRETCH_SAMPLES // factor)
+        for begin in range(0, n, step):
+            end = min(begin + step, n)
+            start, stop = max(0, begin - margin), min(n, end + margin)
+            sample_stop = factor * (stop - 1) + self._reach + 1 if stop < n else None
+            run = another_stretch(self.head, factor * start, sample_stop)
+            yield run, slice(begin - start, end - start)
+
+    def _rotation(self) -> Rotation | None:
+        """Read the run for the slow part of Omega."""
+        head, sources, reference = self.head, rotation.sources(self.head), None
+        if sources is None:
+            return None
+        if len(sources.star_tracker) == 4:
+            quaternions = (rotation.first_quaternion(run) for run, _ in self._file_stretches())
+            reference = next((q for q in quaternions if q is not None), None)
+        motions = (
+            rotation.motion(run, sources, reference).part(output) for run, output in self._file_stretches()
+        )
+        start = head.time[0] + self._reach / 2 / head.fs
+        end = start + (self.n_outputs - 1) / self.fs
+        return Rotation(sources, reference, rate.slow_rate(head.path, motions, start, end))
 
 
-def louder(bands: Sequence[tuple[float, float, float]]) -> list[FitWarning]:
-    """Return a warning where Delta g is louder than Delta g_x, see `Excess.bands`."""
-    if not bands:
-        return []
-    told = ", ".join(
-        f"{1e3 * low:.2g} to {1e3 * high:.2g} mHz ({ratio:.2f} times)" for low, high, ratio in bands
-    )
-    message = f"delta_g is louder than delta_g_x at {told}: what is subtracted there adds noise"
-    return [FitWarning("correction_adds_noise", (), message)]
-
-
-def _begun(path: Path, results: Results) -> tuple[Telemetry, Grid, _Recipe]:
-    """Return the first samples of a file, the grid of its Delta g, and the recipe for it."""
-    head = read_stretch(path, 0, 2)
-    check_channels(read_stretch(path, 0, None))
-    size = grid(samples(path), head.fs)
-    if not size.outputs:
-        raise InputError(f"{path}: {size.samples} samples, expected more than {size.reach}")
-    return head, size, _recipe(head, results, sound_joint(results))
-
-
-def _described(recipe: _Recipe) -> dict[str, str]:
-    """Return the channels of Delta g and what they are."""
-    of = {"delta_g_SC": recipe.cross_talk, "g_Omega": recipe.turning, "g_dOmega": recipe.euler}
-    left_out = {name for name, what in of.items() if what is None}
-    of_terms = {name: term.description for name, term in TERMS.items()}
-    split = " to ".join(f"{1e3 * f:g}" for f in SPLIT) + " mHz"
-    end = f"up to {1e3 * recipe.f_max:g} mHz"
-    bands = {
-        "delta_g_SC": f", above {split}, {end}" if recipe.split else f", {end}",
-        "g_dOmega": f", below {split}" if recipe.split else f", {end}",
-    }
-    told = {name: what + bands.get(name, "") for name, what in SUMS.items() if name not in left_out}
-    return of_terms | told
-
-
-def _recipe(head: Telemetry, results: Results, joint: Fit) -> _Recipe:
-    check_frame(results, head)
-    known = dynamics_of(head, joint)
-    notes = [warning.message for warning in known.warnings]
+def _corrections(head: Telemetry, results: Results, turning: Rotation | None) -> Corrections:
+    """Return the corrections that a calibration and the channels of a run allow."""
+    notes = []
     epoch, period = str(head.alignment_epoch), inertial_period(head)
-    fitted = results.cross_talk.get(epoch)
-    cross_talk = crosstalk_fit.without_euler(results, epoch) if fitted and not fitted.unsound else {}
+    couplings, euler_angles = results.cross_talk.get(epoch), results.inertial.get(period)
+    cross_talk = crosstalk_fit.without_euler(results, epoch) if couplings and not couplings.unsound else {}
     if not cross_talk:
-        notes.append(f"delta_g_SC is left out: {_without(fitted, f'cross_talk of alignment epoch {epoch}')}")
-    elif lacking := sorted(_read_outs(cross_talk) - head.channels.keys()):
-        notes.append(f"delta_g_SC is left out: no channel {', '.join(lacking)}")
+        reason = _absence(couplings, f"cross_talk of alignment epoch {epoch}")
+        notes.append(f"delta_g_SC is left out: {reason}")
+    elif missing := sorted(_regressor_channels(cross_talk) - head.channels.keys()):
+        notes.append(f"delta_g_SC is left out: no channel {', '.join(missing)}")
         cross_talk = {}
-    turning, euler, of_period = _turning(head), None, results.inertial.get(period)
-    if of_period is not None and centrifugal.contradicts(of_period.warnings):
+    euler, reason = None, _absence(euler_angles, f"inertial period {period}")
+    if euler_angles is not None and centrifugal.contradicts(euler_angles.warnings):
         turning = None
-        notes.append(f"g_Omega and g_dOmega are left out: {_without(of_period, f'inertial period {period}')}")
+        notes.append(f"g_Omega and g_dOmega are left out: {reason}")
     elif turning is None:
         notes.append("g_Omega and g_dOmega are left out: no torques about phi and eta (N_phi_1, N_eta_1)")
     else:
         notes += [w.message for w in (*turning.sources.warnings, *turning.slow.warnings)]
-        if of_period and not of_period.unsound and of_period.parameters.keys() >= set(euler_fit.NAMES):
-            euler = (of_period["delta_phi"].value, of_period["delta_eta"].value)
+        if (
+            euler_angles
+            and not euler_angles.unsound
+            and euler_angles.parameters.keys() >= set(euler_fit.NAMES)
+        ):
+            euler = (euler_angles["delta_phi"].value, euler_angles["delta_eta"].value)
         else:
-            notes.append(f"g_dOmega is left out: {_without(of_period, f'inertial period {period}')}")
-    split = bool(cross_talk and fitted and not crosstalk_fit.is_separated(fitted))
-    d = separation(head.x_axis)
+            notes.append(f"g_dOmega is left out: {reason}")
+    is_split = bool(cross_talk and couplings and not crosstalk_fit.is_separated(couplings))
     f_max = min(results.provenance.f_max or derivatives.F_MAX, head.fs / 10)
-    return _Recipe(d, known, cross_talk or None, turning, euler, split, f_max, tuple(notes))
+    return Corrections(cross_talk or None, turning, euler, is_split, f_max, tuple(notes))
 
 
-def _without(fit: Fit | None, what: str) -> str:
-    """Say why nothing is taken from a fit."""
+def _absence(fit: Fit | None, name: str) -> str:
+    """Return the reason why nothing is taken from a fit."""
     if fit is not None and fit.unsound:
-        return f"the {what} is not sound ({fit.unsound[0].message})"
-    return f"the calibration has no {what}"
+        return f"the {name} is not sound ({fit.unsound[0].message})"
+    return f"the calibration has no {name}"
 
 
-def _read_outs(cross_talk: Mapping[str, float]) -> set[str]:
+def _regressor_channels(cross_talk: Mapping[str, float]) -> set[str]:
     """Return the channels that coefficients of eq. bump multiply."""
     return {channel for name in cross_talk for channel in dynamics.MEANS[dynamics.CROSS_TALK[name][0]]}
 
 
-def _turning(head: Telemetry) -> _Turning | None:
-    """Read the whole run for the slow part of Omega."""
-    path, fs, sources = head.path, head.fs, rotation.sources(head)
-    if sources is None:
-        return None
-    reference = None
-    if len(sources.star_tracker) == 4:
-        each = (rotation.first_quaternion(stretch.telemetry) for stretch in cut(head))
-        reference = next((q for q in each if q is not None), None)
-    motions = (rotation.motion(s.telemetry, sources, reference).part(s.keep) for s in cut(head))
-    whole = grid(samples(path), fs)
-    start = head.time[0] + whole.reach / 2 / fs
-    slow = rate.slow_rate(path, motions, start, start + (whole.outputs - 1) * whole.factor / fs)
-    return _Turning(sources, reference, slow)
-
-
-def _series(head: Telemetry, recipe: _Recipe) -> Iterator[tuple[Array, dict[str, Array]]]:
-    """Yield time and channels, stretch by stretch."""
-    fs, turning, integral = head.fs, recipe.turning, None
-    for stretch in cut(head):
-        time, channels = _delta_g_x(stretch, recipe.known)
-        if recipe.cross_talk is not None:
-            delta_g_SC, valid = dynamics.delta_g_SC(stretch.telemetry, recipe.cross_talk)
-            delta_g_SC = _subtracted(delta_g_SC, fs / derivatives.low_pass(fs)[1], recipe)
-            channels["delta_g_SC"] = np.where(valid, delta_g_SC, np.nan)[stretch.keep]
-        if turning is not None:
-            motion = rotation.motion(stretch.telemetry, turning.sources, turning.reference)
-            kept = motion.part(stretch.keep)
-            integral = integral or rate.Integral(motion.fs)
-            g_Omega = inertial.g_Omega(rate.rate(kept, turning.slow, integral), recipe.d)
-            channels["g_Omega"] = np.where(kept.valid, g_Omega, np.nan)
-            if recipe.euler is not None:
-                g_dOmega = inertial.euler(motion.dOmega, recipe.d) @ recipe.euler
-                end = SPLIT if recipe.split else _end(recipe)
-                g_dOmega = slow_part(g_dOmega, motion.fs, end)
-                channels["g_dOmega"] = np.where(motion.valid, g_dOmega, np.nan)[stretch.keep]
-        channels["delta_g"] = np.sum([channels[name] for name in SUMS if name in channels], axis=0)
-        yield time, channels
-
-
-def _delta_g_x(stretch: Stretch, known: Dynamics) -> tuple[Array, dict[str, Array]]:
+def _delta_g_x(run: Telemetry, output: slice, calibrated: Dynamics) -> tuple[Array, dict[str, Array]]:
     """Return time and the terms of Delta g_x with their sum, NaN where samples are missing."""
-    run = dynamics.channels(stretch.telemetry, motion=False)
-    found = dynamics.columns(run, dynamics.delays(known.theta))
-    terms = dynamics.terms(found, known.theta, dynamics.DELTA_G_X)
-    channels = {name: term.sign * terms[term.name] for name, term in TERMS.items()}
-    channels["delta_g_x"] = dynamics.total(found, known.theta)
-    lost = ~found.valid[stretch.keep]
-    kept = {name: x[stretch.keep] for name, x in channels.items()}
-    return found.time[stretch.keep], {name: np.where(lost, np.nan, x) for name, x in kept.items()}
+    channels = dynamics.channels(run, motion=False)
+    columns = dynamics.columns(channels, dynamics.delays(calibrated.theta))
+    terms = dynamics.terms(columns, calibrated.theta, dynamics.DELTA_G_X)
+    series = {name: term.sign * terms[term.name] for name, term in TERMS.items()}
+    series["delta_g_x"] = dynamics.total(columns, calibrated.theta)
+    missing = ~columns.valid[output]
+    return columns.time[output], {name: np.where(missing, np.nan, x[output]) for name, x in series.items()}
 
 
-def _end(recipe: _Recipe) -> tuple[float, float]:
-    """Return where [Hz] the low-pass of what is subtracted begins to fall and where it has fallen."""
-    return recipe.f_max, BEYOND * recipe.f_max
-
-
-def _subtracted(delta_g_SC: Array, fs: float, recipe: _Recipe) -> Array:
-    """Return the part of the cross-talk that lies where its coefficients were fitted."""
-    fitted = slow_part(delta_g_SC, fs, _end(recipe))
-    return fitted - slow_part(fitted, fs, SPLIT) if recipe.split else fitted
-
-
-def slow_part(x: Array, fs: float, edges: tuple[float, float]) -> Array:
+def low_pass(x: Array, fs: float, edges: tuple[float, float]) -> Array:
     """Return the part of `x` slower than `edges` [Hz]; at its ends `x` goes on as its mirror image."""
     half = round((RIPPLE - 7.95) / (2.285 * 2 * np.pi * (edges[1] - edges[0]) / fs) / 2)
     half = min(half, x.size - 1)

@@ -55,7 +55,7 @@ def correct_attenuation(outcome: IRLSResult, experiments: Sequence[Experiment]) 
     floors = parallel_map(readout_noise.noise_psd, [run.experiment.sysid for run in runs])
     uncorrected_shift = shift = expected_shift(outcome, runs, floors)
     in_sigma = zip(outcome.parameters, (uncorrected_shift / outcome.solution.sigma).tolist(), strict=True)
-    shifts = {p.name: by for p, by in in_sigma if not abs(by) < NEGLIGIBLE}
+    shifts = {p.name: value for p, value in in_sigma if not abs(value) < NEGLIGIBLE}
     iv = instrumental_variables.estimate(outcome, runs, shifts)
     if iv.names:
         shift = expected_shift(iv.outcome, runs, floors, iv.names)
@@ -109,10 +109,10 @@ def expected_shift(
             H_n += to_run.T @ (rows.T * (S_n * weight)) @ rows @ to_run
     root = np.linalg.inv(np.linalg.cholesky(width[:, None] * H * width))
     share_of_noise, V = np.linalg.eigh(root @ (width[:, None] * H_n * width) @ root.T)
-    parts = width[:, None] * (root.T @ V) * np.linalg.solve(V, np.linalg.solve(root.T, theta / width))
+    components = width[:, None] * (root.T @ V) * np.linalg.solve(V, np.linalg.solve(root.T, theta / width))
     doubtful = share_of_noise > MAX_NOISE_FRACTION
-    shift = -parts[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
-    unknown = np.abs(parts[:, doubtful]).sum(axis=1) > REPORTED * outcome.solution.sigma
+    shift = -components[:, ~doubtful] @ (share_of_noise / (1 - share_of_noise))[~doubtful]
+    unknown = np.abs(components[:, doubtful]).sum(axis=1) > REPORTED * outcome.solution.sigma
     return np.where(unknown, np.nan, shift)
 
 
@@ -194,7 +194,7 @@ def apply_iv(joint: Fit, outcome: IRLSResult, correction: AttenuationCorrected) 
     message = (
         "estimated with instrumental variables, without the noise of the read-outs of motion; least squares "
         "is off by so many of its sigmas: "
-        + ", ".join(f"{name} ({by:+.1f})" for name, by in corrections.items())
+        + ", ".join(f"{name} ({shift:+.1f})" for name, shift in corrections.items())
     )
     warning = FitWarning("instrumental_variables", tuple(corrections), message)
     covariance = joint.covariance * np.outer(scale, scale)

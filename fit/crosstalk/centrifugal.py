@@ -8,43 +8,43 @@ the rotation is not what torques and star tracker say.
 
 from dataclasses import replace
 
+from fit.false_alarms import sigma_limit
 from fit.parameters import Parameter, cross_talk_parameter
 from fit.results import Estimate
 from fit.telemetry import TOWARDS_1, TOWARDS_2, XAxis
 from fit.warnings import FitWarning
 
-CERTAIN = 5.0  # sigma
-NOTABLE = 0.25  # torques whose gain is not known, or without angles, make 0.15
+NOTABLE = 0.25  # of the coefficient; torques whose gain is not known, or without angles, make 0.15
 FRAME, STRENGTH = "frame_contradicted", "centrifugal_strength"
 _ANGLES = ("delta_phi", "delta_eta")
 #: By how much it exceeds 1; the width is no knowledge, it only keeps the equations solvable.
 EXCESS: Parameter = replace(cross_talk_parameter("b_1"), name="g_Omega", unit="1", prior_sigma=10.0)
 
 
-def judged(found: Estimate, x_axis: XAxis) -> list[FitWarning]:
-    """Return what is to be said of the coefficient, nothing where the data do not contradict 1.
+def frame_warnings(estimate: Estimate, x_axis: XAxis) -> list[FitWarning]:
+    """Warn of a coefficient of g_Omega that the data say is not 1.
 
     Parameters
     ----------
-    found : Estimate
+    estimate : Estimate
         The coefficient.
     x_axis : str
         The frame that the telemetry states.
     """
-    seen = f"the coefficient of g_Omega comes out as {found.value:.3g} ± {found.sigma:.2g}"
-    if abs(found.value - 1) <= max(CERTAIN * found.sigma, NOTABLE):
+    observation = f"the coefficient of g_Omega comes out as {estimate.value:.3g} ± {estimate.sigma:.2g}"
+    if abs(estimate.value - 1) <= max(sigma_limit("frame") * estimate.sigma, NOTABLE):
         return []
-    if found.value < -0.5:
-        other = TOWARDS_2 if x_axis == TOWARDS_1 else TOWARDS_1
+    if estimate.value < -0.5:
+        opposite = TOWARDS_2 if x_axis == TOWARDS_1 else TOWARDS_1
         message = (
-            f"the telemetry contradicts its frame, +x {x_axis}: {seen}, expected 1; with x_axis = "
-            f"{other!r} it would be {-found.value:.3g}"
+            f"the telemetry contradicts its frame, +x {x_axis}: {observation}, expected 1; with x_axis = "
+            f"{opposite!r} it would be {-estimate.value:.3g}"
         )
         return [FitWarning(FRAME, _ANGLES, message)]
-    message = f"{seen}, expected 1: torques and star tracker do not tell the rotation that x feels"
+    message = f"{observation}, expected 1: torques and star tracker do not tell the rotation that x feels"
     return [FitWarning(STRENGTH, _ANGLES, message)]
 
 
 def contradicts(warnings: tuple[FitWarning, ...]) -> bool:
-    """Tell whether the frame is refused."""
+    """Return whether the data contradict the stated frame."""
     return any(warning.code == FRAME for warning in warnings)

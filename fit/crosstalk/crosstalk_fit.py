@@ -83,7 +83,7 @@ def cross_talk(
                 _correlation(outcome, names, delta_ifo[epoch]),
             ],
         )
-        shifts = {own: shift[i] for i, p in enumerate(outcome.parameters) if (own := names.get(p.name, ""))}
+        shifts = {names[p.name]: shift[i] for i, p in enumerate(outcome.parameters) if p.name in names}
         drifts = drift.measured(outcome, experiments, names, epoch)
         fits[str(epoch)] = drift.held(attenuation.inflate_sigma(fit, shifts), drifts)
     return fits
@@ -95,9 +95,9 @@ def subtraction(
     """Return the coefficients of eq. bump by alignment epoch that subtract best: those of least squares."""
     fitted = [p.name for p in outcome.parameters]
     values = dict(zip(fitted, outcome.solution.theta.tolist(), strict=True))
-    lost = dict(zip(fitted, outcome.lost, strict=True))
+    undetermined = dict(zip(fitted, outcome.lost, strict=True))
     return {
-        str(epoch): {own: values[name] for name, own in names.items() if not lost[name]}
+        str(epoch): {b: values[name] for name, b in names.items() if not undetermined[name]}
         for epoch, names in _names(experiments, sharing)[0].items()
     }
 
@@ -160,7 +160,7 @@ def _attenuated(
     row = [p.name for p in outcome.parameters].index(delta_ifo)
     message = (
         "the noise of the read-outs of spacecraft motion attenuates "
-        + ", ".join(f"{name} ({what})" for name, what in biased.items())
+        + ", ".join(f"{name} ({bias})" for name, bias in biased.items())
         + "; these coefficients subtract best but are no unbiased couplings: their sigmas hold the shift to "
         "expect, and where that cannot be told none is given"
     )
@@ -194,8 +194,8 @@ def _correlation(outcome: IRLSResult, names: Mapping[str, str], delta_ifo: str) 
     sigma = outcome.solution.sigma
     row = all_names.index(delta_ifo)
     correlation = outcome.solution.covariance[row] / (sigma[row] * sigma)
-    with_couplings = {own: float(correlation[all_names.index(name)]) for name, own in names.items()}
-    values = ", ".join(f"{value:+.2f} ({own})" for own, value in with_couplings.items())
+    with_couplings = {b: float(correlation[all_names.index(name)]) for name, b in names.items()}
+    values = ", ".join(f"{value:+.2f} ({b})" for b, value in with_couplings.items())
     return FitWarning(
         "correlation", (delta_ifo, *with_couplings), f"correlation of {delta_ifo} with b_i: {values}"
     )
@@ -213,10 +213,10 @@ def includes_euler(cross_talk: Fit) -> bool:
 
 def add_euler_force(values: Mapping[str, float], deltas: Mapping[str, float], d: float) -> dict[str, float]:
     """Undo `subtract_euler_force`: return the coefficients that correct Delta g_x of runs of that period."""
-    parts = {
+    euler = {
         name: factor * deltas[delta] for name, (delta, factor) in inertial.along(d).items() if delta in deltas
     }
-    return {name: value + parts.get(name, 0.0) for name, value in values.items()}
+    return {name: value + euler.get(name, 0.0) for name, value in values.items()}
 
 
 def with_euler_warning(cross_talk: Fit) -> Fit:
@@ -244,10 +244,10 @@ def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float
         x_2 - x_1 [m] in the frame of both.
     """
     order, deltas = list(cross_talk.parameters), list(misaligned.parameters)
-    parts = {name: part for name, part in inertial.along(d).items() if name in order and part[0] in deltas}
+    euler = {name: part for name, part in inertial.along(d).items() if name in order and part[0] in deltas}
     # b = (b as fitted) - J delta
     J = np.zeros((len(order), len(deltas)))
-    for name, (delta, factor) in parts.items():
+    for name, (delta, factor) in euler.items():
         J[order.index(name), deltas.index(delta)] = factor
     shift = J @ list(misaligned.values.values())
     covariance = cross_talk.covariance + J @ misaligned.covariance @ J.T
@@ -260,6 +260,6 @@ def subtract_euler_force(cross_talk: Fit, misaligned: Fit, period: str, d: float
         f"the Euler force of period {period}, which above 10 mHz has the shape of b_1 and b_2, has been "
         "taken off them; their sigmas are those of d delta_phi and d delta_eta, which cancel in Delta g"
     )
-    others = [warning for warning in cross_talk.warnings if warning.code != INCLUDED]
-    warnings = (*others, FitWarning(SEPARATED, tuple(parts), message))
+    kept_warnings = [warning for warning in cross_talk.warnings if warning.code != INCLUDED]
+    warnings = (*kept_warnings, FitWarning(SEPARATED, tuple(euler), message))
     return replace(cross_talk, parameters=parameters, covariance=covariance, warnings=warnings)

@@ -53,7 +53,7 @@ NAMES = ("delta_phi", "delta_eta")
 LEVER_ARM = 4e-4  # m, what b_1 and b_2 may have to compensate: a misalignment of a milliradian
 _LENGTHS = [replace(cross_talk_parameter(name), prior_sigma=LEVER_ARM) for name in ("b_1", "b_2")]
 PARAMETERS = (*misalignments("none flown"), *_LENGTHS)
-LAST = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
+CENTRIFUGAL = 1 + len(PARAMETERS)  # the column behind those of Delta g and `PARAMETERS`: g_Omega
 BAND = (30e-6, 2e-3)  # Hz
 PER_CYCLE = 50.0  # instants in a cycle of the highest frequency, at which glitches are made
 SHORTEST = 43200.0  # s: below, Omega and the PSD rest on a handful of bins
@@ -107,9 +107,9 @@ def fit_period(
     sigma = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(sigma) & (sigma > 0)):
         raise FitError("the sigma of delta_phi or delta_eta is not a positive number")
-    parts = [(name, theta[i], sigma[i], outcome.is_fixed(i)) for i, name in enumerate(NAMES)]
+    angles = [(name, theta[i], sigma[i], outcome.is_fixed(i)) for i, name in enumerate(NAMES)]
     return Fit(
-        parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in parts},
+        parameters={n: Estimate(float(x), float(s), "rad", fixed=fixed or None) for n, x, s, fixed in angles},
         covariance=covariance,
         chi2=solution.chi2,
         dof=sum(block.size for block in outcome.blocks) - len(NAMES),
@@ -117,7 +117,7 @@ def fit_period(
         warnings=(
             *_warnings([(w.name, warning) for w in weighings for warning in w.warnings]),
             *([drowned()] if noisy else []),
-            *(centrifugal.judged(turning, x_axis)),
+            *(centrifugal.frame_warnings(turning, x_axis)),
             *constraint_test.refit_unconstrained(outcome).warnings(),
         ),
         masked_samples=sum(w.missing for w in weighings),
@@ -136,18 +136,18 @@ class _Rotation(whitened_run.LinearRun):
     ----------
     uncertain : ndarray of complex, shape (B, K)
         What 1 sigma of each parameter of the calibration adds to the first column.
-    apart : ndarray of complex, shape (B, 2)
+    disagreement : ndarray of complex, shape (B, 2)
         Half of what the test masses disagree on the two columns of `inertial.euler`.
     """
 
     uncertain: Spectrum = field(kw_only=True)
-    apart: Spectrum = field(kw_only=True)
+    disagreement: Spectrum = field(kw_only=True)
 
     def torque_noise(self, theta: Array) -> tuple[Array, Array]:
         """As that of `torque_noise.NoisyRotation`."""
         assert self.window is not None
-        noise = (self.apart.conj().T @ self.apart).real
-        power = (self.apart.conj() * (self.apart @ theta[: len(NAMES)])[:, None]).real
+        noise = (self.disagreement.conj().T @ self.disagreement).real
+        power = (self.disagreement.conj() * (self.disagreement @ theta[: len(NAMES)])[:, None]).real
         # half: its square has twice the mean that the square of its mean has
         return noise, windowing.variance_factor(self.window) * power.T @ power / 2
 
@@ -157,7 +157,7 @@ class _Rotation(whitened_run.LinearRun):
 
 
 @dataclass(frozen=True)
-class _Made:
+class _Columns:
     """Columns of a run as `_Turning` fits them, without mean; missing samples, what is odd about its rate.
 
     The columns `uncertain` of `_Rotation` come as spectra: as series they would take most of the memory.
@@ -169,31 +169,31 @@ class _Made:
     warnings: tuple[FitWarning, ...]
 
 
-def _columns(run: Telemetry, found: rotation.Sources, of_run: Dynamics) -> _Made:
+def _columns(run: Telemetry, sources: rotation.Sources, of_run: Dynamics) -> _Columns:
     """Make the columns; of what they are made of nothing stays in memory."""
-    motion = rotation.motion(run, found)
+    motion = rotation.motion(run, sources)
     slow = rate.slow_rate(run.path, [motion], motion.time[0], motion.time[-1])
     d = inertial.separation(run.x_axis)
-    columns = np.empty((motion.time.size, LAST + 1 + len(NAMES)))
+    columns = np.empty((motion.time.size, CENTRIFUGAL + 1 + len(NAMES)))
     columns[:, 1:3] = inertial.euler(motion.dOmega, d)
     # b_1 and b_2 are lengths in the read-out o_12, which the stiffness multiplies as well
     omega2_2 = of_run.theta[dynamics.PARAMETERS.index("omega2_2")]
-    columns[:, 3:LAST] = motion.swing + omega2_2 * motion.angle
-    columns[:, LAST] = inertial.g_Omega(rate.rate(motion, slow, rate.Integral(motion.fs)), d)
+    columns[:, 3:CENTRIFUGAL] = motion.swing + omega2_2 * motion.angle
+    columns[:, CENTRIFUGAL] = inertial.g_Omega(rate.rate(motion, slow, rate.Integral(motion.fs)), d)
     valid = motion.valid
     del motion
-    columns[:, LAST + 1 :] = inertial.euler(rotation.apart(run, found), d)
+    columns[:, CENTRIFUGAL + 1 :] = inertial.euler(rotation.apart(run, sources), d)
     channels = dynamics.channels(run, motion=False)
     terms = dynamics.columns(channels, dynamics.delays(of_run.theta))
-    columns[:, 0] = terms.values @ dynamics.coefficients(of_run.theta, terms.tau) + columns[:, LAST]
+    columns[:, 0] = terms.values @ dynamics.coefficients(of_run.theta, terms.tau) + columns[:, CENTRIFUGAL]
     valid &= terms.valid
     for values in (columns, terms.values):
         # Constants and ramps are projected out later; large ones would cost digits.
         values -= values.mean(axis=0)
     spread = dynamics.gradient(of_run.theta, terms.tau) @ of_run.share
     uncertain = windowing.transform(terms.values, valid, terms.fs, band=BAND).columns @ spread
-    made = replace(terms, names=(), values=columns, valid=valid)
-    return _Made(made, uncertain, channels.missing, tuple(slow.warnings))
+    terms_of_fit = replace(terms, names=(), values=columns, valid=valid)
+    return _Columns(terms_of_fit, uncertain, channels.missing, tuple(slow.warnings))
 
 
 class _Turning:
@@ -214,53 +214,58 @@ class _Turning:
     settled = True
 
     def __init__(self, run: Telemetry, joint: Fit) -> None:
-        found = rotation.sources(run)
-        assert found is not None
+        sources = rotation.sources(run)
+        assert sources is not None
         of_run = dynamics_of(run, joint)
-        made = _columns(run, found, of_run)
-        terms = made.terms
-        struck = long_noise.find_glitches(terms.values[:, :LAST], terms.valid, terms.time, BAND)
-        seen = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
-        check_left(run, seen.window, "missing samples in read-outs, torques or angles")
-        window, fs = windowing.resample_window(seen.window, terms.fs, PER_CYCLE * BAND[1])
-        beside = glitch_templates.columns_with_derivatives(
-            struck or (), terms.time[0] + np.arange(window.size) / fs, fs
+        columns = _columns(run, sources, of_run)
+        terms = columns.terms
+        glitches = long_noise.find_glitches(terms.values[:, :CENTRIFUGAL], terms.valid, terms.time, BAND)
+        spectra = windowing.transform(terms.values, terms.valid, terms.fs, band=BAND)
+        check_left(run, spectra.window, "missing samples in read-outs, torques or angles")
+        window, fs = windowing.resample_window(spectra.window, terms.fs, PER_CYCLE * BAND[1])
+        templates = glitch_templates.columns_with_derivatives(
+            glitches or (), terms.time[0] + np.arange(window.size) / fs, fs
         )
-        shaped = [windowing.windowed_spectra(part, window, fs, seen.bins) for part in beside]
+        shaped = [windowing.windowed_spectra(part, window, fs, spectra.bins) for part in templates]
         self._terms = replace(
-            seen,
-            columns=np.hstack([seen.columns, made.uncertain]),
-            nuisance=np.hstack([seen.nuisance, *shaped]),
+            spectra,
+            columns=np.hstack([spectra.columns, columns.uncertain]),
+            nuisance=np.hstack([spectra.nuisance, *shaped]),
         )
         self._model: NoiseModel | None = None
-        self.name, self.correlation, self.missing = run.run, of_run.correlation, made.missing
-        glitched = long_noise.glitch_warning(run.run, struck, run.duration)
-        self.warnings = [*found.warnings, *made.warnings, *of_run.warnings, *([glitched] if glitched else [])]
+        self.name, self.correlation, self.missing = run.run, of_run.correlation, columns.missing
+        glitched = long_noise.glitch_warning(run.run, glitches, run.duration)
+        self.warnings = [
+            *sources.warnings,
+            *columns.warnings,
+            *of_run.warnings,
+            *([glitched] if glitched else []),
+        ]
 
     def block(self, theta: Array, covariance: Array, _: int) -> _Rotation:
         """Return the run weighed at the estimate theta of that covariance."""
         c, share = np.array([1.0, *theta]), np.eye(theta.size)
-        taken = np.eye(c.size, theta.size, k=-1), covariance
+        gradient = np.eye(c.size, theta.size, k=-1), covariance
         if self._model is None:
-            self._model = smooth_noise(Left(self._terms, c, taken), None)
-        self._model = smooth_noise(Left(self._terms, c, taken), self._model)
+            self._model = smooth_noise(Left(self._terms, c, gradient), None)
+        self._model = smooth_noise(Left(self._terms, c, gradient), self._model)
         terms = self._terms
-        U, _left = whitened_run.whiten(terms, self._model.expected(terms.f))
+        U, _fraction = whitened_run.whiten(terms, self._model.expected(terms.f))
         even, fitted = weights("gaussian", terms.f, np.ones(terms.f.size)), U[:, : c.size]
-        apart, uncertain = np.split(U[:, LAST + 1 :], [len(NAMES)], axis=1)
+        disagreement, uncertain = np.split(U[:, CENTRIFUGAL + 1 :], [len(NAMES)], axis=1)
         placed = (terms.tau, fitted, even, terms.window, share, terms.first)
-        return _Rotation(*placed, uncertain=uncertain, apart=apart)
+        return _Rotation(*placed, uncertain=uncertain, disagreement=disagreement)
 
 
 def weak_priors(blocks: Sequence[whitened_run.WhitenedRun], theta: Array, _: Array) -> PriorSet:
     """Return the weak priors of all but the angles, about zero."""
-    others = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
+    nuisance = [*PARAMETERS, centrifugal.EXCESS][len(NAMES) : theta.size]
     H = whitened_run.information(blocks, theta)
-    H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(others) ** 2
+    H[range(len(NAMES), theta.size), range(len(NAMES), theta.size)] += 1 / _widths(nuisance) ** 2
     scale = np.sqrt(np.diag(H))
     if not np.all(scale > 0) or np.linalg.cond(H / np.outer(scale, scale)) > 1e12:
         raise FitError("the torques tell no rotation about phi and eta apart; a run that turns is needed")
-    priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(others, len(NAMES))}
+    priors = {i: Prior(0.0, p.prior_sigma) for i, p in enumerate(nuisance, len(NAMES))}
     return PriorSet(priors, np.zeros(theta.size, dtype=bool), np.empty((0, theta.size)))
 
 
@@ -288,12 +293,12 @@ def drowned() -> FitWarning:
     return FitWarning("torque_noise", NAMES, message)
 
 
-def _warnings(told: Sequence[tuple[str, FitWarning]]) -> tuple[FitWarning, ...]:
+def _warnings(warnings_of_runs: Sequence[tuple[str, FitWarning]]) -> tuple[FitWarning, ...]:
     """Return what was told of several runs, each sentence once, and what holds for all data."""
     runs: dict[str, list[str]] = {}
-    for run, warning in told:
+    for run, warning in warnings_of_runs:
         runs.setdefault(warning.message, []).append(run)
-    unique = {warning.message: warning for _, warning in told}
+    unique = {warning.message: warning for _, warning in warnings_of_runs}
     of_runs = [
         replace(warning, message=f"{', '.join(runs[message])}: {message}")
         for message, warning in unique.items()

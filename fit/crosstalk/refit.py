@@ -32,7 +32,7 @@ def load(directory: Path) -> tuple[Results, list[Telemetry]]:
 
 @one_blas_thread
 def experiments(
-    results: Results, telemetries: Sequence[Telemetry], where: Path
+    results: Results, telemetries: Sequence[Telemetry], path: Path
 ) -> tuple[list[Experiment], Settings]:
     """Return the experiments of the joint fit of `results`, prepared as they were for it, and its settings.
 
@@ -42,25 +42,29 @@ def experiments(
         If the results do not say how they came about.
     """
     if results.joint is None or not results.joint.parameters:
-        raise InputError(f"{where}: joint: expected a joint fit that determined parameters")
+        raise InputError(f"{path}: joint: expected a joint fit that determined parameters")
     runs = {t.run: t for t in telemetries}
-    said = results.provenance
-    joint, pairs, chosen = said.joint_runs, said.noise_runs, said.settings
+    provenance = results.provenance
+    joint, pairs, chosen = provenance.joint_runs, provenance.noise_runs, provenance.settings
     if joint is None or pairs is None or chosen is None:
-        raise InputError(f"{where}: provenance: expected joint_runs, noise_runs and settings; fit once more")
+        raise InputError(f"{path}: provenance: expected joint_runs, noise_runs and settings; fit once more")
     for name in (*joint, *pairs.values()):
         if name not in runs:
-            raise InputError(f"{where}: provenance: run {name!r} is in none of the telemetry files it names")
-    found = [Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint]
-    how = settings(chosen, f"{where}: provenance.settings")
+            raise InputError(f"{path}: provenance: run {name!r} is in none of the telemetry files it names")
+    recorded = [
+        Experiment(Run(runs[name]), Run(runs[pairs[name]]) if name in pairs else None) for name in joint
+    ]
+    fit_settings = settings(chosen, f"{path}: provenance.settings")
     prepared = []
-    for one in mask_experiments([e.up_to(how.f_max) for e in found], how, ()).values():
+    for one in mask_experiments([e.up_to(fit_settings.f_max) for e in recorded], fit_settings, ()).values():
         if isinstance(one, InputError):
             raise one
         prepared.append(one.experiment)
-    levels = said.levels or []
-    excess = noise_adaptation.adapt_to_readout_excess(prepared, how)
-    return [replace(e, marginalised=e.name in levels, readout_excess=e.name in excess) for e in prepared], how
+    levels = provenance.levels or []
+    excess = noise_adaptation.adapt_to_readout_excess(prepared, fit_settings)
+    return [
+        replace(e, marginalised=e.name in levels, readout_excess=e.name in excess) for e in prepared
+    ], fit_settings
 
 
 def iv_corrected_parameters(results: Results) -> set[str]:
@@ -74,7 +78,7 @@ def iv_corrected_parameters(results: Results) -> set[str]:
     }
 
 
-def least_squares(prepared: Sequence[Experiment], how: Settings) -> IRLSResult:
+def least_squares(prepared: Sequence[Experiment], settings_of_fit: Settings) -> IRLSResult:
     """Return the joint fit of `experiments`, before instruments move anything.
 
     Raises
@@ -82,22 +86,22 @@ def least_squares(prepared: Sequence[Experiment], how: Settings) -> IRLSResult:
     FitError
         If no trustworthy estimate comes out.
     """
-    unconstrained = how.model_copy(update={"parameters": {}})
+    unconstrained = settings_of_fit.model_copy(update={"parameters": {}})
     outcome = fit_joint(prepared, unconstrained)
     n = len(prepared)
     variances = [noise_adaptation.segment_variances(e, outcome, k, n) for k, e in enumerate(prepared)]
     if any(variances):
         prepared = [replace(e, segment_variances=v) for e, v in zip(prepared, variances, strict=True)]
         outcome = fit_joint(prepared, unconstrained)
-    if not any(constraint.is_constraint for constraint in how.parameters.values()):
+    if not any(constraint.is_constraint for constraint in settings_of_fit.parameters.values()):
         return outcome
     # the scatter of gains is chosen without constraints, which may be wrong
-    constrained = how.model_copy(update={"scatter": list(outcome.scatter)})
+    constrained = settings_of_fit.model_copy(update={"scatter": list(outcome.scatter)})
     return replace(fit_joint(prepared, constrained), by_data=outcome.by_data)
 
 
 @one_blas_thread
-def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> IRLSResult:
+def refit(results: Results, telemetries: Sequence[Telemetry], path: Path) -> IRLSResult:
     """Repeat the joint fit of `results`, with its runs, pairs and settings.
 
     Parameters
@@ -106,7 +110,7 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> IR
         With a joint fit.
     telemetries : sequence of Telemetry
         What it was fitted to.
-    where : Path
+    path : Path
         Of the results, for messages.
 
     Raises
@@ -116,16 +120,16 @@ def refit(results: Results, telemetries: Sequence[Telemetry], where: Path) -> IR
     FitError
         If no trustworthy estimate comes out.
     """
-    prepared, how = experiments(results, telemetries, where)
-    outcome = least_squares(prepared, how)
-    found = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
+    prepared, fit_settings = experiments(results, telemetries, path)
+    outcome = least_squares(prepared, fit_settings)
+    estimates = dict(zip((p.name for p in outcome.parameters), outcome.solution.theta, strict=True))
     joint = results.joint.parameters if results.joint else {}
     for name, estimate in joint.items():
         if name in iv_corrected_parameters(results):
             continue
-        if name not in found or abs(found[name] - estimate.value) > MAX_CHANGE * estimate.sigma:
+        if name not in estimates or abs(estimates[name] - estimate.value) > MAX_CHANGE * estimate.sigma:
             raise InputError(
-                f"{where}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
-                f"gives, {found.get(name, 'none')}; fit once more"
+                f"{path}: joint.parameters.{name}: {estimate.value:g}, expected what a fit of the telemetry "
+                f"gives, {estimates.get(name, 'none')}; fit once more"
             )
     return outcome

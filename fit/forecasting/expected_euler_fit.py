@@ -59,13 +59,15 @@ class PlannedNoiseRun:
 
 
 def expected_periods(
-    planned: Sequence[PlannedNoiseRun], joint: Fit, parameters: Mapping[str, ParameterSettings] | None = None
+    noise_runs: Sequence[PlannedNoiseRun],
+    joint: Fit,
+    parameters: Mapping[str, ParameterSettings] | None = None,
 ) -> dict[str, Fit]:
     """Return the Euler fit to expect of every inertial period.
 
     Parameters
     ----------
-    planned : sequence of PlannedNoiseRun
+    noise_runs : sequence of PlannedNoiseRun
         Noise runs; those that take part in no Euler fit do not count.
     joint : Fit
         The joint fit to expect.
@@ -80,7 +82,7 @@ def expected_periods(
         If a fit would come to nothing.
     """
     periods: dict[str, list[PlannedNoiseRun]] = {}
-    for noise_run in planned:
+    for noise_run in noise_runs:
         if euler_fit.takes_part(noise_run.run):
             periods.setdefault(inertial_period(noise_run.run), []).append(noise_run)
     constraints_of = {period: {f"{name}_{period}": name for name in euler_fit.NAMES} for period in periods}
@@ -176,22 +178,22 @@ class _ExpectedWeighing:
         What the calibration lacks.
     """
 
-    def __init__(self, planned: PlannedNoiseRun, joint: Fit) -> None:
-        of_run = dynamics_of(planned.run, joint)
-        n = round(planned.run.duration * RATE)
+    def __init__(self, noise_run: PlannedNoiseRun, joint: Fit) -> None:
+        of_run = dynamics_of(noise_run.run, joint)
+        n = round(noise_run.run.duration * RATE)
         self._still = windowing.transform(np.zeros((n, 1)), np.ones(n, dtype=bool), RATE).band(
             *euler_fit.BAND
         )
-        self.name, self.bins = planned.run.run, self._still.f.size
+        self.name, self.bins = noise_run.run.run, self._still.f.size
         self._spread = windowing.variance_factor(self._still.window)
         self.correlation, self.warnings = of_run.correlation, of_run.warnings
         low, high = euler_fit.BAND
         self._f = np.geomspace(0.99 * low, 1.01 * high, round(GRID * np.log10(high / low)))
-        names, rows = _rows(planned, of_run.theta, of_run.share, self._f)
-        noise = planned.cross_spectra(names, self._f)
+        names, rows = _rows(noise_run, of_run.theta, of_run.share, self._f)
+        noise = noise_run.cross_spectra(names, self._f)
         power = np.einsum("bki,bij,blj->bkl", rows.conj(), noise, rows, optimize=True).real
         if not np.all(power[:, 0, 0] > 0):
-            raise NoiselessError(planned.run.run)
+            raise NoiselessError(noise_run.run.run)
         self._power = power
         self._of_bins = self._spline(power)
 
@@ -226,9 +228,11 @@ class _ExpectedWeighing:
         return np.asarray(spline(np.log(self._still.f)))
 
 
-def _rows(planned: PlannedNoiseRun, theta: Array, share: Array, f: Array) -> tuple[tuple[str, ...], Spectrum]:
+def _rows(
+    noise_run: PlannedNoiseRun, theta: Array, share: Array, f: Array
+) -> tuple[tuple[str, ...], Spectrum]:
     """Return names of C channels, and the frequency responses of the columns to them, shape (B, K, C)."""
-    run = planned.run
+    run = noise_run.run
     sources = rotation.sources(run)
     assert sources is not None
     d, omega = separation(run.x_axis), 2 * np.pi * f
@@ -256,7 +260,7 @@ def _rows(planned: PlannedNoiseRun, theta: Array, share: Array, f: Array) -> tup
     factors = forces.euler(np.ones((1, len(rotation.AXES))), d)[0]
     euler, disagreed = (np.stack(x, axis=1) * factors[:, None] for x in (turned, difference))
     rate = np.stack(turned, axis=1) / (1j * omega[:, None, None])
-    g_Omega = -2 * d * np.einsum("k,bkc->bc", planned.Omega, rate)
+    g_Omega = -2 * d * np.einsum("k,bkc->bc", noise_run.Omega, rate)
     delta_g = np.einsum("k,bkc->bc", dynamics.coefficients(theta, tau), terms) + g_Omega
     uncertain = np.einsum("kp,bkc->bpc", dynamics.gradient(theta, tau) @ share, terms)
     columns = (delta_g[:, None], euler, np.stack(lengths, axis=1), disagreed, uncertain)

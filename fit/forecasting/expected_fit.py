@@ -101,7 +101,7 @@ class PlannedExperiment:
 
 @one_blas_thread
 def expected_fit(
-    planned: Sequence[PlannedExperiment],
+    plan: Sequence[PlannedExperiment],
     settings: Settings | None = None,
     scatter: Mapping[str, float] | None = None,
 ) -> Fit:
@@ -109,7 +109,7 @@ def expected_fit(
 
     Parameters
     ----------
-    planned : sequence of PlannedExperiment
+    plan : sequence of PlannedExperiment
         The experiments.
     settings : Settings, optional
         Of the fit. Of what departs, gains and delays count.
@@ -125,13 +125,13 @@ def expected_fit(
     """
     settings = settings or default_settings()
     with progress_range(0.0, 0.2):
-        weighings = joint_weighings(planned, settings)
+        weighings = joint_weighings(plan, settings)
     with progress_range(0.2, 1.0):
         result = expected_result(weighings, settings, scatter)
     return as_fit(result, [w.experiment for w in weighings])
 
 
-def joint_weighings(planned: Sequence[PlannedExperiment], settings: Settings) -> "list[ExpectedWeighing]":
+def joint_weighings(plan: Sequence[PlannedExperiment], settings: Settings) -> "list[ExpectedWeighing]":
     """Return the experiments that take part in a joint fit.
 
     Raises
@@ -139,7 +139,7 @@ def joint_weighings(planned: Sequence[PlannedExperiment], settings: Settings) ->
     NoneTakesPartError
         If there is none.
     """
-    weighings = parallel_map(lambda experiment: ExpectedWeighing(experiment, settings), planned)
+    weighings = parallel_map(lambda experiment: ExpectedWeighing(experiment, settings), plan)
     in_joint_fit = divide([w.experiment for w in weighings], settings)[0]
     if not in_joint_fit:
         raise NoneTakesPartError
@@ -182,7 +182,7 @@ def expected_result(
     departures_of_fit, widths = departures.parameters([*departing], experiments, len(parameters))
     widths = [replace(w, scale=max(departing[n] for n in _of_kind(w.name, departing)) / FREE) for w in widths]
     parameters += departures_of_fit
-    truth = {name: value for w in weighings for name, value in w.planned.truth.items()}
+    truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
     initial = [replace(p, value=truth.get(p.name, p.value)) for p in parameters]
 
     priors = partial(weak_priors, parameters)
@@ -227,7 +227,7 @@ def _of_kind(kind: str, departing: Iterable[str]) -> list[str]:
 
 def document(expected: Fit, periods: Mapping[str, Fit]) -> dict[str, object]:
     """Return a forecast as JSON holds it, schema ``lpf-forecast/1``; `periods`: the Euler fits."""
-    inertial = {period: _document(of) for period, of in periods.items()}
+    inertial = {period: _document(fit) for period, fit in periods.items()}
     return {"schema": SCHEMA, **_document(expected), "inertial": inertial}
 
 
@@ -252,7 +252,7 @@ class ExpectedWeighing:
 
     Attributes
     ----------
-    planned : PlannedExperiment
+    plan : PlannedExperiment
         What it is made of.
     experiment : Experiment
         The experiment, without its samples.
@@ -262,9 +262,9 @@ class ExpectedWeighing:
 
     settled = True
 
-    def __init__(self, planned: PlannedExperiment, settings: Settings) -> None:
-        self.planned = planned
-        experiment = planned.make().up_to(settings.f_max)
+    def __init__(self, plan: PlannedExperiment, settings: Settings) -> None:
+        self.plan = plan
+        experiment = plan.make().up_to(settings.f_max)
         run, sharing = experiment.sysid.telemetry, Sharing(settings.shared)
         parameters = sharing.parameters([(run, experiment.parameters)])
         self._f_max = settings.f_max
@@ -273,7 +273,7 @@ class ExpectedWeighing:
         if experiment.sysid.telemetry.experiment in settings.levels:
             self._likelihood = "marginalised"
         self.share = sharing.matrix(run, experiment.parameters, [p.name for p in parameters])
-        self._theta = self.share @ [planned.truth.get(p.name, p.value) for p in parameters]
+        self._theta = self.share @ [plan.truth.get(p.name, p.value) for p in parameters]
         if divide([experiment], settings.model_copy(update={"exclude": []}))[0]:  # it is long enough
             self._sums = compress(self._expected(experiment.sysid, self._theta))
         self.name = experiment.name
@@ -287,7 +287,7 @@ class ExpectedWeighing:
         c, previous = (dynamics.coefficients(x, sums.tau) for x in (of_run, self._theta))
         if np.linalg.norm(sums.R @ (c - previous)) > MAX_RESIDUAL:
             self._theta = of_run
-            run = self.planned.make().sysid.up_to(self._f_max)
+            run = self.plan.make().sysid.up_to(self._f_max)
             self._sums = compress(self._expected(run, of_run))
         return self.sums
 
@@ -313,7 +313,7 @@ class ExpectedWeighing:
         f = np.geomspace(lowest, 1.01 * derivatives.F_MAX, n)
         c = dynamics.coefficients(theta, tau)
         T = responses(run.channels, tau, names, f)
-        noise = self.planned.cross_spectra(names, f)
+        noise = self.plan.cross_spectra(names, f)
         power = np.einsum("bki,bij,blj->bkl", T.conj(), noise, T, optimize=True)
         return f, power.real, np.einsum("k,bkl,l->b", c, power.real, c)
 
@@ -369,7 +369,7 @@ def responses(run: dynamics.Channels, tau: tuple[float, float], names: Sequence[
     pulse[2 * derivatives.HALF] = 1.0
     weights_of = []
     for name in names:
-        channels = {other: pulse if other == name else still for other in names}
+        channels = {channel: pulse if channel == name else still for channel in names}
         impulse_run = replace(
             run,
             time=np.arange(still.size) / fs,

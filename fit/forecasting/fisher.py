@@ -114,7 +114,7 @@ class CampaignInformation:
     experiments: tuple[ExperimentInformation, ...]
 
 
-def fisher_information(planned: Sequence[PlannedExperiment], settings: Settings) -> CampaignInformation:
+def fisher_information(plan: Sequence[PlannedExperiment], settings: Settings) -> CampaignInformation:
     """Return the information of every experiment, at what is known of the parameters.
 
     Raises
@@ -125,9 +125,9 @@ def fisher_information(planned: Sequence[PlannedExperiment], settings: Settings)
         If the settings name parameters that the fit does not have.
     """
     settings = _likelihood_settings(settings)
-    weighings = joint_weighings(planned, settings)
+    weighings = joint_weighings(plan, settings)
     parameters = share_parameters(weighings, settings)
-    truth = {name: value for w in weighings for name, value in w.planned.truth.items()}
+    truth = {name: value for w in weighings for name, value in w.plan.truth.items()}
     problem = Problem(parameters, (), constraints_of_joint(settings, parameters))
     params = problem.params(np.array([truth.get(p.name, p.value) for p in parameters]))
     varying = np.flatnonzero(~constraints.fixed_or_tied(params)).tolist()
@@ -141,7 +141,7 @@ def fisher_information(planned: Sequence[PlannedExperiment], settings: Settings)
     )
 
 
-def expected_parameters(planned: Sequence[PlannedExperiment], settings: Settings) -> dict[str, float]:
+def expected_parameters(plan: Sequence[PlannedExperiment], settings: Settings) -> dict[str, float]:
     """Return the estimates to expect of parameters that are not known, such as those of cross-talk.
 
     Raises
@@ -152,8 +152,8 @@ def expected_parameters(planned: Sequence[PlannedExperiment], settings: Settings
         If the fit would come to nothing.
     """
     settings = _likelihood_settings(settings).model_copy(update={"scatter": []})
-    weighings = joint_weighings(planned, settings)
-    known = {name for w in weighings for name in w.planned.truth}
+    weighings = joint_weighings(plan, settings)
+    known = {name for w in weighings for name in w.plan.truth}
     if all(p.name in known for p in share_parameters(weighings, settings)):
         return {}
     result = expected_result(weighings, settings)

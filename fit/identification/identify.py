@@ -152,8 +152,8 @@ def _report(
     outcome: irls.IRLSResult, experiments: Sequence[Experiment], free: Sequence[FreeParameter]
 ) -> Fit:
     """Return what is determined of what was sought, and why the rest is not."""
-    sought = joint_parameters(free, [e.sysid.telemetry for e in experiments])
-    names = {p.name: p.name for p in outcome.parameters if p.name in sought}
+    free_parameters = joint_parameters(free, [e.sysid.telemetry for e in experiments])
+    names = {p.name: p.name for p in outcome.parameters if p.name in free_parameters}
     undetermined = fit_quality.indeterminable(outcome, experiments, names)
     doubts = [*fit_quality.doubts(outcome, experiments), *fit_quality.scattered(outcome)]
     return fit_quality.report(outcome, experiments, names, [*undetermined, *doubts])
@@ -233,10 +233,10 @@ def _run_search(
 
 
 def _provenance(
-    calibrated: Results, outcome: irls.IRLSResult, more: Mapping[str, object], levels: list[str]
+    calibrated: Results, outcome: irls.IRLSResult, entries: Mapping[str, object], levels: list[str]
 ) -> Provenance:
     """Return that of the calibration without what an identification has not."""
     provenance = calibrated.provenance
     absent = dict.fromkeys(("cross_talk_periods", "subtraction", "inertial_runs", "inertial_band"))
     widths = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in outcome.scatter.items()}
-    return replace(provenance, more={**provenance.more, **more}, levels=levels, scatter=widths, **absent)
+    return replace(provenance, more={**provenance.more, **entries}, levels=levels, scatter=widths, **absent)

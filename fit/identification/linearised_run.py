@@ -30,15 +30,15 @@ class LinearisedRun(NonstationaryRun):
 
     Attributes
     ----------
-    at : ndarray, shape (P,)
+    expansion_point : ndarray, shape (P,)
         The trial.
     """
 
-    at: Array = field(kw_only=True)
+    expansion_point: Array = field(kw_only=True)
 
     def coefficients(self, theta: Array) -> Array:
         """As those of `linear.WhitenedRun`."""
-        shift = theta - (self.at if theta.ndim == 1 else self.at[:, None])
+        shift = theta - (self.expansion_point if theta.ndim == 1 else self.expansion_point[:, None])
         return np.concatenate([np.ones_like(theta[:1]), self.share @ shift])
 
     def of_run(self, _: Array, /) -> Array:
@@ -111,8 +111,8 @@ class MeasuredInputs:
         return columns.values[self._grid_indices(columns)][:, list(readout_excess_noise.O_1_COLUMNS)].T
 
     def _grid_indices(self, columns: dynamics.Columns) -> NDArray[np.intp]:
-        at = np.rint((self._grid.time - columns.time[0]) * columns.fs).astype(np.intp)
-        return np.asarray(np.clip(at, 0, columns.time.size - 1))
+        indices = np.rint((self._grid.time - columns.time[0]) * columns.fs).astype(np.intp)
+        return np.asarray(np.clip(indices, 0, columns.time.size - 1))
 
     def residual(self, theta: Mapping[str, float]) -> Array:
         """Return the force [m s^-2] that the simulated loop lacks, o_1 being imposed anew."""
@@ -137,9 +137,9 @@ class MeasuredInputs:
             answer = self._loop.command(self.telemetry, self._reference.theta, unit_sample)
             self._initial_transient = series.initial_transient(answer, self._o_1.size)
 
-    def residual_difference(self, above: Mapping[str, float], below: Mapping[str, float]) -> Array:
+    def residual_difference(self, upper: Mapping[str, float], lower: Mapping[str, float]) -> Array:
         """Return by how much the residual at one trial exceeds that at another, both near the last."""
-        high, low = self._response(above), self._response(below)
+        high, low = self._response(upper), self._response(lower)
         return self._excess_force(low["o_1"] - high["o_1"], low["o_12"] - high["o_12"])
 
     def _excess_force(self, o_1: Array, o_12: Array) -> Array:
@@ -151,8 +151,8 @@ class MeasuredInputs:
         values = np.stack(columns, axis=1)
         grid = self._grid
         impulses = self._run.impulses(grid.time, grid.fs)
-        beside = [*self._nuisance, self._initial_transient]
-        return windowing.transform(values, grid.valid, grid.fs, nuisance=beside, impulses=impulses)
+        nuisance = [*self._nuisance, self._initial_transient]
+        return windowing.transform(values, grid.valid, grid.fs, nuisance=nuisance, impulses=impulses)
 
     def _response(self, theta: Mapping[str, float]) -> Mapping[str, Array]:
         return self._loop.response(self.telemetry, theta, self._inputs)
@@ -229,13 +229,13 @@ class SimulatedExperiment:
             self._residuals = [run.residual(run_parameters) for run in (self._sysid, self._noise) if run]
             self._simulated_at = theta
 
-    def infeasible(self, theta: Array, to: Array) -> NDArray[np.bool_]:
+    def infeasible(self, theta: Array, target: Array) -> NDArray[np.bool_]:
         """Tell which parameters, shape (P,), cannot go so far from theta: not even alone."""
-        changed = self._share[: len(self._names)].any(axis=0) & (theta != to)
+        changed = self._share[: len(self._names)].any(axis=0) & (theta != target)
         infeasible = np.zeros(changed.size, bool)
         for k in np.flatnonzero(changed):
             try:
-                self.simulate(np.where(np.arange(changed.size) == k, to, theta))
+                self.simulate(np.where(np.arange(changed.size) == k, target, theta))
             except FitError:
                 infeasible[k] = True
         return infeasible
@@ -272,7 +272,7 @@ class SimulatedExperiment:
             taken=terms.nuisance.shape[1],
             f=terms.f,
             names=(*self._names, *(name for name in self._measured_names if name in dynamics.PARAMETERS)),
-            at=theta,
+            expansion_point=theta,
         )
 
     def _smooth(self, terms: Spectra, residuals: Sequence[Array], covariance: Array) -> NoiseModel:
@@ -314,24 +314,24 @@ class SimulatedExperiment:
         # what departs may be beyond the bounds of what it departs from
         high, low = np.maximum(self._high, run_parameters), np.minimum(self._low, run_parameters)
         for _ in range(STEP_REDUCTIONS):
-            above, below = np.minimum(run_parameters + h, high), np.maximum(run_parameters - h, low)
+            upper, lower = np.minimum(run_parameters + h, high), np.maximum(run_parameters - h, low)
             try:
-                return self._difference_quotient(above, below)
+                return self._difference_quotient(upper, lower)
             except FitError as error:
                 h, failed = h / 4, error
         raise failed
 
-    def _difference_quotient(self, above: Array, below: Array) -> Array:
+    def _difference_quotient(self, upper: Array, lower: Array) -> Array:
         """Return the difference of the residual at two trials over that of the parameter which differs."""
-        span = float(np.sum(above - below))
-        shift = self._sysid.residual_difference(self._named(above), self._named(below))
+        span = float(np.sum(upper - lower))
+        shift = self._sysid.residual_difference(self._named(upper), self._named(lower))
         if span > 0 and np.isfinite(shift).all():
             return shift / span
-        trial = ", ".join(f"{name} = {value:.6g}" for name, value in self._named(below).items())
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in self._named(lower).items())
         reason = (
             "the response to a step in a parameter is not finite"
             if span > 0
             else "the response grows without limit as steps in the parameters shrink; expected FMUs that a "
             "reset brings back to their start"
         )
-        raise FitError(f"run '{self._sysid.telemetry.run}' at {trial}: {reason}")
+        raise FitError(f"run '{self._sysid.telemetry.run}' at {values}: {reason}")

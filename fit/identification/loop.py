@@ -106,8 +106,10 @@ class FreeParameter:
             return joint_parameter(base)
         except KeyError:  # of an FMU alone
             scale = abs(self.start or 0.0) or 1.0
-            what = f"parameter {self.name}"
-            return Parameter(self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, what, False)
+            description = f"parameter {self.name}"
+            return Parameter(
+                self.name, 0.0, scale, self.unit, scale, "", self.name, self.name, description, False
+            )
 
 
 def joint_parameters(

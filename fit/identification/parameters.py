@@ -52,7 +52,7 @@ class JointParameters:
     ----------
     parameters : tuple of Parameter
         The P parameters, with where the search begins.
-    given : tuple of str
+    stated : tuple of str
         Those of which it was told where.
     settings : dict of str to ParameterSettings
         Constraints and bounds, by name.
@@ -67,7 +67,7 @@ class JointParameters:
     """
 
     parameters: tuple[Parameter, ...]
-    given: tuple[str, ...]
+    stated: tuple[str, ...]
     settings: dict[str, ParameterSettings]
     names: tuple[str, ...]
     scales: tuple[Array, Array, Array]
@@ -117,7 +117,7 @@ def joint(
     coupled = [FreeParameter(n, shared=settings.shared[n]) for n in dynamics.CROSS_TALK if n in measured]
     parameters = joint_parameters((*free, *coupled), runs)
     limits = _limits(parameters, settings)
-    start, given = _start(parameters, limits, starts)
+    start, stated = _start(parameters, limits, starts)
     departure_parameters, widths = departures.parameters(
         departing, [e.name for e in experiments], len(parameters)
     )
@@ -132,7 +132,7 @@ def joint(
             *(replace(p, value=start[name]) for name, (p, _) in parameters.items()),
             *departure_parameters,
         ),
-        given=given,
+        stated=stated,
         settings={n: s.model_copy(update={"value": None}) for n, s in limits.items()},
         names=tuple(p.name for p in free),
         scales=(
@@ -162,11 +162,11 @@ def _start(
     previous, fitted = starts
     stated = {name: limit.value for name, limit in limits.items() if limit.value is not None}
     defaults = {name: parameter.value for name, (parameter, _) in parameters.items()}
-    given = {n: defaults[n] for n, (_, free) in parameters.items() if free.start is not None} | stated
-    values = {**defaults, **fitted, **given, **previous}
+    stated = {n: defaults[n] for n, (_, free) in parameters.items() if free.start is not None} | stated
+    values = {**defaults, **fitted, **stated, **previous}
     values |= {n: stated.get(n, defaults[n]) for n, limit in limits.items() if not limit.vary}
     values |= {n: float(np.clip(values[n], *limit.limits)) for n, limit in limits.items()}
-    return values, tuple(given)
+    return values, tuple(stated)
 
 
 def make_params(free: Sequence[FreeParameter], runs: Sequence[Telemetry]) -> lmfit.Parameters:
@@ -253,11 +253,11 @@ def _view(
         if gain in departing_names and d not in (*loop_names, *departing_names)
     ]
     # a gain of the loop that departs takes its delay along where the loop has that delay itself
-    following = [d for gain, d in departures.DELAYS.items() if d in loop_names or gain in departing_names]
+    delays = [d for gain, d in departures.DELAYS.items() if d in loop_names or gain in departing_names]
     run_parameters = [*loop_names, *departing_names, *cross_talk]
     share = np.zeros((len(run_parameters), shared_map.shape[1]))
     share[[run_parameters.index(name) for name in (*loop_names, *cross_talk)]] = shared_map
-    departure_map = departures.entering(run_parameters, departing, n, N, following)
+    departure_map = departures.entering(run_parameters, departing, n, N, delays)
     return ExperimentView(tuple(run_parameters[len(loop_names) :]), np.hstack([share, departure_map]))
 
 

@@ -85,13 +85,13 @@ class Search:
             If it cannot be simulated elsewhere, or the search does not settle.
         """
         joint, start_values = self.joint, self.joint.named(self._start)
-        given = ", ".join(f"{name} = {start_values[name]:.6g}" for name in joint.given)
+        stated = ", ".join(f"{name} = {start_values[name]:.6g}" for name in joint.stated)
         try:
             parallel_map(partial(_simulate, theta=self._start), self.weighings)
         except FitError as error:
-            if given:
+            if stated:
                 raise InputError(
-                    f"identify: start at {given}: {error}; expected a loop that can be simulated"
+                    f"identify: start at {stated}: {error}; expected a loop that can be simulated"
                 ) from None
             raise FitError(f"where the search begins: {error}") from None
         try:
@@ -104,7 +104,7 @@ class Search:
                 settings=joint.settings,
             )
         except FitError as error:
-            raise FitError(f"{error}{f'; the search began at {given}' * bool(given)}") from None
+            raise FitError(f"{error}{f'; the search began at {stated}' * bool(stated)}") from None
 
     def commands(
         self, experiments: Sequence[Experiment], loop: Loop, outcome: irls.IRLSResult

@@ -82,8 +82,8 @@ def reduced_grid(telemetry: Telemetry, fit_channels: dynamics.Channels) -> Reduc
     taps, factor = derivatives.low_pass(RATE)
     size = (round(telemetry.size * RATE / telemetry.fs) - taps.size) // factor + 1
     instants = telemetry.time
-    first = taps.size // 2 / RATE + instants[0]
-    time = first + np.arange(size) * factor / RATE
+    start = taps.size // 2 / RATE + instants[0]
+    time = start + np.arange(size) * factor / RATE
     indices = np.rint((time - fit_channels.time[0]) * fit_channels.fs).astype(int)
     is_inside = (indices >= 0) & (indices < fit_channels.time.size)
     valid = np.where(is_inside, fit_channels.valid[np.clip(indices, 0, fit_channels.time.size - 1)], True)

@@ -159,14 +159,14 @@ def sample(
         rng = np.random.RandomState(seed)  # the kind whose state emcee stores
         state = emcee.State(posterior.draw(rng, WALKERS * size), random_state=rng.get_state())
     while True:
-        made = int(backend.iteration) * THINNING
-        if made % CHECK_INTERVAL == 0 or done >= steps:
+        n_steps = int(backend.iteration) * THINNING
+        if n_steps % CHECK_INTERVAL == 0 or done >= steps:
             chain = _chain(posterior, backend)
             if chain.converged:
                 return chain
             if done >= steps:
                 raise FitError(f"{path}: {_refusal(posterior, chain)}")
-        iterations = math.ceil(min(CHECK_INTERVAL - made % CHECK_INTERVAL, steps - done) / THINNING)
+        iterations = math.ceil(min(CHECK_INTERVAL - n_steps % CHECK_INTERVAL, steps - done) / THINNING)
         for reached in sampler.sample(state, iterations=iterations, thin_by=THINNING):
             state = reached
             done += THINNING
@@ -205,16 +205,16 @@ def stored_digest(path: Path) -> str:
             group = file["mcmc"]
             for name in ("chain", "log_prob", "accepted"):
                 check_storage(group[name], f"{path}: mcmc/{name}")
-            walkers, size, made = (int(group.attrs[name]) for name in ("nwalkers", "ndim", "iteration"))
+            walkers, size, iterations = (int(group.attrs[name]) for name in ("nwalkers", "ndim", "iteration"))
             sound = (
                 identity.endswith(f"-{size}")
                 and walkers == WALKERS * size
                 and group["accepted"].shape == (walkers,)
                 and group["chain"].shape[1:] == (walkers, size)
                 and group["log_prob"].shape[1:] == (walkers,)
-                and all(0 <= made <= len(group[name]) for name in ("chain", "log_prob"))
-                and all((np.abs(group[name][:made]) <= _LIMIT).all() for name in ("chain", "log_prob"))
-                and (made == 0 or "random_state_0" in group.attrs)
+                and all(0 <= iterations <= len(group[name]) for name in ("chain", "log_prob"))
+                and all((np.abs(group[name][:iterations]) <= _LIMIT).all() for name in ("chain", "log_prob"))
+                and (iterations == 0 or "random_state_0" in group.attrs)
             )
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not a chain, expected the file of an earlier call") from error
@@ -245,21 +245,21 @@ def _moves(posterior: Posterior) -> "list[tuple[emcee.moves.Move, float]]":
 def _chain(posterior: Posterior, backend: "emcee.backends.HDFBackend") -> Chain:
     from emcee.autocorr import integrated_time
 
-    made = int(backend.iteration)
-    burn_in = math.floor(BURN_IN * made)
-    half = (made - burn_in) // 2
-    z = backend.get_chain(discard=burn_in) if made else np.empty((0, 0, len(posterior.names)))
+    iterations = int(backend.iteration)
+    burn_in = math.floor(BURN_IN * iterations)
+    half = (iterations - burn_in) // 2
+    z = backend.get_chain(discard=burn_in) if iterations else np.empty((0, 0, len(posterior.names)))
     theta = posterior.theta(z)
     moving = ~posterior.constant
     tau, half_difference = (np.where(moving, np.nan, 0.0) for _ in range(2))
-    if made - burn_in >= _MIN_STORED:
+    if iterations - burn_in >= _MIN_STORED:
         x = theta[..., moving] - posterior.centre[moving]  # few digits of theta change
         x /= x.std(axis=(0, 1))
         tau[moving] = integrated_time(x, tol=0) * THINNING
         error = np.sqrt(2 * tau[moving] / (half * x.shape[1] * THINNING))
         half_difference[moving] = (x[-half:].mean(axis=(0, 1)) - x[:half].mean(axis=(0, 1))) / error
-    acceptance = float(np.mean(backend.accepted) / made) if made else 0.0
-    return Chain(z, theta, tau, half_difference, made * THINNING, burn_in * THINNING, acceptance)
+    acceptance = float(np.mean(backend.accepted) / iterations) if iterations else 0.0
+    return Chain(z, theta, tau, half_difference, iterations * THINNING, burn_in * THINNING, acceptance)
 
 
 def _refusal(posterior: Posterior, chain: Chain) -> str:
@@ -324,13 +324,13 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
     truths : mapping of str to float
         The simulated values, as far as they are known.
     """
-    theta, sigma, lost = result.solution.theta, result.solution.sigma, result.lost
+    theta, sigma, undetermined = result.solution.theta, result.solution.sigma, result.lost
     samples = chain.theta.reshape(-1, chain.theta.shape[2])
     parameters = {
         result.parameters[i].name: _compared(samples[:, i], theta[i], sigma[i], chain.tau[i], chain.ess[i])
         | {"unit": result.parameters[i].unit}
         for i in range(result.shared)
-        if not lost[i] and not result.is_fixed(i)
+        if not undetermined[i] and not result.is_fixed(i)
     }
     for name in parameters.keys() & truths.keys():
         parameters[name]["truth"] = truths[name]
@@ -346,7 +346,7 @@ def summary(chain: Chain, result: IRLSResult, truths: Mapping[str, float]) -> di
             for width, x in zip(result.departing, widths.T, strict=True)
         },
         "indeterminable": [
-            p.name for p, no in zip(result.parameters[: result.shared], lost, strict=False) if no
+            p.name for p, no in zip(result.parameters[: result.shared], undetermined, strict=False) if no
         ],
         "largest_shift_in_sigma": max(shifts, default=0.0),
         "steps": chain.steps,

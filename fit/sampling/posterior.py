@@ -250,8 +250,8 @@ def _marginalised(block: whitened_run.WhitenedRun) -> Callable[[Array], Array]:
     roots = [block.root(band) for band in block.weights.bands]
 
     def cost(c: Array) -> Array:
-        parts = (n * np.log(np.sum((R @ c) ** 2, axis=0)) for n, R in zip(sizes, roots, strict=True))
-        return np.asarray(np.sum(list(parts), axis=0))
+        costs = (n * np.log(np.sum((R @ c) ** 2, axis=0)) for n, R in zip(sizes, roots, strict=True))
+        return np.asarray(np.sum(list(costs), axis=0))
 
     return cost
 

@@ -228,10 +228,6 @@ WARNING_KINDS: Mapping[str, WarningKind] = {
         "Nothing while the coefficients are below 0.9; above, move the spacecraft about phi and eta in "
         "one more experiment of the epoch.",
     ),
-    "correction_adds_noise": WarningKind(
-        "Use `delta_g_x` at these frequencies; calibrate with noise runs of the same inertial period, which "
-        "separate rotation from cross-talk.",
-    ),
     "degenerate_with_actuation_crosstalk": WarningKind(
         "Bound the actuation cross-talk by other means (ground calibration, a dedicated torque injection) "
         "before interpreting the angles as a misalignment.",

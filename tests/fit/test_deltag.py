@@ -145,9 +145,9 @@ def test_above_the_fitted_band_read_outs_of_motion_add_no_noise(recorded, tmp_pa
 
 
 def test_a_slow_archive_whose_fit_ends_below_the_split_subtracts_no_motion():
-    recipe = deltag._Recipe(0.376, None, {"b_1": 1.0}, None, None, True, 4e-3, ())
+    recipe = deltag.Corrections({"b_1": 1.0}, None, None, True, 4e-3, ())
     x = np.random.default_rng(9).standard_normal(20_000)
-    left = deltag._subtracted(x, 0.04, recipe)
+    left = recipe.filtered_cross_talk(x, 0.04)
     assert np.std(left[2000:-2000]) < 0.15 * np.std(x)
     assert level_ratio(left, x, 9e-3) < 0.02
 
@@ -197,7 +197,7 @@ def test_pieces_and_gaps_change_nothing(recorded, tmp_path, monkeypatch):
             file[name][start:stop] = np.nan
     whole, _ = product(path, tmp_path / "whole.h5", calibrated(LATE))
     for outputs in (4_990, 7_001):
-        monkeypatch.setattr(deltag, "AT_ONCE", outputs)
+        monkeypatch.setattr(deltag, "STRETCH_SAMPLES", outputs)
         pieces, _ = product(path, tmp_path / "pieces.h5", calibrated(LATE))
         for name, channel in whole.data_vars.items():
             scale = float(np.nanmax(np.abs(channel)))
@@ -222,7 +222,7 @@ def test_ten_hertz_gives_the_same_at_one(tmp_path):
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(deltag, "AT_ONCE", 3_600)
+    monkeypatch.setattr(deltag, "STRETCH_SAMPLES", 3_600)
     peaks = []
     for days in (0.6, 1.6):  # longer than a segment of `Excess`
         path = write(tmp_path, run(LATE, duration=days * DAY, name="long")[0], LATE)
